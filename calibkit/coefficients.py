@@ -1,0 +1,266 @@
+"""The coefficient file: what a stage found, with units, uncertainty, range of validity and a digest of its own."""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import math
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING, Any
+
+from calibkit.errors import CoefficientError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+FORMAT = "calibkit-coefficients/1"
+FORMATS = (FORMAT,)
+"""Every coefficient format ever released; each keeps loading."""
+
+
+@dataclass(frozen=True, slots=True)
+class Coefficient:
+    """One named number with its unit and type A standard uncertainty, both in that unit."""
+
+    name: str
+    value: float
+    unit: str
+    standard_uncertainty: float
+
+
+Figure = Coefficient
+"""A result that is not a coefficient of a model: the same four facts."""
+
+
+@dataclass(frozen=True, slots=True)
+class Parameter:
+    """A number that the form of a model needs but that was chosen, not fitted: an interval, a temperature scaling."""
+
+    name: str
+    value: float
+    unit: str
+
+
+@dataclass(frozen=True, slots=True)
+class Condition:
+    """A condition under which the coefficients were found."""
+
+    name: str
+    value: float
+    unit: str
+    standard_uncertainty: float = 0.0
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """A log that the coefficients were found from."""
+
+    name: str
+    sha256: str
+    rows: int
+
+
+@dataclass(frozen=True, slots=True)
+class Model:
+    """One fitted model: its form names the equation, `valid` the ranges (column → low, high) in which it holds."""
+
+    name: str
+    form: str
+    coefficients: tuple[Coefficient, ...]
+    covariance: tuple[tuple[float, ...], ...]
+    dof: int
+    residual_rms: float
+    residual_unit: str
+    valid: Mapping[str, tuple[float, float]]
+    parameters: tuple[Parameter, ...] = ()
+
+    def value(self, name: str) -> float:
+        """Value of the coefficient or parameter of that name, or CoefficientError."""
+        values = {parameter.name: parameter.value for parameter in self.parameters}
+        values |= {coefficient.name: coefficient.value for coefficient in self.coefficients}
+        if name in values:
+            return values[name]
+        raise CoefficientError(
+            f"model '{self.name}' ({self.form}) has no '{name}'", hint="the file is not of this form"
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """A coefficient file's content; complete when made."""
+
+    stage: str
+    serial: str
+    revision: int
+    supersedes: str
+    effective_from: str
+    software: str
+    recipe_sha256: str
+    inputs: tuple[Input, ...]
+    conditions: tuple[Condition, ...] = ()
+    models: tuple[Model, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    flags: tuple[str, ...] = ()
+    format: str = field(default=FORMAT)
+
+    def model(self, name: str) -> Model:
+        """Model of that name, or CoefficientError that lists the names there are."""
+        for model in self.models:
+            if model.name == name:
+                return model
+        names = ", ".join(model.name for model in self.models) or "none"
+        raise CoefficientError(f"{self.stage}: no model '{name}'", hint=f"models there: {names}")
+
+
+@dataclass(frozen=True, slots=True)
+class StageResult:
+    """What a stage found, before it is known whose it is and which revision it becomes."""
+
+    stage: str
+    models: tuple[Model, ...] = ()
+    figures: tuple[Figure, ...] = ()
+    flags: tuple[str, ...] = ()
+    conditions: tuple[Condition, ...] = ()
+
+    @property
+    def file(self) -> str:
+        """Name of the stage's coefficient file."""
+        return f"{self.stage}.json"
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Whose coefficients these are, from when they hold, and what they were made with and from."""
+
+    serial: str
+    revision: int
+    effective_from: str
+    software: str
+    recipe_sha256: str
+    inputs: tuple[Input, ...]
+
+
+def record(result: StageResult, identity: Identity, supersedes: str) -> Record:
+    """Coefficient record of a stage's result; `supersedes` is the digest of the stage's file before, or empty."""
+    return Record(
+        stage=result.stage,
+        serial=identity.serial,
+        revision=identity.revision,
+        supersedes=supersedes,
+        effective_from=identity.effective_from,
+        software=identity.software,
+        recipe_sha256=identity.recipe_sha256,
+        inputs=identity.inputs,
+        conditions=result.conditions,
+        models=result.models,
+        figures=result.figures,
+        flags=result.flags,
+    )
+
+
+def digest(document: Mapping[str, Any]) -> str:
+    """SHA-256 of the canonical JSON (RFC 8785) of every key but `sha256`; raises CoefficientError for what JSON lacks."""
+    import rfc8785
+
+    try:
+        canonical = rfc8785.dumps({key: value for key, value in document.items() if key != "sha256"})
+    except rfc8785.CanonicalizationError as error:
+        raise CoefficientError(
+            f"not a JSON document: {error}", hint="a NaN or an infinity is not a coefficient"
+        ) from None
+    return hashlib.sha256(canonical).hexdigest()
+
+
+def seal(document: Mapping[str, Any]) -> str:
+    """Text of a JSON document with its own digest beside it, one line a scalar, keys in order, ending in a newline."""
+    plain: dict[str, Any] = json.loads(json.dumps(document, allow_nan=True))
+    body = {"format": plain.pop("format"), "sha256": "", **plain}
+    body["sha256"] = digest(body)
+    return json.dumps(body, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
+
+
+def unseal(text: str, name: str, formats: tuple[str, ...] = FORMATS) -> dict[str, Any]:
+    """Document of a sealed JSON text, or CoefficientError that says why it cannot be trusted."""
+    try:
+        document = json.loads(text, object_pairs_hook=_distinct)
+    except ValueError as error:
+        raise CoefficientError(
+            f"{name}: not a whole JSON document: {error}", hint="restore it from the run's copy"
+        ) from None
+    if not isinstance(document, dict) or not isinstance(document.get("format"), str):
+        raise CoefficientError(f"{name}: no 'format' key", hint=f"expected one of {', '.join(formats)}")
+    if document["format"] not in formats:
+        raise CoefficientError(
+            f"{name}: format '{document['format']}', expected one of {', '.join(formats)}", hint="use a newer calibkit"
+        )
+    expected = digest(document)
+    if document.get("sha256") != expected:
+        raise CoefficientError(
+            f"{name}: digest {str(document.get('sha256'))[:12]}… is not that of its content, {expected[:12]}…",
+            hint="the file was changed after it was written; do not use it",
+        )
+    return document
+
+
+def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
+    """A JSON object whose keys are distinct; two values for one key would make the digest meaningless."""
+    found = dict(pairs)
+    if len(found) != len(pairs):
+        raise ValueError("a key stands twice")
+    return found
+
+
+def dumps(record: Record) -> str:
+    """Text of a coefficient file; the same record gives the same bytes."""
+    for model in record.models:
+        for entry in model.coefficients:
+            if not math.isfinite(entry.value) or not math.isfinite(entry.standard_uncertainty):
+                raise CoefficientError(
+                    f"{record.stage} {model.name}: {entry.name} is {entry.value}", hint="this is a bug"
+                )
+    return seal(asdict(record))
+
+
+def loads(text: str, name: str) -> Record:
+    """Record of a coefficient file's text; raises CoefficientError for a wrong digest, format or shape."""
+    document = unseal(text, name)
+    document.pop("sha256")
+    try:
+        return Record(
+            **{
+                **document,
+                "inputs": tuple(Input(**entry) for entry in document["inputs"]),
+                "conditions": tuple(Condition(**entry) for entry in document["conditions"]),
+                "models": tuple(_model(entry) for entry in document["models"]),
+                "figures": tuple(Figure(**entry) for entry in document["figures"]),
+                "flags": tuple(document["flags"]),
+            }
+        )
+    except (KeyError, TypeError) as error:
+        raise CoefficientError(
+            f"{name}: not a coefficient record: {error}", hint="restore it from the run's copy"
+        ) from None
+
+
+def _model(entry: Mapping[str, Any]) -> Model:
+    """Model of its JSON object."""
+    return Model(
+        **{
+            **entry,
+            "coefficients": tuple(Coefficient(**item) for item in entry["coefficients"]),
+            "covariance": tuple(tuple(row) for row in entry["covariance"]),
+            "valid": {column: (low, high) for column, (low, high) in entry["valid"].items()},
+            "parameters": tuple(Parameter(**item) for item in entry.get("parameters", ())),
+        }
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Criterion:
+    """One acceptance limit and how a result stands against it."""
+
+    name: str
+    value: float
+    limit: float
+    unit: str
+    passed: bool

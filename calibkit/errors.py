@@ -1,0 +1,67 @@
+"""What can go wrong, one class a kind, each with the exit code that a script can rely on."""
+
+from __future__ import annotations
+
+
+class CalibkitError(Exception):
+    """Anything calibkit refuses to do, with one line that says where, what was found, what was expected, what to do."""
+
+    exit_code = 70
+    code = "internal"
+
+    def __init__(self, message: str, *, hint: str = "") -> None:
+        super().__init__(message)
+        self.message = message
+        self.hint = hint
+
+    def __str__(self) -> str:
+        return f"{self.message}; {self.hint}" if self.hint else self.message
+
+
+class UsageError(CalibkitError):
+    """The command was called with something that cannot be meant."""
+
+    exit_code = 2
+    code = "usage"
+
+
+class RecipeError(CalibkitError):
+    """A recipe has an unknown, missing or ill-typed key; every fault is a line of the message."""
+
+    exit_code = 2
+    code = "recipe"
+
+
+class LogFormatError(CalibkitError):
+    """A log cannot be read whole."""
+
+    exit_code = 3
+    code = "log_format"
+
+
+class FrameError(CalibkitError):
+    """A log was read but its content is unusable."""
+
+    exit_code = 3
+    code = "frame"
+
+
+class FitError(CalibkitError):
+    """The data cannot determine what the recipe asks for."""
+
+    exit_code = 3
+    code = "fit"
+
+
+class CoefficientError(CalibkitError):
+    """A coefficient file, a run or its digest is not what it claims to be."""
+
+    exit_code = 4
+    code = "coefficients"
+
+
+class OutputError(CalibkitError):
+    """Something could not be written, or would have been overwritten."""
+
+    exit_code = 4
+    code = "output"

@@ -1,0 +1,94 @@
+"""The tidy frame: one row an instant, one column a variable, the unit in the column's name."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FrameError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable
+
+    import pandas as pd
+    from numpy.typing import NDArray
+
+CANONICAL = (
+    "run",
+    "time_s",
+    "temp_case_degc",
+    "temp_env_degc",
+    "gyro_dph",
+    "table_rate_dps",
+    "table_angle_deg",
+    "position",
+    "inclination_deg",
+    "toolface_deg",
+    "azimuth_deg",
+    "station",
+    "position_deg",
+    "segment",
+)
+"""Canonical columns that have one name."""
+PATTERNS = (r"gyro_[a-z0-9]+_dph", r"gyro_[a-z0-9]+_lsb", r"accel_[a-z0-9]+_g", r"accel_[a-z0-9]+_lsb")
+"""Canonical columns that are named after their axis."""
+
+
+@dataclass(frozen=True, slots=True)
+class Log:
+    """One log as it was read: its file, the digest of its bytes, its rows, what was noted, and the tidy frame."""
+
+    name: str
+    file: str
+    sha256: str
+    rows: int
+    frame: pd.DataFrame
+    notes: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True, slots=True)
+class Finding:
+    """Something a check found in a log: where, what, what was expected, what to do; refused or only flagged."""
+
+    place: str
+    found: str
+    expected: str
+    advice: str
+    refused: bool = True
+
+    def __str__(self) -> str:
+        return f"{self.place}: {self.found}, expected {self.expected}; {self.advice}"
+
+
+def is_canonical(column: str) -> bool:
+    """Whether a column's name is one that every part of calibkit understands."""
+    return column in CANONICAL or any(re.fullmatch(pattern, column) for pattern in PATTERNS)
+
+
+def values(frame: pd.DataFrame, column: str) -> NDArray[np.float64]:
+    """One column as a float64 array [n], in the unit that its name states."""
+    return np.ascontiguousarray(frame[column].to_numpy(dtype=np.float64))
+
+
+def require(file: str, present: Iterable[str], needed: Iterable[str]) -> None:
+    """Raise FrameError naming the first needed column that is absent, with the closest one that is there."""
+    there = [str(column) for column in present]
+    for column in needed:
+        if column not in there:
+            close = difflib.get_close_matches(column, there, n=1)
+            guess = f"did you mean '{close[0]}'? " if close else ""
+            raise FrameError(
+                f"{file}:1: column '{column}' is missing, found {', '.join(there)}",
+                hint=f'{guess}map it in the recipe: [columns.{column}] from = "…"',
+            )
+
+
+def refuse(findings: Iterable[Finding]) -> None:
+    """Raise FrameError with every refused finding, one a line."""
+    refused = [str(finding) for finding in findings if finding.refused]
+    if refused:
+        raise FrameError("\n".join(refused))

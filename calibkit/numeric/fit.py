@@ -1,0 +1,240 @@
+"""Linear least squares that loses no digits and says which coefficients the data cannot determine."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from scipy.linalg import solve_triangular
+
+from calibkit.errors import FitError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+RANK_TOLERANCE = 1e-11
+"""Smallest singular value, relative to the largest after column scaling, that still counts as determined."""
+REFINE_ABOVE = 1e3
+"""Condition number of the scaled columns above which the last digits are recovered by refinement."""
+REFINEMENT_STEPS = 4
+
+
+@dataclass(frozen=True, slots=True)
+class LinearFit:
+    """A finished linear fit: coefficients [p], covariance [p, p] (type A), residuals [n] in the unit of the indication."""
+
+    coefficients: Array
+    covariance: Array
+    residuals: Array
+    dof: int
+    residual_rms: float
+    condition: float
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Square roots of the covariance's diagonal [p]."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def linear(design: Array, indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()) -> LinearFit:
+    """Fit indication = design · coefficients by orthogonal factorisation of the scaled columns.
+
+    Parameters
+    ----------
+    design : [n, p], one column a coefficient.
+    indication : [n].
+    weights : [n], proportional to 1/variance of each row; equal when absent.
+    names : what the error calls the coefficients that the data cannot determine.
+
+    Returns
+    -------
+    LinearFit, whose covariance is scaled by the residual variance with n − p degrees of freedom (zeros when n = p).
+
+    Raises
+    ------
+    FitError : fewer rows than coefficients, a value that is not finite, or columns that are linearly dependent.
+
+    Notes
+    -----
+    Columns are scaled to unit length, so that rank does not depend on units; rank is read from the singular values of
+    R (relative 1e-11, never a cut that grows with n); ill-conditioned systems are refined after Björck (1967) with
+    residuals in extended precision.
+    """
+    rows, columns = design.shape
+    names = tuple(names) or tuple(f"column {j}" for j in range(columns))
+    if rows < columns:
+        raise FitError(
+            f"{rows} rows for {columns} coefficients ({', '.join(names)})", hint="add data or lower the order"
+        )
+    if not (np.isfinite(design).all() and np.isfinite(indication).all()):
+        raise FitError("a value that is not finite reached the fit", hint="exclude the rows that hold it")
+    root = np.ones(rows) if weights is None else np.sqrt(weights)
+    weighted = design * root[:, None]
+    scale = _exact_scale(weighted)
+    scaled = weighted / scale
+    target = indication * root
+    q, r = np.linalg.qr(scaled)
+    condition = _require_full_rank(r, names)
+    solution = solve_triangular(r, q.T @ target)
+    if condition > REFINE_ABOVE:
+        solution = _refined(scaled, target, q, r, solution)
+    coefficients = solution / scale
+    residuals = indication - design @ coefficients
+    dof = rows - columns
+    square = float(np.sum((residuals * root) ** 2))
+    inverse = solve_triangular(r, np.eye(columns)) / scale[:, None]
+    covariance = inverse @ inverse.T * (square / dof if dof else 0.0)
+    rms = float(np.sqrt(square / np.sum(root**2)))
+    return LinearFit(coefficients, covariance, residuals, dof, rms, condition)
+
+
+def undetermined(design: Array, names: Sequence[str]) -> list[str]:
+    """Names of the coefficients that the columns of design [n, p] leave undetermined; empty when all are determined."""
+    scaled = design / _exact_scale(design)
+    r = np.linalg.qr(scaled, mode="r") if design.shape[0] >= design.shape[1] else scaled
+    _, singular, vt = np.linalg.svd(r)
+    padded = np.zeros(design.shape[1])
+    padded[: singular.size] = singular
+    null = vt[padded <= RANK_TOLERANCE * max(float(padded[0]), np.finfo(float).tiny)]
+    involved = np.any(np.abs(null) > 1e-6, axis=0)
+    return [name for name, loose in zip(names, involved, strict=True) if loose]
+
+
+def rank(design: Array) -> int:
+    """Numerical rank of design [n, p] after scaling its columns to unit length."""
+    singular = np.linalg.svd(design / _exact_scale(design), compute_uv=False)
+    return int(np.sum(singular > RANK_TOLERANCE * singular[0])) if singular.size and singular[0] > 0.0 else 0
+
+
+def _exact_scale(design: Array) -> Array:
+    """Powers of two [p] near the columns' lengths: scaling by them rounds nothing."""
+    length = np.linalg.norm(design, axis=0)
+    return np.asarray(np.exp2(np.round(np.log2(np.where(length > 0.0, length, 1.0)))), dtype=np.float64)
+
+
+def _require_full_rank(r: Array, names: Sequence[str]) -> float:
+    """Condition number of R, or a refusal that names the coefficients in its null space."""
+    singular = np.linalg.svd(r, compute_uv=False)
+    if singular[-1] <= RANK_TOLERANCE * singular[0]:
+        loose = undetermined(r, names)
+        raise FitError(
+            f"the data cannot determine {', '.join(loose)}: rank {rank(r)} of {len(names)}",
+            hint="vary what these terms multiply, or take them out of the model",
+        )
+    return float(singular[0] / singular[-1])
+
+
+def _refined(design: Array, target: Array, q: Array, r: Array, solution: Array) -> Array:
+    """Refine x and the residual together (Björck 1967, augmented system) with extended-precision residuals."""
+    wide = design.astype(np.longdouble)
+    x = solution.astype(np.longdouble)
+    wide_target = target.astype(np.longdouble)
+    residual = wide_target - wide @ x
+    for _ in range(REFINEMENT_STEPS):
+        f = np.asarray(wide_target - residual - wide @ x, dtype=np.float64)
+        g = np.asarray(-(wide.T @ residual), dtype=np.float64)
+        half = solve_triangular(r, g, trans="T")
+        step = solve_triangular(r, q.T @ f - half)
+        x = x + step
+        residual = residual + (f - q @ (q.T @ f) + q @ half)
+    return np.asarray(x, dtype=np.float64)
+
+
+def polynomial(
+    abscissa: Array, indication: Array, order: int, *, weights: Array | None = None
+) -> tuple[LinearFit, Array, Array]:
+    """Fit a polynomial of the given order on the abscissa mapped to [−1, 1] and report it in raw powers too.
+
+    Returns
+    -------
+    The fit in mapped powers, the raw coefficients [order + 1] (ascending powers of the abscissa in its own unit) and
+    their covariance [order + 1, order + 1].
+    """
+    middle, half = mapping(abscissa)
+    if half == 0.0 and order > 0:
+        raise FitError(f"the abscissa is constant at {middle:g}", hint="a polynomial needs it to vary")
+    mapped = (abscissa - middle) / (half or 1.0)
+    fit = linear(
+        np.vander(mapped, order + 1, increasing=True),
+        indication,
+        weights=weights,
+        names=[f"p{k}" for k in range(order + 1)],
+    )
+    to_raw = raw_powers(middle, half or 1.0, order)
+    raw = np.asarray(to_raw @ fit.coefficients.astype(np.longdouble), dtype=np.float64)
+    matrix = np.asarray(to_raw, dtype=np.float64)
+    return fit, raw, matrix @ fit.covariance @ matrix.T
+
+
+def mapping(abscissa: Array) -> tuple[float, float]:
+    """Middle and half-width of an abscissa [n], which map it to u = (x − middle)/half in [−1, 1]."""
+    low, high = float(np.min(abscissa)), float(np.max(abscissa))
+    return (low + high) / 2.0, (high - low) / 2.0
+
+
+def raw_powers(middle: float, half: float, order: int) -> NDArray[np.longdouble]:
+    """Matrix [order + 1, order + 1] from coefficients of u = (x − middle)/half to coefficients of x, ascending powers."""
+    step = np.array([-middle / np.longdouble(half), 1.0 / np.longdouble(half)], dtype=np.longdouble)
+    matrix = np.zeros((order + 1, order + 1), dtype=np.longdouble)
+    power = np.ones(1, dtype=np.longdouble)
+    for k in range(order + 1):
+        matrix[: k + 1, k] = power
+        power = np.convolve(power, step)
+    return matrix
+
+
+def hac_covariance(design: Array, residuals: Array, *, lag: int | None = None, prewhiten: bool = True) -> Array:
+    """Covariance [p, p] of linear coefficients when the residuals [n] are autocorrelated (Newey & West 1987).
+
+    The scores are prewhitened by a first-order autoregression and recoloured (Andrews & Monahan 1992), because a kernel
+    alone understates slowly decaying correlation. The lag defaults to three times that at which the autocorrelation of
+    the (prewhitened) residuals falls below 2/√n, at least the Newey-West rule 4 (n/100)^(2/9). The estimate carries the
+    n/(n − p) small-sample factor.
+    """
+    rows, columns = design.shape
+    _, r = np.linalg.qr(design)
+    scores: Array = np.asarray(solve_triangular(r, design.T, trans="T").T * residuals[:, None], dtype=np.float64)
+    colour: Array = np.eye(columns)
+    memory = 0.0
+    if prewhiten and rows > 10 * columns:
+        transition = _transition(scores)
+        colour = np.asarray(np.linalg.inv(np.eye(columns) - transition), dtype=np.float64)
+        power = float(residuals @ residuals)
+        memory = min(max(float(residuals[1:] @ residuals[:-1]) / power, 0.0), 0.97) if power > 0.0 else 0.0
+        scores = np.asarray(scores[1:] - scores[:-1] @ transition.T, dtype=np.float64)
+    lag = min(_bandwidth(residuals[1:] - memory * residuals[:-1]) if lag is None else lag, rows - 2)
+    meat = scores.T @ scores
+    for k in range(1, lag + 1):
+        product = scores[k:].T @ scores[:-k]
+        meat += (1.0 - k / (lag + 1.0)) * (product + product.T)
+    bread = np.asarray(solve_triangular(r, colour), dtype=np.float64)
+    return np.asarray(bread @ meat @ bread.T * (rows / max(rows - columns, 1)), dtype=np.float64)
+
+
+def _transition(scores: Array) -> Array:
+    """First-order autoregression matrix [p, p] of the scores [n, p], its singular values kept below 0.97."""
+    before, after = scores[:-1], scores[1:]
+    matrix = np.linalg.lstsq(before, after, rcond=1e-12)[0].T
+    u, singular, vt = np.linalg.svd(matrix)
+    return np.asarray(u @ np.diag(np.minimum(singular, 0.97)) @ vt, dtype=np.float64)
+
+
+def _bandwidth(residuals: Array) -> int:
+    """Lag of the Bartlett kernel that covers the visible autocorrelation of the residuals [n]."""
+    n = residuals.size
+    rule = int(np.ceil(4.0 * (n / 100.0) ** (2.0 / 9.0)))
+    centred = residuals - residuals.mean()
+    power = float(centred @ centred)
+    if power == 0.0:
+        return rule
+    size = 1 << (2 * n - 1).bit_length()
+    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
+    correlation = np.fft.irfft(spectrum, size)[: max(n // 3, 1)] / power
+    below = np.flatnonzero(correlation < 2.0 / np.sqrt(n))
+    first = int(below[0]) if below.size else correlation.size
+    return min(max(rule, 3 * first), max(n // 3, 1))

@@ -1,0 +1,185 @@
+"""One command a function, read top to bottom: logs → stages → coefficient files → run folder."""
+
+from __future__ import annotations
+
+import hashlib
+import importlib.metadata
+import platform
+from dataclasses import asdict, dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from calibkit import __version__, coefficients, procedures, recipe, store
+from calibkit.errors import CoefficientError, FrameError, UsageError
+from calibkit.stages import ingest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from calibkit.frame import Finding
+    from calibkit.procedures import Fitted, Progress
+    from calibkit.report.summary import Summary
+
+SOFTWARE = f"calibkit {__version__}"
+LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
+VALIDATION_FORMAT = "calibkit-validation/1"
+
+
+@dataclass(frozen=True, slots=True)
+class FitOutcome:
+    """A finished fit: where its run folder is, what it says, whether its limits held."""
+
+    folder: Path
+    name: str
+    summary: Summary
+    document: Mapping[str, Any]
+
+
+def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, progress: Progress) -> FitOutcome:
+    """Fit a recipe to the logs of a folder and write the next revision of the serial's run folder."""
+    spec = recipe.parse(source)
+    serial = store.check_serial(serial or spec.serial)
+    procedure = procedures.of(spec)
+    files = ingest.find_logs(spec, data)
+    fitted = procedure.fit(spec, data, files, progress)
+    built: dict[str, Any] = {}
+
+    def build(revision: int, superseded: Mapping[str, str]) -> dict[str, bytes]:
+        identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
+        contents = {
+            result.file: coefficients.dumps(
+                coefficients.record(result, identity, superseded.get(result.stage, ""))
+            ).encode()
+            for result in fitted.results
+        }
+        contents |= procedure.report(f"{serial} r{revision:03d}", fitted)
+        built.update(_run_document(identity, source, spec, fitted, contents))
+        return {store.RUN_FILE: coefficients.seal(built).encode(), **contents}
+
+    folder = store.commit(out, serial, build)
+    name = f"{serial}@{folder.name}"
+    return FitOutcome(folder, name, replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}"), built)
+
+
+def _run_document(
+    identity: coefficients.Identity,
+    source: recipe.Source,
+    spec: recipe.Recipe,
+    fitted: Fitted,
+    contents: Mapping[str, bytes],
+) -> dict[str, Any]:
+    """run.json: the recipe, the logs, the software, the verdict and the digests of the run's files."""
+    return {
+        "format": store.RUN_FORMAT,
+        "serial": identity.serial,
+        "revision": identity.revision,
+        "procedure": spec.procedure,
+        "effective_from": identity.effective_from,
+        "software": SOFTWARE,
+        "python": platform.python_version(),
+        "libraries": {name: importlib.metadata.version(name) for name in LIBRARIES},
+        "recipe": {
+            "name": source.name,
+            "sha256": source.sha256,
+            "overrides": list(source.overrides),
+            "text": source.text,
+        },
+        "inputs": [asdict(entry) for entry in identity.inputs],
+        "excluded": [entry.model_dump() for entry in spec.exclude],
+        "accepted": fitted.summary.accepted,
+        "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
+        "flags": list(fitted.summary.flags),
+        "files": [
+            {"name": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in sorted(contents.items())
+        ],
+    }
+
+
+def check(source: recipe.Source, data: Path) -> dict[str, list[Finding]]:
+    """Everything that is wrong with each log that a recipe would read; nothing is fitted."""
+    spec = recipe.parse(source)
+    procedure = procedures.of(spec)
+    return {file: procedure.check(spec, data, file) for file in ingest.find_logs(spec, data)}
+
+
+def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
+    """Recipe of a run as it was fitted, changed by what is said of the place of use; nothing is excluded from now on."""
+    text = run.document["recipe"]
+    source = recipe.Source(text["name"], text["text"], (*text["overrides"], *overrides))
+    return recipe.parse(source).model_copy(update={"exclude": ()})
+
+
+def apply(run: store.Run, data: Path, out: Path, overrides: tuple[str, ...]) -> tuple[str, ...]:
+    """Compensate one log with a run's coefficients and write every row and column of it; returns the flags."""
+    store.refuse_existing(out)
+    spec = run_recipe(run, overrides)
+    if not data.is_file():
+        raise UsageError(f"--data {data}: no such file", hint="name one log")
+    content, flags = procedures.of(spec).apply(spec, run.records, data)
+    store.write_new(out, content)
+    return flags
+
+
+def validate(run: store.Run, data: Path, out: Path, progress: Progress) -> tuple[dict[str, Any], Summary]:
+    """Hold a run's frozen coefficients against logs that they have not seen and write the figures as JSON."""
+    store.refuse_existing(out)
+    spec = run_recipe(run, ())
+    files = ingest.find_logs(spec, data)
+    fitted = {entry["sha256"] for entry in run.document["inputs"]}
+    digests = {file: hashlib.sha256((data / file).read_bytes()).hexdigest() for file in files}
+    unseen = [file for file in files if digests[file] not in fitted]
+    seen = [file for file in files if file not in unseen]
+    if not unseen:
+        raise FrameError(
+            f"{data}: every log here was fitted by {run.name}", hint="validate on logs that it has not seen"
+        )
+    body, summary = procedures.of(spec).validate(spec, run.records, data, unseen, progress)
+    flags = (*(f"{file} was fitted by this run and is left out" for file in seen), *summary.flags)
+    summary = replace(summary, title=f"{run.name} on {len(unseen)} logs that it has not seen", flags=flags)
+    document = {
+        "format": VALIDATION_FORMAT,
+        "serial": run.document["serial"],
+        "revision": run.document["revision"],
+        "run_sha256": run.document["sha256"],
+        "software": SOFTWARE,
+        **body,
+        "acceptance": [asdict(criterion) for criterion in summary.criteria],
+        "accepted": summary.accepted,
+        "flags": list(flags),
+    }
+    text = coefficients.seal(document)
+    store.write_new(out, text.encode())
+    return coefficients.unseal(text, str(out), (VALIDATION_FORMAT,)), summary
+
+
+def verify(path: Path) -> str:
+    """Check the digests of a coefficient file, a validation, a run.json or a run folder; returns what it is."""
+    if path.is_dir():
+        run = store.load(path)
+        return f"run {run.name}, {len(run.document['files'])} files"
+    if not path.is_file():
+        raise UsageError(f"{path}: no such file", hint="name a coefficient file, a validation or a run folder")
+    try:
+        text = path.read_text(encoding="utf-8")
+    except UnicodeDecodeError:
+        raise CoefficientError(
+            f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
+        ) from None
+    formats = (*coefficients.FORMATS, *store.RUN_FORMATS, VALIDATION_FORMAT)
+    document = coefficients.unseal(text, str(path), formats)
+    if document["format"] in coefficients.FORMATS:
+        record = coefficients.loads(text, str(path))
+        return f"{record.stage} of {record.serial} r{record.revision:03d}, effective from {record.effective_from}"
+    return f"{document['format']} of {document['serial']} r{document['revision']:03d}"
+
+
+def simulate(procedure: str, out: Path, seed: int) -> list[str]:
+    """Write a simulated campaign's logs and truth into a new folder; returns the names of the files."""
+    from calibkit.simulate import campaigns
+
+    files = campaigns.of(procedure)(seed).files()
+    for name in files:
+        store.refuse_existing(out / name)
+    for name, content in files.items():
+        store.write_new(out / name, content)
+    return sorted(files)

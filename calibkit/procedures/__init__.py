@@ -1,0 +1,83 @@
+"""The procedures that calibkit knows: one module each, with the five functions that a command can ask of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+from calibkit.errors import UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Input, Record, StageResult
+    from calibkit.frame import Finding
+    from calibkit.recipe import Recipe
+    from calibkit.report.summary import Summary
+
+
+class Progress(Protocol):
+    """Passes items through and may show how far one is."""
+
+    def __call__(self, items: Sequence[str], what: str) -> Iterable[str]:
+        """Yield the items."""
+        ...
+
+
+def silent(items: Sequence[str], what: str) -> Iterable[str]:  # noqa: ARG001 (the protocol's shape)
+    """Progress that shows nothing."""
+    return items
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """What a procedure's fit gives: a result a stage, the logs it used, what to tell, and what to draw."""
+
+    results: tuple[StageResult, ...]
+    inputs: tuple[Input, ...]
+    summary: Summary
+    drawing: object
+
+
+# Each procedure reads its own kind of recipe, which the loader has checked: hence Any.
+# ruff: noqa: ANN401
+
+
+class Procedure(Protocol):
+    """What every procedure can do."""
+
+    def fit(self, spec: Any, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+        """Fit the logs."""
+
+    def check(self, spec: Any, data: Path, file: str) -> list[Finding]:
+        """Find what is wrong with a log."""
+
+    def apply(self, spec: Any, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+        """Compensate a log: the new file's bytes and the flags."""
+
+    def validate(
+        self,
+        spec: Any,
+        records: Mapping[str, Record],
+        data: Path,
+        files: Sequence[str],
+        progress: Progress,
+    ) -> tuple[dict[str, Any], Summary]:
+        """Hold frozen coefficients against unseen logs."""
+
+    def report(self, title: str, fitted: Fitted) -> dict[str, bytes]:
+        """Draw and print a fit: file name → bytes."""
+
+
+def of(spec: Recipe) -> Procedure:
+    """Procedure that a recipe names; each is imported only when it is asked for."""
+    if spec.procedure == "fog_thermal":
+        from calibkit.procedures import fog_thermal
+
+        return fog_thermal
+    if spec.procedure == "bias_temperature":
+        from calibkit.procedures import bias_temperature
+
+        return bias_temperature
+    raise UsageError(f"procedure '{spec.procedure}' is not implemented", hint="see the shipped recipes")

@@ -1,0 +1,103 @@
+"""Bias of each channel of a static instrument as a polynomial of a temperature: logs → bias.json."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from calibkit import check as checks
+from calibkit.coefficients import Input
+from calibkit.errors import UsageError
+from calibkit.frame import Finding, refuse
+from calibkit.procedures import Fitted
+from calibkit.report import bias_temperature as pages
+from calibkit.report import figures as drawing
+from calibkit.report.summary import text as plain
+from calibkit.stages import bias, ingest, write_back
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Log
+    from calibkit.procedures import Progress
+    from calibkit.recipe import BiasTemperatureRecipe
+    from calibkit.report.summary import Summary
+
+
+def _columns(spec: BiasTemperatureRecipe) -> tuple[str, ...]:
+    """Columns that the polynomials need."""
+    return tuple(dict.fromkeys((spec.polynomials.abscissa, *(entry.indication for entry in spec.polynomials.bias))))
+
+
+def _read(spec: BiasTemperatureRecipe, data: Path, file: str) -> Log:
+    """One log in the recipe's columns; time is read where the log has it."""
+    return ingest.read_log(spec, data / file, file, _columns(spec), optional=("time_s",))
+
+
+def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
+    """What is wrong with a log."""
+    early = [*checks.rows(log, spec.polynomials.min_rows), *checks.finite(log, list(log.frame.columns))]
+    if any(finding.refused for finding in early):
+        return early
+    timed = "time_s" in log.frame.columns
+    return [
+        *early,
+        *(checks.monotonic(log) if timed else ()),
+        *(checks.gaps(log, spec.polynomials.max_gap_s) if timed else ()),
+        *checks.varying(log, [spec.polynomials.abscissa]),
+    ]
+
+
+def check(spec: BiasTemperatureRecipe, data: Path, file: str) -> list[Finding]:
+    """Find what is wrong with one log."""
+    return _findings(spec, _read(spec, data, file))
+
+
+def fit(spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Fit every polynomial to the rows of all logs together."""
+    logs, flags = [], []
+    for file in progress(files, "reading"):
+        log = _read(spec, data, file)
+        found = _findings(spec, log)
+        refuse(found)
+        logs.append(log)
+        flags += [f"{log.file}: {note}" for note in log.notes] + [str(finding) for finding in found]
+    fits = bias.fit(logs, spec.polynomials)
+    result = bias.result(fits, flags)
+    inputs = tuple(Input(log.file, log.sha256, log.rows) for log in logs)
+    return Fitted((result,), inputs, bias.summary(spec.title, fits, result.flags), bias.drawing(spec.title, fits))
+
+
+def apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+    """Take each channel's polynomial, zero at the reference, out of every row."""
+    log = _read(spec, data.parent, data.name)
+    refuse(_findings(spec, log))
+    columns, flags = bias.compensated(log, records["bias.json"], spec)
+    return write_back.replaced(spec, data, columns), flags
+
+
+def validate(
+    spec: BiasTemperatureRecipe,
+    records: Mapping[str, Record],
+    data: Path,
+    files: Sequence[str],
+    progress: Progress,
+) -> tuple[dict[str, Any], Summary]:
+    """Standard deviation of each channel before and after, of logs that were not fitted."""
+    entries = []
+    for file in progress(files, "validating"):
+        log = _read(spec, data, file)
+        refuse(_findings(spec, log))
+        entries.append(bias.validation_entry(log, records["bias.json"], spec))
+    return {"logs": entries}, bias.validation_summary(entries)
+
+
+def report(title: str, fitted: Fitted) -> dict[str, bytes]:
+    """Figures as report.pdf and the summary as report.txt."""
+    if not isinstance(fitted.drawing, pages.BiasReport):
+        raise UsageError("not a fit of bias_temperature")
+    return {
+        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
+        "report.txt": plain(fitted.summary).encode(),
+    }

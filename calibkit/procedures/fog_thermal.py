@@ -1,0 +1,169 @@
+"""Thermal drift of a fibre-optic gyro: ramps → denoise.json, drift.json, drift_rate.json."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.coefficients import Criterion
+from calibkit.errors import CoefficientError
+from calibkit.frame import refuse, values
+from calibkit.numeric import drift
+from calibkit.procedures import Fitted
+from calibkit.report import figures as drawing
+from calibkit.report import fog_thermal as pages
+from calibkit.report.summary import Summary
+from calibkit.report.summary import text as plain
+from calibkit.stages import fog_compensate, fog_drift, fog_ramps, fog_report, ingest, write_back
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Finding, Log
+    from calibkit.procedures import Progress
+    from calibkit.recipe import FogThermalRecipe
+
+
+def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
+    _known_rates(spec, files)
+    prepared = [fog_ramps.prepare(_read(spec, data, file), spec) for file in progress(files, "reading and denoising")]
+    ramps = fog_drift.fit_ramps(prepared, spec.drift)
+    choices = fog_drift.choose(ramps, spec.drift)
+    model = fog_compensate.model_of(choices, spec)
+    figures = [fog_compensate.figures_of(log.name, log.raw, model) for log in prepared]
+    results = (
+        fog_ramps.denoise_result(prepared),
+        fog_drift.drift_result(ramps, spec.drift),
+        fog_compensate.rate_result(choices, figures, spec),
+    )
+    flags = [flag for result in results[1:] for flag in result.flags]
+    summary = fog_report.summary(
+        spec.title, figures, ramps, choices, flags, _fit_criteria(spec, choices, figures, model)
+    )
+    report = fog_report.drift_report(spec.title or spec.procedure, prepared, ramps, choices, model)
+    return Fitted(results, tuple(log.source for log in prepared), summary, report)
+
+
+def _read(spec: FogThermalRecipe, data: Path, file: str) -> Log:
+    """One log in canonical columns."""
+    return ingest.read_log(spec, data / file, file, fog_ramps.COLUMNS)
+
+
+def _known_rates(spec: FogThermalRecipe, files: Sequence[str]) -> None:
+    """Refuse a given rate for a log that is not there."""
+    ingest.known_logs("drift.rates_degc_min", spec.drift.rates_degc_min, files)
+
+
+def _fit_criteria(
+    spec: FogThermalRecipe,
+    choices: Sequence[fog_drift.SideChoice],
+    figures: Sequence[fog_compensate.LogFigures],
+    model: fog_compensate.DriftModel,
+) -> tuple[Criterion, ...]:
+    """Acceptance limits of a fit: on withheld rates where they could be tested, and the rate gain of what is exported."""
+    limits = spec.acceptance
+    criteria = []
+    tested = [result for choice in choices for result in _exported(choice)]
+    if tested and limits.min_reduction is not None:
+        raw = np.sqrt(np.mean([result.pooled_raw**2 for result in tested]))
+        left = np.sqrt(np.mean([result.pooled**2 for result in tested]))
+        reduction = float(raw / left)
+        passed = reduction >= limits.min_reduction
+        criteria.append(Criterion("drift reduction on withheld rates", reduction, limits.min_reduction, "1", passed))
+    return (*criteria, *_common_criteria(spec, figures, model))
+
+
+def _exported(choice: fog_drift.SideChoice) -> list[Any]:
+    """Leave-one-rate-out result of the exported order (with no drift term exported, raw is what is left)."""
+    if choice.chosen is None:
+        return []
+    return [result for result in choice.tested if result.order == choice.chosen.order]
+
+
+def _common_criteria(
+    spec: FogThermalRecipe, figures: Sequence[fog_compensate.LogFigures], model: fog_compensate.DriftModel
+) -> tuple[Criterion, ...]:
+    """Limits that fits and validations share: the largest drift left, and the rate gain of the chosen compensation."""
+    limits = spec.acceptance
+    criteria = []
+    if limits.max_drift_rms_dph is not None:
+        worst = max(log.after for log in figures)
+        passed = worst <= limits.max_drift_rms_dph
+        criteria.append(Criterion("largest drift rms after", worst, limits.max_drift_rms_dph, "deg/h", passed))
+    if model.mode == "recursive":
+        off = max(abs(log.gain_recursive - 1.0) for log in figures)
+        passed = off <= limits.rate_gain_tolerance
+        criteria.append(Criterion("rate gain off 1 by", off, limits.rate_gain_tolerance, "1", passed))
+    return tuple(criteria)
+
+
+def check(spec: FogThermalRecipe, data: Path, file: str) -> list[Finding]:
+    """Find what is wrong with one log."""
+    return fog_ramps.findings(_read(spec, data, file), spec)
+
+
+def _model(spec: FogThermalRecipe, records: Mapping[str, Record]) -> fog_compensate.DriftModel:
+    """Drift model of a run's files."""
+    if "drift_rate.json" not in records:
+        raise CoefficientError("the run holds no drift_rate.json", hint="it is not a run of fog_thermal")
+    return fog_compensate.model_from(records["drift_rate.json"], spec)
+
+
+def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+    """Compensate every row of a log; the indication keeps the log's own unit and sign."""
+    model = _model(spec, records)
+    log = ingest.read_log(spec, data, data.name, fog_ramps.COLUMNS)
+    found = fog_ramps.findings(log, spec)
+    refuse(found)
+    output, flags = fog_compensate.compensated(log, model, spec)
+    return write_back.replaced(spec, data, {"gyro_dph": output}), flags
+
+
+def validate(
+    spec: FogThermalRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+) -> tuple[dict[str, Any], Summary]:
+    """Drift rms before and after, and the rate gain, of logs that were not fitted."""
+    model = _model(spec, records)
+    figures, logs = [], []
+    for file in progress(files, "validating"):
+        log = _read(spec, data, file)
+        refuse(fog_ramps.findings(log, spec))
+        time, case, env, gyro = (values(log.frame, column) for column in fog_ramps.COLUMNS)
+        _, slope = fog_ramps.cut(log.name, time, env, spec)
+        found = fog_compensate.figures_of(log.name, drift.blocks(time, case, env, gyro, slope, model.interval_s), model)
+        figures.append(found)
+        logs.append(fog_report.validation_entry(log, found, model))
+    flags = tuple(flag for log in figures for flag in log.flags)
+    if not model.polynomials:
+        flags = ("the run exports no drift term: before and after are the same", *flags)
+    criteria = (*_validation_criteria(spec, figures), *_common_criteria(spec, figures, model))
+    return {"logs": logs}, Summary("", (fog_report.before_after_table(figures),), flags, criteria)
+
+
+def _validation_criteria(spec: FogThermalRecipe, figures: Sequence[fog_compensate.LogFigures]) -> tuple[Criterion, ...]:
+    """No log may come out worse than raw, and the reduction limit holds for the logs together."""
+    worst = max(log.after / log.before for log in figures)
+    criteria = [Criterion("largest after/before of a log", worst, 1.0, "1", worst <= 1.0)]
+    least = spec.acceptance.min_reduction
+    if least is not None:
+        before = np.sqrt(np.mean([log.before**2 for log in figures]))
+        after = np.sqrt(np.mean([log.after**2 for log in figures]))
+        reduction = float(before / after)
+        criteria.append(Criterion("drift reduction", reduction, least, "1", reduction >= least))
+    return tuple(criteria)
+
+
+def report(title: str, fitted: Fitted) -> dict[str, bytes]:
+    """Figures as report.pdf and the summary as report.txt."""
+    assert isinstance(fitted.drawing, pages.DriftReport)  # noqa: S101 (narrows the type of what fit made)
+    named = pages.DriftReport(
+        title, *(getattr(fitted.drawing, name) for name in ("interval_s", "logs", "ramps", "curves", "orders"))
+    )
+    return {
+        "report.pdf": drawing.pdf(pages.pages(named)),
+        "report.txt": plain(fitted.summary).encode(),
+    }

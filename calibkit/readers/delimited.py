@@ -1,0 +1,189 @@
+"""Reader of comma-separated logs.
+
+Format: UTF-8 text (a byte-order mark is accepted), one header line of column names, then one row a line, fields
+separated by commas, decimal points, LF or CRLF line ends, no quotes. An empty field or `nan` is a missing value.
+Uncertainty of reading: numbers are converted to the nearest float64; nothing is rounded, resampled or dropped.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import LogFormatError
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    import pandas as pd
+
+BLOCK = 1 << 24
+"""Bytes whose fields are counted at once."""
+MISSING = frozenset({"", "nan", "NaN", "NAN"})
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """A log before any mapping: its bytes' digest, its header and its numbers."""
+
+    file: str
+    sha256: str
+    frame: pd.DataFrame
+    notes: tuple[str, ...]
+
+
+def read(path: Path, file: str, needed: Collection[str]) -> Table:
+    """Read a comma-separated log whole; columns that nobody needs may hold text.
+
+    Raises LogFormatError that names line and column of what cannot be read.
+    """
+    try:
+        data = path.read_bytes()
+    except OSError as error:
+        raise LogFormatError(f"{file}: cannot be read: {error.strerror}", hint="check the file") from None
+    header, body = split(data, file)
+    _count_fields(body, len(header), file)
+    try:
+        frame = _parse(body, dict.fromkeys(range(len(header)), "float64"))
+    except (ValueError, OverflowError):
+        kinds = {number: "float64" if name in needed else "str" for number, name in enumerate(header)}
+        try:
+            frame = _parse(body, kinds)
+        except (ValueError, OverflowError):
+            raise _bad_token(body, header, needed, file) from None
+    frame.columns = header
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, _last_line(body, file))
+
+
+def _parse(body: bytes, kinds: dict[int, str]) -> pd.DataFrame:
+    """Numbers and texts of the rows, columns numbered from 0."""
+    import pandas as pd
+
+    return pd.read_csv(
+        io.BytesIO(body),
+        header=None,
+        names=list(kinds),
+        dtype=kinds,
+        quoting=csv.QUOTE_NONE,
+        keep_default_na=False,
+        na_values=sorted(MISSING),
+        skip_blank_lines=False,
+    )
+
+
+def split(data: bytes, file: str) -> tuple[list[str], bytes]:
+    """Header names and the bytes below them, after checking that this is comma-separated UTF-8 text with rows."""
+    if not data.strip():
+        raise LogFormatError(
+            f"{file}: the file is empty", hint="expected a header line and rows below it; remove it or copy it again"
+        )
+    try:
+        data.decode("utf-8")
+    except UnicodeDecodeError as error:
+        line = data.count(b"\n", 0, error.start) + 1
+        raise LogFormatError(
+            f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text", hint="save the log as UTF-8 CSV"
+        ) from None
+    if b"\0" in data:
+        line = data.count(b"\n", 0, data.index(b"\0")) + 1
+        raise LogFormatError(f"{file}:{line}: a NUL byte in text", hint="the copy is damaged; copy the log again")
+    text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n")
+    first, _, body = text.partition(b"\n")
+    header = [name.strip() for name in first.decode().split(",")]
+    _check_header(header, file)
+    if not body.strip():
+        raise LogFormatError(
+            f"{file}: a header but no rows", hint="expected one row an instant; remove it or copy it again"
+        )
+    return header, body.rstrip(b"\n") + (b"\n" if body.endswith(b"\n") else b"")
+
+
+def _check_header(header: list[str], file: str) -> None:
+    """Refuse a header that is not one line of distinct names separated by commas."""
+    if len(header) == 1:
+        hint = (
+            "separate columns with commas" if any(mark in header[0] for mark in ";\t|") else "expected several columns"
+        )
+        raise LogFormatError(f"{file}:1: one column named '{header[0][:60]}'", hint=hint)
+    for number, name in enumerate(header, start=1):
+        if not name:
+            raise LogFormatError(f"{file}:1: column {number} has no name", hint="name every column in the first line")
+        if '"' in name:
+            raise LogFormatError(f"{file}:1: column {number} is quoted: {name}", hint="write names without quotes")
+        if name in header[: number - 1]:
+            raise LogFormatError(f"{file}:1: column '{name}' stands twice", hint="give each column its own name")
+    if all(_is_number(name) for name in header):
+        raise LogFormatError(f"{file}:1: numbers where the column names should be", hint="put a header line first")
+
+
+def _is_number(token: str) -> bool:
+    """Whether a token is a number in the sense of Python's float, without its underscores."""
+    try:
+        float(token)
+    except ValueError:
+        return False
+    return "_" not in token
+
+
+def _count_fields(body: bytes, fields: int, file: str) -> None:
+    """Refuse the first line that has another number of fields than the header: a short row is a lost number."""
+    line, carried = 1, 0
+    for start in range(0, len(body), BLOCK):
+        block = np.frombuffer(body, np.uint8, min(BLOCK, len(body) - start), start)
+        ends = np.flatnonzero(block == ord("\n"))
+        commas = np.cumsum(block == ord(","))
+        upto = np.concatenate([[0], commas[ends]]) if ends.size else np.zeros(1, dtype=np.int64)
+        counts = np.diff(upto)
+        if counts.size:
+            counts[0] += carried
+            carried = 0
+        wrong = np.flatnonzero(counts != fields - 1)
+        if wrong.size:
+            raise _wrong_fields(file, line + 1 + int(wrong[0]), int(counts[wrong[0]]) + 1, fields)
+        carried += int(commas[-1] - upto[-1])
+        line += ends.size
+    if not body.endswith(b"\n") and carried != fields - 1:
+        raise _wrong_fields(file, line + 1, carried + 1, fields)
+
+
+def _wrong_fields(file: str, line: int, found: int, expected: int) -> LogFormatError:
+    """The error of a row with too few or too many fields."""
+    return LogFormatError(
+        f"{file}:{line}: {found} fields, expected {expected} as in the header",
+        hint="the row is cut short or holds an extra comma; repair or remove it",
+    )
+
+
+def _bad_token(body: bytes, header: list[str], needed: Collection[str], file: str) -> LogFormatError:
+    """The error that names line, column and text of the first token that is not a number."""
+    for number, line in enumerate(body.decode().split("\n"), start=2):
+        for name, token in zip(header, line.split(","), strict=False):
+            if name in needed and token.strip() not in MISSING and not _is_number(token.strip()):
+                return LogFormatError(
+                    f"{file}:{number}: column '{name}': found '{token.strip()[:40]}', expected a number",
+                    hint="repair the row, or leave the range out with [[exclude]]",
+                )
+    return LogFormatError(f"{file}: not a table of numbers", hint="check the file")
+
+
+def _last_line(body: bytes, file: str) -> tuple[str, ...]:
+    """What can be said of a last line without a line end: refused where it is visibly cut, noted otherwise."""
+    if body.endswith(b"\n"):
+        return ()
+    lines = body[-20_000:].split(b"\n")
+    rows = [line.decode().split(",") for line in (lines if len(body) <= 20_000 else lines[1:])][-50:]
+    decimals = [len(row[-1].partition(".")[2]) for row in rows]
+    if len(decimals) > 2 and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
+        line = body.count(b"\n") + 2
+        raise LogFormatError(
+            f"{file}:{line}: the last number '{rows[-1][-1]}' has {decimals[-1]} decimals and no line end, "
+            f"expected {decimals[0]}",
+            hint="the file is cut off; copy it again or remove the last line",
+        )
+    return ("the last line has no line end; its row was kept",)

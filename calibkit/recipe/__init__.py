@@ -1,0 +1,20 @@
+"""Recipes: frozen records of what a laboratory decided, and their strict loader."""
+
+from calibkit.recipe.bias_temperature import BiasTemperatureRecipe
+from calibkit.recipe.fog_thermal import FogThermalRecipe
+from calibkit.recipe.loader import Source, find, parse, shipped
+from calibkit.recipe.tables import Column, Exclude, Logs, Recipe, Site
+
+__all__ = [
+    "BiasTemperatureRecipe",
+    "Column",
+    "Exclude",
+    "FogThermalRecipe",
+    "Logs",
+    "Recipe",
+    "Site",
+    "Source",
+    "find",
+    "parse",
+    "shipped",
+]

@@ -1,0 +1,32 @@
+"""Recipe of a bias as a polynomial of any abscissa."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from calibkit.recipe.tables import Positive, Recipe, Table
+
+
+class Bias(Table):
+    """One polynomial: which column, against which, to which order."""
+
+    indication: Annotated[str, Field(min_length=1)]
+    order: Annotated[int, Field(ge=0, le=9)]
+
+
+class Polynomials(Table):
+    """The polynomials that share an abscissa."""
+
+    abscissa: Annotated[str, Field(min_length=1)]
+    bias: Annotated[tuple[Bias, ...], Field(min_length=1, strict=False)]
+    min_rows: Annotated[int, Field(ge=3)] = 10
+    max_gap_s: Positive = 60.0
+
+
+class BiasTemperatureRecipe(Recipe):
+    """A static instrument that warms up: each channel's bias as a polynomial of a temperature."""
+
+    procedure: Literal["bias_temperature"]
+    polynomials: Polynomials

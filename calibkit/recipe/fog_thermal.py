@@ -1,0 +1,65 @@
+"""Recipe of the thermal drift of a fibre-optic gyro."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field
+
+from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
+
+
+class Checks(Table):
+    """What a log must be like before anything is fitted to it."""
+
+    min_rows: Annotated[int, Field(ge=3)] = 100
+    max_gap_s: Positive = 60.0
+
+
+class Segments(Table):
+    """How soaks and ramps are told apart from the chamber air's measured rate."""
+
+    slope_window_s: Positive = 60.0
+    ramp_min_degc_min: Positive = 0.3
+    ramp_min_span_degc: Positive = 5.0
+
+
+class Denoise(Table):
+    """Lifting-wavelet denoising of the indication, each segment by itself."""
+
+    enabled: bool = True
+    wavelet: str = "cdf97"
+    levels: Annotated[int, Field(ge=1, le=20)] | Literal["auto"] = "auto"
+    threshold: Literal["universal", "sure", "bayes", "minimax"] = "universal"
+    rule: Literal["soft", "hard", "garrote", "firm"] = "firm"
+    extension: Literal["trend", "antisymmetric", "symmetric"] = "trend"
+
+
+class Drift(Table):
+    """The drift model of each ramp and its coefficients over the temperature rate (CN102095419A)."""
+
+    interval_s: Positive = 10.0
+    estimate: Literal["levels", "increments"] = "levels"
+    order: Annotated[int, Field(ge=0, le=5)] | Literal["auto"] = "auto"
+    sides: Literal["separate", "joint"] = "separate"
+    compensation: Literal["recursive", "one_step"] = "recursive"
+    rates_degc_min: dict[str, float] = {}
+
+
+class Acceptance(Table):
+    """Limits that a fit and a validation are held against; a limit that is not stated is not tested."""
+
+    min_reduction: NonNegative | None = None
+    max_drift_rms_dph: Positive | None = None
+    rate_gain_tolerance: Positive = 1e-3
+
+
+class FogThermalRecipe(Recipe):
+    """Ramps of a fibre-optic gyro in a chamber, one ramp a log."""
+
+    procedure: Literal["fog_thermal"]
+    checks: Checks = Checks()
+    segments: Segments = Segments()
+    denoise: Denoise = Denoise()
+    drift: Drift = Drift()
+    acceptance: Acceptance = Acceptance()

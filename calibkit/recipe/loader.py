@@ -1,0 +1,212 @@
+"""Strict loader of recipes: every fault at once, each with file, line, value, allowed set and the closest known name."""
+
+from __future__ import annotations
+
+import difflib
+import hashlib
+import re
+import tomllib
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_args, get_origin
+
+from pydantic import BaseModel, ValidationError
+
+from calibkit.errors import RecipeError, UsageError
+from calibkit.recipe.bias_temperature import BiasTemperatureRecipe
+from calibkit.recipe.fog_thermal import FogThermalRecipe
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from calibkit.recipe.tables import Recipe
+
+PROCEDURES: dict[str, type[Recipe]] = {
+    "bias_temperature": BiasTemperatureRecipe,
+    "fog_thermal": FogThermalRecipe,
+}
+"""Value of `procedure` → record that the recipe must fill."""
+
+_KEY = re.compile(r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
+_HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]\]?")
+
+Location = tuple[str | int, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """A recipe as it was written: its name, its text, and what the command line changed in it."""
+
+    name: str
+    text: str
+    overrides: tuple[str, ...] = ()
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the text and, behind it, one line an override."""
+        lines = "".join(f"# --set {override}\n" for override in self.overrides)
+        return hashlib.sha256((self.text + lines).encode()).hexdigest()
+
+
+def shipped() -> dict[str, Path]:
+    """Name → file of the recipes that come with calibkit, installed or in a checkout."""
+    package = Path(__file__).resolve().parents[1]
+    for folder in (package / "recipes", package.parent / "recipes"):
+        if folder.is_dir():
+            return {path.stem: path for path in sorted(folder.glob("*.toml"))}
+    return {}
+
+
+def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
+    """Find a recipe by file or by the name of a shipped one, or raise UsageError with the names there are."""
+    path = Path(name)
+    if not path.is_file():
+        recipes = shipped()
+        if name not in recipes:
+            close = difflib.get_close_matches(name, recipes, n=1)
+            guess = f"did you mean '{close[0]}'? " if close else ""
+            raise UsageError(
+                f"recipe '{name}' is neither a file nor a shipped recipe", hint=f"{guess}shipped: {', '.join(recipes)}"
+            )
+        path = recipes[name]
+    try:
+        text = path.read_bytes().decode("utf-8-sig")
+    except (OSError, UnicodeDecodeError) as error:
+        raise RecipeError(f"{name}: cannot be read as UTF-8 text: {error}", hint="save the recipe as UTF-8") from None
+    return Source(path.name, text.replace("\r\n", "\n"), overrides)
+
+
+def parse(source: Source) -> Recipe:
+    """Turn a recipe's text into its frozen record, or raise RecipeError with every fault, one a line."""
+    try:
+        data: dict[str, Any] = tomllib.loads(source.text)
+    except tomllib.TOMLDecodeError as error:
+        line = re.search(r"at line (\d+)", str(error))
+        place = f"{source.name}:{line.group(1)}" if line else source.name
+        raise RecipeError(f"{place}: not TOML: {error}", hint="see the shipped recipes for the syntax") from None
+    lines = key_lines(source.text)
+    for override in source.overrides:
+        lines |= _override(data, override)
+    procedure = data.get("procedure")
+    model = PROCEDURES.get(procedure) if isinstance(procedure, str) else None
+    if model is None:
+        place = _place(source, ("procedure",), lines)
+        found = "missing" if procedure is None else repr(procedure)
+        guess = difflib.get_close_matches(str(procedure), PROCEDURES, n=1)
+        hint = f"did you mean '{guess[0]}'?" if guess else "name one of them"
+        raise RecipeError(f"{place}: procedure: found {found}, expected one of {', '.join(PROCEDURES)}", hint=hint)
+    try:
+        return model.model_validate(data)
+    except ValidationError as error:
+        raise RecipeError("\n".join(_faults(source, error, lines, model))) from None
+
+
+def key_lines(text: str) -> dict[Location, str]:
+    """Location of every table and key of a TOML text → its line number, as text."""
+    lines: dict[Location, str] = {}
+    table: Location = ()
+    counts: dict[Location, int] = {}
+    for number, line in enumerate(text.splitlines(), start=1):
+        if header := _HEADER.match(line):
+            path = _split(header.group(2))
+            if header.group(1) == "[[":
+                index = counts.get(path, 0)
+                counts[path] = index + 1
+                table = (*path, index)
+            else:
+                table = path
+            lines.setdefault(path, str(number))
+            lines.setdefault(table, str(number))
+        elif key := _KEY.match(line):
+            lines.setdefault((*table, *_split(key.group(1))), str(number))
+    return lines
+
+
+def _split(dotted: str) -> Location:
+    """Parts of a dotted TOML key, without their quotes."""
+    parts = re.findall(r"\"([^\"]*)\"|'([^']*)'|([A-Za-z0-9_-]+)", dotted)
+    return tuple(next(filter(None, part), "") for part in parts)
+
+
+def _override(data: dict[str, Any], override: str) -> dict[Location, str]:
+    """Apply one `table.key=value` of the command line and say where a fault in it is."""
+    key, separator, value = override.partition("=")
+    path = _split(key.strip())
+    if not separator or not path:
+        raise UsageError(f"--set {override}: expected table.key=value", hint="for example --set drift.order=2")
+    try:
+        parsed = tomllib.loads(f"value = {value}")["value"]
+    except tomllib.TOMLDecodeError:
+        parsed = value
+    node: Any = data
+    for part in path[:-1]:
+        node = node.setdefault(str(part), {})
+        if not isinstance(node, dict):
+            raise UsageError(f"--set {override}: '{part}' is not a table", hint="name the table, a dot, and the key")
+    node[str(path[-1])] = parsed
+    return {path: f"--set {override}"}
+
+
+def _place(source: Source, location: Location, lines: Mapping[Location, str]) -> str:
+    """file:line of the closest place that is written, or the command line's own words."""
+    for end in range(len(location), 0, -1):
+        if (line := lines.get(location[:end])) is not None:
+            return line if line.startswith("--set") else f"{source.name}:{line}"
+    return source.name
+
+
+def _faults(source: Source, error: ValidationError, lines: Mapping[Location, str], model: type[BaseModel]) -> list[str]:
+    """One line for each place that has a fault; the alternatives that a place allows are joined."""
+    grouped: dict[Location, list[dict[str, Any]]] = {}
+    for fault in error.errors():
+        location = tuple(part for part in fault["loc"] if not _is_branch(part))
+        grouped.setdefault(location, []).append(dict(fault))
+    return [_fault(_place(source, location, lines), location, faults, model) for location, faults in grouped.items()]
+
+
+def _fault(place: str, location: Location, faults: list[dict[str, Any]], model: type[BaseModel]) -> str:
+    """One line for one place: where, what was found, what was expected, what to do."""
+    dotted = ".".join(str(part) for part in location)
+    kind, value = faults[0]["type"], faults[0]["input"]
+    if kind == "extra_forbidden":
+        allowed = _keys(model, location[:-1])
+        guess = _guess(location[-1], allowed)
+        return f"{place}: unknown key '{dotted}' = {value!r}, allowed: {', '.join(allowed)}; {guess}"
+    if kind == "missing":
+        return f"{place}: missing key '{dotted}'; add it"
+    if kind == "value_error":
+        return f"{place}: {dotted or 'table'}: {faults[0]['msg'].removeprefix('Value error, ')}"
+    expected = " or ".join(fault["msg"].removeprefix("Input should be ") for fault in faults)
+    guess = _guess(value, re.findall(r"'([^']+)'", expected)) if isinstance(value, str) else ""
+    return f"{place}: {dotted}: found {value!r}, expected {expected}; {guess or 'change it'}"
+
+
+def _guess(value: object, allowed: list[str]) -> str:
+    """Advice that names the closest allowed word."""
+    close = difflib.get_close_matches(str(value), allowed, n=1)
+    return f"did you mean '{close[0]}'?" if close else "change it or remove it"
+
+
+def _is_branch(part: str | int) -> bool:
+    """Whether a part of a location only names the branch of a union that was tried."""
+    return isinstance(part, str) and (part in {"int", "float", "str"} or part.startswith(("literal[", "constrained-")))
+
+
+def _keys(model: type[BaseModel], location: Location) -> list[str]:
+    """Keys that the table at a location may hold."""
+    current: Any = model
+    for part in location:
+        current = _member(current, part)
+    if isinstance(current, type) and issubclass(current, BaseModel):
+        return [field.alias or name for name, field in current.model_fields.items()]
+    return []
+
+
+def _member(annotation: Any, part: str | int) -> Any:  # noqa: ANN401 (walks type annotations, which have no common type)
+    """Type of the member `part` of a table, an array of tables, or a table of tables."""
+    if isinstance(annotation, type) and issubclass(annotation, BaseModel):
+        field = next((f for name, f in annotation.model_fields.items() if part in (name, f.alias)), None)
+        return field.annotation if field else None
+    if get_origin(annotation) is tuple:
+        return get_args(annotation)[0]
+    return get_args(annotation)[-1] if get_origin(annotation) is dict else None

@@ -1,0 +1,96 @@
+"""Tables that the recipes of every procedure share: logs, columns, site, exclusions, serial."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+
+from calibkit import units
+from calibkit.errors import RecipeError
+
+Positive = Annotated[float, Field(gt=0.0)]
+NonNegative = Annotated[float, Field(ge=0.0)]
+
+
+class Table(BaseModel):
+    """A recipe table: frozen, typed, and closed to keys it does not know."""
+
+    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, populate_by_name=True)
+
+
+class Logs(Table):
+    """Which files of the data folder are logs, and how they are written."""
+
+    files: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
+    format: Literal["csv"] = "csv"
+
+    @field_validator("files")
+    @classmethod
+    def _inside(cls, files: tuple[str, ...]) -> tuple[str, ...]:
+        for pattern in files:
+            if pattern.startswith(("/", "\\")) or ".." in pattern.replace("\\", "/").split("/") or ":" in pattern:
+                raise ValueError(f"'{pattern}' leaves the data folder")
+        return files
+
+
+class Column(Table):
+    """Where a canonical column comes from: canonical = sign · (scale · value + offset) converted from `unit`."""
+
+    source: Annotated[str, Field(alias="from", min_length=1)]
+    unit: str = ""
+    sign: Literal[1, -1] = 1
+    scale: float = 1.0
+    offset: float = 0.0
+
+    @field_validator("unit")
+    @classmethod
+    def _known(cls, unit: str) -> str:
+        try:
+            return units.known(unit) if unit else unit
+        except RecipeError as error:
+            raise ValueError(str(error)) from None
+
+    @field_validator("scale")
+    @classmethod
+    def _nonzero(cls, scale: float) -> float:
+        if scale == 0.0:
+            raise ValueError("a scale of 0 erases the column")
+        return scale
+
+
+class Site(Table):
+    """Where the laboratory, or the place of use, is."""
+
+    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)] | None = None
+    height_m: float = 0.0
+    gravity_mps2: Annotated[float, Field(gt=9.7, lt=9.9)] | None = None
+
+
+class Exclude(Table):
+    """A log, or a range of it, that is left out: by whom and why."""
+
+    log: Annotated[str, Field(min_length=1)]
+    from_s: float | None = None
+    to_s: float | None = None
+    reason: Annotated[str, Field(min_length=1)]
+    person: Annotated[str, Field(min_length=1)]
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Exclude:
+        if self.from_s is not None and self.to_s is not None and self.to_s <= self.from_s:
+            raise ValueError(f"to_s = {self.to_s:g} is not after from_s = {self.from_s:g}")
+        return self
+
+
+class Recipe(Table):
+    """What every recipe says, whatever the procedure."""
+
+    procedure: str
+    title: str = ""
+    serial: str = ""
+    reference_temp_degc: float = 25.0
+    logs: Logs
+    columns: dict[str, Column] = {}
+    site: Site = Site()
+    exclude: Annotated[tuple[Exclude, ...], Field(strict=False)] = ()

@@ -1,0 +1,61 @@
+"""Figures of biases against their abscissa."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.report.figures import GOOD, INK, RAW, page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+BINS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class BiasCurve:
+    """One channel: bin means of the indication over the abscissa, and the polynomial there."""
+
+    name: str
+    abscissa: Array
+    indication: Array
+    polynomial: Array
+
+
+@dataclass(frozen=True, slots=True)
+class BiasReport:
+    """All that the figures show."""
+
+    abscissa: str
+    curves: tuple[BiasCurve, ...]
+
+
+def binned(abscissa: Array, indication: Array) -> tuple[Array, Array]:
+    """Means of abscissa and indication [bins] over equal steps of the abscissa; empty steps are left out."""
+    edges = np.linspace(abscissa.min(), abscissa.max(), BINS + 1)
+    index = np.clip(np.digitize(abscissa, edges) - 1, 0, BINS - 1)
+    count = np.bincount(index, minlength=BINS)
+    full = count > 0
+    means = [np.bincount(index, weights=x, minlength=BINS)[full] / count[full] for x in (abscissa, indication)]
+    return means[0], means[1]
+
+
+def pages(title: str, report: BiasReport) -> list[Figure]:
+    """Three channels in a row, as many rows as it takes."""
+    rows = -(-len(report.curves) // 3)
+    figure, axes = page(rows, 3, title=f"{title}: bias against {report.abscissa}", height=1.2 + 2.6 * rows)
+    for ax, curve in zip(axes, report.curves, strict=False):
+        ax.plot(curve.abscissa, curve.indication, ".", ms=3, color=RAW, label="means of the indication")
+        ax.plot(curve.abscissa, curve.polynomial, color=GOOD, label="polynomial")
+        ax.set(title=curve.name, xlabel=report.abscissa)
+        ax.xaxis.label.set_color(INK)
+    axes[0].legend(loc="best")
+    for ax in axes[len(report.curves) :]:
+        ax.set_visible(False)
+    return [figure]

@@ -1,0 +1,167 @@
+"""Figures of a gyro's thermal run: what was measured, what was fitted, what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+COEFFICIENTS = ("a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]")
+
+
+@dataclass(frozen=True, slots=True)
+class DriftLog:
+    """Block means of a log: time [s], case temperature [°C], indication raw, denoised and compensated [°/h]."""
+
+    name: str
+    time: Array
+    temperature: Array
+    raw: Array
+    denoised: Array
+    compensated: Array
+
+
+@dataclass(frozen=True, slots=True)
+class RampCoefficients:
+    """a0, a1, a2 of a ramp per interval with their standard uncertainties, at its rate [°C/min]."""
+
+    rate: float
+    a: Array
+    standard_uncertainty: Array
+
+
+@dataclass(frozen=True, slots=True)
+class RateCurve:
+    """a_j over the fitted rates of a side: rate [n, °C/min], a [n, 3]."""
+
+    side: str
+    rate: Array
+    a: Array
+
+
+@dataclass(frozen=True, slots=True)
+class OrderError:
+    """Drift rms [°/h] on left-out rates of one side, raw and for each order."""
+
+    side: str
+    raw: float
+    orders: tuple[int, ...]
+    errors: tuple[float, ...]
+    chosen: int | None
+
+
+@dataclass(frozen=True, slots=True)
+class DriftReport:
+    """All that the figures show."""
+
+    title: str
+    interval_s: float
+    logs: tuple[DriftLog, ...]
+    ramps: tuple[RampCoefficients, ...]
+    curves: tuple[RateCurve, ...]
+    orders: tuple[OrderError, ...]
+
+
+def pages(report: DriftReport) -> list[Figure]:
+    """Pages of the report: logs, coefficients over rate, residuals."""
+    return [*_log_pages(report), coefficients_page(report), residual_page(report)]
+
+
+def _log_pages(report: DriftReport) -> list[Figure]:
+    """Raw, denoised and compensated indication of every log, six panels a page."""
+    chunks = [report.logs[start : start + 6] for start in range(0, len(report.logs), 6)]
+    return [logs_page(report, chunk) for chunk in chunks]
+
+
+def logs_page(report: DriftReport, logs: Sequence[DriftLog]) -> Figure:
+    """Raw, denoised and compensated indication over time, one panel a log, all to one scale."""
+    rows = max(1, -(-len(logs) // 2))
+    figure, axes = page(
+        rows, 2, title=f"{report.title}: {report.interval_s:g} s means of the indication", height=1.2 + 2.4 * rows
+    )
+    reach = max(float(np.ptp(log.denoised)) for log in report.logs) * 0.65
+    for ax, log in zip(axes, logs, strict=False):
+        minutes = log.time / 60.0
+        ax.plot(minutes, log.raw, color=RAW, lw=0.6, label="indication")
+        ax.plot(minutes, log.denoised, color=DENOISED, label="denoised")
+        ax.plot(minutes, log.denoised - (log.raw - log.compensated), color=GOOD, label="denoised and compensated")
+        middle = float(log.denoised.min() + log.denoised.max()) / 2.0
+        ax.set_ylim(middle - reach, middle + reach)
+        ax.set(title=log.name, xlabel="time [min]", ylabel="rate [°/h]")
+    axes[0].legend(loc="best", ncols=3)
+    for ax in axes[len(logs) :]:
+        ax.set_visible(False)
+    return figure
+
+
+def coefficients_page(report: DriftReport) -> Figure:
+    """a_j against temperature rate with error bars (k = 2), the exported polynomials over their fitted range, the orders."""
+    figure, axes = page(2, 2, title=f"{report.title}: drift coefficients per {report.interval_s:g} s interval")
+    for j, ax in enumerate(axes[:3]):
+        for ramp in report.ramps:
+            colour = SIDES["heating" if ramp.rate > 0.0 else "cooling"]
+            ax.errorbar(
+                ramp.rate, ramp.a[j], 2.0 * ramp.standard_uncertainty[j], fmt="o", ms=4, capsize=3, color=colour
+            )
+        for curve in report.curves:
+            ax.plot(curve.rate, curve.a[:, j], color=SIDES[curve.side])
+            ax.axvspan(curve.rate[0], curve.rate[-1], color=SIDES[curve.side], alpha=0.06, lw=0)
+        if not report.curves:
+            ax.text(0.5, 0.92, "no drift term exported", transform=ax.transAxes, ha="center", color=ALERT)
+        ax.axhline(0.0, color=MUTED, lw=0.6)
+        ax.set(
+            xlabel="temperature rate [°C/min]", ylabel=COEFFICIENTS[j], title=f"a{j}: bars k = 2, band the fitted rates"
+        )
+    _orders(axes[3], report.orders)
+    return figure
+
+
+def _orders(ax: Axes, orders: Sequence[OrderError]) -> None:
+    """Drift rms on left-out rates against the order of the polynomials, raw as a line."""
+    for entry in orders:
+        colour = SIDES[entry.side]
+        ax.plot(entry.orders, entry.errors, "o-", color=colour, label=f"{entry.side}: rate left out")
+        ax.axhline(entry.raw, color=colour, ls="--", lw=0.9, label=f"{entry.side}: raw")
+        if entry.chosen in entry.orders:
+            ax.plot(entry.chosen, entry.errors[entry.orders.index(entry.chosen)], "o", ms=11, mfc="none", color=INK)
+    ax.set(
+        xlabel="order over temperature rate",
+        ylabel="drift rms, 100 s means [°/h]",
+        title="each rate left out (ring: exported)",
+    )
+    ax.set_xticks(sorted({order for entry in orders for order in entry.orders}))
+    if any(entry.orders for entry in orders):
+        ax.set_yscale("log")
+        ax.legend(loc="best")
+
+
+def residual_page(report: DriftReport) -> Figure:
+    """What is left after compensation, mean of each log removed, against case temperature and against time."""
+    figure, axes = page(2, 1, title=f"{report.title}: residual after compensation, 100 s means")
+    group = max(1, round(100.0 / report.interval_s))
+    for log in report.logs:
+        left = _means(log.compensated - log.compensated.mean(), group)
+        colour = SIDES["heating" if log.temperature[-1] > log.temperature[0] else "cooling"]
+        axes[0].plot(_means(log.temperature, group), left, color=colour, lw=0.9, alpha=0.8)
+        axes[1].plot(_means(log.time, group) / 60.0, left, color=colour, lw=0.9, alpha=0.8)
+    axes[0].set(xlabel="case temperature [°C]", ylabel="residual [°/h]", title="red: heating, blue: cooling")
+    axes[1].set(xlabel="time [min]", ylabel="residual [°/h]")
+    return figure
+
+
+def _means(values: Array, group: int) -> Array:
+    """Means of whole groups of values, or the values themselves where there is no whole group."""
+    whole = values.size // group
+    return values if whole == 0 else values[: whole * group].reshape(whole, group).mean(axis=1)

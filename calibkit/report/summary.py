@@ -1,0 +1,92 @@
+"""The summary of a run: the same tables on the console and in report.txt."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from rich.console import Console, RenderableType
+
+    from calibkit.coefficients import Criterion
+
+
+@dataclass(frozen=True, slots=True)
+class SummaryTable:
+    """A titled table of texts; the first column is left-aligned, the others are numbers."""
+
+    title: str
+    columns: tuple[str, ...]
+    rows: tuple[tuple[str, ...], ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Summary:
+    """Everything that a person is told at the end of a command."""
+
+    title: str
+    tables: tuple[SummaryTable, ...]
+    flags: tuple[str, ...]
+    criteria: tuple[Criterion, ...]
+
+    @property
+    def accepted(self) -> bool:
+        """Whether no acceptance limit failed."""
+        return all(criterion.passed for criterion in self.criteria)
+
+    @property
+    def verdict(self) -> str:
+        """One sentence on the acceptance limits; without limits nothing is said to be accepted."""
+        if not self.criteria:
+            return "no acceptance limits in the recipe: nothing was accepted or rejected"
+        failed = [c for c in self.criteria if not c.passed]
+        if not failed:
+            return f"accepted: {len(self.criteria)} of {len(self.criteria)} limits held"
+        return "REJECTED: " + "; ".join(f"{c.name} {c.value:.4g} against {c.limit:.4g} {c.unit}" for c in failed)
+
+
+def number(value: float, digits: int = 4) -> str:
+    """A number in a few significant digits, without an exponent where one can do without."""
+    return f"{value:.{digits}g}"
+
+
+def renderables(summary: Summary) -> Sequence[RenderableType]:
+    """Rich renderables of a summary."""
+    from rich import box
+    from rich.table import Table
+    from rich.text import Text
+
+    parts: list[RenderableType] = [Text(summary.title, style="bold")]
+    for table in summary.tables:
+        shown = Table(title=table.title, title_justify="left", title_style="", box=box.SIMPLE_HEAD, pad_edge=False)
+        for number_of_column, column in enumerate(table.columns):
+            shown.add_column(Text(column), justify="left" if number_of_column == 0 else "right", overflow="fold")
+        for row in table.rows:
+            shown.add_row(*(Text(cell) for cell in row))
+        parts.append(shown)
+    parts += [Text(f"! {flag}", style="yellow") for flag in summary.flags]
+    style = "green" if summary.criteria and summary.accepted else "bold red" if summary.criteria else ""
+    parts.append(Text(summary.verdict, style=style))
+    return parts
+
+
+def show(summary: Summary, console: Console) -> None:
+    """Print a summary on a console."""
+    for part in renderables(summary):
+        console.print(part)
+
+
+def text(summary: Summary) -> str:
+    """Summary as plain text of 110 columns, the same bytes on every machine."""
+    import io
+
+    from rich.console import Console
+
+    buffer = io.StringIO()
+    console = Console(
+        file=buffer, width=110, color_system=None, force_terminal=False, legacy_windows=False, _environ={}
+    )
+    show(summary, console)
+    return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"

@@ -1,0 +1,156 @@
+"""Logs of a gyro in a chamber → segments, denoised indication, block means at the model interval."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.coefficients import Figure, Input, StageResult
+from calibkit.errors import FitError, FrameError
+from calibkit.frame import Finding, Log, refuse, values
+from calibkit.numeric import denoise, drift, segments
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.recipe import FogThermalRecipe
+
+    Array = NDArray[np.float64]
+
+COLUMNS = ("time_s", "temp_case_degc", "temp_env_degc", "gyro_dph")
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """One ramp of a log: model intervals start … stop − 1, measured (or given) temperature rate [°C/min]."""
+
+    name: str
+    start: int
+    stop: int
+    rate: float
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedLog:
+    """All that later stages need of a log: block means of the indication, of the denoised indication, ramps, noise."""
+
+    name: str
+    source: Input
+    raw: drift.Blocks
+    denoised: drift.Blocks
+    ramps: tuple[Ramp, ...]
+    noise: tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]
+    flags: tuple[str, ...]
+
+
+def findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
+    """Check a log; nothing is fitted to one in which something is refused."""
+    early = [*check.rows(log, recipe.checks.min_rows), *check.finite(log, COLUMNS)]
+    if any(finding.refused for finding in early):
+        return early
+    return [
+        *early,
+        *check.monotonic(log),
+        *check.gaps(log, recipe.checks.max_gap_s),
+        *check.plausible_temperature(log, ["temp_case_degc", "temp_env_degc"]),
+        *check.varying(log, ["temp_case_degc", "temp_env_degc", "gyro_dph"]),
+    ]
+
+
+def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
+    """Check, cut, denoise and average one log; raises FrameError or FitError naming the log."""
+    found = findings(log, recipe)
+    refuse(found)
+    time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
+    try:
+        index = drift.block_index(time, recipe.drift.interval_s)
+    except FitError as error:
+        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
+    cuts, slope = cut(log.name, time, env, recipe)
+    smooth, noise, flags = _denoised(log, gyro, cuts, recipe)
+    raw = drift.blocks(time, case, env, gyro, slope, recipe.drift.interval_s)
+    clean = drift.blocks(time, case, env, smooth, slope, recipe.drift.interval_s)
+    return PreparedLog(
+        log.name,
+        Input(log.file, log.sha256, log.rows),
+        raw,
+        clean,
+        _ramps(log, cuts, index, env),
+        noise,
+        tuple(f"{log.file}: {note}" for note in (*log.notes, *flags))
+        + tuple(str(finding) for finding in found if not finding.refused),
+    )
+
+
+def cut(name: str, time: Array, env: Array, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
+    """Segments of a log and the causal slope [°C/min] of its chamber air; a rate given in the recipe replaces both."""
+    given = recipe.drift.rates_degc_min.get(name)
+    if given is not None:
+        return [segments.Segment("ramp", 0, time.size, given)], np.full(time.size, given)
+    slope = segments.causal_slope(time, env, recipe.segments.slope_window_s)
+    step = float(np.median(np.diff(time)))
+    merge = round(recipe.segments.slope_window_s / step)
+    limits = {"ramp_min": recipe.segments.ramp_min_degc_min, "min_span": recipe.segments.ramp_min_span_degc}
+    return segments.segments(slope, env, **limits, merge=merge), slope
+
+
+def _denoised(
+    log: Log, gyro: Array, cuts: Sequence[segments.Segment], recipe: FogThermalRecipe
+) -> tuple[Array, tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...], list[str]]:
+    """Denoise each segment by itself; a soak too short for the filter stays as it is, a ramp too short is refused."""
+    spec = recipe.denoise
+    if not spec.enabled:
+        return gyro, (), []
+    smooth, noise, flags = gyro.copy(), [], []
+    levels = None if spec.levels == "auto" else spec.levels
+    for number, segment in enumerate(cuts):
+        part = gyro[segment.start : segment.stop]
+        try:
+            result = denoise.denoise(
+                part,
+                wavelet=spec.wavelet,
+                levels=levels,
+                threshold=spec.threshold,
+                rule=spec.rule,
+                extension=spec.extension,
+            )
+        except FitError as error:
+            if segment.kind == "ramp":
+                raise FitError(f"{log.file}: ramp of {part.size} rows: {error.message}", hint=error.hint) from None
+            flags.append(f"soak of {part.size} rows is shorter than the filter and was not denoised")
+            continue
+        smooth[segment.start : segment.stop] = result.signal
+        noise.append((f"{log.name}.{number}", tuple(result.noise), tuple(result.thresholds)))
+    return smooth, tuple(noise), flags
+
+
+def _ramps(log: Log, cuts: Sequence[segments.Segment], index: NDArray[np.int64], env: Array) -> tuple[Ramp, ...]:
+    """Ramps in model intervals, named by their log (numbered where a log has several)."""
+    moving = [segment for segment in cuts if segment.kind == "ramp"]
+    if not moving:
+        raise FrameError(
+            f"{log.file}: no ramp found: the chamber air moves from {env.min():g} to {env.max():g} °C",
+            hint="check the chamber column, or lower [segments] ramp_min_degc_min and ramp_min_span_degc",
+        )
+    names = [log.name] if len(moving) == 1 else [f"{log.name}:{k}" for k in range(1, len(moving) + 1)]
+    return tuple(
+        Ramp(name, int(index[segment.start]), int(index[segment.stop - 1]) + 1, segment.rate)
+        for name, segment in zip(names, moving, strict=True)
+    )
+
+
+def denoise_result(logs: Sequence[PreparedLog]) -> StageResult:
+    """denoise.json: noise and threshold of every level of every denoised segment (named log.segment)."""
+    figures = []
+    for log in logs:
+        for name, noise, thresholds in log.noise:
+            for level, (sigma, threshold) in enumerate(zip(noise, thresholds, strict=True), start=1):
+                figures.append(Figure(f"{name}.noise_{level}", sigma, "deg/h", 0.0))
+                figures.append(Figure(f"{name}.threshold_{level}", threshold, "deg/h", 0.0))
+    flags = () if figures else ("denoising is off",)
+    return StageResult("denoise", figures=tuple(figures), flags=flags)

@@ -1,0 +1,222 @@
+"""Run folders: written once and whole, found again by serial and revision, checked against their digests."""
+
+from __future__ import annotations
+
+import contextlib
+import hashlib
+import os
+import re
+import shutil
+import tempfile
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calibkit import coefficients
+from calibkit.errors import CoefficientError, OutputError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping
+
+RUN_FORMAT = "calibkit-run/1"
+RUN_FORMATS = (RUN_FORMAT,)
+RUN_FILE = "run.json"
+_SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
+_REVISION = re.compile(r"r(\d{3,})")
+
+
+@dataclass(frozen=True, slots=True)
+class Run:
+    """A run folder that was read whole and whose digests are right."""
+
+    folder: Path
+    document: Mapping[str, Any]
+    records: Mapping[str, coefficients.Record]
+
+    @property
+    def name(self) -> str:
+        """SERIAL@rNNN."""
+        return f"{self.document['serial']}@r{self.document['revision']:03d}"
+
+
+def check_serial(serial: str) -> str:
+    """Return a serial that can name a folder on every system, or raise UsageError."""
+    if not serial:
+        raise UsageError("no serial number", hint='give --serial, or serial = "…" in the recipe')
+    if not _SERIAL.fullmatch(serial) or serial.endswith(".") or len(serial) > 100:
+        raise UsageError(
+            f"serial '{serial}' cannot name a folder",
+            hint="use letters, digits, '-', '_', '+' and '.', starting with a letter or digit",
+        )
+    return serial
+
+
+def revisions(serial_folder: Path) -> list[int]:
+    """Revision numbers that a serial's folder holds, ascending."""
+    if not serial_folder.is_dir():
+        return []
+    found = (_REVISION.fullmatch(path.name) for path in serial_folder.iterdir() if path.is_dir())
+    return sorted(int(match.group(1)) for match in found if match)
+
+
+def latest_digests(out: Path, serial: str) -> tuple[int, dict[str, str]]:
+    """Newest revision number of a serial (0: none) and, per stage, the digest of its newest coefficient file."""
+    numbers = revisions(out / serial)
+    if not numbers:
+        return 0, {}
+    run = load(out / serial / f"r{numbers[-1]:03d}")
+    return numbers[-1], {record.stage: _file_digest(run, name) for name, record in run.records.items()}
+
+
+def _file_digest(run: Run, name: str) -> str:
+    """Digest that a coefficient file of a run states of itself."""
+    document = coefficients.unseal((run.folder / name).read_text(encoding="utf-8"), name)
+    return str(document["sha256"])
+
+
+def save(out: Path, serial: str, revision: int, files: Mapping[str, bytes]) -> Path:
+    """Write a run folder whole: a temporary folder, every file synced, then one rename; nothing is overwritten."""
+    target = out / serial / f"r{revision:03d}"
+    try:
+        target.parent.mkdir(parents=True, exist_ok=True)
+        temporary = Path(tempfile.mkdtemp(prefix=".writing-", dir=target.parent))
+    except OSError as error:
+        raise OutputError(f"{target.parent}: cannot be written: {error.strerror}", hint="give another --out") from None
+    try:
+        temporary.chmod(0o755)
+        for name, content in files.items():
+            _write_synced(temporary / name, content)
+        _sync_folder(temporary)
+        if target.exists():
+            raise OutputError(
+                f"{target}: exists already", hint="another fit of this serial has just finished; run again"
+            )
+        temporary.rename(target)
+        _sync_folder(target.parent)
+    except OSError as error:
+        raise OutputError(
+            f"{target}: cannot be written: {error.strerror}", hint="free space or give another --out"
+        ) from None
+    finally:
+        shutil.rmtree(temporary, ignore_errors=True)
+    return target
+
+
+def refuse_existing(path: Path) -> None:
+    """Raise OutputError when something of that name exists."""
+    if path.exists():
+        raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name or remove it")
+
+
+def write_new(path: Path, content: bytes) -> None:
+    """Write one file atomically; raises OutputError when it exists or cannot be written."""
+    refuse_existing(path)
+    try:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        handle, name = tempfile.mkstemp(prefix=".writing-", dir=path.parent)
+        os.close(handle)
+        temporary = Path(name)
+        try:
+            _write_synced(temporary, content)
+            temporary.chmod(0o644)
+            _rename_new(temporary, path)
+            _sync_folder(path.parent)
+        finally:
+            temporary.unlink(missing_ok=True)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}", hint="give another place") from None
+
+
+def _rename_new(temporary: Path, path: Path) -> None:
+    """Rename without replacing: a hard link fails where the name was taken meanwhile."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name") from None
+    except OSError:  # a file system without hard links
+        temporary.rename(path)
+
+
+def _write_synced(path: Path, content: bytes) -> None:
+    """Write bytes and wait until they are on the disk."""
+    with path.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def _sync_folder(folder: Path) -> None:
+    """Wait until a folder's entries are on the disk, where the system can."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def find(name: str, runs: Path) -> Path:
+    """Folder of RUN: a run folder, SERIAL (its newest revision) or SERIAL@r003 under runs; UsageError when there is none."""
+    if (Path(name) / RUN_FILE).is_file():
+        return Path(name)
+    serial, _, revision = name.partition("@")
+    if _SERIAL.fullmatch(serial):
+        numbers = revisions(runs / serial)
+        if not revision and numbers:
+            return runs / serial / f"r{numbers[-1]:03d}"
+        if (match := _REVISION.fullmatch(revision)) and int(match.group(1)) in numbers:
+            return runs / serial / revision
+        if numbers:
+            there = ", ".join(f"r{number:03d}" for number in numbers)
+            raise UsageError(f"run '{name}': {serial} has no {revision}", hint=f"revisions there: {there}")
+    raise UsageError(
+        f"run '{name}' is neither a run folder nor a serial under {runs}",
+        hint="give --runs, or the folder that holds run.json",
+    )
+
+
+def load(folder: Path) -> Run:
+    """Read a run folder whole, or raise CoefficientError that names the first file that cannot be trusted."""
+    document = coefficients.unseal(_text(folder / RUN_FILE), f"{folder / RUN_FILE}", RUN_FORMATS)
+    records = {}
+    for entry in document["files"]:
+        path = folder / entry["name"]
+        if Path(entry["name"]).name != entry["name"]:
+            raise CoefficientError(f"{folder / RUN_FILE}: file name '{entry['name']}' leaves the folder")
+        content = _bytes(path)
+        if hashlib.sha256(content).hexdigest() != entry["sha256"]:
+            raise CoefficientError(
+                f"{path}: not the file that run.json lists", hint="the file was changed; do not use it"
+            )
+        if path.suffix == ".json":
+            records[path.name] = coefficients.loads(content.decode("utf-8"), str(path))
+    extra = sorted(
+        {path.name for path in folder.iterdir()} - {RUN_FILE, *(entry["name"] for entry in document["files"])}
+    )
+    if extra:
+        raise CoefficientError(
+            f"{folder}: holds files that run.json does not list: {', '.join(extra)}", hint="move them out"
+        )
+    return Run(folder, document, records)
+
+
+def _bytes(path: Path) -> bytes:
+    """Content of a file, or CoefficientError."""
+    try:
+        return path.read_bytes()
+    except OSError as error:
+        raise CoefficientError(f"{path}: cannot be read: {error.strerror}", hint="restore the run folder") from None
+
+
+def _text(path: Path) -> str:
+    """Text of a file, or CoefficientError."""
+    try:
+        return _bytes(path).decode("utf-8")
+    except UnicodeDecodeError:
+        raise CoefficientError(f"{path}: not UTF-8 text", hint="restore the run folder") from None
+
+
+def commit(out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Mapping[str, bytes]]) -> Path:
+    """Save the next revision of a serial: `build` makes the files from its number and the digests it supersedes."""
+    revision, digests = latest_digests(out, serial)
+    return save(out, serial, revision + 1, build(revision + 1, digests))

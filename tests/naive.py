@@ -1,0 +1,40 @@
+"""Loop-only twins of the numeric core: slow, short, and written from the equations alone."""
+
+from __future__ import annotations
+
+import math
+
+
+def compensate(indication, gradient, rate, c):
+    """Recursive and one-step outputs of CN102095419A step 4 for one set of polynomials c[j][m], term by term."""
+    recursive, one_step, level = [indication[0]], [0.0], 0.0
+    for k in range(1, len(indication)):
+        a = [sum(c[j][m] * rate[k - 1] ** m for m in range(len(c[j]))) for j in range(3)]
+        delta = a[0] + a[1] * gradient[k - 1] + a[2] * gradient[k - 1] ** 2
+        level += delta
+        recursive.append(indication[k] - level)
+        one_step.append(indication[k] - (indication[k - 1] + delta))
+    return recursive, one_step
+
+
+def block_means(time, values, interval):
+    """Means of the values whose time falls into each interval, by a dictionary."""
+    bins = {}
+    for t, v in zip(time, values, strict=True):
+        bins.setdefault(math.floor((t - time[0]) / interval), []).append(v)
+    return [sum(bins[k]) / len(bins[k]) for k in sorted(bins)]
+
+
+def newey_west(design, residuals, lag):
+    """HAC covariance with Bartlett weights, by explicit sums over pairs of rows."""
+    import numpy as np
+
+    n, p = design.shape
+    meat = np.zeros((p, p))
+    for i in range(n):
+        for j in range(n):
+            if abs(i - j) <= lag:
+                weight = 1.0 - abs(i - j) / (lag + 1.0)
+                meat += weight * residuals[i] * residuals[j] * np.outer(design[i], design[j])
+    bread = np.linalg.inv(design.T @ design)
+    return bread @ meat @ bread * n / (n - p)

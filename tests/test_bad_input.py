@@ -1,0 +1,192 @@
+"""Every bad input: one line with file, place, found, expected, next step; the contract's exit code; nothing written."""
+
+import numpy as np
+import pytest
+
+ROWS = 900
+
+
+def healthy():
+    """Columns of a small healthy log: soak, 5 °C/min ramp, soak."""
+    time = np.arange(float(ROWS))
+    air = 20.0 + np.clip(time - 120.0, 0.0, 600.0) * 5.0 / 60.0
+    case = air - 3.0 * (1.0 - np.exp(-time / 100.0)) * (time > 120.0)
+    return {"time_s": time, "temp_case_degc": case, "temp_env_degc": air, "gyro_dph": 9.0 + 0.01 * case}
+
+
+def changed(column, rows, values):
+    """Return healthy columns with some values of one replaced."""
+    columns = healthy()
+    columns[column] = columns[column].copy()
+    columns[column][rows] = values
+    return columns
+
+
+CASES = {
+    "missing column": (
+        lambda c: {("gyro" if k == "gyro_dph" else k): v for k, v in c.items()},
+        ("a.csv:1: column 'gyro_dph' is missing, found time_s", "did you mean 'gyro'?", "[columns.gyro_dph]"),
+    ),
+    "two rows": (
+        lambda c: {k: v[:2] for k, v in c.items()},
+        ("a.csv: 2 rows, expected at least 20", "min_rows"),
+    ),
+    "time going backwards": (
+        lambda c: changed("time_s", 500, 300.0),
+        ("a.csv:502: column 'time_s': time runs backwards at 499 s → 300 s", "strictly increasing"),
+    ),
+    "time standing still": (
+        lambda c: changed("time_s", 500, 499.0),
+        ("a.csv:502: column 'time_s': time stands still",),
+    ),
+    "NaN run": (
+        lambda c: changed("gyro_dph", slice(400, 450), np.nan),
+        ("a.csv:402: column 'gyro_dph': 50 missing or infinite values", "[[exclude]]"),
+    ),
+    "infinite value": (
+        lambda c: changed("temp_env_degc", 7, np.inf),
+        ("a.csv:9: column 'temp_env_degc': 1 missing or infinite value from here on",),
+    ),
+    "constant chamber": (
+        lambda c: c | {"temp_env_degc": np.full(ROWS, 20.0)},
+        ("a.csv: column 'temp_env_degc': constant at 20 over 900 rows", "a column that varies"),
+    ),
+    "constant gyro": (
+        lambda c: c | {"gyro_dph": np.full(ROWS, 9.0)},
+        ("a.csv: column 'gyro_dph': constant at 9",),
+    ),
+    "kelvin": (
+        lambda c: c | {"temp_case_degc": c["temp_case_degc"] + 273.15},
+        ("a.csv:2: column 'temp_case_degc': 293.15 °C", "[columns.temp_case_degc]"),
+    ),
+    "gap": (
+        lambda c: {k: np.delete(v, slice(300, 400)) for k, v in c.items()},
+        ("a.csv:302: column 'time_s': a gap of 101 s at 299 s, expected at most 60 s",),
+    ),
+    "no ramp": (
+        lambda c: c | {"temp_env_degc": 20.0 + 0.1 * np.sin(c["time_s"])},
+        ("a.csv: no ramp found", "ramp_min_degc_min"),
+    ),
+    "slower than the interval": (
+        lambda c: {k: v[::20] for k, v in c.items()},
+        ("a.csv: sampled every 20 s, the model interval is 10 s",),
+    ),
+}
+
+
+@pytest.mark.parametrize("name", CASES)
+def test_an_unusable_log_is_refused_with_one_line_and_nothing_is_written(name, tmp_path, calibkit, log_writer):
+    """Exit code 3, one line naming place, found, expected and advice, no run folder."""
+    change, fragments = CASES[name]
+    log_writer(tmp_path / "logs" / "a.csv", **change(healthy()))
+    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
+    assert outcome.code == 3, outcome.err
+    assert len(outcome.err.strip().splitlines()) == 1
+    for fragment in fragments:
+        assert fragment in outcome.err
+    assert outcome.out == ""
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("content", "fragment"),
+    [
+        (b"", "a.csv: the file is empty"),
+        (b"time_s,temp_case_degc,temp_env_degc,gyro_dph\n0,1,2,x9\n", "a.csv:2: column 'gyro_dph': found 'x9'"),
+        (b"time_s,temp_case_degc,temp_env_degc,gyro_dph\n0,1,2,3\n1,1,2\n", "a.csv:3: 3 fields, expected 4"),
+    ],
+)
+def test_a_file_that_is_no_table_is_refused(content, fragment, tmp_path, calibkit):
+    """Empty files, text in a number and short rows exit with 3 and say where."""
+    (tmp_path / "logs").mkdir()
+    (tmp_path / "logs" / "a.csv").write_bytes(content)
+    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
+    assert outcome.code == 3
+    assert fragment in outcome.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_a_ramp_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_writer):
+    """Ten levels of CDF 9/7 do not fit a ramp of ten minutes at 1 Hz: the ramp and both numbers are named."""
+    log_writer(tmp_path / "logs" / "a.csv", **healthy())
+    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--set", "denoise.levels=10")
+    assert outcome.code == 3
+    assert "a.csv: ramp of" in outcome.err
+    assert "10 levels" in outcome.err
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "fragment"),
+    [
+        (["--set", "drift.ordr=2"], 2, "did you mean 'order'?"),
+        (["--set", "drift.order='two'"], 2, "found 'two', expected a valid integer or 'auto'"),
+        (["--set", "logs.files=['*.log']"], 3, "no log matches '*.log', found a.csv"),
+        (["--set", "exclude=[{log='b', reason='r', person='p'}]"], 2, "no such log"),
+        (["--set", "exclude=[{log='a', reason='r', person='p'}]"], 3, "every log is excluded"),
+        (["--set", "drift.rates_degc_min.b=1.0"], 2, "no such log"),
+        (["--date", "21.11.2026"], 2, "write YYYY-MM-DD"),
+        (["--bogus"], 2, "No such option"),
+    ],
+)
+def test_usage_and_recipe_faults_have_their_exit_code(arguments, code, fragment, tmp_path, calibkit, log_writer):
+    """Faults of the command line and the recipe exit with 2, logs that are not there with 3."""
+    log_writer(tmp_path / "logs" / "a.csv", **healthy())
+    outcome = calibkit(
+        "fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "r", *arguments
+    )
+    assert outcome.code == code
+    assert fragment in outcome.err
+    assert not (tmp_path / "r").exists()
+
+
+def test_an_absent_folder_a_missing_serial_and_an_unknown_recipe_are_usage(tmp_path, calibkit, log_writer):
+    """What cannot be meant exits with 2."""
+    log_writer(tmp_path / "logs" / "a.csv", **healthy())
+    nowhere = calibkit("fit", "fog_thermal", "--data", tmp_path / "none", "--serial", "S")
+    assert (nowhere.code, "no such folder" in nowhere.err) == (2, True)
+    nameless = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs")
+    assert (nameless.code, "give --serial" in nameless.err) == (2, True)
+    unknown = calibkit("fit", "fog_termal", "--data", tmp_path / "logs", "--serial", "S")
+    assert (unknown.code, "did you mean 'fog_thermal'" in unknown.err) == (2, True)
+
+
+def test_json_failures_are_one_document_on_stdout(tmp_path, calibkit):
+    """With --json the error is {"ok": false, "error": {code, message, hint}} on stdout, usage errors included."""
+    failed = calibkit("fit", "fog_thermal", "--data", tmp_path / "none", "--serial", "S", "--json")
+    assert failed.json["ok"] is False
+    assert set(failed.json["error"]) == {"code", "message", "hint"}
+    assert calibkit("fit", "--json").json["error"]["code"] == "usage"
+
+
+def test_check_names_every_fault_and_fits_nothing(tmp_path, calibkit, log_writer):
+    """`check` exits with 3 where fit would, lists each log, and `--json` carries place and advice."""
+    log_writer(tmp_path / "logs" / "a.csv", **healthy())
+    log_writer(tmp_path / "logs" / "b.csv", **changed("gyro_dph", slice(400, 450), np.nan))
+    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
+    assert said.code == 3
+    assert "a.csv: ok" in said.out
+    assert "REFUSED b.csv:402" in said.out
+    document = calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--json").json
+    assert [len(entry["findings"]) for entry in document["logs"]] == [0, 1]
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["logs"]
+
+
+def test_an_internal_error_is_one_line_and_70(calibkit, monkeypatch):
+    """A bug is reported as one line, without a traceback, with exit code 70."""
+    from calibkit import pipeline
+
+    monkeypatch.setattr(pipeline, "simulate", lambda *_: 1 / 0)
+    outcome = calibkit("simulate", "fog_thermal", "--out", "x", "--seed", 1)
+    assert outcome.code == 70
+    assert outcome.err.startswith("calibkit: internal error: ZeroDivisionError")
+
+
+def test_an_interrupt_is_130(calibkit, monkeypatch):
+    """Ctrl-C exits with 130."""
+    from calibkit import pipeline
+
+    def stop(*_):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "simulate", stop)
+    assert calibkit("simulate", "fog_thermal", "--out", "x", "--seed", 1).code == 130

@@ -1,0 +1,90 @@
+"""The command line around the commands: help, start-up, simulate, names after installation."""
+
+import json
+import subprocess
+import sys
+
+import pytest
+
+from calibkit import __version__
+from conftest import ROOT
+
+
+def test_help_imports_nothing_heavy():
+    """`calibkit --help` does not import numpy, pandas, scipy, matplotlib, rich or pydantic."""
+    heavy = ("numpy", "pandas", "scipy", "matplotlib", "rich", "pydantic", "lmfit", "pywt")
+    code = (
+        "import sys\nfrom calibkit import cli\n"
+        "try:\n    cli.main(['--help'])\nexcept SystemExit: pass\n"
+        f"print([m for m in {heavy!r} if m in sys.modules])"
+    )
+    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    assert done.stdout.strip().endswith("[]")
+
+
+@pytest.mark.parametrize("command", ["fit", "check", "apply", "validate", "verify", "show", "simulate"])
+def test_every_command_explains_itself_with_two_examples(command, calibkit):
+    """The help of a command starts with what it does and shows two examples."""
+    outcome = calibkit(command, "--help")
+    assert outcome.code == 0
+    assert outcome.out.count(f"calibkit {command} ") >= 3  # usage and two examples
+
+
+def test_the_version_is_the_package_version(calibkit):
+    """`--version` prints the version that coefficient files carry."""
+    assert calibkit("--version").out.strip() == f"calibkit {__version__}"
+
+
+def test_no_command_is_usage(calibkit):
+    """Calling nothing shows the help and exits with 2; an unknown command too."""
+    assert calibkit().code == 2
+    assert calibkit("fitt").code == 2
+
+
+def test_simulate_writes_logs_with_truth_and_never_overwrites(tmp_path, calibkit):
+    """A campaign is written once; a second call refuses before it writes anything."""
+    written = calibkit("simulate", "fog_thermal", "--out", tmp_path / "a", "--seed", 5, "--json").json["files"]
+    assert "truth.json" in written
+    assert all((tmp_path / "a" / name).is_file() for name in written)
+    again = calibkit("simulate", "fog_thermal", "--out", tmp_path / "a", "--seed", 6)
+    assert again.code == 4
+    assert "exists already" in again.err
+
+
+def test_simulate_is_reproducible(tmp_path, calibkit):
+    """One seed gives the same bytes, another seed others."""
+    for name, seed in (("a", 5), ("b", 5), ("c", 6)):
+        calibkit("simulate", "fog_thermal", "--out", tmp_path / name, "--seed", seed)
+    a, b, c = ((tmp_path / name / "ramp_heating_05.csv").read_bytes() for name in "abc")
+    assert a == b
+    assert a != c
+
+
+def test_an_unknown_simulation_names_the_known_ones(tmp_path, calibkit):
+    """A misspelt procedure is answered with the closest one and exit code 2."""
+    outcome = calibkit("simulate", "fog_termal", "--out", tmp_path, "--seed", 1)
+    assert outcome.code == 2
+    assert "did you mean 'fog_thermal'" in outcome.err
+
+
+def test_verify_reports_each_file_and_the_worst_code(tmp_path, calibkit):
+    """A list of files gives a line each; an absent file is usage, a foreign one a failed verification."""
+    foreign = tmp_path / "x.json"
+    foreign.write_text(json.dumps({"format": "other"}), encoding="utf-8")
+    assert calibkit("verify", foreign).code == 4
+    assert calibkit("verify", tmp_path / "none.json").code == 2
+    assert calibkit("verify", foreign, "--json").json["files"][0]["ok"] is False
+
+
+def test_a_console_that_cannot_print_degrees_does_not_stop_a_command(campaign, tmp_path):
+    """With an ASCII console the summary is printed with replacements and the run is written."""
+    arguments = ["fit", "fog_thermal", "--data", str(campaign), "--serial", "S", "--out", str(tmp_path)]
+    done = subprocess.run(
+        [sys.executable, "-m", "calibkit", *arguments],
+        capture_output=True,
+        check=False,
+        cwd=ROOT,
+        env={"PYTHONIOENCODING": "ascii", "PATH": ""},
+    )
+    assert done.returncode == 0, done.stderr
+    assert (tmp_path / "S" / "r001" / "run.json").is_file()

@@ -1,0 +1,120 @@
+"""The coefficient file: same bytes, a digest that notices everything, and old files that keep loading."""
+
+import hashlib
+import json
+from dataclasses import replace
+from pathlib import Path
+
+import pytest
+
+from calibkit import coefficients
+from calibkit.coefficients import Coefficient, Condition, Figure, Input, Model, Parameter, Record
+from calibkit.errors import CoefficientError
+
+GOLDEN = Path(__file__).parent / "golden"
+
+RECORD = Record(
+    stage="accel_k",
+    serial="Q-7",
+    revision=3,
+    supersedes="",
+    effective_from="2026-11-21",
+    software="calibkit 0.1.0",
+    recipe_sha256="00",
+    inputs=(Input("positions.csv", "ab", 378),),
+    conditions=(Condition("latitude", 34.2, "deg", 0.001),),
+    models=(
+        Model(
+            "accel_x",
+            "accel-k/1",
+            (Coefficient("K0", 1.0042, "1", 2e-7), Coefficient("K1", -8.1e-05, "1/K", 1e-9)),
+            ((4e-14, 0.0), (0.0, 1e-18)),
+            368,
+            2.1e-5,
+            "g",
+            {"temp_case_degc": (-20.3, 125.4)},
+            (Parameter("middle", 52.5, "degC"),),
+        ),
+    ),
+    figures=(Figure("gamma", 0.7, "1", 1e-5),),
+    flags=("温度 flagged",),
+)
+
+
+def test_a_record_survives_its_file():
+    """What is written reads back as the same record."""
+    assert coefficients.loads(coefficients.dumps(RECORD), "x") == RECORD
+
+
+def test_the_digest_is_that_of_the_canonical_json():
+    """The digest is SHA-256 over RFC 8785, spelt out here without the library for a small document."""
+    sealed = json.loads(coefficients.seal({"format": "calibkit-coefficients/1", "b": 1.0, "a": "°"}))
+    canonical = '{"a":"°","b":1,"format":"calibkit-coefficients/1"}'
+    assert sealed["sha256"] == hashlib.sha256(canonical.encode()).hexdigest()
+
+
+def test_the_same_record_gives_the_same_bytes():
+    """Two records that are equal give equal bytes."""
+    assert coefficients.dumps(replace(RECORD)) == coefficients.dumps(RECORD)
+
+
+def test_any_changed_value_is_noticed():
+    """A digit changed anywhere makes the file refuse to load."""
+    text = coefficients.dumps(RECORD)
+    for old, new in (("1.0042", "1.0043"), ('"revision": 3', '"revision": 4'), ("2e-07", "2e-08"), ("Q-7", "Q-8")):
+        assert old in text
+        with pytest.raises(CoefficientError, match="digest"):
+            coefficients.loads(text.replace(old, new), "x")
+
+
+def test_white_space_does_not_matter_to_the_digest():
+    """A file that was only re-indented is still the same document."""
+    text = coefficients.dumps(RECORD)
+    assert coefficients.loads(json.dumps(json.loads(text)), "x") == RECORD
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "not a whole JSON document"),
+        ("[]", "no 'format' key"),
+        ('{"format": "calibkit-coefficients/9"}', "use a newer calibkit"),
+        ('{"format": "calibkit-coefficients/1", "a": 1, "a": 2}', "a key stands twice"),
+        (coefficients.dumps(RECORD)[:-40], "not a whole JSON document"),
+    ],
+)
+def test_a_file_that_is_not_one_is_refused_by_name(text, message):
+    """Truncated, foreign and future files are refused with the reason."""
+    with pytest.raises(CoefficientError, match=f"x.json: .*|{message}") as refused:
+        coefficients.loads(text, "x.json")
+    assert message in str(refused.value)
+
+
+def test_a_sealed_file_of_another_shape_is_refused():
+    """A right digest over a wrong shape is not a record."""
+    with pytest.raises(CoefficientError, match="not a coefficient record"):
+        coefficients.loads(coefficients.seal({"format": "calibkit-coefficients/1", "stage": "x"}), "x.json")
+
+
+def test_a_number_that_is_not_finite_is_never_written():
+    """A NaN coefficient stops the writing, not the reading."""
+    broken = replace(RECORD.models[0], coefficients=(Coefficient("K0", float("nan"), "1", 0.0),))
+    with pytest.raises(CoefficientError, match="K0 is nan"):
+        coefficients.dumps(replace(RECORD, models=(broken,)))
+
+
+def test_a_model_answers_by_name():
+    """Coefficients and parameters are found by name, and an unknown name lists what there is."""
+    model = RECORD.model("accel_x")
+    assert model.value("K1") == -8.1e-05
+    assert model.value("middle") == 52.5
+    with pytest.raises(CoefficientError, match="has no 'K9'"):
+        model.value("K9")
+    with pytest.raises(CoefficientError, match="models there: accel_x"):
+        RECORD.model("accel_y")
+
+
+@pytest.mark.parametrize("path", sorted(GOLDEN.glob("*.json")), ids=lambda path: path.name)
+def test_every_released_format_keeps_loading(path):
+    """One file of every format that was ever released loads with its digest right."""
+    assert coefficients.loads(path.read_text(encoding="utf-8"), path.name).format in coefficients.FORMATS

@@ -1,0 +1,95 @@
+"""The reader of comma-separated logs: whole or not at all."""
+
+import hashlib
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibkit.errors import LogFormatError
+from calibkit.readers import delimited
+
+
+def read(tmp_path, content):
+    """Read bytes as the log x.csv whose columns a and b are needed."""
+    path = tmp_path / "x.csv"
+    path.write_bytes(content)
+    return delimited.read(path, "x.csv", {"a", "b"})
+
+
+@pytest.mark.parametrize(
+    ("content", "message"),
+    [
+        (b"", "x.csv: the file is empty"),
+        (b"a,b\n", "x.csv: a header but no rows"),
+        (b"a,b\n1,2\n3\n", "x.csv:3: 1 fields, expected 2"),
+        (b"a,b\n1,2\n3,4,5\n6\n", "x.csv:3: 3 fields, expected 2"),
+        (b"a,b\n1,2\n\n3,4\n", "x.csv:3: 1 fields"),
+        (b"a,b\n1,2\n3,x\n", "x.csv:3: column 'b': found 'x', expected a number"),
+        (b"a,b\n1,1_0\n", "x.csv:2: column 'b': found '1_0'"),
+        (b"a,b\n1,0x10\n", "x.csv:2: column 'b'"),
+        (b'a,b\n1,"2"\n', "x.csv:2: column 'b'"),
+        (b"a;b\n1;2\n", "separate columns with commas"),
+        (b"a,a\n1,2\n", "column 'a' stands twice"),
+        (b"a,\n1,2\n", "column 2 has no name"),
+        (b"1,2\n3,4\n", "numbers where the column names should be"),
+        (b"a,b\n1,2\xff\n", "x.csv:2: byte 0xff is not UTF-8"),
+        (b"a,b\n1,\x002\n", "x.csv:2: a NUL byte"),
+        (b"a,b\n1.00,2.00\n1.00,3.00\n1.00,2.0", "x.csv:4: the last number '2.0' has 1 decimals and no line end"),
+    ],
+)
+def test_a_log_that_cannot_be_read_whole_is_refused_with_its_place(tmp_path, content, message):
+    """What is wrong is named with file, line and column."""
+    with pytest.raises(LogFormatError) as refused:
+        read(tmp_path, content)
+    assert message in str(refused.value)
+
+
+def test_a_missing_value_becomes_nan(tmp_path):
+    """An empty field and the word nan are missing values, for the checks to judge."""
+    frame = read(tmp_path, b"a,b\n1,\nnan,2\n").frame
+    assert np.isnan(frame.to_numpy()).tolist() == [[False, True], [True, False]]
+
+
+def test_byte_order_mark_and_crlf_change_nothing_but_the_digest(tmp_path):
+    """A byte-order mark and Windows line ends read as the same numbers; the digest is of the bytes as they are."""
+    content = b"\xef\xbb\xbfa,b\r\n1,2\r\n"
+    table = read(tmp_path, content)
+    assert table.frame.to_numpy().tolist() == [[1.0, 2.0]]
+    assert table.sha256 == hashlib.sha256(content).hexdigest()
+
+
+def test_text_is_allowed_where_nobody_needs_numbers(tmp_path):
+    """A remark column does not stop a log from being read."""
+    frame = read(tmp_path, b"a,remark,b\n1,door open,2\n3,,4\n").frame
+    assert frame["b"].tolist() == [2.0, 4.0]
+
+
+def test_a_last_line_without_end_is_kept_and_said(tmp_path):
+    """A last line without a line end is kept when nothing shows that it is cut, and noted."""
+    table = read(tmp_path, b"a,b\n1,2\n3,4")
+    assert table.frame["b"].tolist() == [2.0, 4.0]
+    assert "no line end" in table.notes[0]
+
+
+def test_rows_are_counted_across_blocks(tmp_path, monkeypatch):
+    """A short row is found whatever block of bytes it falls into."""
+    monkeypatch.setattr(delimited, "BLOCK", 7)
+    for bad in range(2, 30):
+        lines = [b"a,b"] + [b"%d,%d" % (k, k) for k in range(40)]
+        lines[bad] = b"5"
+        with pytest.raises(LogFormatError, match=f"x.csv:{bad + 1}: 1 fields"):
+            read(tmp_path, b"\n".join(lines) + b"\n")
+    good = b"\n".join([b"a,b"] + [b"%d,%d" % (k, k) for k in range(40)])
+    assert len(read(tmp_path, good).frame) == 40
+
+
+@settings(max_examples=50, deadline=None)
+@given(values=st.lists(st.floats(allow_nan=False, allow_infinity=False), min_size=2, max_size=20))
+def test_numbers_read_back_to_the_same_float(tmp_path_factory, values):
+    """A number written with repr reads back bit for bit."""
+    folder = tmp_path_factory.mktemp("floats")
+    content = "a,b\n" + "".join(f"{value!r},{-value!r}\n" for value in values)
+    frame = read(folder, content.encode()).frame
+    assert frame["a"].tolist() == values

@@ -1,0 +1,118 @@
+"""Recipes: strict, typed, every fault at once with its line."""
+
+import tomllib
+
+import pytest
+
+from calibkit import recipe
+from calibkit.errors import RecipeError, UsageError
+from calibkit.recipe.loader import key_lines
+
+GOOD = 'procedure = "fog_thermal"\n[logs]\nfiles = ["*.csv"]\n'
+
+
+def faults(text, *overrides):
+    """Lines of the error that a recipe's text raises."""
+    with pytest.raises(RecipeError) as refused:
+        recipe.parse(recipe.Source("r.toml", text, overrides))
+    return str(refused.value).splitlines()
+
+
+@pytest.mark.parametrize("name", sorted(recipe.shipped()))
+def test_every_shipped_recipe_parses(name):
+    """A recipe that comes with calibkit is found by name and has no fault."""
+    assert recipe.parse(recipe.find(name)).procedure
+
+
+@pytest.mark.parametrize(
+    ("line", "fault"),
+    [
+        ("[drift]\nordr = 2", "r.toml:5: unknown key 'drift.ordr' = 2, allowed: interval_s, estimate, order"),
+        ("[drift]\nordr = 2", "did you mean 'order'?"),
+        ("[drift]\norder = 'two'", "r.toml:5: drift.order: found 'two', expected a valid integer or 'auto'"),
+        ("[drift]\norder = 2.5", "r.toml:5: drift.order: found 2.5"),
+        ("[drift]\ninterval_s = 0", "r.toml:5: drift.interval_s: found 0, expected greater than 0"),
+        ("[drift]\ninterval_s = inf", "r.toml:5: drift.interval_s: found inf"),
+        ("[denoise]\nrule = 'sotf'", "expected 'soft', 'hard', 'garrote' or 'firm'; did you mean 'soft'?"),
+        ("[denoise]\nenabled = 1", "r.toml:5: denoise.enabled: found 1"),
+        ("titel = 1", "r.toml:4: unknown key 'logs.titel'"),
+        ("[columns.gyro_dph]\nfrom = 'G'\nunit = 'deg/hh'", "r.toml:6: columns.gyro_dph.unit: unknown unit 'deg/hh'"),
+        ("[columns.gyro_dph]\nfrom = 'G'\nscale = 0", "a scale of 0 erases the column"),
+        ("[columns.gyro_dph]\nfrom = 'G'\nsing = -1", "did you mean 'sign'?"),
+        ("[columns]\ngyro_dph = { unit = 'deg/h' }", "r.toml:5: missing key 'columns.gyro_dph.from'"),
+        ("[[exclude]]\nlog = 'a'\nreason = 'x'", "r.toml:4: missing key 'exclude.0.person'"),
+        ("[[exclude]]\nlog='a'\nreason='x'\nperson='p'\nfrom_s=5.0\nto_s=4.0", "to_s = 4 is not after from_s = 5"),
+        ("[site]\nlatitude_deg = 91", "r.toml:5: site.latitude_deg: found 91"),
+    ],
+)
+def test_a_fault_is_named_with_line_value_and_what_is_allowed(line, fault):
+    """Unknown, missing and ill-typed keys are errors with file, line, value, allowed set and the closest name."""
+    assert any(fault in found for found in faults(GOOD + line + "\n"))
+
+
+def test_all_faults_are_reported_at_once():
+    """Three faults are three lines."""
+    assert len(faults(GOOD + "[drift]\nordr = 2\n[denoise]\nwavlet = 'haar'\nrule = 'none'\n")) == 3
+
+
+def test_a_pattern_may_not_leave_the_data_folder():
+    """A recipe cannot read files outside of --data."""
+    for pattern in ("../*.csv", "/etc/*", "C:/x.csv", "a/../../b.csv"):
+        assert "leaves the data folder" in faults(f'procedure = "fog_thermal"\nlogs.files = ["{pattern}"]')[0]
+
+
+def test_an_unknown_procedure_names_the_known_ones():
+    """A misspelt procedure is answered with the closest one."""
+    assert "did you mean 'fog_thermal'?" in faults('procedure = "fog_themal"')[0]
+    assert "found missing" in faults('title = "x"')[0]
+
+
+def test_text_that_is_not_toml_is_located():
+    """A syntax error is reported with its line."""
+    assert faults(GOOD + "order = = 2")[0].startswith("r.toml:4: not TOML")
+
+
+def test_an_override_replaces_a_key_and_is_blamed_for_its_faults():
+    """--set changes a key, a text needs no quotes, and a fault names the override."""
+    spec = recipe.parse(
+        recipe.Source("r.toml", GOOD, ("drift.order=2", "denoise.wavelet=haar", "site.latitude_deg=58"))
+    )
+    assert (spec.drift.order, spec.denoise.wavelet, spec.site.latitude_deg) == (2, "haar", 58.0)
+    assert faults(GOOD, "drift.ordr=2")[0].startswith("--set drift.ordr=2: unknown key")
+    with pytest.raises(UsageError, match=r"expected table\.key=value"):
+        recipe.parse(recipe.Source("r.toml", GOOD, ("drift.order",)))
+    with pytest.raises(UsageError, match="'files' is not a table"):
+        recipe.parse(recipe.Source("r.toml", GOOD, ("logs.files.x=1",)))
+
+
+def test_an_override_changes_the_digest():
+    """Two runs with different overrides do not claim the same recipe."""
+    assert recipe.Source("r", GOOD).sha256 != recipe.Source("r", GOOD, ("drift.order=2",)).sha256
+
+
+def test_an_unknown_recipe_is_answered_with_the_shipped_ones(tmp_path):
+    """A recipe that is neither file nor name lists what there is; one that is not text says so."""
+    with pytest.raises(UsageError, match="did you mean 'fog_thermal'"):
+        recipe.find("fog_termal")
+    bad = tmp_path / "b.toml"
+    bad.write_bytes(b"\xff\xfe")
+    with pytest.raises(RecipeError, match="UTF-8"):
+        recipe.find(str(bad))
+
+
+def test_a_recipe_is_frozen():
+    """What was decided is not changed on the way."""
+    spec = recipe.parse(recipe.Source("r.toml", GOOD))
+    with pytest.raises(Exception, match=r"frozen"):
+        spec.title = "x"
+
+
+def test_line_numbers_follow_tables_arrays_and_dotted_keys():
+    """Every way of writing a key in TOML is located."""
+    text = 'a.b = 1\n["quoted key"]\nx = 1\n[[t]]\ny = 1\n[[t]]\ny = 2\n'
+    tomllib.loads(text)
+    lines = key_lines(text)
+    assert lines[("a", "b")] == "1"
+    assert lines[("quoted key", "x")] == "3"
+    assert lines[("t", 0, "y")] == "5"
+    assert lines[("t", 1, "y")] == "7"

@@ -1,0 +1,83 @@
+"""Soaks, ramps and the measured temperature rate."""
+
+import numpy as np
+import pytest
+
+from calibkit.numeric import segments
+
+
+def ramp_log(rate, *, soak=600.0, span=40.0, step=1.0):
+    """Time [s] and air temperature [°C] of soak, ramp and soak; the ramp lasts span/|rate| minutes."""
+    duration = span / abs(rate) * 60.0
+    time = np.arange(0.0, 2 * soak + duration, step)
+    air = 20.0 + rate / 60.0 * np.clip(time - soak, 0.0, duration)
+    return time, air
+
+
+@pytest.mark.parametrize("rate", [-10.0, -1.0, 0.5, 5.0])
+def test_a_straight_ramp_has_its_own_slope(rate):
+    """Inside a straight ramp the slope is the rate to 1e-9 °C/min, whatever the clock's origin."""
+    time, air = ramp_log(rate)
+    slope = segments.causal_slope(time + 1e5, air, 60.0)
+    inside = (time > 600.0 + 61.0) & (time < 600.0 + 40.0 / abs(rate) * 60.0 - 1.0)
+    assert np.abs(slope[inside] - rate).max() < 1e-9
+
+
+def test_the_slope_equals_a_loop_of_straight_line_fits():
+    """The running sums give what polyfit gives window by window, to 1e-9 °C/min, on irregular time too."""
+    rng = np.random.default_rng(1)
+    time = np.cumsum(rng.uniform(0.5, 2.0, 300))
+    value = np.cumsum(rng.normal(size=300))
+    slope = segments.causal_slope(time, value, 30.0)
+    for k in range(60, 300, 7):
+        window = (time >= time[k] - 30.0 * (1 + 1e-9)) & (time <= time[k])
+        assert slope[k] == pytest.approx(60.0 * np.polyfit(time[window] - time[k], value[window], 1)[0], abs=1e-9)
+
+
+def test_the_slope_knows_nothing_of_the_future():
+    """Changing the samples after an instant changes nothing up to it, bit for bit."""
+    time, air = ramp_log(5.0)
+    changed = air.copy()
+    changed[700:] += 9.0 - changed[700:].mean() + air[700:].mean() - 9.0
+    changed[700:] = changed[700:][::-1]
+    before = segments.causal_slope(time, air, 60.0)[:700]
+    after = segments.causal_slope(time, changed, 60.0)[:700]
+    assert np.abs(before - after).max() < 1e-9
+
+
+def test_a_quantised_thermometer_does_not_fake_a_rate():
+    """A 0.0625 °C step differenced at 1 s is 3.75 °C/min; over a minute's window it stays under 0.1 °C/min."""
+    time = np.arange(600.0)
+    air = np.where(time < 300.0, 20.0, 20.0625)
+    assert np.abs(segments.causal_slope(time, air, 60.0)).max() < 0.1
+
+
+def test_a_log_is_cut_into_soak_ramp_soak_that_cover_every_row():
+    """The pieces follow each other without a hole, and the ramp's rate is the measured one."""
+    time, air = ramp_log(-5.0)
+    slope = segments.causal_slope(time, air, 60.0)
+    cut = segments.segments(slope, air, ramp_min=0.3, min_span=5.0, merge=60)
+    assert [piece.kind for piece in cut] == ["soak", "ramp", "soak"]
+    assert [piece.start for piece in cut] == [0, *[piece.stop for piece in cut[:-1]]]
+    assert cut[-1].stop == time.size
+    assert cut[1].rate == pytest.approx(-5.0, abs=1e-6)
+    assert abs(time[cut[1].start] - 600.0) < 40.0
+
+
+def test_a_short_swing_is_no_ramp():
+    """An overshoot of 2 °C is part of the soak."""
+    time = np.arange(1200.0)
+    air = 20.0 + 2.0 * np.exp(-(((time - 600.0) / 60.0) ** 2))
+    slope = segments.causal_slope(time, air, 60.0)
+    cut = segments.segments(slope, air, ramp_min=0.3, min_span=5.0, merge=60)
+    assert [piece.kind for piece in cut] == ["soak"]
+
+
+def test_a_ramp_that_pauses_briefly_is_one_ramp():
+    """Half a minute of standstill does not make two ramps; ten minutes do."""
+    for pause, expected in ((30, 1), (600, 2)):
+        steps = np.concatenate([np.full(300, 5 / 60), np.zeros(pause), np.full(300, 5 / 60)])
+        air = np.cumsum(steps)
+        slope = segments.causal_slope(np.arange(air.size, dtype=float), air, 60.0)
+        cut = segments.segments(slope, air, ramp_min=0.3, min_span=5.0, merge=60)
+        assert sum(piece.kind == "ramp" for piece in cut) == expected

@@ -1,0 +1,102 @@
+"""Simulated noise has the Allan deviation that its coefficients promise, by an Allan deviation of our own."""
+
+import numpy as np
+import pytest
+
+from calibkit.simulate import noise
+
+
+def allan_deviation(rate, samples):
+    """Overlapping Allan deviation at `samples` intervals, from its definition on the integrated rate."""
+    angle = np.concatenate(([0.0], np.cumsum(rate)))
+    second = angle[2 * samples :] - 2.0 * angle[samples:-samples] + angle[: -2 * samples]
+    return np.sqrt(np.mean(second**2) / 2.0) / samples
+
+
+def stream(seed):
+    """Return a generator of its own for each test."""
+    return np.random.default_rng(seed)
+
+
+@pytest.mark.parametrize("tau_s", [1, 10, 100])
+def test_angle_random_walk_falls_with_the_root_of_tau(tau_s):
+    """The Allan deviation of white rate noise is 60 N/√τ with τ in s, here 0.6 °/h at 1 s for 0.01 °/√h."""
+    rate = noise.angle_random_walk(0.01, 200_000, stream(1))
+    # at 100 s two thousand independent pairs leave 1.9 % (one sigma)
+    assert allan_deviation(rate, tau_s) == pytest.approx(0.6 / np.sqrt(tau_s), rel=0.05)
+
+
+def test_angle_random_walk_does_not_depend_on_the_sampling_interval():
+    """The same N at 0.1 s gives the same Allan deviation at 10 s."""
+    rate = noise.angle_random_walk(0.01, 200_000, stream(2), interval_s=0.1)
+    assert allan_deviation(rate, 100) == pytest.approx(0.6 / np.sqrt(10.0), rel=0.05)
+
+
+@pytest.mark.parametrize("tau_s", [8, 64, 512, 2048])
+def test_flicker_has_a_flat_allan_deviation(tau_s):
+    """The Allan deviation of 1/f noise stands at √(2 ln 2/π) B = 0.664 B whatever τ."""
+    records = [noise.flicker(0.005, 32_768, stream(seed)) for seed in range(20)]
+    pooled = np.sqrt(np.mean([allan_deviation(rate, tau_s) ** 2 for rate in records]))
+    assert pooled == pytest.approx(0.664 * 0.005, rel=0.06)
+
+
+def test_flicker_is_the_half_order_sum_of_its_white_noise():
+    """The fast convolution equals Kasdin's recursion written as two loops."""
+    count, white = 50, stream(3).normal(0.0, 2.0, 50)
+    response = [1.0]
+    for k in range(1, count):
+        response.append(response[-1] * (k - 1 + 0.5) / k)
+    looped = [sum(response[k] * white[n - k] for k in range(n + 1)) for n in range(count)]
+    assert noise.flicker(2.0, count, stream(3)) == pytest.approx(looped, abs=1e-12)
+
+
+@pytest.mark.parametrize("tau_s", [100, 1000])
+def test_rate_random_walk_rises_with_the_root_of_tau(tau_s):
+    """The Allan deviation of a walking rate is K √(τ/3) with τ in h."""
+    records = [noise.rate_random_walk(0.5, 20_000, stream(seed)) for seed in range(40)]
+    pooled = np.sqrt(np.mean([allan_deviation(rate, tau_s) ** 2 for rate in records]))
+    assert pooled == pytest.approx(0.5 * np.sqrt(tau_s / 3600.0 / 3.0), rel=0.06)
+
+
+def test_rate_random_walk_does_not_depend_on_the_sampling_interval():
+    """After one hour the rate has walked by K, sampled at 1 s or at 10 s."""
+    ends = [noise.rate_random_walk(0.5, 360, stream(seed), interval_s=10.0)[-1] for seed in range(2000)]
+    assert np.std(ends) == pytest.approx(0.5, rel=0.06)
+
+
+def test_pulses_lose_no_angle():
+    """The summed pulses are never off the summed rate by a whole pulse, for rates of either sign."""
+    rate = stream(4).normal(-3.0, 2.0, 10_000)
+    lost = np.cumsum(rate) - np.cumsum(noise.pulses(rate, 0.05))
+    assert lost.min() > -1e-9  # °/h s
+    assert lost.max() < 0.05 + 1e-9  # °/h s
+
+
+def test_pulses_are_whole():
+    """Every interval holds a whole number of pulses."""
+    counts = noise.pulses(stream(5).normal(8.0, 0.6, 1000), 0.05) / 0.05
+    assert counts == pytest.approx(np.round(counts), abs=1e-6)
+
+
+@pytest.mark.parametrize("tau_s", [1, 5, 20])
+def test_pulses_have_the_allan_deviation_of_quantisation(tau_s):
+    """Counting in pulses adds √3 Q/τ with Q = pulse/√12, and falls faster than white noise."""
+    rate = stream(6).normal(8.0, 0.6, 100_000)
+    added = noise.pulses(rate, 0.05) - rate
+    assert allan_deviation(added, tau_s) == pytest.approx(np.sqrt(3.0) * 0.05 / np.sqrt(12.0) / tau_s, rel=0.03)
+
+
+def test_a_reading_is_the_nearest_step_of_its_resolution():
+    """A noiseless thermometer of 0.0625 °C is off by at most half a step, and uses every step."""
+    degc = np.linspace(-1.0, 1.0, 5001)
+    steps = noise.reading(degc, 0.0625, 0.0, stream(7)) / 0.0625
+    assert steps == pytest.approx(np.round(steps), abs=1e-12)
+    assert np.abs(steps - degc / 0.0625).max() <= 0.5 + 1e-9
+    assert len(np.unique(steps)) == 33
+
+
+def test_the_noise_of_a_reading_comes_before_its_rounding():
+    """The scatter of readings is that of noise and rounding together."""
+    quantity = stream(8).uniform(0.0, 1.0, 50_000)
+    scatter = np.std(noise.reading(quantity, 0.1, 0.05, stream(9)) - quantity)
+    assert scatter == pytest.approx(np.hypot(0.05, 0.1 / np.sqrt(12.0)), rel=0.02)  # °C

@@ -1,0 +1,118 @@
+"""Run folders: whole or absent, never overwritten, noticed when touched."""
+
+import json
+
+import pytest
+
+from calibkit import coefficients, store
+from calibkit.errors import CoefficientError, OutputError, UsageError
+
+
+def save_run(out, serial="S-1", stage="drift"):
+    """Commit a run with one coefficient file and one report."""
+
+    def build(revision, superseded):
+        identity = coefficients.Identity(serial, revision, "2026-11-21", "calibkit 0", "00", ())
+        record = coefficients.record(coefficients.StageResult(stage), identity, superseded.get(stage, ""))
+        contents = {f"{stage}.json": coefficients.dumps(record).encode(), "report.txt": b"hello\n"}
+        document = {"format": store.RUN_FORMAT, "serial": serial, "revision": revision}
+        document["files"] = [
+            {"name": name, "sha256": store.hashlib.sha256(content).hexdigest()} for name, content in contents.items()
+        ]
+        return {"run.json": coefficients.seal(document).encode(), **contents}
+
+    return store.commit(out, serial, build)
+
+
+def test_revisions_follow_each_other_and_supersede(tmp_path):
+    """The second run is r002, leaves r001 as it was, and names the digest of the file it supersedes."""
+    first = save_run(tmp_path)
+    before = {path.name: path.read_bytes() for path in first.iterdir()}
+    second = save_run(tmp_path)
+    assert (first.name, second.name) == ("r001", "r002")
+    assert {path.name: path.read_bytes() for path in first.iterdir()} == before
+    digest = json.loads(before["drift.json"])["sha256"]
+    assert store.load(second).records["drift.json"].supersedes == digest
+    assert store.load(first).records["drift.json"].supersedes == ""
+
+
+def test_a_run_is_found_by_folder_serial_and_revision(tmp_path):
+    """RUN is a folder, a serial (its newest revision) or a serial with a revision."""
+    first, second = save_run(tmp_path), save_run(tmp_path)
+    assert store.find(str(first), tmp_path) == first
+    assert store.find("S-1", tmp_path) == second
+    assert store.find("S-1@r001", tmp_path) == first
+    assert store.load(second).name == "S-1@r002"
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [("S-1@r009", "revisions there: r001"), ("S-2", "neither a run folder nor a serial"), ("../S-1", "neither")],
+)
+def test_a_run_that_is_not_there_is_said(tmp_path, name, message):
+    """An unknown run names what there is."""
+    save_run(tmp_path)
+    with pytest.raises(UsageError, match=message):
+        store.find(name, tmp_path)
+
+
+@pytest.mark.parametrize("file", ["drift.json", "report.txt", "run.json"])
+def test_one_changed_byte_is_noticed(tmp_path, file):
+    """A byte changed in any file of a run stops it from loading."""
+    run = save_run(tmp_path)
+    content = bytearray((run / file).read_bytes())
+    content[len(content) // 2] ^= 1
+    (run / file).write_bytes(content)
+    with pytest.raises(CoefficientError):
+        store.load(run)
+
+
+def test_a_missing_and_an_added_file_are_noticed(tmp_path):
+    """A run folder holds what run.json lists, no less and no more."""
+    run = save_run(tmp_path)
+    (run / "note.txt").write_text("x", encoding="utf-8")
+    with pytest.raises(CoefficientError, match=r"does not list: note.txt"):
+        store.load(run)
+    (run / "note.txt").unlink()
+    (run / "drift.json").unlink()
+    with pytest.raises(CoefficientError, match=r"drift.json: cannot be read"):
+        store.load(run)
+
+
+@pytest.mark.parametrize("serial", ["", "../x", "a/b", ".hidden", "a\\b", "x" * 101, "a ", "end."])
+def test_a_serial_that_cannot_name_a_folder_is_refused(serial):
+    """A serial with a path in it, or nothing in it, is refused."""
+    with pytest.raises(UsageError):
+        store.check_serial(serial)
+
+
+def test_a_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):
+    """When a file of a run cannot be written there is no run folder and no temporary one."""
+
+    def full_disk(path, content):
+        raise OSError(28, "No space left on device")
+
+    monkeypatch.setattr(store, "_write_synced", full_disk)
+    with pytest.raises(OutputError, match="No space left"):
+        save_run(tmp_path)
+    assert list((tmp_path / "S-1").iterdir()) == []
+
+
+def test_an_existing_file_is_never_overwritten(tmp_path):
+    """write_new refuses a name that is taken and leaves its content."""
+    path = tmp_path / "a.json"
+    store.write_new(path, b"one")
+    with pytest.raises(OutputError, match="exists already"):
+        store.write_new(path, b"two")
+    assert path.read_bytes() == b"one"
+    assert [entry.name for entry in tmp_path.iterdir()] == ["a.json"]
+
+
+def test_a_name_taken_between_check_and_rename_is_kept(tmp_path):
+    """The rename itself refuses to replace a file that appeared meanwhile."""
+    path, temporary = tmp_path / "a", tmp_path / "t"
+    path.write_bytes(b"one")
+    temporary.write_bytes(b"two")
+    with pytest.raises(OutputError):
+        store._rename_new(temporary, path)
+    assert path.read_bytes() == b"one"
