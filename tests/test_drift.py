@@ -273,3 +273,12 @@ def test_drift_rms_ignores_the_mean_and_averages_noise():
     assert compensation.drift_rms(np.array([5.0, 7.0]), 1) == 1.0
     assert compensation.drift_rms(np.array([1.0, -1.0, 1.0, -1.0]) + 3.0, 2) == 0.0
     assert compensation.drift_rms(np.array([1.0, -1.0, 1.0]), 2) == pytest.approx(np.std([1.0, -1.0, 1.0]))
+
+
+def test_an_order_that_spoils_a_fitted_ramp_does_not_help():
+    """A model that improves every left-out rate but makes a fitted ramp worse than raw is not chosen."""
+    raw = np.array([1.0, 1.0])
+    good = order.LeftOut("heating", 1, raw, np.array([0.5, 0.5]), np.array([0.4, 0.4]))
+    spoilt = order.LeftOut("heating", 1, raw, np.array([0.5, 0.5]), np.array([0.4, 1.2]))
+    small = order.LeftOut("heating", 1, raw, np.array([0.95, 0.95]), np.array([0.4, 0.4]))
+    assert (good.helps, spoilt.helps, small.helps) == (True, False, False)

@@ -65,6 +65,8 @@ def test_the_fit_command_works_in_a_fresh_copy(fresh):
     assert done.returncode == 0, done.stdout + done.stderr
     assert (fresh / "runs" / "FOG-0001" / "r001" / "run.json").is_file()
     assert "rate gain" in done.stdout
+    named = typed("../.venv/bin/calibkit check fog_thermal --data ../datasets/fog_thermal", fresh / "docs")
+    assert named.returncode == 0, named.stderr  # the recipe is found by name in the installed package
 
 
 def test_the_test_command_works_in_a_fresh_copy(fresh):
