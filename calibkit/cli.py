@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import json
+import os
 import sys
 from pathlib import Path
 from typing import TYPE_CHECKING, Any, NoReturn
@@ -285,6 +286,8 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):  # a console that cannot print ° must not stop a calibration
             stream.reconfigure(errors="replace")
+    # one thread a factorisation: these are tall and narrow, threads only wait for each other, and the sums keep their order
+    os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     argv = list(sys.argv[1:] if arguments is None else arguments)
     sys.exit(_guarded(lambda: cli.main(argv, prog_name="calibkit", standalone_mode=False), as_json="--json" in argv))
 
@@ -308,7 +311,6 @@ def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 
         sys.stderr.close()
         return 0
     except Exception as error:  # noqa: BLE001 (the last resort: a traceback helps nobody at the bench)
-        import os
         import traceback
 
         if os.environ.get("CALIBKIT_DEBUG"):

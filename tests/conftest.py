@@ -2,6 +2,10 @@
 
 from __future__ import annotations
 
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # before numpy is imported; see calibkit.cli
+
 import json
 from dataclasses import dataclass
 from pathlib import Path

@@ -1,0 +1,44 @@
+"""The earth's rotation as a gyro at rest sees it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Array = NDArray[np.float64]
+
+EARTH_RATE_RADPS = 7.292115e-5
+"""Angular rate of the earth [rad/s] (WGS 84, NIMA TR8350.2, table 3.1)."""
+EARTH_RATE_DPH = 15.041067
+"""The same [°/h], to the digits that the published examples were computed with."""
+DPH_PER_DPS = 3600.0
+"""Degrees an hour in one degree a second."""
+
+
+def vertical_rate(latitude_deg: ArrayLike) -> Array:
+    """Component of the earth's rate about the upward vertical [°/h]: ω_e sin α, positive in the north."""
+    return np.asarray(EARTH_RATE_DPH * np.sin(np.radians(latitude_deg)), dtype=np.float64)
+
+
+def horizontal_rate(latitude_deg: ArrayLike) -> Array:
+    """Component of the earth's rate about the horizontal that points north [°/h]: ω_e cos α."""
+    return np.asarray(EARTH_RATE_DPH * np.cos(np.radians(latitude_deg)), dtype=np.float64)
+
+
+def north_east_down(latitude_deg: ArrayLike) -> Array:
+    """Earth's rate [..., 3] [°/h] in the axes north, east, down: ω_e (cos α, 0, −sin α)."""
+    north, up = horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
+    return np.stack((north, np.zeros_like(north), -up), axis=-1)
+
+
+def two_position(up: ArrayLike, down: ArrayLike) -> tuple[Array, Array]:
+    """Vertical input rate and bias from means with the input axis up and down, in the unit of the means.
+
+    The half difference is the vertical component of the earth's rate, the half sum the bias (IEEE Std 952, bias tests).
+    """
+    above, below = np.asarray(up, dtype=np.float64), np.asarray(down, dtype=np.float64)
+    return (above - below) / 2.0, (above + below) / 2.0
