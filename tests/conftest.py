@@ -65,11 +65,11 @@ def log_writer():
 
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory):
-    """Return a folder with a simulated gyro whose drift the published model improves (seed 2)."""
+    """Return a folder with a simulated gyro whose drift the published model improves (seed 7)."""
     from calibkit.simulate import fog_thermal
 
     folder = tmp_path_factory.mktemp("campaign")
-    for name, content in fog_thermal.campaign(2).files().items():
+    for name, content in fog_thermal.campaign(7).files().items():
         path = folder / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(content)

@@ -334,3 +334,17 @@ def test_the_coefficient_file_in_a_run_verifies_by_itself(runs, calibkit):
     file = runs / "FOG-2" / "r001" / "drift.json"
     assert "drift of FOG-2 r001, effective from 2026-11-21" in calibkit("verify", file).out
     assert coefficients.loads(file.read_text(encoding="utf-8"), "drift.json").serial == "FOG-2"
+
+
+def test_heating_and_cooling_in_one_log_are_two_ramps(campaign, tmp_path, calibkit, log_writer):
+    """Four logs that go up and down give eight ramps, named log:1 and log:2, and a model of both sides."""
+    for rate in ("01", "05", "08", "10"):
+        up, down = (campaign / f"ramp_{side}_{rate}.csv" for side in ("heating", "cooling"))
+        columns = {name: np.concatenate([column(up, name), column(down, name)]) for name in table(up)[0]}
+        columns["time_s"] = np.arange(float(columns["time_s"].size))
+        log_writer(tmp_path / "logs" / f"cycle_{rate}.csv", **columns)
+    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "C", "--out", tmp_path / "runs")
+    assert outcome.code == 0, outcome.err
+    records = store.load(tmp_path / "runs" / "C" / "r001").records
+    assert [model.name for model in records["drift.json"].models][:2] == ["cycle_01:1", "cycle_01:2"]
+    assert {model.name for model in records["drift_rate.json"].models} == {"heating", "cooling"}

@@ -35,6 +35,11 @@ class Blocks:
     indication: Array
     rate: Array
 
+    def between(self, start: int, stop: int) -> Blocks:
+        """Intervals start … stop − 1."""
+        part = slice(start, stop)
+        return Blocks(self.time[part], self.case[part], self.gradient[part], self.indication[part], self.rate[part])
+
 
 @dataclass(frozen=True, slots=True)
 class RampFit:

@@ -51,11 +51,8 @@ def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> list[FittedRamp]:
     fitted = []
     for log in logs:
         for ramp in log.ramps:
-            part = slice(ramp.start, ramp.stop)
-            blocks = drift.Blocks(
-                *(getattr(log.denoised, name)[part] for name in ("time", "case", "gradient", "indication", "rate"))
-            )
             try:
+                blocks = log.denoised.between(ramp.start, ramp.stop)
                 found = drift.ramp(blocks, ramp.rate, estimate=spec.estimate)
             except FitError as error:
                 raise FitError(f"{log.source.name}: {error.message}", hint=error.hint) from None
@@ -131,8 +128,8 @@ def _whole_cycle(choices: list[SideChoice]) -> list[SideChoice]:
 
 def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideChoice:
     """Choice of one side."""
-    fits, logs = [item.fit for item in members], [item.log.raw for item in members]
-    tested = order.candidates(fits, logs, side, group(spec.interval_s))
+    fits = [item.fit for item in members]
+    tested = order.candidates(fits, [_stretch(item) for item in members], side, group(spec.interval_s))
     if spec.order != "auto":
         return _pinned(fits, tested, spec.order, side)
     winner = order.best(tested)
@@ -148,6 +145,13 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
             f"{least.pooled_raw:.3g} deg/h raw, or makes a ramp worse"
         )
     return SideChoice(side, tuple(tested), None, (f"{side}: no drift term exported: {reason}",))
+
+
+def _stretch(item: FittedRamp) -> drift.Blocks:
+    """Block means of a ramp with the soaks around it: the whole log where it has one ramp."""
+    before = [ramp.stop for ramp in item.log.ramps if ramp.stop <= item.ramp.start]
+    after = [ramp.start for ramp in item.log.ramps if ramp.start >= item.ramp.stop]
+    return item.log.raw.between(max(before, default=0), min(after, default=item.log.raw.time.size))
 
 
 def _pinned(fits: Sequence[drift.RampFit], tested: Sequence[order.LeftOut], pinned: int, side: str) -> SideChoice:
