@@ -4,9 +4,9 @@ import hashlib
 import json
 
 import pytest
-from conftest import ROOT
 
 from calibkit.simulate import campaigns
+from conftest import ROOT
 
 DATASETS = sorted(path for path in (ROOT / "datasets").iterdir() if path.is_dir())
 

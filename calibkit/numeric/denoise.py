@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import math
 from bisect import bisect_left
 from dataclasses import dataclass
 from functools import lru_cache
@@ -236,7 +237,10 @@ def _noise(parts: Decomposition, lifting: Scheme) -> Array:
 def _checked(signal: Array) -> Array:
     """The signal as an array of finite numbers."""
     samples = np.ascontiguousarray(signal, dtype=np.float64)
-    finite = np.isfinite(samples)
+    with np.errstate(all="ignore"):
+        total = float(np.sum(samples))
+    # one pass without a mask: a sum is finite only where every term is
+    finite = np.isfinite(samples) if not math.isfinite(total) else np.ones(1, dtype=np.bool_)
     if not finite.all():
         raise FitError(
             f"{samples.size - np.count_nonzero(finite)} of {samples.size} samples are not finite, the first is sample "

@@ -3,18 +3,18 @@
 from __future__ import annotations
 
 import difflib
-import math
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric.factor import Scheme, Step, factored
+from calibkit.numeric.extension import EXTENSIONS, Extension, extended
+from calibkit.numeric.factor import LITERAL, Scheme, Step, factored
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -34,48 +34,15 @@ __all__ = [
     "untouched",
 ]
 
-Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic"]
-EXTENSIONS: tuple[Extension, ...] = get_args(Extension)
 Span = tuple[int, int]
 """First index and one past the last."""
 
 BLOCK = 1 << 15
-"""Output pairs worked on at a time: three buffers of them stay in a second-level cache."""
-
-ROOT2, ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
-ALPHA, BETA, GAMMA, DELTA = -1.586134342059924, -0.052980118572961, 0.882911075530934, 0.443506852043971
-ZETA = 1.149604398860241
-"""CDF 9/7 lifting coefficients (Daubechies & Sweldens 1998, section 7.7; ISO/IEC 15444-1 annex F)."""
-
-LITERAL = {
-    literal.name: literal
-    for literal in (
-        Scheme("haar", (Step("detail", 0, (-1.0,)), Step("approximation", 0, (0.5,))), ROOT2, 1.0 / ROOT2),
-        Scheme("cdf53", (Step("detail", 0, (-0.5, -0.5)), Step("approximation", -1, (0.25, 0.25))), ROOT2, 1.0 / ROOT2),
-        Scheme(
-            "cdf97",
-            (
-                Step("detail", 0, (ALPHA, ALPHA)),
-                Step("approximation", -1, (BETA, BETA)),
-                Step("detail", 0, (GAMMA, GAMMA)),
-                Step("approximation", -1, (DELTA, DELTA)),
-            ),
-            ZETA,
-            1.0 / ZETA,
-        ),
-        Scheme(
-            "db2",
-            (
-                Step("detail", 0, (-ROOT3,)),
-                Step("approximation", 0, (ROOT3 / 4.0, (ROOT3 - 2.0) / 4.0)),
-                Step("detail", -1, (1.0,)),
-            ),
-            (ROOT3 + 1.0) / ROOT2,
-            (ROOT3 - 1.0) / ROOT2,
-        ),
-    )
-}
-"""Schemes written out by hand; every other name is a PyWavelets bank that is factored."""
+"""Pairs of samples that go through the lifting steps at a time: their buffers stay in a second-level cache."""
+CHUNK = 1 << 18
+"""Samples that go through all levels at a time, so that approximations stay in the cache too."""
+COARSEST = 64
+"""Coefficients of the coarsest level that a chunk has at least, many more than the filters read beyond its ends."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -161,20 +128,23 @@ def forward(signal: Array, scheme: Scheme, levels: int, *, extension: Extension)
         )
     if extension not in EXTENSIONS:
         raise FitError(f"unknown extension {extension!r}", hint=f"use one of {', '.join(EXTENSIONS)}")
-    wanted, computed = _spans(scheme, (0, samples.size), levels)
-    details: list[Array] = []
-    approximation, first = samples, 0
-    for level in range(1, levels + 1):
-        approximation, detail = _analysed(approximation, first, scheme, computed[level], extension, 3 << (levels - 1))
-        first = computed[level][0]
-        details.append(detail[wanted[level][0] - first : wanted[level][1] - first])
+    wanted = _spans(scheme, (0, samples.size), levels)
+    details = tuple(np.empty(high - low) for low, high in wanted[1:])
+    approximation = np.empty(wanted[-1][1] - wanted[-1][0])
+    for shares, spans in _chunks(scheme, wanted):
+        part, first = samples, 0
+        for j in range(levels):
+            part, detail = _analysed(part, first, scheme, spans[j + 1], extension, 3 << (levels - 1))
+            first = spans[j + 1][0]
+            details[j][_selected(shares[j + 1], wanted[j + 1])] = detail[_selected(shares[j + 1], spans[j + 1])]
+        approximation[_selected(shares[-1], wanted[-1])] = part
     clean, _ = untouched(scheme, samples.size, levels)
     return Decomposition(
         scheme,
         samples.size,
         extension,
         approximation,
-        tuple(details),
+        details,
         tuple(low for low, _ in wanted[1:]),
         tuple(_selected(indices, within) for indices, within in zip(clean[1:], wanted[1:], strict=True)),
     )
@@ -188,85 +158,62 @@ def inverse(decomposition: Decomposition) -> Array:
     FitError : coefficients whose number is not that of the signal's length.
     """
     scheme, levels = decomposition.scheme, len(decomposition.details)
-    wanted, _ = _spans(scheme, (0, decomposition.length), levels)
+    wanted = _spans(scheme, (0, decomposition.length), levels)
     for (low, high), detail in zip(wanted[1:], decomposition.details, strict=True):
         if detail.shape != (high - low,) or decomposition.approximation.shape != (wanted[-1][1] - wanted[-1][0],):
             raise FitError(
                 f"{detail.shape} details where {high - low} belong to {decomposition.length} samples",
                 hint="change coefficients in place or by new values of the same number",
             )
-    signal = decomposition.approximation
-    for level in range(levels, 0, -1):
-        signal = _synthesised(
-            signal, decomposition.details[level - 1], scheme, first=wanted[level][0], span=wanted[level - 1]
-        )
-    return signal
-
-
-def extended(signal: Array, start: int, stop: int, extension: Extension, window: int) -> Array:
-    """Samples start … stop − 1 of a signal [n] that goes on beyond its ends.
-
-    "symmetric" mirrors at the end samples, x(−k) = x(k); "antisymmetric" reflects in the end points,
-    x(−k) = 2 x(0) − x(k), which keeps a linear trend but carries the noise of one sample into the whole extension;
-    "trend" reflects in the value at the end of a straight line fitted to the last `window` samples, which keeps a
-    linear trend and averages the noise (`forward` takes one and a half of the coarsest level's scale, 1.5 · 2^levels,
-    as the window); "constant" holds the end values; "periodic" joins the two ends.
-    """
-    n = signal.size
-    if start >= 0 and stop <= n:
-        return signal[start:stop]
-    at = np.arange(start, stop)
-    if extension == "periodic":
-        return signal[at % n]
-    if extension == "constant":
-        return signal[np.clip(at, 0, n - 1)]
-    turns, phase = np.divmod(at, 2 * max(n - 1, 1))
-    ahead = phase < n
-    samples = signal[np.where(ahead, phase, np.minimum(2 * (n - 1) - phase, n - 1))]
-    if extension == "symmetric":
-        return samples
-    left, right = (signal[0], signal[-1]) if extension == "antisymmetric" else _end_values(signal, window)
-    return np.asarray(np.where(ahead, samples, 2.0 * right - samples) + 2.0 * turns * (right - left))
-
-
-def _end_values(signal: Array, window: int) -> tuple[float, float]:
-    """Values at the first and the last sample of straight lines fitted to `window` samples at each end."""
-    size = min(max(window, 2), signal.size)
-    offset = np.arange(size) - (size - 1) / 2.0
-    spread = float(offset @ offset) or 1.0
-    values = [
-        float(np.mean(end)) - float(offset @ end) / spread * (size - 1) / 2.0
-        for end in (signal[:size], signal[::-1][:size])
-    ]
-    return values[0], values[1]
+    out = np.empty(decomposition.length)
+    for chunk in _cut((0, decomposition.length), max(CHUNK, COARSEST << levels)):
+        parts = _spans(scheme, chunk, levels)
+        signal = decomposition.approximation[_selected(parts[-1], wanted[-1])]
+        for level in range(levels, 0, -1):
+            detail = decomposition.details[level - 1][_selected(parts[level], wanted[level])]
+            signal = _synthesised(signal, detail, scheme, first=parts[level][0], span=parts[level - 1])
+        out[chunk[0] : chunk[1]] = signal
+    return out
 
 
 def span(scheme: Scheme, start: int, stop: int, levels: int) -> Span:
     """Samples that reach the reconstruction of samples start … stop − 1 through any of its coefficients."""
-    return _spans(scheme, (start, stop), levels)[1][0]
+    wanted = _spans(scheme, (start, stop), levels)
+    read = wanted[-1]
+    for needed in wanted[-2::-1]:
+        read = _hull(_sources(scheme, read), needed)
+    return read
 
 
 @lru_cache(maxsize=64)
-def _spans(scheme: Scheme, signal: Span, levels: int) -> tuple[tuple[Span, ...], tuple[Span, ...]]:
-    """Coefficient indices needed to rebuild the signal, level by level, and those computed on the way to them."""
-    forth, back = _passes(scheme)
-    shift = scheme.shifts
-    wanted = [signal]
+def _spans(scheme: Scheme, samples: Span, levels: int) -> tuple[Span, ...]:
+    """Indices of the coefficients that rebuild a range of samples, level by level; level 0 is the range itself."""
+    _, plan = _passes(scheme)
+    wanted = [samples]
     for _ in range(levels):
         low, high = _pairs(scheme, wanted[-1])
         wanted.append(
             (
-                min(low + back.reach[c][0] - shift[c] for c in (0, 1)),
-                max(high + back.reach[c][1] - shift[c] for c in (0, 1)),
+                min(low + plan.reach[c][0] - scheme.shifts[c] for c in (0, 1)),
+                max(high + plan.reach[c][1] - scheme.shifts[c] for c in (0, 1)),
             )
         )
-    computed = list(wanted)
-    for level in range(levels, 0, -1):
-        low, high = computed[level]
-        first = min(2 * (low + forth.reach[c][0]) + scheme.parity + c for c in (0, 1))
-        last = max(2 * (high - 1 + forth.reach[c][1]) + scheme.parity + c for c in (0, 1))
-        computed[level - 1] = (min(first, wanted[level - 1][0]), max(last + 1, wanted[level - 1][1]))
-    return tuple(wanted), tuple(computed)
+    return tuple(wanted)
+
+
+def _chunks(scheme: Scheme, wanted: Sequence[Span]) -> Iterator[tuple[list[Span], list[Span]]]:
+    """Cut all levels at the same times: each chunk's share of the wanted indices, and the indices computed for it."""
+    levels = len(wanted) - 1
+    for coarsest in _cut(wanted[-1], max(CHUNK >> levels, COARSEST)):
+        shares = []
+        for level, (low, high) in enumerate(wanted):
+            start = low if coarsest[0] == wanted[-1][0] else coarsest[0] << (levels - level)
+            stop = high if coarsest[1] == wanted[-1][1] else coarsest[1] << (levels - level)
+            shares.append((min(max(start, low), high), min(max(stop, low), high)))
+        spans = [coarsest]
+        for share in shares[-2::-1]:
+            spans.append(_hull(_sources(scheme, spans[-1]), share))
+        yield shares, spans[::-1]
 
 
 @lru_cache(maxsize=64)
@@ -292,6 +239,20 @@ def untouched(scheme: Scheme, length: int, levels: int) -> tuple[tuple[Span, ...
         low = 2 * max(low + shift[c] - back.reach[c][0] for c in (0, 1)) + scheme.parity
         high = 2 * min(high + shift[c] - back.reach[c][1] for c in (0, 1)) + scheme.parity
     return tuple(clean), (max(low, 0), min(high, length))
+
+
+def _sources(scheme: Scheme, outputs: Span) -> Span:
+    """Indices of the level above that the analysis of the given indices reads."""
+    plan, _ = _passes(scheme)
+    return (
+        min(2 * (outputs[0] + plan.reach[c][0]) + scheme.parity + c for c in (0, 1)),
+        max(2 * (outputs[1] - 1 + plan.reach[c][1]) + scheme.parity + c + 1 for c in (0, 1)),
+    )
+
+
+def _hull(one: Span, other: Span) -> Span:
+    """Smallest range that holds two ranges."""
+    return min(one[0], other[0]), max(one[1], other[1])
 
 
 def _selected(indices: Span, within: Span) -> slice:
@@ -336,17 +297,16 @@ def _analysed(
     plan, _ = _passes(scheme)
     outputs = np.empty(span[1] - span[0]), np.empty(span[1] - span[0])
     room, scratch = _buffers(plan, span)
-    for low in range(span[0], span[1], BLOCK):
-        block = (low, min(low + BLOCK, span[1]))
-        starts = (low + plan.reach[0][0], low + plan.reach[1][0])
+    for block in _cut(span, BLOCK):
+        starts = (block[0] + plan.reach[0][0], block[0] + plan.reach[1][0])
         for c in (0, 1):
             size = block[1] + plan.reach[c][1] - starts[c]
             at = 2 * starts[c] + scheme.parity + c - first
             room[c][:size] = extended(values, at, at + 2 * size - 1, extension, window)[::2]
         _lifted(room, starts, plan.moves, block, scratch)
         for c in (0, 1):
-            at = low + scheme.shifts[c] - starts[c]
-            out = outputs[c][low - span[0] : block[1] - span[0]]
+            at = block[0] + scheme.shifts[c] - starts[c]
+            out = outputs[c][block[0] - span[0] : block[1] - span[0]]
             np.multiply(room[c][at : at + out.size], scheme.gains[c], out=out)
     return outputs
 
@@ -356,21 +316,24 @@ def _synthesised(approximation: Array, detail: Array, scheme: Scheme, *, first: 
     _, plan = _passes(scheme)
     pairs = _pairs(scheme, span)
     out = np.empty(2 * (pairs[1] - pairs[0]))
-    inputs = (approximation, detail)
     room, scratch = _buffers(plan, pairs)
-    for low in range(pairs[0], pairs[1], BLOCK):
-        block = (low, min(low + BLOCK, pairs[1]))
-        starts = (low + plan.reach[0][0], low + plan.reach[1][0])
-        for c in (0, 1):
+    for block in _cut(pairs, BLOCK):
+        starts = (block[0] + plan.reach[0][0], block[0] + plan.reach[1][0])
+        for c, inputs in enumerate((approximation, detail)):
             size = block[1] + plan.reach[c][1] - starts[c]
             at = starts[c] - scheme.shifts[c] - first
-            np.multiply(inputs[c][at : at + size], 1.0 / scheme.gains[c], out=room[c][:size])
+            np.multiply(inputs[at : at + size], 1.0 / scheme.gains[c], out=room[c][:size])
         _lifted(room, starts, plan.moves, block, scratch)
         for c in (0, 1):
-            at = low - starts[c]
-            out[2 * (low - pairs[0]) + c : 2 * (block[1] - pairs[0]) : 2] = room[c][at : at + block[1] - low]
+            at = block[0] - starts[c]
+            out[2 * (block[0] - pairs[0]) + c : 2 * (block[1] - pairs[0]) : 2] = room[c][at : at + block[1] - block[0]]
     begin = span[0] - 2 * pairs[0] - scheme.parity
     return out[begin : begin + span[1] - span[0]]
+
+
+def _cut(span: Span, size: int) -> list[Span]:
+    """Consecutive pieces of a range of indices, of the given size but for the last."""
+    return [(low, min(low + size, span[1])) for low in range(span[0], span[1], size)]
 
 
 def _buffers(plan: _Pass, span: Span) -> tuple[tuple[Array, Array], Array]:

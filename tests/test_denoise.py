@@ -1,0 +1,365 @@
+"""The denoiser: trends stay, noise goes, ends are marked, and the causal mode never looks ahead."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import numpy as np
+import pytest
+from hypothesis import assume, given, settings
+from hypothesis import strategies as st
+
+from calibkit.errors import FitError
+from calibkit.numeric.denoise import causal, deepest, delay, denoise, shortest
+from calibkit.numeric.lifting import EXTENSIONS, forward, inverse, scheme
+from calibkit.numeric.shrinkage import RULES, THRESHOLDS, noise_gains
+
+SIGMA = 0.6  # °/h at 1 Hz: 0.01 °/√h
+
+
+def ramp_log(samples=2400, seed=5):
+    """A ramp's drift [°/h] as two lagged exponentials and a slope, and the same with white noise."""
+    time = np.arange(samples)
+    trend = 2.0 * (1.0 - np.exp(-time / 250.0)) - 1.5 * time / samples + 0.8 * np.exp(-time / 400.0)
+    return trend, trend + SIGMA * np.random.default_rng(seed).normal(size=samples)
+
+
+def rms(values):
+    """Root of the mean square."""
+    return float(np.sqrt(np.mean(np.square(values))))
+
+
+def test_the_default_recovers_the_trend_of_a_noisy_ramp():
+    """Noise of 0.6 °/h comes down to below 0.07 °/h over the whole ramp and 0.15 °/h over its last minutes."""
+    trend, log = ramp_log()
+    errors = [rms(denoise(ramp_log(seed=s)[1]).signal - trend) for s in range(8)]
+    assert max(errors) < 0.075
+    assert rms([denoise(ramp_log(seed=s)[1]).signal[-60:] - trend[-60:] for s in range(8)]) < 0.15
+    assert rms(log - trend) > 0.55
+
+
+def test_the_defaults_are_those_found_best_on_simulated_ramps():
+    """CDF 9/7, an eighth of the length, universal threshold, firm shrinkage, trend extension."""
+    _, log = ramp_log(1000)
+    chosen = denoise(log, wavelet="cdf97", levels=6, threshold="universal", rule="firm", extension="trend")
+    assert np.array_equal(denoise(log).signal, chosen.signal)
+    chosen = causal(log, wavelet="cdf97", levels=5, threshold="universal", rule="firm")
+    assert np.array_equal(causal(log).signal, chosen.signal)
+
+
+def test_the_default_extension_has_the_least_error_at_the_ends_of_a_steep_ramp():
+    """5 °/h over 600 s: the symmetric extension bends the trend, the antisymmetric one carries one sample's noise."""
+    trend = 5.0 * np.arange(600) / 600.0
+    errors = dict.fromkeys(EXTENSIONS, 0.0)
+    for seed in range(30):
+        log = trend + SIGMA * np.random.default_rng(seed).normal(size=600)
+        for extension in EXTENSIONS:
+            error = denoise(log, extension=extension).signal - trend
+            errors[extension] += float(np.sum(error[:60] ** 2 + error[-60:] ** 2))
+    assert errors["trend"] < 0.25 * errors["antisymmetric"]
+    assert errors["trend"] < 0.8 * min(errors["symmetric"], errors["constant"], errors["periodic"])
+
+
+@pytest.mark.parametrize("extension", ["antisymmetric", "trend"])
+@pytest.mark.parametrize("wavelet", ["cdf53", "cdf97", "db4"])
+@pytest.mark.parametrize("rule", sorted(RULES))
+def test_a_straight_line_passes_unchanged_to_rounding(extension, wavelet, rule):
+    """A linear drift of 5 °/h over a ramp keeps every sample, ends included, to 1e-12 °/h."""
+    line = -2.0 + 5.0 * np.arange(1201) / 1200.0
+    found = denoise(line, wavelet=wavelet, extension=extension, rule=rule)
+    assert np.max(np.abs(found.signal - line)) < 1e-11
+
+
+def test_symmetric_extension_bends_a_straight_line_at_both_ends():
+    """With all details removed the mirrored line is rounded off at its ends by 0.5 % of its span, not so by `trend`."""
+    line = 5.0 * np.arange(1200) / 1200.0
+    parts = forward(line, scheme("cdf97"), 6, extension="symmetric")
+    bent = inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details))) - line
+    assert bent[0] > 0.025
+    assert bent[-1] < -0.025
+    parts = forward(line, scheme("cdf97"), 6, extension="trend")
+    kept = inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details))) - line
+    assert np.max(np.abs(kept)) < 1e-11
+
+
+def test_the_slope_of_a_noisy_linear_drift_is_kept():
+    """The slope fitted to denoised samples is that fitted to the noisy ones within 0.3 of its standard error."""
+    time = np.arange(3000.0)
+    log = 1e-3 * time + SIGMA * np.random.default_rng(2).normal(size=time.size)
+    slopes = [np.polyfit(time, values, 1)[0] for values in (log, denoise(log).signal)]
+    standard_error = SIGMA / np.sqrt(np.sum((time - time.mean()) ** 2))
+    assert abs(slopes[1] - slopes[0]) < 0.3 * standard_error
+
+
+@pytest.mark.parametrize("wavelet", ["haar", "cdf53", "cdf97", "db4", "sym5"])
+@pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
+@pytest.mark.parametrize("length", [1024, 1501])
+def test_only_marked_samples_change_with_the_extension(wavelet, threshold, length):
+    """Noise, thresholds and every sample outside the edge mask are the same bit for bit under all extensions."""
+    _, log = ramp_log(length)
+    results = [denoise(log, wavelet=wavelet, levels=4, threshold=threshold, extension=e) for e in EXTENSIONS]
+    first = results[0]
+    assert np.count_nonzero(~first.edge) > 0
+    assert np.count_nonzero(first.edge) < 700
+    for other in results[1:]:
+        assert np.array_equal(other.edge, first.edge)
+        assert np.array_equal(other.noise, first.noise)
+        assert np.array_equal(other.thresholds, first.thresholds)
+        assert np.array_equal(other.signal[~first.edge], first.signal[~first.edge])
+
+
+@pytest.mark.parametrize(("wavelet", "most"), [("cdf53", 20), ("cdf97", 62), ("db4", 62)])
+def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
+    """The samples that do change under another extension come that close to the inner borders of the mask."""
+    _, log = ramp_log(1500)
+    changed = np.zeros(1500, dtype=bool)
+    for seed in range(20):
+        one = forward(log, scheme(wavelet), 3, extension="symmetric")
+        generator = np.random.default_rng(seed)
+        kept = [generator.random(d.size) < 0.5 for d in one.details]
+        other = forward(log, scheme(wavelet), 3, extension="constant")
+        signals = [
+            inverse(dataclasses.replace(p, details=tuple(d * k for d, k in zip(p.details, kept, strict=True))))
+            for p in (one, other)
+        ]
+        changed |= signals[0] != signals[1]
+    clear = np.flatnonzero(~denoise(log, wavelet=wavelet, levels=3).edge)
+    assert not changed[clear].any()
+    touched = np.flatnonzero(changed)
+    assert clear[0] - touched[touched < 700].max() < most
+    assert touched[touched > 800].min() - clear[-1] < most
+
+
+def test_a_signal_whose_filters_reach_everywhere_is_all_edge():
+    """At the deepest level on the shortest signal nothing is out of the extension's reach."""
+    _, log = ramp_log(shortest("cdf97", 6))
+    assert denoise(log, levels=6).edge.all()
+
+
+@pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
+def test_noise_and_thresholds_are_reported_level_by_level_in_the_unit_of_the_signal(threshold):
+    """Noise is σ times the level's gain within 4 standard errors of the MAD, and both figures scale with the signal."""
+    log = SIGMA * np.random.default_rng(8).normal(size=20_000)
+    found = denoise(log, wavelet="cdf53", levels=4, threshold=threshold)
+    allowed = 4.0 * 1.17 / np.sqrt(20_000 / 2.0 ** np.arange(1, 5))
+    assert np.all(np.abs(found.noise / (SIGMA * noise_gains(scheme("cdf53"), 4)) - 1.0) < allowed)
+    scaled = denoise(8.0 * log, wavelet="cdf53", levels=4, threshold=threshold)
+    assert np.array_equal(scaled.noise, 8.0 * found.noise)
+    np.testing.assert_allclose(scaled.thresholds, 8.0 * found.thresholds, rtol=1e-13)
+    assert found.levels == found.noise.size == found.thresholds.size == 4
+    assert found.delay == 0
+
+
+def test_levels_with_too_few_details_take_the_noise_of_the_level_above_by_the_gains():
+    """On 600 samples the coarse levels have fewer than 16 details of their own: white noise continues from above."""
+    _, log = ramp_log(600)
+    found = denoise(log, wavelet="cdf97", levels=6)
+    gains = noise_gains(scheme("cdf97"), 6)
+    assert found.noise[5] / found.noise[4] == pytest.approx(gains[5] / gains[4], rel=1e-14)
+    assert found.noise[1] / found.noise[0] != pytest.approx(gains[1] / gains[0], rel=1e-3)
+
+
+def test_a_constant_or_noise_free_signal_is_left_as_it_is():
+    """Zero noise gives zero thresholds, which remove nothing."""
+    constant = np.full(300, 7.5)
+    assert np.max(np.abs(denoise(constant).signal - 7.5)) < 1e-12
+    spike = np.zeros(300)
+    spike[150] = 1.0
+    assert np.max(np.abs(denoise(spike).signal - spike)) < 1e-12
+
+
+@pytest.mark.parametrize(("wavelet", "levels", "length"), [("cdf97", 6, 509), ("haar", 7, 128), ("db4", 3, 56)])
+def test_a_ramp_shorter_than_the_filter_is_refused_with_found_and_needed(wavelet, levels, length):
+    """The shortest length passes; one sample less is an error that states both numbers."""
+    assert shortest(wavelet, levels) == length
+    _, log = ramp_log(length)
+    assert denoise(log, wavelet=wavelet, levels=levels).signal.size == length
+    with pytest.raises(FitError, match=f"{length - 1} samples are shorter than the filter: .* needs {length}") as error:
+        denoise(log[1:], wavelet=wavelet, levels=levels)
+    assert error.value.exit_code == 3
+
+
+def test_a_signal_too_short_for_one_level_is_refused():
+    """Level 1 must have 16 details on the signal to show its noise: 39 samples for CDF 9/7."""
+    assert shortest("cdf97", 1) == 39
+    with pytest.raises(FitError, match="38 samples are shorter than the filter: cdf97 over 1 levels needs 39"):
+        denoise(np.zeros(38))
+    with pytest.raises(FitError, match="2 samples"):
+        denoise(np.zeros(2))
+
+
+def test_the_default_depth_is_an_eighth_of_the_length_at_most_and_fits():
+    """2^levels stays at or below n/8, and no deeper than the filter fits."""
+    assert [deepest("cdf97", n) for n in (39, 600, 960, 2400, 6000)] == [2, 6, 6, 8, 9]
+    assert [deepest("haar", n) for n in (39, 600, 6000)] == [2, 6, 9]
+    assert all(shortest("db20", deepest("db20", n)) <= n for n in (100, 1000, 10_000))
+    assert denoise(ramp_log(600)[1]).levels == 6
+
+
+@pytest.mark.parametrize(
+    ("keywords", "message"),
+    [
+        ({"threshold": "univers"}, "unknown threshold 'univers'; did you mean universal"),
+        ({"rule": "gentle"}, "unknown shrinkage rule 'gentle'; use one of soft, hard"),
+        ({"wavelet": "cdf79"}, "unknown wavelet 'cdf79'"),
+        ({"extension": "mirror"}, "unknown extension 'mirror'"),
+        ({"levels": 0}, "0 levels"),
+    ],
+)
+def test_unknown_choices_are_refused(keywords, message):
+    """Every name is checked and the error says which one is meant."""
+    with pytest.raises(FitError, match=message):
+        denoise(ramp_log(600)[1], **keywords)
+
+
+@pytest.mark.parametrize("function", [denoise, causal])
+def test_a_sample_that_is_not_finite_is_refused_with_its_place(function):
+    """One NaN would spread over a whole filter: count and first place are told."""
+    _, log = ramp_log(900)
+    log[[123, 400]] = np.nan, np.inf
+    with pytest.raises(FitError, match="2 of 900 samples are not finite, the first is sample 123"):
+        function(log)
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    wavelet=st.sampled_from(["haar", "cdf53", "cdf97", "db2", "db4", "sym5", "bior3.5"]),
+    levels=st.integers(1, 4),
+    threshold=st.sampled_from(sorted(THRESHOLDS)),
+    rule=st.sampled_from(sorted(RULES)),
+    length=st.integers(300, 700),
+    share=st.floats(0.0, 1.0),
+    seed=st.integers(0, 2**32 - 1),
+)
+def test_the_causal_mode_never_looks_ahead(wavelet, levels, threshold, rule, length, share, seed):
+    """Signals equal before k0 give bit-equal results before k0, and a longer record starts like a shorter one."""
+    generator = np.random.default_rng(seed)
+    signal = generator.normal(size=length).cumsum()
+    start = int(share * length)
+    other = signal.copy()
+    other[start:] += generator.normal(size=length - start) * 100.0
+    options = {"wavelet": wavelet, "levels": levels, "threshold": threshold, "rule": rule}
+    one, two = causal(signal, **options), causal(other, **options)
+    assert np.array_equal(one.signal[:start], two.signal[:start])
+    assume(start > max(delay(wavelet, levels), shortest(wavelet, levels) - 1))
+    assert np.array_equal(causal(signal[:start], **options).signal, one.signal[:start])
+
+
+@pytest.mark.parametrize(("wavelet", "reached"), [("haar", 7), ("cdf53", 21), ("cdf97", 49), ("db2", 21)])
+def test_the_delay_is_what_the_filters_need(wavelet, reached):
+    """The farthest a reconstructed sample looks ahead over three levels, by trial, is the delay or up to 2/5 less."""
+    signal, lifting_scheme = ramp_log(700)[1], scheme(wavelet)
+    generator = np.random.default_rng(0)
+    parts = forward(signal, lifting_scheme, 3, extension="constant")
+    masks = [generator.random(d.size) < 0.5 for d in parts.details]
+
+    def filtered(samples):
+        p = forward(samples, lifting_scheme, 3, extension="constant")
+        return inverse(dataclasses.replace(p, details=tuple(d * m for d, m in zip(p.details, masks, strict=True))))
+
+    base, farthest = filtered(signal), 0
+    for k in range(400, 416):
+        other = signal.copy()
+        other[k] += 1.0
+        farthest = max(farthest, k - int(np.flatnonzero(filtered(other) != base)[0]))
+    assert farthest == reached
+    assert reached <= delay(wavelet, 3) <= 5 * reached // 3
+
+
+def test_the_causal_mode_with_learned_thresholds_is_the_offline_result_delayed():
+    """Away from the ends sample k equals the offline sample k − delay bit for bit, and the noise is the learned one."""
+    _, log = ramp_log(3000)
+    offline = denoise(log, levels=5)
+    online = causal(log, levels=5, learned=offline)
+    late = delay("cdf97", 5)
+    assert online.delay == late == 248
+    inside = np.flatnonzero(~offline.edge)
+    inside = inside[inside + late < log.size]
+    assert inside.size > 1000
+    assert np.array_equal(online.signal[inside + late], offline.signal[inside])
+    assert not online.edge[inside + late].any()
+    assert np.array_equal(online.noise, offline.noise)
+
+
+@pytest.mark.parametrize("wavelet", ["haar", "cdf97", "db4", "sym5"])
+def test_in_the_causal_mode_the_first_sample_stands_for_everything_before_it(wavelet):
+    """Behind 512 copies of its first sample a record gives the same, behind another history only edge samples differ."""
+    _, log = ramp_log(1500)
+    learned = denoise(log, wavelet=wavelet, levels=3)
+    alone = causal(log, wavelet=wavelet, levels=3, learned=learned)
+    held = causal(np.concatenate([np.full(512, log[0]), log]), wavelet=wavelet, levels=3, learned=learned)
+    assert np.array_equal(held.signal[512 + alone.delay :], alone.signal[alone.delay :])
+    history = 5.0 + SIGMA * np.random.default_rng(1).normal(size=512)
+    other = causal(np.concatenate([history, log]), wavelet=wavelet, levels=3, learned=learned).signal[512:]
+    assert np.array_equal(other[~alone.edge], alone.signal[~alone.edge])
+    differing = np.flatnonzero(other != alone.signal)
+    if wavelet != "haar":  # whose blocks of eight begin with the record
+        assert differing[-1] >= alone.delay
+    assert np.count_nonzero(alone.edge) - differing[-1] <= alone.delay + 1
+
+
+@pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
+@pytest.mark.parametrize("rule", ["soft", "firm"])
+def test_causal_thresholds_are_told_at_every_doubling_of_the_past_details(threshold, rule):
+    """A twin that shrinks one detail at a time by what the details before its stretch tell gives the same samples."""
+    _, log = ramp_log(1500)
+    found = causal(log, wavelet="cdf53", levels=3, threshold=threshold, rule=rule)
+    parts = forward(log, scheme("cdf53"), 3, extension="constant")
+    shrunk, figures = [detail.copy() for detail in parts.details], [None] * 3
+    for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
+        for i in range(32, detail.size - interior.start):
+            stretch = 32
+            while 2 * stretch <= i:
+                stretch *= 2
+            past = detail[interior.start : interior.start + stretch]
+            sigma = np.median(np.abs(past)) / 0.6745
+            figures[j] = (sigma, THRESHOLDS[threshold](past, sigma, stretch * 2 ** (j + 1)))
+            one = detail[interior.start + i : interior.start + i + 1]
+            shrunk[j][interior.start + i] = RULES[rule](one, figures[j][1])[0]
+    expected = inverse(dataclasses.replace(parts, details=tuple(shrunk)))
+    np.testing.assert_allclose(found.signal[found.delay :], expected[: -found.delay], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(found.noise, [sigma for sigma, _ in figures], rtol=1e-14)
+    np.testing.assert_allclose(found.thresholds, [value for _, value in figures], rtol=1e-14)
+
+
+def test_the_causal_mode_denoises_with_what_it_has_learned_from_the_past():
+    """After its start the noise of a constant comes down from 0.6 to below 0.2 °/h (five levels: 0.6/√32 = 0.11)."""
+    log = 3.0 + SIGMA * np.random.default_rng(4).normal(size=8000)
+    found = causal(log, levels=5)
+    assert rms(found.signal[4000:] - 3.0) < 0.2
+    assert np.all(np.abs(found.noise / SIGMA - 1.0) < 0.35)
+    assert np.array_equal(found.signal[: found.delay], np.full(found.delay, log[0]))
+    assert found.edge[: found.delay].all()
+
+
+def test_on_a_ramp_the_causal_result_is_late_by_slope_times_delay_and_loses_to_a_moving_average():
+    """With the same noise reduction the moving average lags 16 s and the causal CDF 9/7 248 s."""
+    slope, time = 1e-3, np.arange(6000.0)  # °/h per s
+    log = slope * time + SIGMA * np.random.default_rng(6).normal(size=time.size)
+    found = causal(log, levels=5)
+    late = (slope * time - found.signal)[3000:]
+    assert np.mean(late) == pytest.approx(slope * found.delay, rel=0.1)
+    average = np.convolve(log, np.full(32, 1.0 / 32.0))[: time.size]
+    assert rms(found.signal[3000:] - slope * time[3000:]) > 2.0 * rms(average[3000:] - slope * time[3000:])
+
+
+def test_the_causal_mode_refuses_what_is_not_longer_than_its_delay():
+    """A record within the delay would be the first sample throughout."""
+    with pytest.raises(FitError, match="504 samples are shorter than the filter"):
+        causal(np.zeros(504), levels=6)
+    with pytest.raises(FitError, match="248 samples are not more than the delay of 248 samples"):
+        causal(np.zeros(248), wavelet="db4", levels=5)
+    with pytest.raises(FitError, match="thresholds of 3 levels for a transform over 4"):
+        causal(ramp_log()[1], levels=4, learned=denoise(ramp_log()[1], levels=3))
+    with pytest.raises(FitError, match="unknown threshold"):
+        causal(ramp_log()[1], threshold="best")
+
+
+@pytest.mark.parametrize("function", [denoise, causal])
+def test_the_indication_is_not_changed(function):
+    """A read-only column goes in, and stays as it was."""
+    _, log = ramp_log(900)
+    log.flags.writeable = False
+    before = log.copy()
+    function(log)
+    assert np.array_equal(log, before)
