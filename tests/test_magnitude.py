@@ -1,0 +1,167 @@
+"""Nine parameters from the length of gravity alone: two solvers, intervals, warnings."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.stats import t
+
+from calibkit.errors import FitError
+from calibkit.numeric import accel_q, gauss_newton, magnitude
+
+TRUTH = np.array([1.012, 0.985, 1.004, 0.011, -0.02, 0.007, 0.0043, -0.0087, 0.0121])
+NOISE_G = 2e-5
+
+
+def sphere(count):
+    """Evenly spread unit vectors [count, 3] (golden spiral)."""
+    k = np.arange(count) + 0.5
+    z, turn = 1.0 - 2.0 * k / count, np.pi * (1.0 + np.sqrt(5.0)) * k
+    return np.column_stack([np.sqrt(1.0 - z**2) * np.cos(turn), np.sqrt(1.0 - z**2) * np.sin(turn), z])
+
+
+def indications(vectors, seed=0, *, truth=TRUTH, noise=NOISE_G):
+    """Indications of a triad with these nine parameters."""
+    exact = truth[:3] * (vectors @ accel_q.axes_of(truth[6:]).T) + truth[3:6]
+    return exact + np.random.default_rng(seed).normal(0.0, noise, exact.shape)
+
+
+@given(st.integers(0, 2**32 - 1))
+@settings(max_examples=25, deadline=None)
+def test_exact_dwells_give_the_parameters_back(seed):
+    """Any sane triad comes out of exact dwells to 1e-10, whatever the unit of its indications."""
+    rng = np.random.default_rng(seed)
+    counts = 10.0 ** rng.uniform(-1.0, 4.5)
+    truth = np.concatenate([rng.uniform(0.7, 1.4, 3), rng.uniform(-2.0, 2.0, 3), rng.uniform(-0.08, 0.08, 3)])
+    truth[:6] *= counts
+    found = magnitude.fit(indications(sphere(30), truth=truth, noise=0.0)).parameters
+    np.testing.assert_allclose(found[:6] / counts, truth[:6] / counts, atol=1e-10)
+    np.testing.assert_allclose(found[6:], truth[6:], atol=1e-10)  # rad
+
+
+def test_corrected_vectors_have_the_length_of_gravity_and_the_angles_of_the_truth():
+    """In the frame of the triad, corrected components are the vectors that were felt."""
+    vectors = sphere(24)
+    fitted = magnitude.fit(9.8 * indications(vectors, noise=0.0), 9.80665)
+    corrected = magnitude.correct(fitted.parameters, 9.8 * indications(vectors, noise=0.0))
+    np.testing.assert_allclose(corrected, 9.80665 * vectors, atol=1e-9)
+    np.testing.assert_allclose((9.8 * indications(vectors, noise=0.0) - fitted.bias) @ fitted.matrix.T, corrected)
+
+
+@pytest.mark.parametrize("noisy", [False, True])
+def test_both_solvers_agree(noisy):
+    """Blocked Gauss-Newton and bounded lmfit agree to 1e-6 standard uncertainties, uncertainties to 1e-6."""
+    noise = np.full(28, NOISE_G) if noisy else None
+    fast = magnitude.fit(indications(sphere(28)), noise=noise)
+    bounded, intervals = magnitude.fit_bounded(indications(sphere(28)), noise=noise)
+    assert np.max(np.abs(bounded.parameters - fast.parameters) / fast.standard_uncertainty) < 1e-6
+    np.testing.assert_allclose(bounded.standard_uncertainty, fast.standard_uncertainty, rtol=1e-6)
+    assert bounded.flags == fast.flags == ()
+    half = np.array([(high - low) / 2.0 for low, high in intervals.values()])
+    np.testing.assert_allclose(half, fast.half_width, rtol=2e-3)
+    middle = np.array([(high + low) / 2.0 for low, high in intervals.values()])
+    assert np.max(np.abs(middle - fast.parameters) / fast.standard_uncertainty) < 0.01
+
+
+def test_blocks_change_nothing():
+    """A set folded in blocks of seven rows gives the fit of one block to rounding."""
+    indicated, root = indications(sphere(60)), np.ones(60)
+
+    def residuals(parameters, rows):
+        return magnitude.lengths(parameters, indicated[rows], 1.0, root[rows])
+
+    begin = np.array([1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
+    whole, cut = (gauss_newton.fit(residuals, begin, 60, block_rows=rows) for rows in (60, 7))
+    np.testing.assert_allclose(cut.parameters, whole.parameters, atol=1e-13)
+    np.testing.assert_allclose(cut.covariance, whole.covariance, rtol=1e-8, atol=1e-22)
+    assert cut.residual_count == 60
+
+
+def test_large_sets_are_fitted_block_by_block():
+    """Thirty thousand raw rows give parameters, residuals and leverages as the closed forms say."""
+    rng = np.random.default_rng(3)
+    vectors = rng.normal(size=(30_000, 3))
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    fitted = magnitude.fit(indications(vectors, noise=1e-3))
+    assert np.max(np.abs(fitted.parameters - TRUTH) / fitted.standard_uncertainty) < 4.0
+    assert np.sum(fitted.leverage) == pytest.approx(9.0)
+    corrected = magnitude.correct(fitted.parameters, indications(vectors, noise=1e-3))
+    np.testing.assert_allclose(fitted.residuals, np.linalg.norm(corrected, axis=1) - 1.0, atol=1e-13)
+
+
+def test_axes_of_very_different_scale_still_converge():
+    """A start from the best sphere is good enough for scale factors in the ratio of three to one."""
+    truth = TRUTH.copy()
+    truth[:3] = [3000.0, 1000.0, 1800.0]
+    found = magnitude.fit(indications(sphere(40), truth=truth, noise=0.0)).parameters
+    np.testing.assert_allclose(found, truth, rtol=1e-9, atol=1e-9)
+
+
+def test_intervals_cover_the_truth():
+    """Over simulated sets the 95 % intervals cover 93 to 97 % of the nine parameters."""
+    fits = [magnitude.fit(indications(sphere(18), seed)) for seed in range(150)]
+    covered = [np.abs(f.parameters - TRUTH) <= t.ppf(0.975, f.dof) * f.standard_uncertainty for f in fits]
+    assert 0.93 <= np.mean(covered) <= 0.97
+    assert np.mean([f.residual_rms**2 for f in fits]) == pytest.approx(NOISE_G**2, rel=0.1)
+    np.testing.assert_allclose(fits[0].half_width, t.ppf(0.975, 9) * fits[0].standard_uncertainty, rtol=1e-12)
+
+
+def test_stated_noise_is_a_floor_under_the_uncertainty():
+    """Residuals smaller than the stated noise do not shrink the uncertainty, larger ones widen it."""
+    quiet, loud = indications(sphere(20), noise=0.0), indications(sphere(20), noise=10.0 * NOISE_G)
+    stated = np.full(20, NOISE_G)
+    floor = magnitude.fit(quiet, noise=stated).standard_uncertainty
+    assert np.all(floor > 0.3 * NOISE_G)
+    assert np.all(magnitude.fit(loud, noise=stated).standard_uncertainty > 3.0 * floor)
+
+
+def test_a_wild_dwell_is_named_and_moves_nothing():
+    """One dwell of thirty-six read while the triad moved is named and left out."""
+    indicated = indications(sphere(36))
+    before = magnitude.fit(indicated, loss="robust")
+    indicated[20] *= 1.01
+    after = magnitude.fit(indicated, loss="robust")
+    assert after.suspects == (20,)
+    assert np.max(np.abs(after.parameters - before.parameters) / before.standard_uncertainty) < 1.0
+    plain = magnitude.fit(indicated)
+    assert np.max(np.abs(plain.parameters - TRUTH) / before.standard_uncertainty) > 4.0
+
+
+def test_ten_positions_are_reported_with_a_warning():
+    """One degree of freedom, positions near three planes: the flags say so and the intervals are wide."""
+    rng = np.random.default_rng(4)
+    faces = np.concatenate([np.eye(3), -np.eye(3)])
+    edges = np.array([[0, 0.7, 0.7], [0, -0.6, 0.8], [-0.9, 0, 0.45], [0.5, 0, 0.87]])
+    vectors = np.concatenate([faces, edges]) + rng.normal(0.0, 0.03, (10, 3))
+    vectors /= np.linalg.norm(vectors, axis=1, keepdims=True)
+    fitted = magnitude.fit(indications(vectors, noise=3e-4))
+    said = " ".join(fitted.flags)
+    assert "leave 1 degrees of freedom" in said
+    assert "Q3 is known to ±" in said
+    assert np.degrees(fitted.half_width[8]) > 1.0
+
+
+def test_too_few_dwells_are_refused():
+    """Eight dwells cannot give nine parameters, nine cannot be judged unless their noise is stated."""
+    with pytest.raises(FitError, match="8 dwells for 9 parameters"):
+        magnitude.fit(indications(sphere(8)))
+    with pytest.raises(FitError, match="leave no residual"):
+        magnitude.fit(indications(sphere(9)))
+    nine = magnitude.fit(indications(sphere(9)), noise=np.full(9, NOISE_G))
+    assert "leave 0 degrees of freedom" in nine.flags[0]
+
+
+def test_dwells_on_one_circle_are_refused():
+    """A triad turned about one horizontal axis only says nothing about the third."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 30, endpoint=False)
+    circle = np.column_stack([np.cos(turn), np.sin(turn), np.zeros(30)])
+    with pytest.raises(FitError, match="cannot determine"):
+        magnitude.fit(indications(circle))
+
+
+def test_a_missing_value_is_refused():
+    """NaN is said to be there, not fitted."""
+    indicated = indications(sphere(20))
+    indicated[3, 1] = np.nan
+    with pytest.raises(FitError, match="not finite"):
+        magnitude.fit(indicated)
