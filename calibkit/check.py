@@ -34,10 +34,10 @@ def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
     for column in columns:
         bad = np.flatnonzero(~np.isfinite(values(log.frame, column)))
         if bad.size:
-            line = _line(log, int(bad[0]))
+            at = line(log, int(bad[0]))
             findings.append(
                 Finding(
-                    f"{log.file}:{line}: column '{column}'",
+                    f"{log.file}:{at}: column '{column}'",
                     f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on",
                     "a number in every row",
                     "leave the range out with [[exclude]], or repair the log",
@@ -56,7 +56,7 @@ def monotonic(log: Log) -> list[Finding]:
     word = "stands still" if time[k + 1] == time[k] else "runs backwards"
     return [
         Finding(
-            f"{log.file}:{_line(log, k + 1)}: column 'time_s'",
+            f"{log.file}:{line(log, k + 1)}: column 'time_s'",
             f"time {word} at {time[k]:.10g} s → {time[k + 1]:.10g} s ({back.size} such row{'s' if back.size > 1 else ''})",
             "strictly increasing time",
             "sort or split the log, or leave the rows out with [[exclude]]",
@@ -73,7 +73,7 @@ def gaps(log: Log, limit_s: float) -> list[Finding]:
     usual = float(np.median(step))
     findings = [
         Finding(
-            f"{log.file}:{_line(log, k + 1)}: column 'time_s'",
+            f"{log.file}:{line(log, k + 1)}: column 'time_s'",
             f"a gap of {step[k]:g} s at {time[k]:g} s",
             f"at most {limit_s:g} s",
             "split the log at the gap, or raise max_gap_s in the recipe",
@@ -85,7 +85,7 @@ def gaps(log: Log, limit_s: float) -> list[Finding]:
         k = int(missing[0])
         findings.append(
             Finding(
-                f"{log.file}:{_line(log, k + 1)}: column 'time_s'",
+                f"{log.file}:{line(log, k + 1)}: column 'time_s'",
                 f"{missing.size} short gap{'s' if missing.size > 1 else ''}, the first of {step[k]:g} s at {time[k]:g} s",
                 f"a row every {usual:g} s",
                 "see that no row was lost; what lies between them is not known",
@@ -121,7 +121,7 @@ def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
         if bad.size:
             findings.append(
                 Finding(
-                    f"{log.file}:{_line(log, int(bad[0]))}: column '{column}'",
+                    f"{log.file}:{line(log, int(bad[0]))}: column '{column}'",
                     f"{data[bad[0]]:g} °C ({bad.size} such row{'s' if bad.size > 1 else ''})",
                     "-100 to 250 °C",
                     f"state the log's unit in [columns.{column}], or leave the rows out with [[exclude]]",
@@ -130,7 +130,7 @@ def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def _line(log: Log, row: int) -> int:
+def line(log: Log, row: int) -> int:
     """Line of the file that a row of the frame came from; the frame's index counts the file's rows."""
     index: NDArray[np.int64] = log.frame.index.to_numpy()
     return int(index[row]) + FIRST_ROW

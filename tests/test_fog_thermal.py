@@ -21,6 +21,15 @@ def runs(campaign, tmp_path_factory):
     return out
 
 
+@pytest.fixture(scope="module")
+def published(campaign, tmp_path_factory):
+    """Return a runs folder in which FOG-2 was fitted with the published scheme alone."""
+    out = tmp_path_factory.mktemp("published")
+    source = recipe.find("fog_thermal", ("drift.model=gradient_rate",))
+    pipeline.fit(source, campaign, "FOG-2", out, "2026-11-21", lambda items, what: items)
+    return out
+
+
 def table(path):
     """Header and rows of a CSV as texts."""
     with path.open(encoding="utf-8", newline="") as stream:
@@ -75,9 +84,9 @@ def test_the_vector_comes_out_of_the_whole_pipeline(estimate, tmp_path, calibkit
     assert any("zero degrees of freedom" in flag for flag in run.document["flags"])
 
 
-def test_a_run_folder_holds_what_the_contract_lists(runs):
+def test_a_run_folder_holds_what_the_contract_lists(published):
     """denoise.json, drift.json, drift_rate.json, run.json and a report, all with right digests."""
-    run = store.load(runs / "FOG-2" / "r001")
+    run = store.load(published / "FOG-2" / "r001")
     assert {"denoise.json", "drift.json", "drift_rate.json"} == set(run.records)
     assert (run.folder / "report.pdf").read_bytes().startswith(b"%PDF")
     drift = run.records["drift.json"]
@@ -174,12 +183,27 @@ def test_a_rate_added_to_a_log_comes_out_of_apply_unchanged(runs, campaign, tmp_
     assert outputs[1] - outputs[0] == pytest.approx(np.full(outputs[0].size, 7.5), abs=1e-9)
 
 
-def test_the_drift_is_zero_at_the_reference_temperature(runs, campaign, tmp_path, calibkit):
+def test_the_published_drift_is_zero_where_the_reference_temperature_is_passed(published, campaign, tmp_path, calibkit):
     """Where the case passes the reference temperature the compensated rate is the indication, to 0.05 °/h."""
     log, out = campaign / "withheld" / "ramp_heating_03.csv", tmp_path / "out.csv"
-    calibkit("apply", "FOG-2", "--runs", runs, "--data", log, "--out", out, "--set", "reference_temp_degc=10.0")
+    calibkit("apply", "FOG-2", "--runs", published, "--data", log, "--out", out, "--set", "reference_temp_degc=10.0")
     near = np.argmin(np.abs(column(log, "temp_case_degc") - 10.0))
     assert abs(column(out, "gyro_dph")[near] - column(log, "gyro_dph")[near]) < 0.05
+
+
+def test_a_log_at_rest_at_the_reference_temperature_is_left_as_it_is(runs, tmp_path, calibkit, log_writer):
+    """At rest at 25 °C there is no drift: the output is the indication to 1e-9 °/h; at −30 °C it is not."""
+    time = np.arange(900.0)
+    for degc, expected in ((25.0, 0.0), (-30.0, None)):
+        held = np.full(900, degc)
+        log = log_writer(
+            tmp_path / f"{degc}.csv", time_s=time, temp_case_degc=held, temp_env_degc=held, gyro_dph=np.full(900, 8.4)
+        )
+        out = tmp_path / f"out{degc}.csv"
+        assert calibkit("apply", "FOG-2", "--runs", runs, "--data", log, "--out", out).code == 0
+        moved = column(out, "gyro_dph") - 8.4
+        assert np.ptp(moved) < 1e-9
+        assert (abs(moved[0]) < 1e-9) == (expected == 0.0)
 
 
 def test_logs_in_other_names_units_and_signs_give_the_same_compensation(runs, campaign, tmp_path, calibkit, log_writer):
@@ -294,13 +318,13 @@ def test_a_touched_run_is_refused_by_every_command(campaign, tmp_path, calibkit)
     assert not (tmp_path / "o.csv").exists()
 
 
-def test_show_prints_coefficients_with_units(runs, calibkit):
+def test_show_prints_coefficients_with_units(published, calibkit):
     """`show` prints every model with its form, ranges and units; `--json` gives the files' content."""
-    shown = calibkit("show", "FOG-2", "--runs", runs)
+    shown = calibkit("show", "FOG-2", "--runs", published)
     assert shown.code == 0
     assert "fog-drift-rate/1" in shown.out
     assert "deg/h/K" in shown.out
-    assert "drift_rate.json" in calibkit("show", "FOG-2", "--runs", runs, "--json").json["records"]
+    assert "drift_rate.json" in calibkit("show", "FOG-2", "--runs", published, "--json").json["records"]
 
 
 def test_fit_says_json_and_nothing_else(campaign, tmp_path, calibkit):
@@ -343,8 +367,48 @@ def test_heating_and_cooling_in_one_log_are_two_ramps(campaign, tmp_path, calibk
         columns = {name: np.concatenate([column(up, name), column(down, name)]) for name in table(up)[0]}
         columns["time_s"] = np.arange(float(columns["time_s"].size))
         log_writer(tmp_path / "logs" / f"cycle_{rate}.csv", **columns)
-    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "C", "--out", tmp_path / "runs")
+    scheme = ("--set", "drift.model=gradient_rate")
+    outcome = calibkit(
+        "fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "C", "--out", tmp_path / "runs", *scheme
+    )
     assert outcome.code == 0, outcome.err
     records = store.load(tmp_path / "runs" / "C" / "r001").records
     assert [model.name for model in records["drift.json"].models][:2] == ["cycle_01:1", "cycle_01:2"]
     assert {model.name for model in records["drift_rate.json"].models} == {"heating", "cooling"}
+
+
+@pytest.mark.parametrize("model", ["gradient_rate", "level", "lagged"])
+def test_each_drift_model_improves_the_withheld_ramps_it_is_asked_for(model, campaign, tmp_path, calibkit):
+    """The recipe can ask for one model; the file names its form, and ±3 °C/min improves at least by half."""
+    runs, out = tmp_path / "runs", tmp_path / "v.json"
+    scheme = ("--set", f"drift.model={model}")
+    assert calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", runs, *scheme).code == 0
+    forms = {found.form for found in store.load(runs / "S" / "r001").records["drift_rate.json"].models}
+    expected = {"gradient_rate": "fog-drift-rate/1", "level": "fog-drift-level/1", "lagged": "fog-drift-lagged/1"}
+    assert forms == {expected[model]}
+    calibkit("validate", "S", "--runs", runs, "--data", campaign / "withheld", "--out", out)
+    for log in json.loads(out.read_text(encoding="utf-8"))["logs"]:
+        assert log["drift_rms_after"] < log["drift_rms_before"] / 2.0
+        assert log["rate_gain"] == pytest.approx(1.0, abs=1e-3)
+
+
+def test_the_best_model_on_left_out_ramps_is_exported_with_its_reason(runs):
+    """The default recipe exports the model with the smallest share of raw, and the flag says against what."""
+    run = store.load(runs / "FOG-2" / "r001")
+    figures = {figure.name: figure.value for figure in run.records["drift_rate.json"].figures}
+    tested = {name: value for name, value in figures.items() if name.startswith("leave_one_ramp_out_rms.")}
+    best = min(tested, key=tested.get).partition(".")[2]
+    assert any(flag.startswith(f"exported: {best}") for flag in run.document["flags"])
+    names = [c.name for c in run.records["drift_rate.json"].model("drift").coefficients]
+    assert names[:6] == ["b0", "b1", "b2", "b3", "s_rate", "s_grad"]
+    assert names[-2:] == ["tau_outer", "tau_inner"]
+
+
+def test_a_pinned_order_means_the_published_scheme(campaign, tmp_path, calibkit):
+    """With drift.order pinned nothing else competes, as the recipe decided it."""
+    outcome = calibkit(
+        "fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path, "--set", "drift.order=1"
+    )
+    assert outcome.code == 0
+    models = store.load(tmp_path / "S" / "r001").records["drift_rate.json"].models
+    assert {model.form for model in models} == {"fog-drift-rate/1"}

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -15,7 +16,16 @@ from calibkit.report import figures as drawing
 from calibkit.report import fog_thermal as pages
 from calibkit.report.summary import Summary
 from calibkit.report.summary import text as plain
-from calibkit.stages import fog_compensate, fog_drift, fog_ramps, fog_report, ingest, write_back
+from calibkit.stages import (
+    fog_compensate,
+    fog_drift,
+    fog_export,
+    fog_levels,
+    fog_ramps,
+    fog_report,
+    ingest,
+    write_back,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -33,18 +43,19 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     prepared = [fog_ramps.prepare(_read(spec, data, file), spec) for file in progress(files, "reading and denoising")]
     ramps = fog_drift.fit_ramps(prepared, spec.drift)
     choices = fog_drift.choose(ramps, spec.drift)
-    model = fog_compensate.model_of(choices, spec)
+    levels = fog_levels.choose(prepared, spec.drift)
+    export = fog_export.decide(choices, levels, spec)
+    model = export.model
     figures = [fog_compensate.figures_of(log.name, log.raw, model) for log in prepared]
     results = (
         fog_ramps.denoise_result(prepared),
         fog_drift.drift_result(ramps, spec.drift),
-        fog_compensate.rate_result(choices, figures, spec),
+        fog_export.result(export, choices, levels, figures, spec),
     )
     flags = [flag for result in results[1:] for flag in result.flags]
-    summary = fog_report.summary(
-        spec.title, figures, ramps, choices, flags, _fit_criteria(spec, choices, figures, model)
-    )
-    report = fog_report.drift_report(spec.title or spec.procedure, prepared, ramps, choices, model)
+    tested = fog_report.tested(choices, levels, export)
+    summary = fog_report.summary(spec.title, figures, ramps, tested, flags, _fit_criteria(spec, export, figures))
+    report = fog_report.drift_report(spec.title or spec.procedure, prepared, ramps, tested, model)
     return Fitted(results, tuple(log.source for log in prepared), summary, report)
 
 
@@ -59,29 +70,15 @@ def _known_rates(spec: FogThermalRecipe, files: Sequence[str]) -> None:
 
 
 def _fit_criteria(
-    spec: FogThermalRecipe,
-    choices: Sequence[fog_drift.SideChoice],
-    figures: Sequence[fog_compensate.LogFigures],
-    model: fog_compensate.DriftModel,
+    spec: FogThermalRecipe, export: fog_export.Export, figures: Sequence[fog_compensate.LogFigures]
 ) -> tuple[Criterion, ...]:
-    """Acceptance limits of a fit: on withheld rates where they could be tested, and the rate gain of what is exported."""
-    limits = spec.acceptance
+    """Acceptance limits of a fit: on withheld ramps where they could be tested, and the rate gain of what is exported."""
+    least = spec.acceptance.min_reduction
     criteria = []
-    tested = [result for choice in choices for result in _exported(choice)]
-    if tested and limits.min_reduction is not None:
-        raw = np.sqrt(np.mean([result.pooled_raw**2 for result in tested]))
-        left = np.sqrt(np.mean([result.pooled**2 for result in tested]))
-        reduction = float(raw / left)
-        passed = reduction >= limits.min_reduction
-        criteria.append(Criterion("drift reduction on withheld rates", reduction, limits.min_reduction, "1", passed))
-    return (*criteria, *_common_criteria(spec, figures, model))
-
-
-def _exported(choice: fog_drift.SideChoice) -> list[Any]:
-    """Leave-one-rate-out result of the exported order (with no drift term exported, raw is what is left)."""
-    if choice.chosen is None:
-        return []
-    return [result for result in choice.tested if result.order == choice.chosen.order]
+    if least is not None:
+        reduction = 1.0 if export.share_of_raw is None else 1.0 / export.share_of_raw
+        criteria.append(Criterion("drift reduction on withheld ramps", reduction, least, "1", reduction >= least))
+    return (*criteria, *_common_criteria(spec, figures, export.model))
 
 
 def _common_criteria(
@@ -117,8 +114,7 @@ def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> 
     """Compensate every row of a log; the indication keeps the log's own unit and sign."""
     model = _model(spec, records)
     log = ingest.read_log(spec, data, data.name, fog_ramps.COLUMNS)
-    found = fog_ramps.findings(log, spec)
-    refuse(found)
+    refuse(fog_ramps.usable(log))
     output, flags = fog_compensate.compensated(log, model, spec)
     return write_back.replaced(spec, data, {"gyro_dph": output}), flags
 
@@ -131,14 +127,14 @@ def validate(
     figures, logs = [], []
     for file in progress(files, "validating"):
         log = _read(spec, data, file)
-        refuse(fog_ramps.findings(log, spec))
+        refuse(fog_ramps.usable(log))
         time, case, env, gyro = (values(log.frame, column) for column in fog_ramps.COLUMNS)
         _, slope = fog_ramps.cut(log.name, time, env, spec)
         found = fog_compensate.figures_of(log.name, drift.blocks(time, case, env, gyro, slope, model.interval_s), model)
         figures.append(found)
         logs.append(fog_report.validation_entry(log, found, model))
     flags = tuple(flag for log in figures for flag in log.flags)
-    if not model.polynomials:
+    if not model.exported:
         flags = ("the run exports no drift term: before and after are the same", *flags)
     criteria = (*_validation_criteria(spec, figures), *_common_criteria(spec, figures, model))
     return {"logs": logs}, Summary("", (fog_report.before_after_table(figures),), flags, criteria)
@@ -160,9 +156,7 @@ def _validation_criteria(spec: FogThermalRecipe, figures: Sequence[fog_compensat
 def report(title: str, fitted: Fitted) -> dict[str, bytes]:
     """Figures as report.pdf and the summary as report.txt."""
     assert isinstance(fitted.drawing, pages.DriftReport)  # noqa: S101 (narrows the type of what fit made)
-    named = pages.DriftReport(
-        title, *(getattr(fitted.drawing, name) for name in ("interval_s", "logs", "ramps", "curves", "orders"))
-    )
+    named = replace(fitted.drawing, title=title)
     return {
         "report.pdf": drawing.pdf(pages.pages(named)),
         "report.txt": plain(fitted.summary).encode(),

@@ -36,8 +36,9 @@ class Denoise(Table):
 
 
 class Drift(Table):
-    """The drift model of each ramp and its coefficients over the temperature rate (CN102095419A)."""
+    """Which drift model is exported, and the published one of each ramp over temperature rate (CN102095419A)."""
 
+    model: Literal["auto", "gradient_rate", "level", "lagged"] = "auto"
     interval_s: Positive = 10.0
     estimate: Literal["levels", "increments"] = "levels"
     order: Annotated[int, Field(ge=0, le=5)] | Literal["auto"] = "auto"

@@ -52,14 +52,18 @@ class RateCurve:
 
 
 @dataclass(frozen=True, slots=True)
-class OrderError:
-    """Drift rms [°/h] on left-out rates of one side, raw and for each order."""
+class Tested:
+    """What one model leaves of the drift on ramps that were left out of its fit, and the raw drift [°/h]."""
 
-    side: str
+    name: str
     raw: float
-    orders: tuple[int, ...]
-    errors: tuple[float, ...]
-    chosen: int | None
+    left: float
+    exported: bool
+
+    @property
+    def share(self) -> float:
+        """Share of the raw drift that is left [1]."""
+        return self.left / self.raw
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,7 +75,7 @@ class DriftReport:
     logs: tuple[DriftLog, ...]
     ramps: tuple[RampCoefficients, ...]
     curves: tuple[RateCurve, ...]
-    orders: tuple[OrderError, ...]
+    tested: tuple[Tested, ...]
 
 
 def pages(report: DriftReport) -> list[Figure]:
@@ -118,33 +122,27 @@ def coefficients_page(report: DriftReport) -> Figure:
         for curve in report.curves:
             ax.plot(curve.rate, curve.a[:, j], color=SIDES[curve.side])
             ax.axvspan(curve.rate[0], curve.rate[-1], color=SIDES[curve.side], alpha=0.06, lw=0)
-        if not report.curves:
-            ax.text(0.5, 0.92, "no drift term exported", transform=ax.transAxes, ha="center", color=ALERT)
         ax.axhline(0.0, color=MUTED, lw=0.6)
         ax.set(
             xlabel="temperature rate [°C/min]", ylabel=COEFFICIENTS[j], title=f"a{j}: bars k = 2, band the fitted rates"
         )
-    _orders(axes[3], report.orders)
+    _tested(axes[3], report.tested)
     return figure
 
 
-def _orders(ax: Axes, orders: Sequence[OrderError]) -> None:
-    """Drift rms on left-out rates against the order of the polynomials, raw as a line."""
-    for entry in orders:
-        colour = SIDES[entry.side]
-        ax.plot(entry.orders, entry.errors, "o-", color=colour, label=f"{entry.side}: rate left out")
-        ax.axhline(entry.raw, color=colour, ls="--", lw=0.9, label=f"{entry.side}: raw")
-        if entry.chosen in entry.orders:
-            ax.plot(entry.chosen, entry.errors[entry.orders.index(entry.chosen)], "o", ms=11, mfc="none", color=INK)
+def _tested(ax: Axes, tested: Sequence[Tested]) -> None:
+    """Share of the raw drift that each model leaves on ramps it has not seen; raw is 1."""
+    shown = sorted(tested, key=lambda entry: -entry.share)
+    colours = [GOOD if entry.exported else RAW for entry in shown]
+    ax.barh([entry.name for entry in shown], [min(entry.share, 3.0) for entry in shown], color=colours, height=0.7)
+    for row, entry in enumerate(shown):
+        ax.text(min(entry.share, 3.0) + 0.03, row, f"{entry.share:.3g}", va="center", fontsize=8, color=INK)
+    ax.axvline(1.0, color=ALERT, ls="--", lw=0.9)
     ax.set(
-        xlabel="order over temperature rate",
-        ylabel="drift rms, 100 s means [°/h]",
-        title="each rate left out (ring: exported)",
+        xlabel="drift left on withheld ramps, share of raw (dashed: raw)", title="each ramp left out (green: exported)"
     )
-    ax.set_xticks(sorted({order for entry in orders for order in entry.orders}))
-    if any(entry.orders for entry in orders):
-        ax.set_yscale("log")
-        ax.legend(loc="best")
+    ax.set_xlim(0.0, 3.4)
+    ax.grid(visible=False, axis="y")
 
 
 def residual_page(report: DriftReport) -> Figure:

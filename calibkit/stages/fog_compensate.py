@@ -7,19 +7,19 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from calibkit.coefficients import Figure, StageResult
 from calibkit.errors import FitError
 from calibkit.frame import values
-from calibkit.numeric import compensation, drift
-from calibkit.stages import fog_drift, fog_ramps
+from calibkit.numeric import compensation, drift, thermal_drift
+from calibkit.stages import fog_drift, fog_levels, fog_ramps
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping
 
     from numpy.typing import NDArray
 
     from calibkit.coefficients import Record
     from calibkit.frame import Log
+    from calibkit.numeric.thermal_terms import ThermalModel
     from calibkit.recipe import FogThermalRecipe
 
     Array = NDArray[np.float64]
@@ -28,31 +28,60 @@ Mode = Literal["recursive", "one_step"]
 
 
 @dataclass(frozen=True, slots=True)
+class Along:
+    """Drift [n, °/h] along block means, its increments from block to block, and the share of the log of each bound met."""
+
+    level: Array
+    delta: Array
+    bounds: Mapping[str, float]
+
+
+@dataclass(frozen=True, slots=True)
 class DriftModel:
-    """The exported drift term: its polynomials (none: no drift term), its interval, its mode, its reference."""
+    """The exported drift term: rate polynomials, or a thermal model on levels, or neither; interval, mode, reference."""
 
     polynomials: tuple[drift.RatePolynomial, ...]
+    thermal: ThermalModel | None
     interval_s: float
     mode: Mode
     reference_temp_degc: float
 
-    def increments(self, blocks: drift.Blocks) -> compensation.Increments:
-        """Drift increments along block means, with where the model was held or clamped."""
-        return compensation.increments(self.polynomials, blocks.gradient, blocks.rate)
+    @property
+    def exported(self) -> bool:
+        """Whether there is a drift term at all."""
+        return bool(self.polynomials) or self.thermal is not None
 
-    def level(self, blocks: drift.Blocks, delta: Array) -> Array:
-        """Drift [n, °/h], zero at the reference temperature (clamped to the fitted range)."""
+    def along(self, blocks: drift.Blocks) -> Along:
+        """Drift along block means, zero at the reference temperature (clamped to the fitted range)."""
+        if self.thermal is not None:
+            return self._thermal_along(self.thermal, blocks)
+        steps = compensation.increments(self.polynomials, blocks.gradient, blocks.rate)
         if not self.polynomials:
-            return np.zeros_like(delta)
+            return Along(np.zeros_like(steps.delta), steps.delta, {})
         valid = (min(p.case[0] for p in self.polynomials), max(p.case[1] for p in self.polynomials))
-        return compensation.referenced(compensation.recursive(delta), blocks.case, self.reference_temp_degc, valid)
+        total = compensation.recursive(steps.delta)
+        level = compensation.referenced(total, blocks.case, self.reference_temp_degc, valid)
+        bounds = {
+            "drift held in soaks or on a side that was not fitted": float(steps.held[1:].mean()),
+            "temperature rate clamped to the fitted range": float(steps.rate_clamped[1:].mean()),
+            "gradient clamped to the fitted range": float(steps.gradient_clamped[1:].mean()),
+        }
+        return Along(level, steps.delta, bounds)
 
-    def output(self, blocks: drift.Blocks, indication: Array, mode: Mode) -> Array:
+    def _thermal_along(self, thermal: ThermalModel, blocks: drift.Blocks) -> Along:
+        """Drift by a model on levels, which needs no bias reference and forgets nothing in soaks."""
+        env = blocks.case - blocks.gradient
+        found = thermal_drift.evaluate(thermal, blocks.time, blocks.case, env, self.reference_temp_degc)
+        bounds = {
+            "temperature clamped to the fitted range": float(found.temperature_clamped.mean()),
+            "temperature rate clamped to the fitted range": float(found.rate_clamped.mean()),
+            "gradient clamped to the fitted range": float(found.gradient_clamped.mean()),
+        }
+        return Along(found.drift, np.diff(found.drift, prepend=found.drift[:1]), bounds)
+
+    def output(self, along: Along, indication: Array, mode: Mode) -> Array:
         """Compensated block means [n, °/h] in the given mode."""
-        delta = self.increments(blocks).delta
-        if mode == "one_step":
-            return compensation.one_step(indication, delta)
-        return indication - self.level(blocks, delta)
+        return compensation.one_step(indication, along.delta) if mode == "one_step" else indication - along.level
 
 
 @dataclass(frozen=True, slots=True)
@@ -73,32 +102,33 @@ class LogFigures:
         return self.before / self.after if self.after > 0.0 else float("inf")
 
 
-def model_of(choices: Sequence[fog_drift.SideChoice], recipe: FogThermalRecipe) -> DriftModel:
-    """Drift model of a fit's choices."""
-    polynomials = tuple(choice.chosen for choice in choices if choice.chosen is not None)
-    return DriftModel(polynomials, recipe.drift.interval_s, recipe.drift.compensation, recipe.reference_temp_degc)
-
-
 def model_from(record: Record, recipe: FogThermalRecipe) -> DriftModel:
     """Drift model of a drift_rate.json; refuses another interval than the recipe now asks for."""
-    polynomials = tuple(fog_drift.rate_polynomial(model) for model in record.models)
     for model in record.models:
         if model.value("interval") != recipe.drift.interval_s:
             raise FitError(
                 f"drift.interval_s = {recipe.drift.interval_s:g}, the coefficients are per {model.value('interval'):g} s",
                 hint="fit again with that interval",
             )
-    return DriftModel(polynomials, recipe.drift.interval_s, recipe.drift.compensation, recipe.reference_temp_degc)
+    rates = tuple(fog_drift.rate_polynomial(model) for model in record.models if model.form == "fog-drift-rate/1")
+    levels = [fog_levels.thermal_model(model) for model in record.models if model.form in fog_levels.FORMS.values()]
+    return DriftModel(
+        rates,
+        levels[0] if levels else None,
+        recipe.drift.interval_s,
+        recipe.drift.compensation,
+        recipe.reference_temp_degc,
+    )
 
 
 def figures_of(name: str, blocks: drift.Blocks, model: DriftModel) -> LogFigures:
     """Figures of one log from its block means."""
     group = fog_drift.group(model.interval_s)
-    steps = model.increments(blocks)
+    along = model.along(blocks)
     indication = blocks.indication
 
     def output(mode: Mode, shifted: Array) -> Array:
-        return model.output(blocks, shifted, mode)
+        return model.output(along, shifted, mode)
 
     return LogFigures(
         name,
@@ -107,60 +137,29 @@ def figures_of(name: str, blocks: drift.Blocks, model: DriftModel) -> LogFigures
         compensation.rate_gain(lambda shifted: output("recursive", shifted), indication),
         compensation.rate_gain(lambda shifted: output("one_step", shifted), indication),
         compensation.drift_rms(output("one_step", indication)[1:], group),
-        _bounds_flags(name, steps, model),
+        _flags(name, along),
     )
 
 
-def _bounds_flags(name: str, steps: compensation.Increments, model: DriftModel) -> tuple[str, ...]:
+def _flags(name: str, along: Along) -> tuple[str, ...]:
     """What was held or clamped along a log, in shares of its length."""
-    if not model.polynomials:
-        return ()
-    shares = {
-        "drift held in soaks or on a side that was not fitted": steps.held[1:],
-        "temperature rate clamped to the fitted range": steps.rate_clamped[1:],
-        "gradient clamped to the fitted range": steps.gradient_clamped[1:],
-    }
-    return tuple(
-        f"{name}: {what} over {100.0 * mask.mean():.0f} %" for what, mask in shares.items() if mask.mean() > 0.005
-    )
-
-
-def rate_result(
-    choices: Sequence[fog_drift.SideChoice], logs: Sequence[LogFigures], recipe: FogThermalRecipe
-) -> StageResult:
-    """drift_rate.json: the exported polynomials and every drift figure with its rate gain beside it."""
-    figures = list(fog_drift.left_out_figures(choices))
-    for log in logs:
-        figures += [
-            Figure(f"drift_rms_before.{log.name}", log.before, "deg/h", 0.0),
-            Figure(f"drift_rms_after.{log.name}", log.after, "deg/h", 0.0),
-            Figure(f"rate_gain_recursive.{log.name}", log.gain_recursive, "1", 0.0),
-            Figure(f"one_step_rms_after.{log.name}", log.after_one_step, "deg/h", 0.0),
-            Figure(f"rate_gain_one_step.{log.name}", log.gain_one_step, "1", 0.0),
-        ]
-    flags = [flag for choice in choices for flag in choice.flags]
-    if recipe.drift.compensation == "one_step":
-        flags.append("one_step compensation is a first difference: it removes the true rate (rate gain 0)")
-    models = tuple(
-        fog_drift.rate_model(choice.chosen, recipe.drift.interval_s) for choice in choices if choice.chosen is not None
-    )
-    return StageResult("drift_rate", models=models, figures=tuple(figures), flags=tuple(flags))
+    return tuple(f"{name}: {what} over {100.0 * share:.0f} %" for what, share in along.bounds.items() if share > 0.005)
 
 
 def compensated(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> tuple[Array, tuple[str, ...]]:
     """Compensated indication [rows, °/h] of a whole log, no row denoised or resampled, and the flags.
 
-    The drift is evaluated on block means at the model interval and interpolated to the rows.
+    The drift is evaluated on block means at the model interval, as it was fitted, and interpolated to the rows.
     """
     time, case, env, gyro = (values(log.frame, column) for column in fog_ramps.COLUMNS)
-    if not model.polynomials:
+    if not model.exported:
         return gyro, ("no drift term: the indication is returned as it is",)
     _, slope = fog_ramps.cut(log.name, time, env, recipe)
     blocks = drift.blocks(time, case, env, gyro, slope, model.interval_s)
-    steps = model.increments(blocks)
-    flags = _bounds_flags(log.file, steps, model)
+    along = model.along(blocks)
+    flags = _flags(log.file, along)
     if model.mode == "recursive":
-        return gyro - np.interp(time, blocks.time, model.level(blocks, steps.delta)), flags
+        return gyro - np.interp(time, blocks.time, along.level), flags
     index = drift.block_index(time, model.interval_s)
-    before = blocks.indication[np.maximum(index - 1, 0)] + steps.delta[index]
+    before = blocks.indication[np.maximum(index - 1, 0)] + along.delta[index]
     return gyro - before, (*flags, "one_step: the true rate is removed (rate gain 0)")

@@ -120,7 +120,7 @@ def _whole_cycle(choices: list[SideChoice]) -> list[SideChoice]:
         if choice.chosen is not None:
             flags = (
                 *flags,
-                f"{choice.side}: no drift term exported: alone it would leave a bias behind after a thermal cycle",
+                f"gradient_rate {choice.side}: not exported: alone it would leave a bias after a thermal cycle",
             )
         withdrawn.append(replace(choice, chosen=None, flags=flags))
     return withdrawn
@@ -144,7 +144,7 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
             f"leave-one-rate-out leaves {least.pooled:.3g} deg/h at best (order {least.order}) against "
             f"{least.pooled_raw:.3g} deg/h raw, or makes a ramp worse"
         )
-    return SideChoice(side, tuple(tested), None, (f"{side}: no drift term exported: {reason}",))
+    return SideChoice(side, tuple(tested), None, (f"gradient_rate {side}: not exported: {reason}",))
 
 
 def _stretch(item: FittedRamp) -> drift.Blocks:

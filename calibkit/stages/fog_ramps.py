@@ -11,13 +11,14 @@ from calibkit import check
 from calibkit.coefficients import Figure, Input, StageResult
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Finding, Log, refuse, values
-from calibkit.numeric import denoise, drift, segments
+from calibkit.numeric import denoise, drift, segments, thermal_fit
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
+    from calibkit.numeric.thermal_fit import ThermalLog
     from calibkit.recipe import FogThermalRecipe
 
     Array = NDArray[np.float64]
@@ -43,23 +44,31 @@ class PreparedLog:
     source: Input
     raw: drift.Blocks
     denoised: drift.Blocks
+    thermal: ThermalLog
     ramps: tuple[Ramp, ...]
     noise: tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]
     flags: tuple[str, ...]
 
 
 def findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
-    """Check a log; nothing is fitted to one in which something is refused."""
-    early = [*check.rows(log, recipe.checks.min_rows), *check.finite(log, COLUMNS)]
-    if any(finding.refused for finding in early):
-        return early
+    """Check a log that is to be fitted; nothing is fitted to one in which something is refused."""
+    found = usable(log, recipe.checks.min_rows)
+    if any(finding.refused for finding in found):
+        return found
     return [
-        *early,
-        *check.monotonic(log),
+        *found,
         *check.gaps(log, recipe.checks.max_gap_s),
-        *check.plausible_temperature(log, ["temp_case_degc", "temp_env_degc"]),
         *check.varying(log, ["temp_case_degc", "temp_env_degc", "gyro_dph"]),
     ]
+
+
+def usable(log: Log, min_rows: int = 3) -> list[Finding]:
+    """Check a log that is to be compensated, which may be at rest, and in which time may be missing."""
+    early = [*check.rows(log, min_rows), *check.finite(log, COLUMNS)]
+    if any(finding.refused for finding in early):
+        return early
+    temperatures = check.plausible_temperature(log, ["temp_case_degc", "temp_env_degc"])
+    return [*early, *check.monotonic(log), *temperatures]
 
 
 def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
@@ -80,11 +89,20 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
         Input(log.file, log.sha256, log.rows),
         raw,
         clean,
+        thermal_fit.thermal_log(log.name, time, case, env, gyro, recipe.drift.interval_s, _part(cuts, time.size)),
         _ramps(log, cuts, index, env),
         noise,
         tuple(f"{log.file}: {note}" for note in (*log.notes, *flags))
         + tuple(str(finding) for finding in found if not finding.refused),
     )
+
+
+def _part(cuts: Sequence[segments.Segment], rows: int) -> NDArray[np.int64]:
+    """Number of the ramp that each row [n] belongs to; a soak belongs to the ramp before it, the first to the first."""
+    begins = np.zeros(rows, dtype=np.int64)
+    for ramp in [segment for segment in cuts if segment.kind == "ramp"][1:]:
+        begins[ramp.start] = 1
+    return np.cumsum(begins)
 
 
 def cut(name: str, time: Array, env: Array, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.numeric import drift
-from calibkit.report.fog_thermal import DriftLog, DriftReport, OrderError, RampCoefficients, RateCurve
+from calibkit.report.fog_thermal import DriftLog, DriftReport, RampCoefficients, RateCurve, Tested
 from calibkit.report.summary import Summary, SummaryTable, number
 
 if TYPE_CHECKING:
@@ -15,8 +15,10 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Criterion
     from calibkit.frame import Log
+    from calibkit.numeric.thermal_choice import ThermalChoice
     from calibkit.stages.fog_compensate import DriftModel, LogFigures
     from calibkit.stages.fog_drift import FittedRamp, SideChoice
+    from calibkit.stages.fog_export import Export
     from calibkit.stages.fog_ramps import PreparedLog
 
 
@@ -24,7 +26,7 @@ def drift_report(
     title: str,
     logs: Sequence[PreparedLog],
     ramps: Sequence[FittedRamp],
-    choices: Sequence[SideChoice],
+    tested: Sequence[Tested],
     model: DriftModel,
 ) -> DriftReport:
     """Everything that the figures of a fit show."""
@@ -32,8 +34,8 @@ def drift_report(
     points = tuple(
         RampCoefficients(item.fit.rate, item.fit.coefficients, np.sqrt(np.diag(item.fit.covariance))) for item in ramps
     )
-    curves = tuple(_curve(choice.chosen) for choice in choices if choice.chosen is not None)
-    return DriftReport(title, model.interval_s, shown, points, curves, tuple(map(_orders, choices)))
+    curves = tuple(map(_curve, model.polynomials))
+    return DriftReport(title, model.interval_s, shown, points, curves, tuple(tested))
 
 
 def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
@@ -44,7 +46,7 @@ def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
         log.raw.case,
         log.raw.indication,
         log.denoised.indication,
-        model.output(log.raw, log.raw.indication, "recursive"),
+        model.output(model.along(log.raw), log.raw.indication, "recursive"),
     )
 
 
@@ -54,14 +56,23 @@ def _curve(polynomial: drift.RatePolynomial) -> RateCurve:
     return RateCurve(polynomial.side, rate, drift.evaluate(polynomial, rate))
 
 
-def _orders(choice: SideChoice) -> OrderError:
-    """Errors of the tested orders of a side."""
-    return OrderError(
-        choice.side,
-        choice.tested[0].pooled_raw if choice.tested else 0.0,
-        tuple(result.order for result in choice.tested),
-        tuple(result.pooled for result in choice.tested),
-        choice.chosen.order if choice.chosen is not None else None,
+def tested(choices: Sequence[SideChoice], levels: ThermalChoice | None, export: Export) -> tuple[Tested, ...]:
+    """Every model that was tested on withheld ramps, the orders of the published scheme side by side."""
+    orders = tuple(
+        Tested(
+            f"gradient_rate {choice.side}, order {result.order}",
+            result.pooled_raw,
+            result.pooled,
+            bool(export.model.polynomials) and choice.chosen is not None and choice.chosen.order == result.order,
+        )
+        for choice in choices
+        for result in choice.tested
+    )
+    if levels is None:
+        return orders
+    return orders + tuple(
+        Tested(result.candidate.name, result.pooled_raw, result.pooled, export.name == result.candidate.name)
+        for result in levels.tested
     )
 
 
@@ -69,12 +80,12 @@ def summary(
     title: str,
     figures: Sequence[LogFigures],
     ramps: Sequence[FittedRamp],
-    choices: Sequence[SideChoice],
+    results: Sequence[Tested],
     flags: Sequence[str],
     criteria: Sequence[Criterion],
 ) -> Summary:
     """What the console and report.txt say of a fit."""
-    tables = (ramp_table(ramps), choice_table(choices), before_after_table(figures))
+    tables = (ramp_table(ramps), tested_table(results), before_after_table(figures))
     return Summary(title, tables, tuple(dict.fromkeys(flags)), tuple(criteria))
 
 
@@ -92,18 +103,16 @@ def ramp_table(ramps: Sequence[FittedRamp]) -> SummaryTable:
     )
 
 
-def choice_table(choices: Sequence[SideChoice]) -> SummaryTable:
-    """Drift rms on withheld rates for each order, and what was exported."""
-    rows = []
-    for choice in choices:
-        exported = "none" if choice.chosen is None else f"order {choice.chosen.order}"
-        raw = number(choice.tested[0].pooled_raw) if choice.tested else "-"
-        errors = "  ".join(f"{result.order}: {result.pooled:.3g}" for result in choice.tested) or "not testable"
-        rows.append((choice.side, raw, errors, exported))
+def tested_table(results: Sequence[Tested]) -> SummaryTable:
+    """Drift rms on withheld ramps under each model, and which is exported."""
+    rows = tuple(
+        (entry.name, number(entry.raw), number(entry.left), f"{entry.share:.3f}", "exported" if entry.exported else "")
+        for entry in results
+    )
     return SummaryTable(
-        "Withheld-rate error: each rate left out in turn, drift rms of its log [°/h, 100 s means]",
-        ("side", "raw", "order: compensated", "exported"),
-        tuple(rows),
+        "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
+        ("model", "raw", "compensated", "share of raw", ""),
+        rows,
     )
 
 

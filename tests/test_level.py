@@ -1,0 +1,295 @@
+"""The level model: causal rates without delay, one robust fit over all logs, coefficients in raw units."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibkit.errors import FitError
+from calibkit.numeric import level, thermal_drift, thermal_fit, thermal_noise, thermal_terms
+from calibkit.numeric.thermal_fit import ThermalLog
+from calibkit.numeric.thermal_terms import TERMS, Drivers, Scales, Valid, raw_design
+
+TRUE = np.array([8.0, 9e-3, -3e-4, 2e-6, -0.18, -0.05, 4e-4, 1.3e-3, 0.015])
+"""A drift of about 1 °/h over −40 … 60 °C."""
+
+
+def temperatures(rate, seconds=9000.0, step=10.0, lag=300.0):
+    """Return time [s], case and chamber temperature [°C] of a ramp between soaks, the case behind by a lag."""
+    time = np.arange(0.0, seconds, step)
+    ends = (-40.0, 60.0) if rate > 0 else (60.0, -40.0)
+    start = 900.0
+    env = np.clip(ends[0] + rate / 60.0 * np.maximum(time - start, 0.0), -40.0, 60.0)
+    env = env + 0.2 * np.sin(time / 170.0)
+    case = np.empty_like(env)
+    case[0] = env[0]
+    decay = np.exp(-step / lag)
+    for k in range(1, time.size):
+        case[k] = env[k] + decay * (case[k - 1] - env[k])
+    return time, case, env
+
+
+def log_of(name, rate, coefficients=TRUE, *, noise=0.0, turn_on=0.0, seed=0, seconds=9000.0):
+    """Return a log whose drift is a level model's on its own temperatures."""
+    time, case, env = temperatures(rate, seconds)
+    drift = raw_design(level.drivers(time, case, env)) @ coefficients
+    rng = np.random.default_rng([seed, *name.encode()])
+    seen = drift + turn_on + (rng.normal(0.0, noise, time.size) if noise else 0.0)
+    return ThermalLog(name, time, case, env, seen, np.zeros(time.size, dtype=np.int64))
+
+
+def campaign(*, noise=0.0, turn_on=0.0, seed=0, coefficients=TRUE):
+    """Return logs of heating and cooling at 1, 5, 8, 10 °C/min; their turn-on biases alternate."""
+    return [
+        log_of(
+            f"ramp {rate:+g}",
+            rate,
+            coefficients,
+            noise=noise,
+            turn_on=turn_on * (-1.0) ** k,
+            seed=seed,
+            seconds=9000.0 if abs(rate) < 2.0 else 4500.0,
+        )
+        for k, rate in enumerate((1.0, -1.0, 5.0, -5.0, 8.0, -8.0, 10.0, -10.0))
+    ]
+
+
+# rates
+
+
+def test_the_rate_of_a_parabola_is_exact_at_every_instant_on_any_sampling():
+    """No delay: T = 3 + 0.02 t − 1e-5 t² has the rate 0.02 − 2e-5 t at once, sampled irregularly, across a gap too."""
+    rng = np.random.default_rng(0)
+    time = np.cumsum(rng.uniform(2.0, 12.0, 300))
+    time[150:] += 60.0
+    rate = level.end_slope(time, 3.0 + 0.02 * time - 1e-5 * time**2, 120.0)
+    started = rate != 0.0
+    assert started.sum() > 280
+    assert rate[started] == pytest.approx(60.0 * (0.02 - 2e-5 * time[started]), abs=1e-8)  # °C/min
+
+
+def test_the_rate_is_that_of_a_fitted_parabola():
+    """It agrees with numpy's polynomial fit over the window before each instant."""
+    rng = np.random.default_rng(1)
+    time = np.cumsum(rng.uniform(4.0, 16.0, 120))
+    values = np.cumsum(rng.normal(0.0, 0.3, 120))
+    rate = level.end_slope(time, values, 90.0)
+    for k in range(12, 120):
+        window = (time >= time[k] - 90.0) & (time <= time[k])
+        slope = np.polynomial.Polynomial.fit(time[window] - time[k], values[window], 2).deriv()(0.0)
+        assert rate[k] == pytest.approx(60.0 * slope, abs=1e-9)  # °C/min
+
+
+def test_the_rate_knows_no_future():
+    """Two logs that are equal up to an instant have bit-equal rates up to it."""
+    rng = np.random.default_rng(2)
+    time, values = np.arange(200) * 10.0, rng.normal(0.0, 1.0, 200)
+    other = values.copy()
+    other[100:] += 7.0
+    assert np.array_equal(level.end_slope(time, values)[:100], level.end_slope(time, other)[:100])
+
+
+def test_a_quantised_thermometer_shows_no_steps_in_the_rate():
+    """At 1 °C/min, read to 0.0625 °C with 0.02 °C noise at 1 Hz and averaged over 10 s, the rate is off by < 0.1 °C/min."""
+    rng = np.random.default_rng(3)
+    true = np.arange(6000) / 60.0
+    read = np.round((true + rng.normal(0.0, 0.02, 6000)) / 0.0625) * 0.0625
+    rate = level.end_slope(np.arange(600) * 10.0, read.reshape(600, 10).mean(axis=1))
+    assert np.max(np.abs(rate[20:] - 1.0)) < 0.1  # °C/min
+
+
+def test_a_log_is_taken_to_start_at_rest():
+    """Until half of the window has been seen the rate is 0."""
+    rate = level.end_slope(np.arange(30) * 10.0, np.arange(30) * 1.0, 90.0)
+    assert np.array_equal(rate[:5] == 0.0, [True] * 5)
+    assert rate[6] == pytest.approx(6.0)  # °C/min
+
+
+def test_too_slow_a_sampling_is_refused_rather_than_given_no_rates():
+    """At 60 s a window of 90 s holds no parabola."""
+    time = np.arange(50) * 60.0
+    with pytest.raises(FitError, match=r"sampled every 60 s.*over 90 s"):
+        level.drivers(time, time, time)
+
+
+# terms
+
+
+@settings(max_examples=30)
+@given(seed=st.integers(0, 10_000))
+def test_scaled_coefficients_mean_the_same_drift_in_raw_units(seed):
+    """The design in scaled drivers times β is the raw design times the transformed β."""
+    rng = np.random.default_rng(seed)
+    drivers = Drivers(*rng.uniform(-60.0, 60.0, (4, 50)))
+    scales = Scales(rng.uniform(-20.0, 20.0), rng.uniform(10.0, 60.0), *rng.uniform(1.0, 20.0, 3))
+    beta = rng.normal(0.0, 1.0, 9)
+    expected = thermal_terms.scaled_design(drivers, scales) @ beta
+    assert raw_design(drivers) @ (thermal_terms.to_raw(scales) @ beta) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("terms", "message"),
+    [
+        (("b0", "b2"), "b2 without b1"),
+        (("b0", "s_temp_rate"), "s_temp_rate without s_rate"),
+        (("b1",), "without b0"),
+        (("b0", "s_rat"), "'s_rat' is not a drift term"),
+    ],
+)
+def test_a_term_set_that_means_nothing_is_refused(terms, message):
+    """A product needs its factor, a power the one below, and b0 is always there."""
+    with pytest.raises(FitError, match=message):
+        thermal_terms.chosen_columns(terms)
+
+
+# fit
+
+
+def test_a_drift_of_the_family_is_found_again():
+    """Without noise all nine coefficients come back to 1e-7 of themselves, and the turn-on biases of the logs."""
+    model = level.fit(campaign(turn_on=0.05))
+    assert model.coefficients == pytest.approx(TRUE, rel=1e-7)
+    assert model.turn_on == pytest.approx(0.05 * np.array([1.0, -1.0] * 4), abs=1e-9)  # °/h
+    assert model.terms == TERMS
+    assert model.lags == ()
+
+
+def test_the_order_of_the_logs_does_not_matter():
+    """Reversed logs give the same coefficients to 1e-6 of their standard uncertainty."""
+    logs = campaign(noise=0.1)
+    there, back = level.fit(logs), level.fit(logs[::-1])
+    assert np.max(np.abs(there.coefficients - back.coefficients) / there.standard_uncertainty) < 1e-6
+
+
+def test_spikes_that_survive_averaging_have_no_say():
+    """With 1 % of the blocks off by 30 standard deviations the coefficients move by less than half of their uncertainty."""
+    clean = campaign(noise=0.1, seed=4)
+    rng = np.random.default_rng(5)
+    spiked = []
+    for log in clean:
+        seen = log.indication.copy()
+        hit = rng.random(seen.size) < 0.01
+        seen[hit] += rng.choice((-3.0, 3.0), hit.sum())  # °/h
+        spiked.append(ThermalLog(log.name, log.time, log.case, log.env, seen, log.part))
+    before, after = level.fit(clean), level.fit(spiked)
+    moved = np.abs(after.coefficients - before.coefficients) / before.standard_uncertainty
+    assert np.max(moved) < 0.5
+
+
+def test_a_lasting_misfit_keeps_its_say():
+    """Where the static model misses every transient by ten times the noise, no transient is thrown out as an outlier."""
+    logs = campaign(noise=0.01)
+    stacked = thermal_fit.stack(logs)
+    basis = level.basis(stacked)
+    trust = thermal_fit.trust(basis.design[:, 1:4], stacked)
+    missed = np.abs(basis.drivers.rate) > 3.0
+    assert np.mean(trust[missed]) > 0.8
+
+
+def test_a_constant_chamber_cannot_determine_the_gradient_terms():
+    """The refusal names the terms that nothing varies."""
+    logs = [
+        ThermalLog(log.name, log.time, log.case, log.case - 5.0, log.indication, log.part)
+        for log in campaign(noise=0.1)
+    ]
+    with pytest.raises(FitError, match=r"s_grad, s_grad2, s_grad_rate|cannot determine .*s_grad"):
+        level.fit(logs)
+
+
+@pytest.mark.parametrize(
+    ("logs", "message"),
+    [
+        ([], "no log to fit"),
+        ([log_of("short", 1.0, seconds=80.0)], "short: a ramp of 8 blocks"),
+        ([log_of("holed", 1.0, np.full(9, np.nan))], "holed: a value that is not finite"),
+    ],
+)
+def test_unusable_logs_are_refused(logs, message):
+    """Nothing is fitted to no log, to a log that is too short, or to one with holes."""
+    with pytest.raises(FitError, match=message):
+        level.fit(logs)
+
+
+def test_intervals_cover_the_coefficients_in_flicker_noise():
+    """Of 20 gyros with white and flicker noise 95 % intervals cover 90 to 99.5 % of the coefficients; white noise alone < 85 %."""
+    inside, naive = [], []
+    for seed in range(20):
+        rng = np.random.default_rng([seed, 3])
+        logs = []
+        for log in campaign(noise=0.1, turn_on=0.02, seed=seed):
+            root = np.linalg.cholesky(thermal_noise.flicker_kernel(log.time.size))
+            seen = log.indication + 0.02 * root @ rng.normal(0.0, 1.0, log.time.size)
+            logs.append(ThermalLog(log.name, log.time, log.case, log.env, seen, log.part))
+        model = level.fit(logs)
+        error = np.abs(model.coefficients - TRUE)
+        inside.append(error <= 2.0 * model.standard_uncertainty)
+        white = _white_uncertainty(logs)
+        naive.append(error[1:] <= 2.0 * white)
+    assert 0.90 <= np.mean(inside) <= 0.995
+    assert np.mean(naive) < 0.85
+
+
+def _white_uncertainty(logs):
+    """Return ordinary least-squares uncertainties [8] of the coefficients beyond b0 by a plain fit with a dummy a log."""
+    columns, indication = [], np.concatenate([log.indication for log in logs])
+    for number, log in enumerate(logs):
+        dummy = np.zeros((log.time.size, len(logs)))
+        dummy[:, number] = 1.0
+        columns.append(np.hstack([dummy, raw_design(level.drivers(log.time, log.case, log.env))[:, 1:]]))
+    design = np.vstack(columns)
+    found, square, *_ = np.linalg.lstsq(design, indication)
+    variance = float(square[0]) / (len(indication) - len(found))
+    scale = np.linalg.norm(design, axis=0)
+    return (
+        np.sqrt(np.diag(np.linalg.inv((design / scale).T @ (design / scale))) * variance)[len(logs) :]
+        / scale[len(logs) :]
+    )
+
+
+# evaluation
+
+
+def test_drift_is_zero_at_rest_at_the_reference_temperature_and_keeps_the_mean_rate():
+    """b0 is no drift; at 25 °C at rest nothing is taken off, at 60 °C what the polynomial says."""
+    model = level.fit(campaign())
+    still = np.arange(30) * 10.0
+    rest = thermal_drift.evaluate(model, still, np.full(30, 25.0), np.full(30, 25.0))
+    assert rest.drift == pytest.approx(np.zeros(30), abs=1e-9)  # °/h
+    warm = thermal_drift.evaluate(model, still, np.full(30, 50.0), np.full(30, 50.0)).drift
+    powers = np.array([[25.0**k, 50.0**k] for k in range(1, 4)])
+    assert warm == pytest.approx(np.full(30, TRUE[1:4] @ (powers[:, 1] - powers[:, 0])), abs=1e-6)  # °/h
+
+
+def test_outside_the_fitted_ranges_the_drift_is_held_and_flagged():
+    """At 80 °C the drift is that of the hottest fitted case, and the mask says so; what was taken off is known."""
+    model = level.fit(campaign())
+    time = np.arange(40) * 10.0
+    hot = thermal_drift.evaluate(model, time, np.full(40, 80.0), np.full(40, 80.0))
+    edge = np.full(40, model.valid.temperature[1])
+    assert hot.drift == pytest.approx(thermal_drift.evaluate(model, time, edge, edge).drift, abs=1e-12)  # °/h
+    assert hot.temperature_clamped.all()
+    assert not hot.rate_clamped.any()
+    assert not hot.gradient_clamped.any()
+    assert np.all(np.abs(hot.beyond) > 0.1)  # °/h
+    away = thermal_drift.evaluate(model, time, np.full(40, 20.0), np.full(40, 90.0))
+    assert away.gradient_clamped.all()
+    assert np.array_equal(away.clamped, away.gradient_clamped)
+
+
+def test_a_driver_that_no_term_uses_is_not_clamped():
+    """A static model does not mind rates and gradients that it has not seen."""
+    model = level.fit(campaign(), ("b0", "b1", "b2"))
+    time = np.arange(40) * 10.0
+    found = thermal_drift.evaluate(model, time, 0.5 * time - 40.0, np.full(40, 200.0))
+    assert not found.rate_clamped.any()
+    assert not found.gradient_clamped.any()
+
+
+def test_valid_ranges_are_those_of_the_logs():
+    """The ranges stand in the model as the logs had them."""
+    logs = campaign()
+    model = level.fit(logs)
+    case = np.concatenate([log.case for log in logs])
+    assert model.valid.temperature == (case.min(), case.max())
+    assert isinstance(model.valid, Valid)
+    assert 8.0 < model.valid.rate[1] < 11.0  # °C/min

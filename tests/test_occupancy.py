@@ -1,0 +1,129 @@
+"""Block means without spikes, and weights by how long a temperature was dwelt at."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibkit.numeric import occupancy
+
+RNG = np.random.default_rng(1)
+
+
+def blocks_of(size, count):
+    """Return block numbers of `count` blocks of `size` samples."""
+    return np.repeat(np.arange(count), size)
+
+
+def test_spikes_are_found_and_normal_noise_is_not():
+    """Of 100,000 normal samples at most 0.1 % are called spikes, of 500 spikes of 20 standard deviations all."""
+    index = blocks_of(10, 10_000)
+    noise = RNG.normal(0.0, 0.6, index.size)
+    assert occupancy.spikes(noise, index).mean() < 1e-3
+    hit = RNG.choice(index.size, 500, replace=False)
+    noise[hit] += 12.0  # °/h
+    found = occupancy.spikes(noise, index)
+    assert found[hit].all()
+    assert found.sum() - 500 < 1e-3 * index.size
+
+
+def test_a_spike_does_not_move_the_mean_of_its_block():
+    """The mean of a block with a spike of 50 °/h is that of its other samples, and the other blocks do not change."""
+    time = np.arange(1000.0)
+    clean = RNG.normal(5.0, 0.6, 1000)
+    dirty = clean.copy()
+    dirty[123] += 50.0
+    index = blocks_of(10, 100)
+    kept = ~occupancy.spikes(dirty, index)
+    _, means = occupancy.block_means(time, dirty, 10.0, keep=kept)
+    expected = clean.reshape(100, 10).mean(axis=1)
+    expected[12] = np.delete(clean[120:130], 3).mean()
+    assert means == pytest.approx(expected, abs=1e-12)  # °/h
+
+
+def test_an_indication_that_moves_within_its_blocks_has_no_spikes():
+    """A fast drift after a long quiet time is a drift, though its blocks deviate far more than the quiet ones."""
+    index = blocks_of(10, 200)
+    quiet = RNG.normal(0.0, 0.01, 1500)
+    moving = np.arange(500) * 0.05 + RNG.normal(0.0, 0.01, 500)
+    assert not occupancy.spikes(np.concatenate([quiet, moving]), index).any()
+
+
+def test_a_spike_stands_out_of_counts_that_hardly_change():
+    """Where more than half of the samples are alike the smallest step is the measure."""
+    index = blocks_of(10, 50)
+    counts = np.where(RNG.random(500) < 0.2, 0.05, 0.0)
+    counts[77] = 3.0
+    assert np.flatnonzero(occupancy.spikes(counts, index)).tolist() == [77]
+
+
+def test_blocks_of_two_samples_show_no_spike():
+    """Of two samples none can be told to be the wild one."""
+    values = np.zeros(40)
+    values[5] = 100.0
+    assert not occupancy.spikes(values + RNG.normal(0.0, 0.1, 40), blocks_of(2, 20)).any()
+
+
+def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
+    """With gaps and jitter each interval that holds a sample has its mean, in order."""
+    time = np.sort(RNG.choice(3000, 1200, replace=False)).astype(np.float64)
+    time = time[(time < 500) | (time > 900)] - time[0]
+    values = RNG.normal(0.0, 1.0, time.size)
+    middle, means = occupancy.block_means(time, values, 25.0)
+    numbers = [int(np.floor(t / 25.0 + 0.5 * min(np.median(np.diff(time)) / 25.0, 1.0))) for t in time]
+    expected = [[values[i] for i in range(time.size) if numbers[i] == k] for k in sorted(set(numbers))]
+    assert means == pytest.approx([float(np.mean(block)) for block in expected], abs=1e-12)
+    assert np.all(np.diff(middle) > 0.0)
+
+
+def test_a_block_of_spikes_alone_keeps_its_mean():
+    """A block of which nothing would be kept is not lost."""
+    keep = np.ones(30, dtype=bool)
+    keep[10:20] = False
+    _, means = occupancy.block_means(np.arange(30.0), np.arange(30.0), 10.0, keep=keep)
+    assert means == pytest.approx([4.5, 14.5, 24.5])
+
+
+def test_counts_are_those_of_a_loop():
+    """Each block is told how many blocks share its bin of temperature."""
+    temperature = RNG.uniform(-40.0, 60.0, 200)
+    expected = [sum(int(np.floor(a / 2.5)) == int(np.floor(b / 2.5)) for b in temperature) for a in temperature]
+    assert occupancy.counts(temperature).tolist() == expected
+
+
+def test_without_misfit_all_blocks_count_alike():
+    """White noise alone asks for equal weights."""
+    assert occupancy.weights(np.array([1.0, 5.0, 400.0]), 0.2, 0.0) == pytest.approx([1.0, 1.0, 1.0])
+
+
+def test_without_noise_all_temperatures_count_alike():
+    """A temperature dwelt at for an hour weighs as much as one passed in a minute."""
+    temperature = np.concatenate([np.full(360, 60.0), np.full(6, 20.0), np.full(25, -40.0)])
+    weights = occupancy.weights(occupancy.counts(temperature), 0.0, 0.01)
+    assert weights[:360].sum() == pytest.approx(weights[360:366].sum(), rel=1e-12)
+    assert weights[:360].sum() == pytest.approx(weights[366:].sum(), rel=1e-12)
+
+
+@settings(max_examples=50)
+@given(
+    counts=st.lists(st.integers(1, 5000), min_size=1, max_size=30),
+    noise=st.floats(0.0, 10.0),
+    misfit=st.floats(0.0, 10.0),
+)
+def test_weights_are_one_on_average_and_fall_with_occupancy(counts, noise, misfit):
+    """Whatever noise and misfit: positive, mean 1, never larger for a temperature that was dwelt at for longer."""
+    occupied = np.sort(np.array(counts, dtype=np.float64))
+    weights = occupancy.weights(occupied, noise, misfit)
+    assert np.mean(weights) == pytest.approx(1.0, rel=1e-9)
+    assert np.all(weights > 0.0)
+    assert np.all(np.diff(weights) <= 1e-12)
+
+
+def test_misfit_is_what_lasts_and_not_white_noise():
+    """A slow wave of rms 0.01 °/h is found in white noise of 0.02 °/h within 15 %; white noise alone is below 0.003."""
+    noise = RNG.normal(0.0, 0.02, 20_000)
+    wave = 0.01 * np.sqrt(2.0) * np.sin(np.arange(20_000) / 100.0)
+    trust = np.ones(20_000)
+    assert occupancy.misfit(noise + wave, trust, range(6, 31)) == pytest.approx(0.01, rel=0.15)
+    assert occupancy.misfit(noise, trust, range(6, 31)) < 0.003
+    assert occupancy.misfit(noise[:5], trust[:5], range(6, 31)) == 0.0
