@@ -1,0 +1,405 @@
+from __future__ import annotations
+
+import GTC
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from scipy.signal import lfilter
+
+from calibkit.errors import FitError
+from calibkit.numeric import gum
+from calibkit.numeric.gum import Component
+
+
+def autoregressive(generator, samples, coefficient):
+    """Stationary AR(1) series with unit innovations."""
+    return lfilter([1.0], [1.0, -coefficient], generator.standard_normal(samples + 400))[400:]
+
+
+def gauge_block():
+    """Uncertainty budget of JCGM 100 example H.1, contributions in nm."""
+    return [
+        Component("standard", 0.0, 25.0, "B", dof=18.0),
+        Component("difference", 0.0, 9.7, "A", dof=25.6),
+        Component("expansion difference", 0.0, 2.9, "B", dof=50.0),
+        Component("temperature difference", 0.0, 16.6, "B", dof=2.0),
+    ]
+
+
+def test_the_gauge_block_of_the_gum_has_its_published_uncertainty():
+    """JCGM 100 H.1: u_c 32 nm with 16 effective degrees of freedom, k 2.92 and U 93 nm at 99 %."""
+    result = gum.combine(gauge_block(), probability=0.99)
+    assert round(result.standard_uncertainty) == 32
+    assert int(result.effective_dof) == 16
+    assert result.coverage_factor == pytest.approx(2.92, abs=0.005)
+    assert result.expanded_uncertainty == pytest.approx(93.0, abs=0.7)  # nm; the GUM rounds u_c first
+
+
+def impedance(inputs):
+    """Resistance, reactance and impedance of JCGM 100 example H.2 from V, I and phase."""
+    voltage, current, phase = np.moveaxis(np.asarray(inputs), -1, 0)
+    return np.stack([voltage / current * np.cos(phase), voltage / current * np.sin(phase), voltage / current], axis=-1)
+
+
+def impedance_inputs():
+    """Estimates, standard uncertainties and covariance of V, I and phase of JCGM 100 table H.2."""
+    estimate = np.array([4.9990, 19.661e-3, 1.04446])
+    uncertainty = np.array([0.0032, 0.0095e-3, 0.00075])
+    correlation = np.array([[1.0, -0.36, 0.86], [-0.36, 1.0, -0.65], [0.86, -0.65, 1.0]])
+    return estimate, uncertainty, correlation
+
+
+def test_the_impedance_of_the_gum_has_its_published_covariance():
+    """JCGM 100 table H.3: 0.071, 0.295, 0.236 Ω, correlated −0.588, −0.485 and 0.993."""
+    estimate, uncertainty, correlation = impedance_inputs()
+    jacobian = gum.sensitivities(impedance, estimate, uncertainty)
+    covariance = gum.propagate(correlation * np.outer(uncertainty, uncertainty), jacobian)
+    u = np.sqrt(np.diag(covariance))
+    np.testing.assert_allclose(u, [0.071, 0.295, 0.236], atol=1.1e-3)  # Ω; the GUM's own inputs had more digits
+    found = covariance / np.outer(u, u)
+    np.testing.assert_allclose([found[0, 1], found[0, 2], found[1, 2]], [-0.588, -0.485, 0.993], atol=6e-3)
+
+
+def test_linear_propagation_and_monte_carlo_agree_on_the_impedance():
+    """200 000 correlated draws give the linear standard uncertainties within 0.8 %, four deviations of theirs."""
+    estimate, uncertainty, correlation = impedance_inputs()
+    covariance = correlation * np.outer(uncertainty, uncertainty)
+    linear = gum.propagate(covariance, gum.sensitivities(impedance, estimate, uncertainty))
+    draws = gum.normal_draws(estimate, covariance, np.random.default_rng(3), 200_000)
+    for k in range(3):
+        found = gum.monte_carlo(lambda x, k=k: impedance(x)[:, k], draws)
+        assert found.standard_uncertainty == pytest.approx(np.sqrt(linear[k, k]), rel=0.008)
+        assert found.high - found.low == pytest.approx(2.0 * 1.96 * np.sqrt(linear[k, k]), rel=0.02)
+
+
+@settings(max_examples=60, deadline=None)
+@given(st.lists(st.tuples(st.floats(1e-9, 1e9), st.floats(-50.0, 50.0), st.floats(1.0, 200.0)), min_size=1, max_size=6))
+def test_independent_components_combine_as_in_gtc(parts):
+    """The peer finds the same standard uncertainty, effective degrees of freedom and 95 % coverage factor."""
+    components = [Component("x", 1.0, u, "A", sensitivity=c, dof=v) for u, c, v in parts]
+    peer = sum(c * GTC.ureal(1.0, u, v) for u, c, v in parts)
+    if max(abs(u * c) for u, c, _ in parts) < 1e-60:  # the peer's fourth powers underflow
+        return
+    result = gum.combine(components, probability=0.95)
+    assert result.standard_uncertainty == pytest.approx(GTC.uncertainty(peer), rel=1e-12)
+    assert result.effective_dof == pytest.approx(GTC.dof(peer), rel=1e-9)
+    whole = np.floor(result.effective_dof + 1e-9)
+    assert result.coverage_factor == pytest.approx(GTC.reporting.k_factor(whole, 95), rel=1e-6)
+
+
+def test_degrees_of_freedom_do_not_depend_on_the_unit():
+    """Contributions of 1e-90 and 1e90 keep the eight effective degrees of freedom that they have in units of one."""
+    for unit in (1e-90, 1.0, 1e90):
+        parts = [Component("x", 0.0, unit, "A", dof=4.0)] * 2
+        assert gum.combine(parts).effective_dof == pytest.approx(8.0, rel=1e-12)
+    assert gum.combine([Component("x", 0.0, 0.0, "A", dof=4.0)]).expanded_uncertainty == 0.0
+
+
+def test_correlated_components_combine_as_in_gtc():
+    """An ensemble of three inputs with nine degrees of freedom beside an independent one of four agrees with the peer."""
+    correlation = np.array([[1.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 1.0]])
+    ensemble = GTC.multiple_ureal([1.0, 2.0, 3.0], [0.1, 0.2, 0.3], 9)
+    for i, j in ((0, 1), (0, 2), (1, 2)):
+        GTC.set_correlation(float(correlation[i, j]), ensemble[i], ensemble[j])
+    peer = 2.0 * ensemble[0] - ensemble[1] + 0.5 * ensemble[2] + GTC.ureal(0.0, 0.15, 4)
+    components = [
+        Component("a", 1.0, 0.1, "A", sensitivity=2.0, dof=9.0),
+        Component("b", 2.0, 0.2, "A", sensitivity=-1.0, dof=9.0),
+        Component("c", 3.0, 0.3, "A", sensitivity=0.5, dof=9.0),
+        Component("d", 0.0, 0.15, "A", dof=4.0),
+    ]
+    whole = np.eye(4)
+    whole[:3, :3] = correlation
+    result = gum.combine(components, correlation=whole)
+    assert result.standard_uncertainty == pytest.approx(GTC.uncertainty(peer), rel=1e-12)
+    assert result.effective_dof == pytest.approx(GTC.dof(peer), rel=1e-9)
+
+
+def test_a_common_error_adds_linearly_and_cancels_in_a_difference():
+    """Fully correlated inputs give u₁ + u₂ for their sum, |u₁ − u₂| for their difference."""
+    ones = np.ones((2, 2))
+    for sign, expected in ((1.0, 5.0), (-1.0, 1.0)):
+        parts = [Component("a", 0.0, 3.0, "B"), Component("b", 0.0, 2.0, "B", sensitivity=sign)]
+        assert gum.combine(parts, correlation=ones).standard_uncertainty == pytest.approx(expected, rel=1e-12)
+
+
+def test_a_chain_of_correlations_is_one_group_with_its_fewest_degrees_of_freedom():
+    """Inputs tied one to the next share the five degrees of freedom of the worst, an independent one keeps its own."""
+    chain = np.eye(4)
+    chain[0, 2] = chain[2, 0] = chain[2, 3] = chain[3, 2] = 0.4
+    parts = [Component(str(i), 0.0, 1.0, "A", dof=dof) for i, dof in enumerate((20.0, 1e9, 5.0, 50.0))]
+    result = gum.combine(parts, correlation=chain)
+    tied = 3.0 + 2.0 * 0.8
+    assert result.standard_uncertainty**2 == pytest.approx(tied + 1.0, rel=1e-12)
+    assert result.effective_dof == pytest.approx((tied + 1.0) ** 2 / (tied**2 / 5.0 + 1.0 / 1e9), rel=1e-12)
+
+
+def test_expanded_intervals_cover_the_truth():
+    """Two averages of 5 and 10 readings and a type B term: k u_c holds the truth in 95.45 ± 0.9 % of 4000 repetitions."""
+    generator = np.random.default_rng(17)
+    readings = [generator.normal(0.0, sigma, (4000, n)) for sigma, n in ((1.0, 5), (2.0, 10))]
+    error = sum(part.mean(axis=1) for part in readings) + generator.normal(0.0, 0.3, 4000)
+    scatter = np.stack([part.std(axis=1, ddof=1) / np.sqrt(part.shape[1]) for part in readings], axis=1)
+    inside = 0
+    for i in range(4000):
+        parts = [
+            Component("first", 0.0, scatter[i, 0], "A", dof=4.0),
+            Component("second", 0.0, scatter[i, 1], "A", dof=9.0),
+            Component("certificate", 0.0, 0.3, "B"),
+        ]
+        inside += abs(error[i]) < gum.combine(parts).expanded_uncertainty
+    assert inside / 4000.0 == pytest.approx(0.9545, abs=0.009)
+
+
+@pytest.mark.parametrize(
+    ("dof", "factor"), [(1, 13.97), (2, 4.53), (3, 3.31), (4, 2.87), (5, 2.65), (8, 2.37), (10, 2.28), (20, 2.13)]
+)
+def test_coverage_factors_are_the_published_ones(dof, factor):
+    """JCGM 100 table G.2 and EA-4/02 annex E print these for 95.45 %; fractions of a degree of freedom are dropped."""
+    assert gum.coverage_factor(float(dof)) == pytest.approx(factor, abs=0.006)
+    assert gum.coverage_factor(dof + 0.9) == gum.coverage_factor(float(dof))
+
+
+def test_coverage_factor_is_two_from_thirty_degrees_of_freedom_on():
+    """The factor is 2 exactly at 30 and beyond, Student's at 29.99, and the normal quantile for another probability."""
+    assert gum.coverage_factor(30.0) == gum.coverage_factor(np.inf) == 2.0
+    assert gum.coverage_factor(29.99) == pytest.approx(2.08997, abs=1e-5)
+    assert gum.coverage_factor(np.inf, probability=0.95) == pytest.approx(1.959964, abs=1e-6)
+    assert gum.coverage_factor(1.0 - 1e-12) == gum.coverage_factor(1.0)
+    with pytest.raises(FitError, match="effective degrees of freedom"):
+        gum.coverage_factor(0.9)
+    with pytest.raises(FitError, match="effective degrees of freedom"):
+        gum.coverage_factor(float("nan"))
+    with pytest.raises(FitError, match="coverage probability"):
+        gum.coverage_factor(10.0, probability=95.0)
+
+
+def test_type_b_limits_become_standard_uncertainties():
+    """Half-width a gives a/√3, a/√6 and a/√2 for rectangular, triangular and arcsine distributions."""
+    for distribution, divisor in (("rectangular", 3.0), ("triangular", 6.0), ("arcsine", 2.0)):
+        part = gum.type_b("thermometer", 20.0, 0.1, distribution, sensitivity=2.0)
+        assert part.standard_uncertainty == pytest.approx(0.1 / np.sqrt(divisor), rel=1e-12)
+        assert (part.kind, part.dof, part.sensitivity) == ("B", np.inf, 2.0)
+    with pytest.raises(FitError, match="no limits"):
+        gum.type_b("thermometer", 20.0, 0.1, "normal")
+
+
+def test_draws_have_the_moments_and_limits_of_their_components():
+    """Mean, standard deviation and extremes of 200 000 draws are those of the distribution."""
+    width = {"rectangular": 3.0, "triangular": 6.0, "arcsine": 2.0}
+    parts = [Component(name, 5.0, 0.2, "B", distribution=name) for name in ("normal", *width)]
+    parts.append(Component("t", 5.0, 0.2, "A", dof=10.0, distribution="t"))
+    drawn = gum.draws(parts, np.random.default_rng(23), 200_000)
+    np.testing.assert_allclose(drawn.mean(axis=0), 5.0, atol=0.002)
+    expected = np.array([0.2] * 4 + [0.2 * np.sqrt(10.0 / 8.0)])
+    np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=0.01)
+    for column, square in enumerate(width.values(), start=1):
+        assert np.abs(drawn[:, column] - 5.0).max() == pytest.approx(0.2 * np.sqrt(square), rel=0.01)
+        assert np.abs(drawn[:, column] - 5.0).max() <= 0.2 * np.sqrt(square) * (1.0 + 1e-12)
+
+
+def test_four_rectangular_inputs_give_the_published_interval():
+    """JCGM 101 9.2.3: the sum of four of unit variance has u 2.00 and the 95 % interval [−3.88, 3.88]."""
+    parts = [Component("x", 0.0, 1.0, "B", distribution="rectangular")] * 4
+    inputs = gum.draws(parts, np.random.default_rng(29), 400_000)
+    found = gum.monte_carlo(lambda x: x.sum(axis=1), inputs, interval="symmetric")
+    assert found.standard_uncertainty == pytest.approx(2.0, abs=0.01)
+    assert (found.low, found.high) == (pytest.approx(-3.88, abs=0.02), pytest.approx(3.88, abs=0.02))
+    shortest = gum.monte_carlo(lambda x: x.sum(axis=1), inputs)
+    assert shortest.high - shortest.low == pytest.approx(2.0 * 3.88, abs=0.03)
+
+
+def test_one_dominant_rectangular_input_gives_the_published_interval():
+    """JCGM 101 9.2.4: with a fourth of ten times the width, u is 10.1 and the interval [−17.0, 17.0]."""
+    parts = [Component("x", 0.0, u, "B", distribution="rectangular") for u in (1.0, 1.0, 1.0, 10.0)]
+    inputs = gum.draws(parts, np.random.default_rng(30), 400_000)
+    found = gum.monte_carlo(lambda x: x.sum(axis=1), inputs, interval="symmetric")
+    assert found.standard_uncertainty == pytest.approx(10.1, abs=0.06)
+    assert (found.low, found.high) == (pytest.approx(-17.0, abs=0.1), pytest.approx(17.0, abs=0.1))
+
+
+def test_intervals_of_a_skewed_result_are_those_of_its_distribution():
+    """Exponential results: shortest from zero to −ln 0.05, symmetric between the 2.5 % quantiles, one-sided at 5 %."""
+    inputs = np.random.default_rng(31).exponential(1.0, (400_000, 1))
+    bounds = {
+        kind: gum.monte_carlo(lambda x: x[:, 0], inputs, interval=kind)
+        for kind in ("shortest", "symmetric", "upper", "lower")
+    }
+    expected = {
+        "shortest": (0.0, -np.log(0.05)),
+        "symmetric": (-np.log(0.975), -np.log(0.025)),
+        "upper": (-np.inf, -np.log(0.05)),
+        "lower": (-np.log(0.95), np.inf),
+    }
+    for kind, (low, high) in expected.items():
+        assert bounds[kind].low == pytest.approx(low, abs=0.004), kind
+        assert bounds[kind].high == pytest.approx(high, rel=0.02), kind
+
+
+def test_a_coverage_interval_holds_the_stated_share_of_the_trials():
+    """Of 1000 ordered results 950 steps lie between the bounds, whatever the kind."""
+    ordered = np.sort(np.random.default_rng(32).standard_normal(1000))
+    for kind in ("shortest", "symmetric"):
+        low, high = gum.coverage_interval(ordered, 0.95, kind)
+        assert np.sum((ordered >= low) & (ordered <= high)) == 951
+    assert np.sum(ordered <= gum.coverage_interval(ordered, 0.95, "upper")[1]) == 951
+    assert np.sum(ordered >= gum.coverage_interval(ordered, 0.95, "lower")[0]) == 951
+
+
+def test_monte_carlo_repeats_itself_from_the_same_seed():
+    """Two generators of one seed give the same interval to the last bit."""
+    runs = [
+        gum.monte_carlo(
+            lambda x: x[:, 0] ** 2,
+            gum.normal_draws(np.ones(1), np.eye(1), np.random.default_rng(7), 5000),
+            probability=0.9,
+        )
+        for _ in range(2)
+    ]
+    assert runs[0] == runs[1]
+
+
+def test_uncertainty_along_a_log_is_the_diagonal_of_the_full_propagation():
+    """The same standard uncertainties without the square matrix, to rounding."""
+    generator = np.random.default_rng(41)
+    root = generator.standard_normal((4, 4))
+    jacobian = generator.standard_normal((60, 4))
+    expected = np.sqrt(np.diag(gum.propagate(root @ root.T, jacobian)))
+    np.testing.assert_allclose(gum.along(root @ root.T, jacobian), expected, rtol=1e-12)
+
+
+def test_sensitivities_are_the_derivatives_of_a_smooth_function():
+    """Central differences of a quadratic are exact, an input without uncertainty included."""
+    jacobian = gum.sensitivities(lambda x: x[0] ** 2 + 3.0 * x[1], np.array([2.0, 5.0]), np.array([0.1, 0.0]))
+    np.testing.assert_allclose(jacobian, [[4.0, 3.0]], rtol=1e-8)
+
+
+@pytest.mark.parametrize(("coefficient", "samples", "low", "high"), [(0.0, 1000, 0.95, 1.05), (0.9, 8000, 0.88, 1.03)])
+def test_block_bootstrap_finds_the_uncertainty_of_an_autocorrelated_mean(coefficient, samples, low, high):
+    """The mean of an AR(1) series has u = 1/((1 − ρ)√n); forty bootstraps average to it within the stated bias."""
+    generator = np.random.default_rng(51)
+    truth = 1.0 / (1.0 - coefficient) / np.sqrt(samples)
+    ratios = [
+        gum.moving_block_bootstrap(
+            autoregressive(generator, samples, coefficient), np.mean, generator, replicates=200
+        ).standard_uncertainty[0]
+        / truth
+        for _ in range(40)
+    ]
+    assert low < np.mean(ratios) < high
+
+
+def test_block_bootstrap_of_residuals_covers_a_slope_where_least_squares_does_not():
+    """Residuals correlated over ten samples: t u of the bootstrap covers the slope in 91 to 98 % of 150, ordinary u not."""
+    from scipy.stats import t
+
+    generator = np.random.default_rng(52)
+    n = 2000
+    design = np.stack([np.ones(n), np.linspace(-1.0, 1.0, n)], axis=1)
+    solve = np.linalg.pinv(design)
+    robust = ordinary = 0
+    for _ in range(150):
+        noise = autoregressive(generator, n, 0.8)
+        residuals = noise - design @ (solve @ noise)
+        found = gum.moving_block_bootstrap(residuals, lambda e: solve @ e, generator, replicates=100)
+        error = abs((solve @ noise)[1])
+        robust += error < t.ppf(0.975, found.dof) * found.standard_uncertainty[1]
+        ordinary += error < 1.96 * np.sqrt(residuals @ residuals / (n - 2) * (solve @ solve.T)[1, 1])
+    assert 0.91 <= robust / 150.0 <= 0.98
+    assert ordinary / 150.0 < 0.6
+
+
+def test_block_bootstrap_keeps_the_rows_of_a_series_together():
+    """A statistic of two columns sees pairs that occurred, and its covariance has their correlation."""
+    generator = np.random.default_rng(53)
+    first = generator.standard_normal(800)
+    series = np.stack([first, 2.0 * first], axis=1)
+    found = gum.moving_block_bootstrap(series, lambda rows: rows.mean(axis=0), generator, replicates=100)
+    np.testing.assert_allclose(found.replicates[:, 1], 2.0 * found.replicates[:, 0], rtol=1e-9)
+    np.testing.assert_allclose(found.estimate, series.mean(axis=0))
+    assert found.covariance[0, 1] == pytest.approx(2.0 * found.covariance[0, 0], rel=1e-9)
+    assert found.dof == pytest.approx(1.5 * 800 / found.block)
+
+
+def test_block_length_grows_with_the_correlation_and_repeats_itself():
+    """White noise needs blocks of a few samples, ρ = 0.9 of about 3.15 n^(1/3) (Politis & White 2004 with the AR(1) truth)."""
+    generator = np.random.default_rng(54)
+    assert np.mean([gum.block_length(autoregressive(generator, 2000, 0.0)) for _ in range(20)]) < 4.0
+    # G/g = 2ρ/(1 − ρ²) = 9.47 for AR(1), b = (1.5 · 9.47² · n)^(1/3)
+    wanted = (1.5 * (2.0 * 0.9 / (1.0 - 0.81)) ** 2 * 8000) ** (1.0 / 3.0)
+    found = np.mean([gum.block_length(autoregressive(generator, 8000, 0.9)) for _ in range(20)])
+    assert found == pytest.approx(wanted, rel=0.12)
+    assert gum.block_length(np.full(100, 3.0)) == 1
+
+
+def test_a_series_that_never_loses_its_memory_is_refused():
+    """A random walk has no replicates of itself; a block given by the caller is taken."""
+    generator = np.random.default_rng(55)
+    walk = np.cumsum(generator.standard_normal(2000))
+    with pytest.raises(FitError, match="correlation does not end"):
+        gum.moving_block_bootstrap(walk, np.mean, generator)
+    assert gum.moving_block_bootstrap(walk, np.mean, generator, block=500, replicates=20).block == 500
+
+
+@pytest.mark.parametrize(
+    ("value", "uncertainty", "expected"),
+    [
+        (1.23456, 0.0996, ("1.23", "0.10")),
+        (1.23456, 0.0994, ("1.235", "0.099")),
+        (12.3456, 0.0123, ("12.346", "0.012")),
+        (56789.0, 1234.0, ("56800", "1200")),
+        (99.5, 0.995, ("99.5", "1.0")),
+        (-0.0001, 0.05, ("0.000", "0.050")),
+        (-2.675, 0.15, ("-2.68", "0.15")),
+        (0.125, 0.125, ("0.13", "0.13")),
+        (1e-7, 3.04e-9, ("0.0000001000", "0.0000000030")),
+        (5.0, 9.96, ("5", "10")),
+    ],
+)
+def test_values_are_rounded_to_two_digits_of_their_uncertainty(value, uncertainty, expected):
+    """Two significant digits of the uncertainty, carry included, and the value to the same decimal place."""
+    assert gum.rounded(value, uncertainty) == expected
+
+
+@settings(max_examples=200, deadline=None)
+@given(st.floats(-1e9, 1e9), st.floats(1e-9, 1e6))
+def test_rounding_stays_within_half_a_place_and_repeats_itself(value, uncertainty):
+    """Printed numbers differ by at most half of the last place, and print as themselves."""
+    shown, short = gum.rounded(value, uncertainty)
+    significant = short.replace(".", "").lstrip("0")
+    place = float(short) / float(significant) if "." in short else 10.0 ** (len(short) - 2)
+    assert abs(float(short) - uncertainty) <= 0.5000001 * place
+    assert abs(float(shown) - value) <= 0.5000001 * place + 1e-15 * abs(value)
+    assert gum.rounded(float(shown), float(short)) == (shown, short)
+    if "." in short:
+        assert len(significant) == 2
+
+
+def test_what_has_no_uncertainty_is_refused():
+    """Impossible components, matrices, draws and roundings raise with a reason."""
+    generator = np.random.default_rng(61)
+    part = Component("x", 0.0, 1.0, "A")
+    for bad in ({"standard_uncertainty": -1.0}, {"estimate": np.nan}, {"dof": 0.0}, {"sensitivity": np.inf}):
+        with pytest.raises(FitError, match="component 'x'"):
+            Component(**({"name": "x", "estimate": 0.0, "standard_uncertainty": 1.0, "kind": "A"} | bad))
+    with pytest.raises(FitError, match="no variance"):
+        Component("x", 0.0, 1.0, "A", dof=2.0, distribution="t")
+    with pytest.raises(FitError, match="no components"):
+        gum.combine([])
+    for matrix in (np.eye(3), np.array([[1.0, 0.5], [0.4, 1.0]]), np.array([[1.0, 1.1], [1.1, 1.0]]), 2.0 * np.eye(2)):
+        with pytest.raises(FitError, match="not a correlation matrix"):
+            gum.combine([part, part], correlation=matrix)
+    with pytest.raises(FitError, match="positive semidefinite"):
+        gum.normal_draws(np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]), generator, 10)
+    with pytest.raises(FitError, match="not finite"):
+        gum.monte_carlo(lambda x: np.where(x[:, 0] > 3.0, np.nan, x[:, 0]), generator.standard_normal((10_000, 1)))
+    with pytest.raises(FitError, match="draw more"):
+        gum.monte_carlo(lambda x: x[:, 0], generator.standard_normal((500, 1)))
+    with pytest.raises(FitError, match="blocks of 60"):
+        gum.moving_block_bootstrap(generator.standard_normal(100), np.mean, generator, block=60)
+    with pytest.raises(FitError, match="not finite"):
+        gum.moving_block_bootstrap(np.array([1.0, np.nan, 2.0]), np.mean, generator)
+    for value, uncertainty in ((1.0, 0.0), (1.0, np.nan), (np.inf, 1.0), (1.0, -2.0)):
+        with pytest.raises(FitError, match="cannot round"):
+            gum.rounded(value, uncertainty)
