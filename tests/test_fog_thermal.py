@@ -132,6 +132,11 @@ def test_validation_improves_withheld_ramps_and_keeps_the_rate(runs, campaign, t
         assert log["drift_rms_after"] < log["drift_rms_before"]
         assert log["rate_gain"] == pytest.approx(1.0, abs=1e-3)
         assert log["one_step"]["rate_gain"] == pytest.approx(0.0, abs=1e-3)
+        deviation = log["allan_deviation"]
+        at = {tau: k for k, tau in enumerate(deviation["tau_s"])}
+        # 0.01 °/√h of angle random walk is 0.6 °/h at 1 s, which compensation leaves alone; the drift is in the long times
+        assert deviation["after"][at[1.0]] == pytest.approx(0.6, rel=0.03)
+        assert deviation["after"][at[1024.0]] < 0.5 * deviation["before"][at[1024.0]]
     assert calibkit("verify", out).code == 0
 
 

@@ -75,7 +75,10 @@ def weights(count: Array, noise: float, misfit: float) -> Array:
     worth count/(noise² + count misfit²) in all, each of its blocks 1/(noise² + count misfit²). Without misfit all blocks
     count alike; without noise all temperatures do, however long they were dwelt at.
     """
-    raw = 1.0 / (noise**2 + count * misfit**2) if noise > 0.0 or misfit > 0.0 else np.ones_like(count)
+    largest = max(noise, misfit)
+    if largest == 0.0:
+        return np.ones_like(count)
+    raw = 1.0 / ((noise / largest) ** 2 + count * (misfit / largest) ** 2)
     return np.asarray(raw / np.mean(raw), dtype=np.float64)
 
 

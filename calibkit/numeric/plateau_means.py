@@ -244,7 +244,8 @@ def _noise(residuals: list[Array], parts: list[_Part], values: Array) -> tuple[A
     creeping = sum(_creeps(r, full) for r in residuals)
     if creeping:
         flags.append(
-            f"{creeping} plateaus begin off their mean: the gyro had not settled, allow a longer settling time"
+            f"{creeping} of {len(residuals)} plateaus begin off their mean: where these are more than one in a hundred "
+            "the gyro had not settled, allow a longer settling time"
         )
     return covariance * np.outer(ratio, ratio), tuple(flags)
 

@@ -25,6 +25,8 @@ if TYPE_CHECKING:
 
 CLEARLY = 0.95
 """Share of the raw drift figure that a model must get below on left-out ramps."""
+ALIKE = 1.0025
+"""Ratio of pooled errors up to which two candidates count as alike: the noise of 100 s means hides more."""
 WORSE = 1.01
 """Factor above raw at which a left-out ramp counts as made worse: the drift rms of a log repeats to about a percent."""
 FIGURE_BLOCKS = 10
@@ -79,6 +81,10 @@ class LeftOut:
     """[ramps], the same with the model of the other ramps taken off."""
     errors: tuple[Array, ...]
     """Each ramp's compensated 100 s means [°/h], the mean removed."""
+    parameters: int
+    """Number of coefficients and lags."""
+    endless: bool
+    """Whether a lag came out as the longest that is looked for: then it stands for something that is not a lag."""
 
     @property
     def pooled_raw(self) -> float:
@@ -116,9 +122,9 @@ def choose(
 ) -> ThermalChoice:
     """Fit each candidate without each ramp in turn, and export the one with the smallest error on what it had not seen.
 
-    Never worse than raw: where the best candidate's pooled error is not below CLEARLY times the raw drift, or it makes any
-    left-out ramp worse, no drift term is exported. Left-out ramps are evaluated without clamping: the exported model has
-    seen their ranges, and the question is whether its form holds.
+    Never worse than raw: a candidate whose pooled error is not below CLEARLY times the raw drift, or that makes any left-out
+    ramp worse, is out; where all are, no drift term is exported. Left-out ramps are evaluated without clamping: the exported
+    model has seen their ranges, and the question is whether its form holds.
 
     Parameters
     ----------
@@ -138,20 +144,33 @@ def choose(
         return ThermalChoice((), (), None, None, reason)
     solutions, refused = solutions_of(stacked, candidates, window_s)
     tested = tuple(left_out(fitted, stacked, figure_blocks) for fitted in solutions)
-    helping = [k for k, result in enumerate(tested) if result.helps]
-    if not helping:
+    best = best_of(tested)
+    if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
-    best = min(helping, key=lambda k: tested[k].pooled)
     solution = solutions[best].solution
     model = (lagged.finished if solution.form == "lagged" else thermal_fit.finished)(solution, stacked)
     model = replace(model, model_error=thermal_uncertainty.model_error(tested[best].errors))
     return ThermalChoice(tested, refused, tested[best], model, _why(tested[best]))
 
 
+def best_of(tested: Sequence[LeftOut]) -> int | None:
+    """Number of the candidate to export: of those that help and are alike the least, the one with the fewest parameters.
+
+    One with a lag on its upper bound is only taken where no other helps.
+    """
+    helping = [k for k, result in enumerate(tested) if result.helps]
+    helping = [k for k in helping if not tested[k].endless] or helping
+    if not helping:
+        return None
+    least = min(tested[k].pooled for k in helping)
+    alike = [k for k in helping if tested[k].pooled <= ALIKE * least]
+    return min(alike, key=lambda k: (tested[k].parameters, tested[k].pooled))
+
+
 def _why(best: LeftOut) -> str:
     return (
         f"{best.candidate.name}: {best.pooled:.3g} deg/h on left-out ramps against {best.pooled_raw:.3g} deg/h raw, "
-        "the least of the candidates that make no ramp worse"
+        "the least, or the simplest of those alike, of the candidates that make no ramp worse"
     )
 
 
@@ -201,7 +220,16 @@ def left_out(fitted: Fitted, stacked: Stack, figure_blocks: int) -> LeftOut:
         error = figure_means(indication - predicted, trust[rows], figure_blocks)
         errors.append(error - error.mean())
         compensated.append(float(np.std(error)))
-    return LeftOut(fitted.candidate, stacked.ramp_names, np.array(raw), np.array(compensated), tuple(errors))
+    lags = fitted.solution.log_lags
+    return LeftOut(
+        candidate=fitted.candidate,
+        ramps=stacked.ramp_names,
+        raw=np.array(raw),
+        compensated=np.array(compensated),
+        errors=tuple(errors),
+        parameters=len(fitted.candidate.terms) + lags.size,
+        endless=bool(np.any(lags > np.log(lagged.BOUNDS_S[1]) - lagged.STEP)),
+    )
 
 
 def _predicted(fitted: Fitted, stacked: Stack) -> Iterator[Array]:

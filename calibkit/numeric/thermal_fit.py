@@ -137,15 +137,16 @@ def pooled(moment: Array, stacked: Stack, kept: Mask) -> Array:
 def solved(matrix: Array) -> tuple[Array, float] | None:
     """Coefficients [k] and weighted square sum of the residuals of a moment matrix [k + 1, k + 1]; None where dependent."""
     left, right = matrix[:-1, :-1], matrix[:-1, -1]
-    length = np.sqrt(np.diag(left))
-    if not np.all(length > 0.0):
+    square = np.diag(left)
+    if not np.all(square > 0.0):
         return None
+    length = np.sqrt(square)
     correlation = left / np.outer(length, length)
     if length.size and np.linalg.eigvalsh(correlation)[0] < DEPENDENT:
         return None
     found = np.linalg.solve(correlation, right / length) / length
-    square = matrix[-1, -1] - 2.0 * found @ right + found @ left @ found
-    return found, max(float(square), 0.0)
+    rest = matrix[-1, -1] - 2.0 * found @ right + found @ left @ found
+    return found, max(float(rest), 0.0)
 
 
 def offsets(columns: Array, coefficients: Array, weights: Array, stacked: Stack) -> Array:

@@ -80,4 +80,20 @@ def of(spec: Recipe) -> Procedure:
         from calibkit.procedures import bias_temperature
 
         return bias_temperature
+    if spec.procedure == "accelerometer":
+        from calibkit.procedures import accelerometer
+
+        return accelerometer
+    if spec.procedure == "inclinometer":
+        from calibkit.procedures import inclinometer
+
+        return inclinometer
+    if spec.procedure == "gyro_pair":
+        from calibkit.procedures import gyro_pair
+
+        return gyro_pair
+    if spec.procedure == "rate_table":
+        from calibkit.procedures import rate_table
+
+        return rate_table
     raise UsageError(f"procedure '{spec.procedure}' is not implemented", hint="see the shipped recipes")

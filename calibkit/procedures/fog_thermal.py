@@ -21,6 +21,7 @@ from calibkit.stages import (
     fog_drift,
     fog_export,
     fog_levels,
+    fog_noise,
     fog_ramps,
     fog_report,
     ingest,
@@ -132,7 +133,9 @@ def validate(
         _, slope = fog_ramps.cut(log.name, time, env, spec)
         found = fog_compensate.figures_of(log.name, drift.blocks(time, case, env, gyro, slope, model.interval_s), model)
         figures.append(found)
-        logs.append(fog_report.validation_entry(log, found, model))
+        output, _ = fog_compensate.compensated(log, model, spec)
+        entry = fog_report.validation_entry(log, found, model)
+        logs.append(entry | {"allan_deviation": fog_noise.residual(time, gyro, output)})
     flags = tuple(flag for log in figures for flag in log.flags)
     if not model.exported:
         flags = ("the run exports no drift term: before and after are the same", *flags)

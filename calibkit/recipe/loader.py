@@ -13,8 +13,11 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from calibkit.errors import RecipeError, UsageError
+from calibkit.recipe.accelerometer import AccelerometerRecipe
 from calibkit.recipe.bias_temperature import BiasTemperatureRecipe
 from calibkit.recipe.fog_thermal import FogThermalRecipe
+from calibkit.recipe.gyro import GyroPairRecipe, RateTableRecipe
+from calibkit.recipe.inclinometer import InclinometerRecipe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -22,8 +25,12 @@ if TYPE_CHECKING:
     from calibkit.recipe.tables import Recipe
 
 PROCEDURES: dict[str, type[Recipe]] = {
+    "accelerometer": AccelerometerRecipe,
     "bias_temperature": BiasTemperatureRecipe,
     "fog_thermal": FogThermalRecipe,
+    "inclinometer": InclinometerRecipe,
+    "gyro_pair": GyroPairRecipe,
+    "rate_table": RateTableRecipe,
 }
 """Value of `procedure` → record that the recipe must fill."""
 

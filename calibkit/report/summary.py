@@ -60,7 +60,9 @@ def renderables(summary: Summary) -> Sequence[RenderableType]:
 
     parts: list[RenderableType] = [Text(summary.title, style="bold")]
     for table in summary.tables:
-        shown = Table(title=table.title, title_justify="left", title_style="", box=box.SIMPLE_HEAD, pad_edge=False)
+        shown = Table(
+            title=Text(table.title), title_justify="left", title_style="", box=box.SIMPLE_HEAD, pad_edge=False
+        )
         for number_of_column, column in enumerate(table.columns):
             shown.add_column(Text(column), justify="left" if number_of_column == 0 else "right", overflow="fold")
         for row in table.rows:

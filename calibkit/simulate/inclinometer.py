@@ -25,6 +25,8 @@ DECIMALS = {
     "gyro_x_dph": 5,
     "gyro_y_dph": 5,
 }
+REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
+"""Columns of the reference attitude of withheld stations."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -213,7 +215,7 @@ def campaign(
     attitudes = random_attitudes(count, inclination_deg, rng)
     temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
     columns, scales = stations(tool, attitudes, latitude_deg, temperature, rng)
-    truth = {
+    truth: dict[str, object] = {
         "procedure": "inclinometer",
         "seed": seed,
         "latitude_deg": latitude_deg,
@@ -228,4 +230,26 @@ def campaign(
             "s_y": scales[:, 1].tolist(),
         },
     }
-    return Campaign({"stations.csv": columns}, DECIMALS, truth)
+    logs = {"stations.csv": columns}
+    logs["withheld/stations.csv"], truth["withheld"] = _withheld(
+        tool, seed, count, latitude_deg, inclination_deg, temperature_degc
+    )
+    return Campaign(logs, DECIMALS | dict.fromkeys(REFERENCE, 4), truth)
+
+
+def _withheld(
+    tool: Tool,
+    seed: int,
+    count: int,
+    latitude_deg: float,
+    inclination_deg: tuple[float, float],
+    temperature_degc: tuple[float, float],
+) -> tuple[dict[str, NDArray[np.float64] | NDArray[np.int64]], dict[str, object]]:
+    """Stations of the same tool on another day, with the reference attitude beside them, and their scale factors."""
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
+    attitudes = random_attitudes(count, inclination_deg, rng)
+    temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
+    columns, scales = stations(tool, attitudes, latitude_deg, temperature, rng)
+    for name in REFERENCE:
+        columns[name] = np.repeat(getattr(attitudes, name), 4)
+    return columns, {"s_x": scales[:, 0].tolist(), "s_y": scales[:, 1].tolist()}

@@ -1,0 +1,125 @@
+"""Triaxial accelerometer: dwells → accel_k.json, accel_q.json, accel_affine.json."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.coefficients import Criterion, Input
+from calibkit.errors import UsageError
+from calibkit.frame import refuse, require
+from calibkit.numeric import attitude
+from calibkit.procedures import Fitted
+from calibkit.report import accelerometer as pages
+from calibkit.report import figures as drawing
+from calibkit.report.summary import Summary, SummaryTable
+from calibkit.report.summary import text as plain
+from calibkit.stages import accel_attitude, accel_dwells, accel_fit, accel_results, ingest, write_back
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Finding, Log
+    from calibkit.procedures import Progress
+    from calibkit.recipe.accelerometer import AccelerometerRecipe
+
+
+def _read(spec: AccelerometerRecipe, data: Path, file: str) -> Log:
+    """One log in canonical columns; m/s² become g by the site's gravity."""
+    columns, optional = accel_dwells.needed(spec)
+    return ingest.read_log(_on_site(spec), data / file, file, columns, optional)
+
+
+def _on_site(spec: AccelerometerRecipe) -> AccelerometerRecipe:
+    """The recipe with the site's gravity worked out from latitude and height where it was not measured."""
+    gravity = accel_fit.local_gravity(spec.site)
+    return spec.model_copy(update={"site": spec.site.model_copy(update={"gravity_mps2": gravity})})
+
+
+def check(spec: AccelerometerRecipe, data: Path, file: str) -> list[Finding]:
+    """Find what is wrong with one log."""
+    return accel_dwells.findings(_read(spec, data, file), spec)
+
+
+def fit(spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
+    logs = [_read(spec, data, file) for file in progress(files, "reading")]
+    dwells = accel_dwells.collect(logs, spec)
+    fitted = accel_fit.fit(dwells, spec)
+    corrections = []
+    if fitted.k:
+        corrections.append(("K-factor", accel_results.k_correction(fitted, dwells)))
+    if spec.compensation == "kq":
+        corrections.append(("K- and Q-factor", accel_results.kq_correction(fitted, dwells)))
+    if fitted.affine is not None:
+        corrections.append(("affine", accel_results.affine_correction(fitted.affine, dwells)))
+    stands = accel_attitude.before_after(dwells, corrections, spec)
+    figures = accel_attitude.propagated(fitted.affine, dwells, spec.toolface_range_deg) if fitted.affine else ()
+    return Fitted(
+        accel_results.results(fitted, dwells, accel_fit.local_gravity(spec.site), figures),
+        tuple(Input(log.file, log.sha256, log.rows) for log in logs),
+        accel_attitude.summary(fitted, stands, spec, figures),
+        accel_attitude.drawing(dwells, stands, spec),
+    )
+
+
+def apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+    """Correct every row of a log, in the log's own unit and sign, and add inclination and toolface."""
+    rowwise = spec.model_copy(update={"reference": spec.reference.model_copy(update={"kind": "magnitude"})})
+    log = _read(
+        rowwise.model_copy(update={"dwells": spec.dwells.model_copy(update={"mode": "rows"})}), data.parent, data.name
+    )
+    refuse(accel_dwells.findings(log, rowwise))
+    correction = accel_results.correction(records, spec)
+    temperature = accel_dwells.optional(log, accel_dwells.TEMPERATURE)
+    flags = []
+    if np.isnan(temperature).any():
+        low, high = correction.temperature
+        if high - low > 0.0:
+            require(log.file, log.frame.columns, [accel_dwells.TEMPERATURE])
+        temperature = np.full(len(log.frame), low)
+    if (outside := correction.outside(temperature)) > 0.0:
+        low, high = correction.temperature
+        flags.append(
+            f"{log.file}: temperature clamped to {low:.1f} … {high:.1f} °C over {100.0 * outside:.1f} % of the rows"
+        )
+    vector = correction(accel_dwells.indication(log, spec), temperature)
+    own_sign = attitude.gravity_positive(vector, spec.reference.convention)
+    columns = {name: own_sign[:, i] for i, name in enumerate(accel_dwells.AXES)}
+    derived = {"inclination_deg": attitude.inclination(vector), "toolface_deg": attitude.toolface(vector)}
+    return write_back.replaced(_on_site(spec), data, columns, derived), tuple(flags)
+
+
+def validate(
+    spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+) -> tuple[dict[str, Any], Summary]:
+    """Attitude errors before and after on dwells that were not fitted."""
+    correction = accel_results.correction(records, spec)
+    entries: list[dict[str, object]] = []
+    tables: list[SummaryTable] = []
+    flags: list[str] = []
+    criteria: list[Criterion] = []
+    for file in progress(files, "validating"):
+        log = _read(spec, data, file)
+        dwells = accel_dwells.collect([log], spec)
+        stands = accel_attitude.before_after(dwells, [("corrected", correction)], spec)
+        entries.append(accel_attitude.entry(file, log.sha256, log.rows, stands))
+        tables.append(accel_attitude.table(stands, spec, file))
+        criteria += accel_attitude.criteria(stands[-1], spec)
+        flags += dwells.flags
+        if (outside := correction.outside(dwells.temperature)) > 0.0:
+            flags.append(f"{file}: temperature clamped over {100.0 * outside:.1f} % of the dwells")
+    return {"logs": entries}, Summary("", tuple(tables), tuple(flags), tuple(criteria))
+
+
+def report(title: str, fitted: Fitted) -> dict[str, bytes]:
+    """Figures as report.pdf and the summary as report.txt."""
+    if not isinstance(fitted.drawing, pages.TriadReport):
+        raise UsageError("not a fit of accelerometer")
+    return {
+        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
+        "report.txt": plain(fitted.summary).encode(),
+    }

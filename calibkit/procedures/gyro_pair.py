@@ -1,0 +1,163 @@
+"""Two gyros on a rate table, about A's reference axis and about B's own: → gyro_scale.json, gyro_orthogonality.json."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from calibkit.coefficients import Input
+from calibkit.errors import CoefficientError, RecipeError, UsageError
+from calibkit.procedures import Fitted
+from calibkit.report import figures as drawing
+from calibkit.report import gyro as pages
+from calibkit.report.summary import Summary, SummaryTable
+from calibkit.report.summary import text as plain
+from calibkit.stages import gyro_compensate, gyro_report, gyro_results, gyro_runs, write_back
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Finding
+    from calibkit.numeric.gyro_pair import GyroPair
+    from calibkit.procedures import Progress
+    from calibkit.recipe.gyro import GyroPairRecipe
+    from calibkit.stages.gyro_compensate import Frozen
+
+GYROS = ("a", "b")
+
+
+def check(spec: GyroPairRecipe, data: Path, file: str) -> list[Finding]:
+    """Find what is wrong with one log."""
+    return gyro_runs.findings(gyro_runs.read(spec, data, file, GYROS), GYROS, spec)
+
+
+def _axes(spec: GyroPairRecipe, files: Sequence[str]) -> dict[str, str]:
+    """Table axis → log; raises RecipeError for an axis without its log, or a log of neither."""
+    axes = {"a": spec.pair.axis_a, "b": spec.pair.axis_b}
+    for axis, name in axes.items():
+        if name not in files:
+            raise RecipeError(
+                f"pair.axis_{axis} = '{name}': no such log among {', '.join(files)}",
+                hint="a pair needs the log of each table axis; see [logs] files and [[exclude]]",
+            )
+    if extra := [file for file in files if file not in axes.values()]:
+        raise RecipeError(f"{extra[0]}: a log of neither table axis", hint="name one log an axis under [pair]")
+    return axes
+
+
+def _fit(spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progress) -> gyro_results.PairFit:
+    """Both runs and what they say of the pair."""
+    axes = {file: axis for axis, file in _axes(spec, files).items()}
+    runs = {
+        axes[file]: gyro_runs.run_of(gyro_runs.read(spec, data, file, GYROS), GYROS, spec)
+        for file in progress(list(axes), "reading and averaging")
+    }
+    return gyro_results.pair_fit(runs["a"], runs["b"])
+
+
+def fit(spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Fit the scale factors about both axes and the orthogonality of the pair."""
+    fitted = _fit(spec, data, files, progress)
+    scales = gyro_results.pair_scale_result(fitted, spec)
+    tables = (
+        gyro_report.scale_table(scales.models),
+        *gyro_report.temperature_table(scales.models),
+        gyro_report.figure_table(scales.figures, ("a_about_a", "b_about_b"), "Figures of each gyro about its own axis"),
+        *gyro_report.bias_table(scales.figures),
+        gyro_report.pair_table(fitted),
+    )
+    criteria = gyro_report.pair_criteria(fitted, scales, spec.acceptance)
+    logs = [fitted.runs[axis].log for axis in ("a", "b")]
+    return Fitted(
+        (scales, gyro_results.orthogonality_result(fitted, spec)),
+        tuple(Input(log.file, log.sha256, log.rows) for log in logs),
+        Summary(spec.title, tables, fitted.flags, criteria),
+        gyro_report.pair_drawing(fitted),
+    )
+
+
+def _frozen(records: Mapping[str, Record]) -> list[Frozen]:
+    """Coefficients of both gyros about their own axes."""
+    return [gyro_compensate.frozen(records, gyro, f"{gyro}_about_{gyro}") for gyro in GYROS]
+
+
+def apply(spec: GyroPairRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+    """Add each gyro's compensated rate about its own axis to every row of a log."""
+    coefficients = _frozen(records)
+    log = gyro_compensate.read(spec, data, coefficients)
+    derived, flags = gyro_compensate.compensated(log, coefficients, gyro_compensate.earth_rate(records, spec))
+    return write_back.replaced(spec, data, {}, derived), flags
+
+
+def validate(
+    spec: GyroPairRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+) -> tuple[dict[str, Any], Summary]:
+    """Scale factors of unseen runs against the frozen ones; with both logs, N and γ again."""
+    coefficients = {one.gyro: one for one in _frozen(records)}
+    known = {spec.pair.axis_a: "a", spec.pair.axis_b: "b"}
+    runs: dict[str, gyro_runs.TableRun] = {}
+    entries, named = [], []
+    flags: list[str] = []
+    for file in progress(files, "validating"):
+        if file not in known:
+            raise RecipeError(f"{file}: a log of neither table axis", hint="name one log an axis under [pair]")
+        axis = known[file]
+        run = runs[axis] = gyro_runs.run_of(gyro_runs.read(spec, data, file, GYROS), GYROS, spec)
+        stand = gyro_compensate.stand(run, coefficients[axis], spec)
+        entries.append({"name": file, "sha256": run.log.sha256, "rows": run.log.rows, "gyros": [stand]})
+        named.append((file, stand))
+        flags += run.flags
+    body: dict[str, Any] = {"logs": entries}
+    tables = [gyro_report.validation_table(named)]
+    if len(runs) == len(GYROS):
+        again = gyro_results.pair_fit(runs["a"], runs["b"])
+        body["pair"] = _against(records, again.found)
+        tables.append(_pair_table(body["pair"]))
+        flags += again.flags
+    criteria = gyro_report.validation_criteria([stand for _, stand in named], spec.acceptance)
+    return body, Summary("", tuple(tables), tuple(dict.fromkeys(flags)), criteria)
+
+
+def _against(records: Mapping[str, Record], again: GyroPair) -> list[dict[str, Any]]:
+    """N, ε, γ, α of unseen runs against the frozen ones."""
+    if "gyro_orthogonality.json" not in records:
+        raise CoefficientError("the run holds no gyro_orthogonality.json", hint="it is not a run of gyro_pair")
+    frozen = records["gyro_orthogonality.json"].model("pair")
+    found = (again.N, again.epsilon, again.gamma, again.alpha_deg)
+    return [
+        {
+            "name": c.name,
+            "frozen": c.value,
+            "found": value,
+            "difference": value - c.value,
+            "standard_uncertainty": float((u**2 + c.standard_uncertainty**2) ** 0.5),
+            "unit": c.unit,
+        }
+        for c, value, u in zip(frozen.coefficients, found, again.standard_uncertainty.tolist(), strict=True)
+    ]
+
+
+def _pair_table(entries: Sequence[dict[str, Any]]) -> SummaryTable:
+    """Pair figures, frozen and found."""
+    rows = tuple(
+        (
+            e["name"],
+            f"{e['frozen']:.9f}",
+            f"{e['found']:.9f}",
+            f"{e['difference']:+.1e} ± {e['standard_uncertainty']:.0e}",
+            e["unit"],
+        )
+        for e in entries
+    )
+    return SummaryTable("The pair again", ("", "frozen", "found", "difference", "unit"), rows)
+
+
+def report(title: str, fitted: Fitted) -> dict[str, bytes]:
+    """Figures as report.pdf and the summary as report.txt."""
+    if not isinstance(fitted.drawing, pages.GyroReport):
+        raise UsageError("not a fit of gyro_pair")
+    return {
+        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
+        "report.txt": plain(fitted.summary).encode(),
+    }

@@ -1,0 +1,134 @@
+"""Four-position inclinometer: stations → inclinometer_scale.json."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.coefficients import Input
+from calibkit.errors import FrameError, UsageError
+from calibkit.frame import refuse, values
+from calibkit.procedures import Fitted
+from calibkit.report import figures as drawing
+from calibkit.report import inclinometer as pages
+from calibkit.report.summary import Summary
+from calibkit.report.summary import text as plain
+from calibkit.stages import (
+    accel_fit,
+    inclinometer_azimuth,
+    inclinometer_results,
+    inclinometer_solve,
+    inclinometer_stations,
+    ingest,
+    write_back,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Finding, Log
+    from calibkit.procedures import Progress
+    from calibkit.recipe.inclinometer import InclinometerRecipe
+
+
+def _on_site(spec: InclinometerRecipe) -> InclinometerRecipe:
+    """The recipe with the site's gravity worked out from latitude and height where it was not measured."""
+    gravity = accel_fit.local_gravity(spec.site)
+    return spec.model_copy(update={"site": spec.site.model_copy(update={"gravity_mps2": gravity})})
+
+
+def _read(spec: InclinometerRecipe, data: Path, file: str) -> Log:
+    """One log in canonical columns; m/s² become g by the site's gravity."""
+    columns, optional = inclinometer_stations.needed(spec)
+    return ingest.read_log(_on_site(spec), data / file, file, columns, optional)
+
+
+def check(spec: InclinometerRecipe, data: Path, file: str) -> list[Finding]:
+    """Find what is wrong with one log."""
+    return inclinometer_stations.findings(_read(spec, data, file), spec)
+
+
+def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Fit s(T) of each gyro to the stations of all logs together."""
+    logs = [_read(spec, data, file) for file in progress(files, "reading")]
+    refuse(finding for log in logs for finding in inclinometer_stations.findings(log, spec))
+    stations = inclinometer_stations.stations(inclinometer_stations.gather(logs, _on_site(spec)), spec)
+    fits, seen = inclinometer_solve.fit(stations, spec)
+    notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
+    result = inclinometer_results.result(fits, stations, seen, notes, spec, accel_fit.local_gravity(spec.site))
+    return Fitted(
+        (result,),
+        tuple(Input(log.file, log.sha256, log.rows) for log in logs),
+        inclinometer_azimuth.summary(fits, stations, seen, result.flags, spec),
+        inclinometer_azimuth.drawing(fits, stations, seen, spec),
+    )
+
+
+def _seek(
+    spec: InclinometerRecipe, records: Mapping[str, Record], log: Log
+) -> tuple[inclinometer_stations.Stations, inclinometer_solve.Seen, tuple[str, ...]]:
+    """Stations of one log, solved with a run's s(T), and the flags."""
+    models = inclinometer_results.models(records, spec)
+    rows = inclinometer_stations.gather([log], _on_site(spec))
+    stations = inclinometer_stations.stations(rows, spec, {axis: model.noise for axis, model in models.items()})
+    seen = inclinometer_solve.seek(stations, models, spec)
+    flags = (*inclinometer_results.temperature_flags(log.file, stations, models),)
+    return stations, seen, (*flags, *inclinometer_results.station_flags(stations, seen))
+
+
+def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+    """Correct the rates of every row, in the log's own unit, and add each station's angles to its rows."""
+    log = _read(spec, data.parent, data.name)
+    refuse(inclinometer_stations.unusable(log, spec))
+    stations, seen, flags = _seek(spec, records, log)
+    columns = {}
+    for axis, solution in seen.solutions.items():
+        # a station without a result still has the s(T) of its calibration
+        s = np.where(np.isfinite(solution.s), solution.s, seen.priors[axis].s)
+        columns[f"gyro_{axis}_dph"] = s[stations.row_station] * values(log.frame, f"gyro_{axis}_dph")
+    joined = seen.joined
+    angles = {
+        "inclination_deg": joined.inclination_deg,
+        "toolface_deg": joined.toolface_deg,
+        "azimuth_deg": joined.azimuth_deg,
+    }
+    if spec.output.azimuth_uncertainty:
+        angles["azimuth_standard_uncertainty_deg"] = joined.standard_uncertainty[:, 2]
+    derived = {name: np.where(seen.refused, np.nan, angle)[stations.row_station] for name, angle in angles.items()}
+    return write_back.replaced(_on_site(spec), data, columns, derived), flags
+
+
+def validate(
+    spec: InclinometerRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+) -> tuple[dict[str, Any], Summary]:
+    """Angle errors before and after on stations that were not fitted."""
+    entries, flags, tables, parts = [], [], [], []
+    for file in progress(files, "validating"):
+        log = _read(spec, data, file)
+        refuse(inclinometer_stations.findings(log, spec))
+        stations, seen, found = _seek(spec, records, log)
+        errors = inclinometer_azimuth.errors(stations, seen)
+        if not errors.known.any():
+            raise FrameError(
+                f"{file}: no station has both a reference azimuth and a result",
+                hint="add a column azimuth_deg, or map one under [columns.azimuth_deg]",
+            )
+        entries.append(inclinometer_azimuth.entry(file, log.sha256, log.rows, stations, seen, errors))
+        tables.append(inclinometer_azimuth.error_table(errors, f"{file}: errors against the reference"))
+        flags += [f"{file}: {note}" for note in log.notes] + list(found)
+        parts.append(errors)
+    criteria = inclinometer_azimuth.criteria(inclinometer_azimuth.pooled(parts), spec, unseen=True)
+    return {"logs": entries}, Summary("", tuple(tables), tuple(flags), criteria)
+
+
+def report(title: str, fitted: Fitted) -> dict[str, bytes]:
+    """Figures as report.pdf and the summary, with every station, as report.txt."""
+    if not isinstance(fitted.drawing, pages.SeekingReport):
+        raise UsageError("not a fit of inclinometer")
+    first, _, *others = fitted.summary.tables
+    whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
+    return {"report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)), "report.txt": plain(whole).encode()}

@@ -1,0 +1,109 @@
+"""Runs of gyros on a rate table, repeated and over temperature, one run a log: → gyro_scale.json."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from calibkit.coefficients import Input
+from calibkit.errors import UsageError
+from calibkit.procedures import Fitted
+from calibkit.report import figures as drawing
+from calibkit.report import gyro as pages
+from calibkit.report.summary import Summary
+from calibkit.report.summary import text as plain
+from calibkit.stages import gyro_compensate, gyro_report, gyro_results, gyro_runs, write_back
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Figure, Record
+    from calibkit.frame import Finding
+    from calibkit.procedures import Progress
+    from calibkit.recipe.gyro import RateTableRecipe
+    from calibkit.report.summary import SummaryTable
+    from calibkit.stages.gyro_compensate import Frozen
+    from calibkit.stages.gyro_results import GyroOverRuns
+
+COLUMNS = 3
+"""Runs beside each other in a table of the summary."""
+
+
+def check(spec: RateTableRecipe, data: Path, file: str) -> list[Finding]:
+    """Find what is wrong with one log."""
+    return gyro_runs.findings(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
+
+
+def fit(spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
+    runs = [
+        gyro_runs.run_of(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
+        for file in progress(files, "reading and averaging")
+    ]
+    gyros = [gyro_results.over_runs(gyro, runs, spec) for gyro in spec.gyros]
+    flags = tuple(dict.fromkeys([flag for run in runs for flag in run.flags] + gyro_results.run_flags(gyros, spec)))
+    result = gyro_results.rate_table_result(gyros, flags, spec)
+    tables = (
+        gyro_report.scale_table(result.models),
+        *gyro_report.temperature_table(result.models),
+        *_figure_tables(gyros, result.figures),
+        *gyro_report.bias_table(result.figures),
+    )
+    return Fitted(
+        (result,),
+        tuple(Input(run.log.file, run.log.sha256, run.log.rows) for run in runs),
+        Summary(spec.title, tables, flags, gyro_report.runs_criteria(result, spec.acceptance)),
+        gyro_report.runs_drawing(gyros),
+    )
+
+
+def _figure_tables(gyros: Sequence[GyroOverRuns], figures: Sequence[Figure]) -> list[SummaryTable]:
+    """Figures over all runs of a gyro, then of its single runs."""
+    tables = []
+    for one in gyros:
+        name = f"gyro_{one.gyro}"
+        tables.append(gyro_report.figure_table(figures, (name,), f"Figures of {name} over its runs"))
+        names = [f"{name}.{run.log.name}" for run in one.runs]
+        groups = (names[start : start + COLUMNS] for start in range(0, len(names), COLUMNS))
+        tables += [gyro_report.figure_table(figures, group, "Figures of single runs") for group in groups]
+    return [table for table in tables if table.rows]
+
+
+def _frozen(records: Mapping[str, Record], spec: RateTableRecipe) -> list[Frozen]:
+    """Coefficients of every gyro."""
+    return [gyro_compensate.frozen(records, gyro, f"gyro_{gyro}") for gyro in spec.gyros]
+
+
+def apply(spec: RateTableRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+    """Add each gyro's compensated rate to every row of a log."""
+    coefficients = _frozen(records, spec)
+    log = gyro_compensate.read(spec, data, coefficients)
+    derived, flags = gyro_compensate.compensated(log, coefficients, gyro_compensate.earth_rate(records, spec))
+    return write_back.replaced(spec, data, {}, derived), flags
+
+
+def validate(
+    spec: RateTableRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+) -> tuple[dict[str, Any], Summary]:
+    """Scale factors and rate errors of unseen runs against the frozen coefficients."""
+    coefficients = _frozen(records, spec)
+    entries, named, flags = [], [], []
+    for file in progress(files, "validating"):
+        run = gyro_runs.run_of(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
+        stands = [gyro_compensate.stand(run, one, spec) for one in coefficients]
+        entries.append({"name": file, "sha256": run.log.sha256, "rows": run.log.rows, "gyros": stands})
+        named += [(file, stand) for stand in stands]
+        flags += [*run.flags, *(flag for one in coefficients for flag in gyro_compensate.run_flags(run, one))]
+    criteria = gyro_report.validation_criteria([stand for _, stand in named], spec.acceptance)
+    tables = (gyro_report.validation_table(named),)
+    return {"logs": entries}, Summary("", tables, tuple(dict.fromkeys(flags)), criteria)
+
+
+def report(title: str, fitted: Fitted) -> dict[str, bytes]:
+    """Figures as report.pdf and the summary as report.txt."""
+    if not isinstance(fitted.drawing, pages.GyroReport):
+        raise UsageError("not a fit of rate_table")
+    return {
+        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
+        "report.txt": plain(fitted.summary).encode(),
+    }

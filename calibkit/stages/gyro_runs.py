@@ -1,0 +1,184 @@
+"""Logs of a rate table → held rates → scale factors of every gyro in every run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.errors import FitError
+from calibkit.frame import Finding, Log, refuse, values
+from calibkit.numeric import earth, gyro_scale, plateau_means, plateaus
+from calibkit.stages import ingest
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from calibkit.numeric.gyro_scale import RunScales, ScaleFactor
+    from calibkit.numeric.plateau_means import Plateaus
+    from calibkit.recipe.gyro import GyroRecipe
+
+    Array = NDArray[np.float64]
+
+RATE, ANGLE, TEMPERATURE = "table_rate_dps", "table_angle_deg", "temp_case_degc"
+FASTEST_DPS = 2e4
+"""Table rate [°/s] that no table reaches: the column is in another unit."""
+ONE_TABLE = 0.01
+"""Relative difference between table angle and table rate beyond which one of them is in another unit or sign."""
+LEAST_ROWS = 16
+
+
+@dataclass(frozen=True, slots=True)
+class TableRun:
+    """One log: its held rates and the best straight line of every gyro over them."""
+
+    log: Log
+    gyros: tuple[str, ...]
+    plateaus: Plateaus
+    scales: RunScales
+    flags: tuple[str, ...]
+
+    def scale(self, gyro: str) -> ScaleFactor:
+        """Scale factor of one gyro."""
+        return self.scales.gyros[self.gyros.index(gyro)]
+
+    def noise(self, gyro: str) -> Array:
+        """Standard uncertainty [p, 1/s] of the gyro's means over the held rates."""
+        return np.asarray(self.plateaus.standard_uncertainty[:, self.gyros.index(gyro)], dtype=np.float64)
+
+    @property
+    def temp_degc(self) -> float:
+        """Mean temperature [°C] of the held rates; NaN where none was logged."""
+        return float(self.plateaus.temp_degc.mean())
+
+
+def column(gyro: str) -> str:
+    """Canonical column of a gyro's counts per second."""
+    return f"gyro_{gyro}_lsb"
+
+
+def read(spec: GyroRecipe, data: Path, file: str, gyros: Sequence[str]) -> Log:
+    """One log of the table in canonical columns; table angle and temperature are read where the log has them."""
+    needed: tuple[str, ...] = ("time_s", RATE, *map(column, gyros))
+    optional: tuple[str, ...] = (ANGLE, TEMPERATURE)
+    if spec.table.reference == "angle":
+        needed, optional = (*needed, ANGLE), (TEMPERATURE,)
+    return ingest.read_log(spec, data / file, file, needed, optional)
+
+
+def vertical_rate_dps(spec: GyroRecipe) -> float | None:
+    """Earth's rate about the table axis [°/s] in the sense of positive table rates; none where the latitude is unknown."""
+    if spec.site.latitude_deg is None:
+        return None
+    upward = float(earth.vertical_rate(spec.site.latitude_deg)) / earth.DPH_PER_DPS
+    return upward if spec.table.axis == "up" else -upward
+
+
+def findings(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
+    """Check a log; nothing is fitted to one in which something is refused."""
+    return _examined(log, gyros, spec)[0]
+
+
+def run_of(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> TableRun:
+    """Held rates and scale factors of one log; raises FrameError or FitError that names it."""
+    found, held = _examined(log, gyros, spec)
+    refuse(found)
+    if held is None:
+        raise FitError(f"{log.file}: no held rates")
+    try:
+        scales = gyro_scale.of_run(held, reference=spec.table.reference)
+    except FitError as error:
+        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
+    notes = (f"{log.file}: {note}" for note in (*log.notes, *held.flags))
+    return TableRun(log, tuple(gyros), held, scales, (*notes, *map(str, found)))
+
+
+def _examined(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> tuple[list[Finding], Plateaus | None]:
+    """What is wrong with a log, and its held rates where it is fit for them."""
+    early = [*check.rows(log, LEAST_ROWS), *check.finite(log, list(log.frame.columns))]
+    if not early:
+        early = [
+            *check.monotonic(log),
+            *check.varying(log, [RATE, *map(column, gyros)]),
+            *_too_fast(log),
+            *(check.plausible_temperature(log, [TEMPERATURE]) if TEMPERATURE in log.frame.columns else ()),
+        ]
+    if any(finding.refused for finding in early):
+        return early, None
+    try:
+        held = _held(log, gyros, spec)
+    except FitError as error:
+        advice = error.hint or "check the table's columns and [plateaus] in the recipe"
+        return [*early, Finding(log.file, error.message, "held rates of the table", advice)], None
+    return [*early, *_few_rates(log, held, spec), *_two_tables(log, held)], held
+
+
+def _held(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Plateaus:
+    """Means over the held rates of a log."""
+    rules = plateaus.Rules(
+        spec.plateaus.shortest_s,
+        spec.plateaus.shortest_samples,
+        spec.plateaus.settle_s,
+        spec.plateaus.relative,
+        spec.plateaus.floor_dps,
+    )
+    present = log.frame.columns
+    return plateau_means.means(
+        values(log.frame, "time_s"),
+        values(log.frame, RATE),
+        np.column_stack([values(log.frame, column(gyro)) for gyro in gyros]),
+        table_angle_deg=values(log.frame, ANGLE) if ANGLE in present else None,
+        temp_degc=values(log.frame, TEMPERATURE) if TEMPERATURE in present else None,
+        rules=rules,
+    )
+
+
+def _too_fast(log: Log) -> list[Finding]:
+    """Table rates that no table reaches."""
+    rate = values(log.frame, RATE)
+    bad = np.flatnonzero(np.abs(rate) > FASTEST_DPS)
+    if not bad.size:
+        return []
+    return [
+        Finding(
+            f"{log.file}:{check.line(log, int(bad[0]))}: column '{RATE}'",
+            f"{rate[bad[0]]:g} °/s ({bad.size} such row{'s' if bad.size > 1 else ''})",
+            f"at most {FASTEST_DPS:g} °/s",
+            f"state the log's unit in [columns.{RATE}]",
+        )
+    ]
+
+
+def distinct(rate_dps: Array, spec: GyroRecipe) -> Array:
+    """Distinct held rates, ascending: those that differ by no more than a held rate may vary are one."""
+    ordered = np.sort(rate_dps)
+    near = np.maximum(2.0 * spec.plateaus.floor_dps, 2.0 * spec.plateaus.relative * np.abs(ordered[1:]))
+    return ordered[np.concatenate(([True], np.diff(ordered) > near))]
+
+
+def _few_rates(log: Log, held: Plateaus, spec: GyroRecipe) -> list[Finding]:
+    """Fewer distinct held rates than tell a line and how far it holds."""
+    rates = distinct(held.rate_dps, spec)
+    if rates.size >= spec.plateaus.min_rates:
+        return []
+    there = ", ".join(f"{rate:.4g}" for rate in rates)
+    found = f"{rates.size} held rate{'s' if rates.size > 1 else ''} ({there} °/s) on {held.rate_dps.size} plateaus"
+    expected = f"at least {spec.plateaus.min_rates} different ones"
+    return [Finding(log.file, found, expected, "hold more rates, or allow shorter ones: plateaus.shortest_s")]
+
+
+def _two_tables(log: Log, held: Plateaus) -> list[Finding]:
+    """Table angle and table rate that differ by more than a table can: one is in another unit or sign."""
+    if np.isnan(held.angle_rate_dps).any():
+        return []
+    ratio = float(held.angle_rate_dps @ held.rate_dps / (held.rate_dps @ held.rate_dps))
+    if abs(ratio - 1.0) <= ONE_TABLE:
+        return []
+    found = f"it turns {ratio:.4g} times as fast as '{RATE}' says"
+    advice = f"state unit and sign in [columns.{ANGLE}] or [columns.{RATE}]"
+    return [Finding(f"{log.file}: column '{ANGLE}'", found, "the same rate from both", advice)]

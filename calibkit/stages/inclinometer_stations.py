@@ -1,0 +1,368 @@
+"""Logs of a four-position inclinometer → stations: components across the tool, their noise, and why a station is refused."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.errors import FitError
+from calibkit.frame import Finding, Log, values
+from calibkit.numeric import northseek, northseek_fit
+from calibkit.stages.ingest import unmapped
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.numeric.northseek import Components, Sensor
+    from calibkit.recipe.inclinometer import InclinometerRecipe
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.int64]
+
+PLAIN = ("station", "position_deg")
+TEMPERATURE = "temp_case_degc"
+REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
+PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
+"""Largest indication of a tool at rest, bias included: beyond it the log's unit is another."""
+CONTRADICTED = 1e-6
+"""Probability of closures so much smaller or larger than the known noise, below which they have a noise of their own."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of all logs: number of each one's station [r], counted from 0 over the logs, and what was read there.
+
+    `accel` [g, positive along gravity] and `gyro` [°/h] are by axis; `resolution` is the last digit of (accel, gyro).
+    """
+
+    station: Index
+    names: tuple[str, ...]
+    places: tuple[str, ...]
+    position: Array
+    accel: Mapping[Sensor, Array]
+    gyro: Mapping[Sensor, Array]
+    resolution: Mapping[Sensor, tuple[float, float]]
+    time: Array
+    temperature: Array
+    reference: Array
+    """[r, 3] of inclination, toolface, azimuth [°]; NaN where a log has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviation of one reading of a sensor pair, and from how many degrees of freedom it is known."""
+
+    accel_g: float
+    gyro_dph: float
+    dof: int
+
+
+NO_NOISE = Noise(0.0, 0.0, 0)
+"""What is known of the noise before anything is read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stations:
+    """n stations: components by axis, noise by axis, why each is refused (or empty), and what surrounds them."""
+
+    names: tuple[str, ...]
+    row_station: Index
+    components: Mapping[Sensor, Components]
+    noise: Mapping[Sensor, Noise]
+    status: Mapping[Sensor, tuple[str, ...]]
+    temperature: Array
+    elapsed: Array
+    """Hours since the first station, or its number where the logs have no times [n]."""
+    reference: Array
+    """[n, 3] of inclination, toolface, azimuth [°]; NaN where there is none."""
+
+
+def needed(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Columns that the recipe needs, and columns that it uses where they are."""
+    wanted = [*PLAIN, *(f"accel_{axis}_g" for axis in spec.axes), *(f"gyro_{axis}_dph" for axis in spec.axes)]
+    if spec.stations.gyro_ramp:
+        wanted.append("time_s")
+    if spec.root.choice == "heading":
+        wanted.append("azimuth_deg")
+    return tuple(wanted), tuple(name for name in ("time_s", TEMPERATURE, *REFERENCE) if name not in wanted)
+
+
+def findings(log: Log, spec: InclinometerRecipe) -> list[Finding]:
+    """Everything that is wrong with a log and its stations; a calibration takes only logs without a refused finding."""
+    columns = [name for name in log.frame.columns if name not in REFERENCE]
+    early = [*check.rows(log, 3), *check.finite(log, columns)]
+    if any(finding.refused for finding in early):
+        return early
+    found = [*early, *unusable(log, spec)]
+    if spec.stations.method == "four_differences":
+        found += _positions(log)
+    return found
+
+
+def unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
+    """What is wrong with a log as a whole; nothing of it can be used."""
+    timed = "time_s" in log.frame.columns
+    found = check.finite(log, ["station", *(["time_s"] if timed else [])])
+    if timed:
+        found += check.monotonic(log)
+    if TEMPERATURE in log.frame.columns:
+        found += check.plausible_temperature(log, [TEMPERATURE])
+    for axis in spec.axes:
+        for kind, suffix in (("accel", "g"), ("gyro", "dph")):
+            found += _implausible(log, f"{kind}_{axis}_{suffix}", *PLAUSIBLE[kind])
+    return found
+
+
+def _implausible(log: Log, column: str, limit: float, unit: str) -> list[Finding]:
+    """Indications that no tool at rest on the earth has."""
+    data = values(log.frame, column)
+    bad = np.flatnonzero(np.abs(data) > limit)
+    if not bad.size:
+        return []
+    return [
+        Finding(
+            f"{log.file}:{check.line(log, int(bad[0]))}: column '{column}'",
+            f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})",
+            f"at most {limit:g} {unit} of a tool at rest",
+            f"state the log's unit in [columns.{column}]",
+        )
+    ]
+
+
+def _positions(log: Log) -> list[Finding]:
+    """Positions that a station has twice, not at all, or that are no multiple of 90°."""
+    station, position = values(log.frame, "station"), values(log.frame, "position_deg")
+    names, first = np.unique(station, return_index=True)
+    found = []
+    for name in names[np.argsort(first)]:
+        rows = np.flatnonzero(station == name)
+        fault = position_fault(position[rows])
+        if fault is not None:
+            at, what = fault
+            line = check.line(log, int(rows[at]))
+            found.append(
+                Finding(
+                    f"{log.file}:{line}: station {name:g}",
+                    what,
+                    "one row at each of 0°, 90°, 180°, 270°",
+                    "repair or remove the station, or set stations.method = 'least_squares'",
+                )
+            )
+    return found
+
+
+def position_fault(position: Array) -> tuple[int, str] | None:
+    """Row and words of what keeps positions [r] [°] of one station from the four differences, or nothing."""
+    if not np.isfinite(position).all():
+        return int(np.flatnonzero(~np.isfinite(position))[0]), "a position is missing"
+    turned = np.remainder(position + 45.0, 360.0)
+    quarter = np.clip(np.floor(turned / 90.0), 0, 3).astype(np.int64)
+    off = np.flatnonzero(np.abs(turned - 45.0 - 90.0 * quarter) > northseek.POSITION_TOLERANCE_DEG)
+    if off.size:
+        return int(off[0]), f"position {position[off[0]]:g}° is no multiple of 90°"
+    for k, nominal in enumerate(northseek.POSITIONS_DEG):
+        if (rows := np.flatnonzero(quarter == k)).size > 1:
+            return int(rows[1]), f"position {nominal:g}° stands {rows.size} times"
+    missing = [f"{p:g}°" for k, p in enumerate(northseek.POSITIONS_DEG) if k not in quarter]
+    return (position.size - 1, f"no row at position {', '.join(missing)}") if missing else None
+
+
+def gather(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
+    """Rows of all logs, their stations counted from 0 in the order in which they appear."""
+    station, names, places, offset = [], [], [], 0
+    for log in logs:
+        unique, first, inverse = np.unique(values(log.frame, "station"), return_index=True, return_inverse=True)
+        rank = np.empty_like(first)
+        rank[np.argsort(first)] = np.arange(first.size)
+        station.append(rank[inverse] + offset)
+        offset += first.size
+        prefix = f"{log.name}:" if len(logs) > 1 else ""
+        names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
+        places += [f"{log.file}:{check.line(log, int(row))}" for row in np.sort(first)]
+    accel = {axis: _joined(logs, f"accel_{axis}_g") for axis in spec.axes}
+    gyro = {axis: _joined(logs, f"gyro_{axis}_dph") for axis in spec.axes}
+    return Rows(
+        np.concatenate(station),
+        tuple(names),
+        tuple(places),
+        _joined(logs, "position_deg"),
+        {axis: northseek.along_gravity(column, spec.reference.convention) for axis, column in accel.items()},
+        gyro,
+        {
+            axis: (resolution(accel[axis], f"accel_{axis}_g", spec), resolution(gyro[axis], f"gyro_{axis}_dph", spec))
+            for axis in spec.axes
+        },
+        _times(logs),
+        _joined(logs, TEMPERATURE),
+        np.column_stack([_joined(logs, column) for column in REFERENCE]),
+    )
+
+
+def _joined(logs: Sequence[Log], column: str) -> Array:
+    """A column of all logs [r], NaN where a log does not have it."""
+    return np.concatenate(
+        [values(log.frame, column) if column in log.frame.columns else np.full(len(log.frame), np.nan) for log in logs]
+    )
+
+
+def _times(logs: Sequence[Log]) -> Array:
+    """Times [r] [s] of all logs, each beginning an hour after the one before; NaN where any log has none."""
+    parts, start = [], 0.0
+    for log in logs:
+        if "time_s" not in log.frame.columns:
+            return np.full(sum(len(entry.frame) for entry in logs), np.nan)
+        time = values(log.frame, "time_s")
+        parts.append(time - time[0] + start)
+        start = float(parts[-1][-1]) + 3600.0
+    return np.concatenate(parts)
+
+
+def resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
+    """Size of the last digit [unit of the column] that a log's own numbers are written with."""
+    known = data[np.isfinite(data)]
+    step = 1.0
+    if column in spec.columns:
+        ends = unmapped(np.array([0.0, 1.0]), spec.columns[column], column, spec)
+        step, known = 1.0 / abs(float(ends[1] - ends[0])), unmapped(known, spec.columns[column], column, spec)
+    decimals = [len(f"{value:.12g}".partition("e")[0].partition(".")[2]) - _exponent(value) for value in known.tolist()]
+    return step * 10.0 ** -max(decimals, default=12)
+
+
+def _exponent(value: float) -> int:
+    """Exponent of ten that a number is written with, 0 where it is written without."""
+    return int(f"{value:.12g}".partition("e")[2] or 0)
+
+
+def stations(rows: Rows, spec: InclinometerRecipe, known: Mapping[Sensor, Noise] | None = None) -> Stations:
+    """Components of every station (step B), with the noise that the recipe states or the readings show.
+
+    `known` is the noise of a calibration: it is pooled with the readings' own unless they contradict it.
+    Raises FitError where nothing tells the noise.
+    """
+    count = len(rows.names)
+    pair = _by_differences if spec.stations.method == "four_differences" else _by_least_squares
+    parts, noises, status = {}, {}, {}
+    for axis in spec.axes:
+        own = pair(rows, axis, spec, None)[1]
+        noise = _decided(own, None if known is None else known[axis], rows.resolution[axis], spec, axis)
+        parts[axis], noises[axis], status[axis] = pair(rows, axis, spec, noise)
+    first = np.unique(rows.station, return_index=True)[1]
+    time = rows.time[first]
+    reference = [
+        _directions(column, rows.station, count) if k else _means(column, rows.station, count)
+        for k, column in enumerate(rows.reference.T)
+    ]
+    return Stations(
+        rows.names,
+        rows.station,
+        parts,
+        noises,
+        status,
+        _means(rows.temperature, rows.station, count),
+        (time - time[0]) / 3600.0 if np.isfinite(time).all() else np.arange(count, dtype=np.float64),
+        np.column_stack(reference),
+    )
+
+
+def _by_differences(
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise | None
+) -> tuple[Components, Noise, tuple[str, ...]]:
+    """Components by the four differences, noise (as given, or of the closures), and why each station is refused."""
+    del spec  # the least-squares way has options, this one has none
+    placed = np.where(np.isfinite(rows.position), rows.position, 0.0)
+    readings = northseek.arrange(rows.station, placed, np.column_stack((rows.accel[axis], rows.gyro[axis])))
+    faults = [position_fault(rows.position[rows.station == k]) for k in range(len(rows.names))]
+    status = tuple(fault[1] if fault else reason for fault, reason in zip(faults, readings.status, strict=True))
+    solved = np.array([not reason for reason in status])
+    indication = np.where(solved[:, None, None], readings.indication, np.nan)
+    accel, gyro = indication[:, :, 0], indication[:, :, 1]
+    if noise is None:
+        dof = int(solved.sum())
+        noise = Noise(northseek.closure_noise(accel), northseek.closure_noise(gyro), dof) if dof else NO_NOISE
+    parts = northseek.components(accel, gyro, axis, accel_noise_g=noise.accel_g, gyro_noise_dph=noise.gyro_dph)
+    return parts, noise, status
+
+
+def _by_least_squares(
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise | None
+) -> tuple[Components, Noise, tuple[str, ...]]:
+    """Components by least squares over any positions, noise (as given, or of the residuals), and refusals."""
+
+    def fitted(accel_g: float | None, gyro_dph: float | None) -> northseek_fit.Fitted:
+        return northseek_fit.stations(
+            rows.station,
+            rows.position,
+            rows.accel[axis],
+            rows.gyro[axis],
+            axis,
+            time_s=rows.time if spec.stations.gyro_ramp else None,
+            gyro_ramp=spec.stations.gyro_ramp,
+            accel_noise_g=accel_g,
+            gyro_noise_dph=gyro_dph,
+        )
+
+    if noise is None:
+        found = fitted(1.0, 1.0)
+        if found.dof == 0:
+            return found.components, NO_NOISE, found.status
+        found = fitted(None, None)
+        return found.components, Noise(found.accel_noise_g, found.gyro_noise_dph, found.dof), found.status
+    found = fitted(noise.accel_g, noise.gyro_dph)
+    return found.components, noise, found.status
+
+
+def _decided(
+    own: Noise, known: Noise | None, last_digit: tuple[float, float], spec: InclinometerRecipe, axis: Sensor
+) -> Noise:
+    """Noise as the recipe states it, else the readings' own pooled with that of a calibration; never below the last digit."""
+    stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
+    before = known or NO_NOISE
+    pairs = ((own.accel_g, before.accel_g), (own.gyro_dph, before.gyro_dph))
+    found = []
+    for given, (mine, calibrated), digit, kind in zip(stated, pairs, last_digit, ("accel", "gyro"), strict=True):
+        if given != "auto":
+            found.append(given)
+        elif own.dof + before.dof == 0:
+            unit = "g" if kind == "accel" else "dph"
+            raise FitError(
+                f"{kind}_{axis}_{unit}: no station tells the noise of a reading",
+                hint=f"give stations.{kind}_noise_{unit} in the recipe, or stations with more positions",
+            )
+        else:
+            found.append(max(_pooled(mine, own.dof, calibrated, before.dof), digit / np.sqrt(12.0)))
+    return Noise(float(found[0]), float(found[1]), own.dof + before.dof)
+
+
+def _pooled(own: float, own_dof: int, known: float, known_dof: int) -> float:
+    """Noise of both, weighted by degrees of freedom, or the readings' own where the known one cannot be theirs."""
+    if own_dof and known_dof and known > 0.0:
+        from scipy.special import fdtr, fdtrc
+
+        ratio = (own / known) ** 2
+        if min(fdtr(own_dof, known_dof, ratio), fdtrc(own_dof, known_dof, ratio)) < CONTRADICTED:
+            return own
+    return float(np.sqrt((own_dof * own**2 + known_dof * known**2) / (own_dof + known_dof)))
+
+
+def _means(column: Array, station: Index, count: int) -> Array:
+    """Mean of the finite values of each station [count]; NaN where there is none."""
+    finite = np.isfinite(column)
+    rows = np.bincount(station[finite], minlength=count)
+    total = np.bincount(station[finite], column[finite], minlength=count)
+    return np.where(rows > 0, total / np.maximum(rows, 1), np.nan)
+
+
+def _directions(column: Array, station: Index, count: int) -> Array:
+    """Mean direction [°] of each station [count], around the circle; one value a station is kept as it is."""
+    angle = np.radians(column)
+    first = np.full(count, np.nan)
+    finite = np.isfinite(column)
+    first[station[finite][::-1]] = column[finite][::-1]
+    # the mean departure from the first value: no rounding where all are the same
+    departure = np.degrees(np.angle(np.exp(1j * (angle - np.radians(first)[station]))))
+    return first + _means(departure, station, count)
