@@ -2,11 +2,15 @@
 
 from __future__ import annotations
 
+import os
+
+os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, before numpy is imported
+
 import sys
 import tempfile
 from pathlib import Path
 
-from calibkit import pipeline, recipe
+from calibkit import pipeline, recipe, store
 from calibkit.procedures import silent
 from calibkit.report.figures import png
 from calibkit.report.fog_thermal import DriftReport, logs_page
@@ -14,27 +18,44 @@ from calibkit.stages import fog_compensate, fog_ramps, fog_report, ingest
 
 ROOT = Path(__file__).resolve().parents[1]
 DATE = "2026-11-21"
+SAMPLES = {
+    "fog_thermal": "FOG-0001",
+    "accelerometer": "ACC-0001",
+    "gyro_pair": "PAIR-0001",
+    "rate_table": "GYRO-0001",
+    "inclinometer": "INC-0001",
+}
+"""Procedure, which is also the name of its sample logs and of its recipe → serial number in the report."""
 SHOWN = ("ramp_heating_05.csv", "ramp_cooling_05.csv", "withheld/ramp_heating_03.csv", "withheld/ramp_cooling_03.csv")
 
 
-def fog_thermal(out: Path) -> None:
-    """Fit the sample gyro, keep its report, and draw four of its logs, two of them withheld."""
+def report(name: str, out: Path, runs: Path) -> store.Run:
+    """Fit a procedure's sample logs and keep the run's report as <name>.pdf and <name>.txt."""
+    source = recipe.find(str(ROOT / "recipes" / f"{name}.toml"))
+    outcome = pipeline.fit(source, ROOT / "datasets" / name, SAMPLES[name], runs, DATE, silent)
+    for file in ("report.pdf", "report.txt"):
+        (out / f"{name}{Path(file).suffix}").write_bytes((outcome.folder / file).read_bytes())
+    return store.load(outcome.folder)
+
+
+def picture(run: store.Run, out: Path) -> None:
+    """Draw four logs of the sample gyro, two of them withheld."""
+    spec = pipeline.run_recipe(run, ())
     data = ROOT / "datasets" / "fog_thermal"
-    with tempfile.TemporaryDirectory() as folder:
-        source = recipe.find(str(ROOT / "recipes" / "fog_thermal.toml"))
-        outcome = pipeline.fit(source, data, "FOG-0001", Path(folder), DATE, silent)
-        run = pipeline.store.load(outcome.folder)
-        for name in ("report.pdf", "report.txt"):
-            (out / f"fog_thermal.{name.partition('.')[2]}").write_bytes((outcome.folder / name).read_bytes())
-        spec = pipeline.run_recipe(run, ())
-        model = fog_compensate.model_from(run.records["drift_rate.json"], spec)
-        read = [ingest.read_log(spec, data / file, file, fog_ramps.COLUMNS) for file in SHOWN]
-        logs = tuple(fog_report.log_view(fog_ramps.prepare(log, spec), model) for log in read)
+    model = fog_compensate.model_from(run.records["drift_rate.json"], spec)
+    read = [ingest.read_log(spec, data / file, file, fog_ramps.COLUMNS) for file in SHOWN]
+    logs = tuple(fog_report.log_view(fog_ramps.prepare(log, spec), model) for log in read)
     view = DriftReport("Simulated gyro: two fitted and two withheld ramps", spec.drift.interval_s, logs, (), (), ())
     (out / "fog_thermal.png").write_bytes(png(logs_page(view, logs), dpi=90))
 
 
+def main(out: Path) -> None:
+    """Write every sample report and the picture into a folder."""
+    out.mkdir(parents=True, exist_ok=True)
+    with tempfile.TemporaryDirectory() as runs:
+        found = {name: report(name, out, Path(runs)) for name in SAMPLES}
+        picture(found["fog_thermal"], out)
+
+
 if __name__ == "__main__":
-    target = Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "reports"
-    target.mkdir(parents=True, exist_ok=True)
-    fog_thermal(target)
+    main(Path(sys.argv[1]) if len(sys.argv) > 1 else ROOT / "reports")

@@ -56,7 +56,7 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     flags = [flag for result in results[1:] for flag in result.flags]
     tested = fog_report.tested(choices, levels, export)
     summary = fog_report.summary(spec.title, figures, ramps, tested, flags, _fit_criteria(spec, export, figures))
-    report = fog_report.drift_report(spec.title or spec.procedure, prepared, ramps, tested, model)
+    report = fog_report.drift_report(spec.title or spec.procedure, prepared, ramps, choices, tested, model)
     return Fitted(results, tuple(log.source for log in prepared), summary, report)
 
 

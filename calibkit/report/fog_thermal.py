@@ -44,9 +44,10 @@ class RampCoefficients:
 
 @dataclass(frozen=True, slots=True)
 class RateCurve:
-    """a_j over the fitted rates of a side: rate [n, °C/min], a [n, 3]."""
+    """a_j over the fitted rates of a side: rate [n, °C/min], a [n, 3]; whether it is what the run exports."""
 
     side: str
+    exported: bool
     rate: Array
     a: Array
 
@@ -120,11 +121,11 @@ def coefficients_page(report: DriftReport) -> Figure:
                 ramp.rate, ramp.a[j], 2.0 * ramp.standard_uncertainty[j], fmt="o", ms=4, capsize=3, color=colour
             )
         for curve in report.curves:
-            ax.plot(curve.rate, curve.a[:, j], color=SIDES[curve.side])
+            ax.plot(curve.rate, curve.a[:, j], color=SIDES[curve.side], ls="-" if curve.exported else "--")
             ax.axvspan(curve.rate[0], curve.rate[-1], color=SIDES[curve.side], alpha=0.06, lw=0)
         ax.axhline(0.0, color=MUTED, lw=0.6)
         ax.set(
-            xlabel="temperature rate [°C/min]", ylabel=COEFFICIENTS[j], title=f"a{j}: bars k = 2, band the fitted rates"
+            xlabel="temperature rate [°C/min]", ylabel=COEFFICIENTS[j], title=f"a{j}: bars k = 2, dashed: not exported"
         )
     _tested(axes[3], report.tested)
     return figure

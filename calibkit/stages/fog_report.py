@@ -26,6 +26,7 @@ def drift_report(
     title: str,
     logs: Sequence[PreparedLog],
     ramps: Sequence[FittedRamp],
+    choices: Sequence[SideChoice],
     tested: Sequence[Tested],
     model: DriftModel,
 ) -> DriftReport:
@@ -34,7 +35,8 @@ def drift_report(
     points = tuple(
         RampCoefficients(item.fit.rate, item.fit.coefficients, np.sqrt(np.diag(item.fit.covariance))) for item in ramps
     )
-    curves = tuple(map(_curve, model.polynomials))
+    exported = bool(model.polynomials)
+    curves = tuple(_curve(choice.chosen, exported=exported) for choice in choices if choice.chosen is not None)
     return DriftReport(title, model.interval_s, shown, points, curves, tuple(tested))
 
 
@@ -50,10 +52,10 @@ def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
     )
 
 
-def _curve(polynomial: drift.RatePolynomial) -> RateCurve:
-    """Exported polynomials over their fitted rates."""
+def _curve(polynomial: drift.RatePolynomial, *, exported: bool) -> RateCurve:
+    """Polynomials of a side over their fitted rates."""
     rate = np.linspace(*polynomial.rates, 101)
-    return RateCurve(polynomial.side, rate, drift.evaluate(polynomial, rate))
+    return RateCurve(polynomial.side, exported, rate, drift.evaluate(polynomial, rate))
 
 
 def tested(choices: Sequence[SideChoice], levels: ThermalChoice | None, export: Export) -> tuple[Tested, ...]:
