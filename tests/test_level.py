@@ -154,6 +154,29 @@ def test_a_drift_of_the_family_is_found_again():
     assert model.lags == ()
 
 
+def test_b0_is_known_no_better_than_the_turn_on_bias_lets_it_be():
+    """Eight logs whose bias scatters by 0.5 °/h give their mean to 0.19 °/h, the other coefficients as without."""
+    quiet, loud = level.fit(campaign(noise=0.1)), level.fit(campaign(noise=0.1, turn_on=0.5))
+    expected = 0.5 * np.sqrt(8.0 / 7.0) / np.sqrt(8.0)
+    assert loud.standard_uncertainty[0] == pytest.approx(expected, rel=0.02)  # °/h
+    assert loud.standard_uncertainty[1:] == pytest.approx(quiet.standard_uncertainty[1:], rel=1e-6)
+
+
+def test_block_means_of_a_log_are_free_of_spikes_and_keep_their_ramp():
+    """A log at 1 Hz with spikes gives the block means of the clean one within noise; the ramp is that of the first sample."""
+    rng = np.random.default_rng(6)
+    time = np.arange(1000.0)
+    case, env = 0.01 * time, 0.02 * time
+    clean = rng.normal(8.0, 0.5, 1000)
+    spiked = clean + 40.0 * (rng.random(1000) < 0.01)
+    part = (time >= 605.0).astype(np.int64)
+    log = thermal_fit.thermal_log("log", time, case, env, spiked, 10.0, part)
+    assert log.indication == pytest.approx(clean.reshape(100, 10).mean(axis=1), abs=0.5)  # °/h, of 4
+    assert log.case == pytest.approx(case.reshape(100, 10).mean(axis=1), abs=1e-12)
+    assert log.env == pytest.approx(env.reshape(100, 10).mean(axis=1), abs=1e-12)
+    assert log.part.tolist() == [0] * 61 + [1] * 39
+
+
 def test_the_order_of_the_logs_does_not_matter():
     """Reversed logs give the same coefficients to 1e-6 of their standard uncertainty."""
     logs = campaign(noise=0.1)
@@ -210,23 +233,24 @@ def test_unusable_logs_are_refused(logs, message):
         level.fit(logs)
 
 
-def test_intervals_cover_the_coefficients_in_flicker_noise():
-    """Of 20 gyros with white and flicker noise 95 % intervals cover 90 to 99.5 % of the coefficients; white noise alone < 85 %."""
-    inside, naive = [], []
-    for seed in range(20):
+def test_stated_uncertainties_hold_in_flicker_noise_and_those_of_white_noise_do_not():
+    """Of 16 gyros the errors are 0.65 to 1.1 of the stated uncertainties (rms), 1.3 times those of ordinary least squares."""
+    stated, naive = [], []
+    # the factor of a shorter log is the corner of that of a longer one
+    root = np.linalg.cholesky(thermal_noise.flicker_kernel(900))
+    for seed in range(16):
         rng = np.random.default_rng([seed, 3])
         logs = []
         for log in campaign(noise=0.1, turn_on=0.02, seed=seed):
-            root = np.linalg.cholesky(thermal_noise.flicker_kernel(log.time.size))
-            seen = log.indication + 0.02 * root @ rng.normal(0.0, 1.0, log.time.size)
+            n = log.time.size
+            seen = log.indication + 0.02 * root[:n, :n] @ rng.normal(0.0, 1.0, n)
             logs.append(ThermalLog(log.name, log.time, log.case, log.env, seen, log.part))
         model = level.fit(logs)
-        error = np.abs(model.coefficients - TRUE)
-        inside.append(error <= 2.0 * model.standard_uncertainty)
-        white = _white_uncertainty(logs)
-        naive.append(error[1:] <= 2.0 * white)
-    assert 0.90 <= np.mean(inside) <= 0.995
-    assert np.mean(naive) < 0.85
+        error = model.coefficients - TRUE
+        stated.append(error / model.standard_uncertainty)
+        naive.append(error[1:] / _white_uncertainty(logs))
+    assert 0.65 < np.sqrt(np.mean(np.square(stated))) < 1.1
+    assert np.sqrt(np.mean(np.square(naive))) > 1.3
 
 
 def _white_uncertainty(logs):
@@ -270,7 +294,7 @@ def test_outside_the_fitted_ranges_the_drift_is_held_and_flagged():
     assert hot.temperature_clamped.all()
     assert not hot.rate_clamped.any()
     assert not hot.gradient_clamped.any()
-    assert np.all(np.abs(hot.beyond) > 0.1)  # °/h
+    assert np.all(np.abs(hot.beyond) > 0.05)  # °/h
     away = thermal_drift.evaluate(model, time, np.full(40, 20.0), np.full(40, 90.0))
     assert away.gradient_clamped.all()
     assert np.array_equal(away.clamped, away.gradient_clamped)

@@ -28,8 +28,8 @@ def spikes(indication: Array, index: NDArray[np.int64]) -> Mask:
 
     A sample is compared with its block's median. The standard deviation is that of the whole log's deviations, by their
     median absolute value, or the block's own where that is larger: where the indication truly moves within a block, nothing
-    is a spike. Where most samples are alike (counts of a quiet gyro) the smallest step stands in for it. Blocks of fewer than
-    three samples cannot show a spike.
+    is a spike. Where most samples are alike (counts of a quiet gyro) the smallest step stands in for it. Of two samples in a
+    block neither stands out.
     """
     _, first, number = np.unique(index, return_index=True, return_inverse=True)
     deviation = np.abs(indication - _medians(indication, number, first)[number])
@@ -37,8 +37,7 @@ def spikes(indication: Array, index: NDArray[np.int64]) -> Mask:
     steps = deviation[deviation > 0.0]
     whole = float(np.median(deviation)) or (float(steps.min()) if steps.size else 0.0)
     sigma = MAD_TO_SIGMA * np.maximum(own, whole)[number]
-    count = np.diff(np.append(first, index.size))[number]
-    return np.asarray((deviation > SPIKE * sigma) & (count >= 3))
+    return np.asarray(deviation > SPIKE * sigma)
 
 
 def _medians(values: Array, number: NDArray[np.int64], first: NDArray[np.int64]) -> Array:

@@ -1,0 +1,312 @@
+"""The choice of a drift model by ramps it has not seen, on simulated physical gyros: what is exported, and when nothing is."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibkit.errors import FitError
+from calibkit.numeric import (
+    lagged,
+    level,
+    occupancy,
+    thermal_choice,
+    thermal_drift,
+    thermal_fit,
+    thermal_noise,
+    thermal_uncertainty,
+)
+from calibkit.numeric.thermal_choice import CANDIDATES, Candidate, LeftOut, best_of, choose
+from calibkit.numeric.thermal_fit import ThermalLog
+from calibkit.simulate import fog_thermal as fog
+from calibkit.simulate.chamber import Chamber
+
+INTERVAL_S = 10.0
+WITHHELD = "withheld/"
+
+
+def simulated(seed, *, drift_scale=1.0, hysteresis_scale=0.0):
+    """Return the logs of one gyro on ±1, 5, 8, 10 °C/min and withheld ±3, ±6 °C/min."""
+    device = fog.scaled(fog.gyro(seed), drift_scale=drift_scale, hysteresis_scale=hysteresis_scale)
+    return fog.logs(device, fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)), seed, Chamber())
+
+
+def blocks(name, made, *, spikes=0.0):
+    """Return block means of a simulated log, on request with a share of spikes of 2 to 50 °/h."""
+    columns = made.columns
+    seen = np.array(columns["gyro_dph"], dtype=np.float64)
+    rng = np.random.default_rng([*name.encode()])
+    hit = rng.random(seen.size) < spikes
+    seen[hit] += rng.choice((-1.0, 1.0), hit.sum()) * rng.uniform(2.0, 50.0, hit.sum())
+    time = columns["time_s"].astype(np.float64)
+    return thermal_fit.thermal_log(name, time, columns["temp_case_degc"], columns["temp_env_degc"], seen, INTERVAL_S)
+
+
+def fitted(logs, **kwargs):
+    """Return block means of the logs that are fitted."""
+    return [blocks(name, made, **kwargs) for name, made in logs.items() if not name.startswith(WITHHELD)]
+
+
+def withheld(logs, model):
+    """Return drift rms by truth before and after, and the errors over stated uncertainties, of the withheld ramps."""
+    before, after, normalized = [], [], []
+    for name, made in logs.items():
+        if name.startswith(WITHHELD):
+            log = blocks(name, made)
+            true = occupancy.block_means(made.columns["time_s"].astype(np.float64), made.drift, INTERVAL_S)[1]
+            found = thermal_drift.evaluate(model, log.time, log.case, log.env)
+            before.append(np.std(true))
+            after.append(np.std(true - found.drift))
+            normalized.append((found.drift - true) / thermal_uncertainty.drift_uncertainty(model, found))
+    return np.array(before), np.array(after), np.concatenate(normalized)
+
+
+@pytest.fixture(scope="module")
+def logs():
+    """Return the logs of a gyro without hysteresis."""
+    return simulated(31)
+
+
+@pytest.fixture(scope="module")
+def choice(logs):
+    """Return the choice for them."""
+    return choose(fitted(logs))
+
+
+# what is exported
+
+
+def test_a_lagged_model_takes_ten_times_the_drift_off_every_withheld_ramp(logs, choice):
+    """On ±3 and ±6 °C/min the true drift is reduced more than 10 times on each, and by the level model less."""
+    assert choice.model.form == "lagged"
+    before, after, _ = withheld(logs, choice.model)
+    assert len(before) == 4
+    assert np.min(before / after) > 10.0
+    _, by_level, _ = withheld(logs, level.fit(fitted(logs)))
+    assert np.max(after / by_level) < 0.7
+
+
+def test_the_stated_uncertainty_of_the_compensated_rate_covers_the_truth(logs, choice):
+    """Along the withheld ramps at least 85 % of the errors are within twice the stated uncertainty, which is below 0.05 °/h."""
+    _, _, normalized = withheld(logs, choice.model)
+    assert np.mean(np.abs(normalized) <= 2.0) > 0.85
+    assert choice.model.model_error > 0.0
+    log = blocks(*next(iter(logs.items())))
+    found = thermal_drift.evaluate(choice.model, log.time, log.case, log.env)
+    assert np.max(thermal_uncertainty.drift_uncertainty(choice.model, found)) < 0.05  # °/h
+
+
+def test_every_candidate_is_in_the_table_with_every_ramp(choice):
+    """Nine candidates, eight ramps each, raw beside compensated; the reason names the winner."""
+    assert [result.candidate for result in choice.tested] == list(CANDIDATES)
+    assert choice.refused == ()
+    for result in choice.tested:
+        assert len(result.ramps) == result.raw.size == result.compensated.size == len(result.errors) == 8
+        assert result.raw == pytest.approx(choice.tested[0].raw)
+    assert choice.chosen.candidate.name in choice.reason
+    assert choice.chosen.pooled <= thermal_choice.ALIKE * min(result.pooled for result in choice.tested)
+
+
+def test_spikes_change_the_withheld_error_by_less_than_a_tenth(logs, choice):
+    """0.5 % spikes in the fitted logs."""
+    _, clean, _ = withheld(logs, choice.model)
+    _, spiked, _ = withheld(logs, choose(fitted(logs, spikes=0.005)).model)
+    assert np.sqrt(np.mean(spiked**2)) == pytest.approx(np.sqrt(np.mean(clean**2)), rel=0.1)
+
+
+@pytest.mark.parametrize("seed", [41, 42, 43])
+def test_a_gyro_without_drift_gets_no_drift_term(seed):
+    """Noise alone is never worth a model."""
+    found = choose(fitted(simulated(seed, drift_scale=0.0)))
+    assert found.model is None
+    assert found.chosen is None
+    assert "no drift term" in found.reason
+    assert len(found.tested) == len(CANDIDATES)
+
+
+def test_two_ramps_are_too_few_to_choose():
+    """With one rate up and down there is nothing to leave out."""
+    found = choose(fitted(simulated(31))[:2])
+    assert found.model is None
+    assert found.reason == "2 ramps, expected at least 3 to leave one out: no drift term"
+
+
+def test_a_candidate_that_the_logs_cannot_determine_is_named_and_left_out(logs):
+    """Where the chamber thermometer reads the case, the gradient terms are refused and the rest is tested."""
+    blind = [replace(log, env=log.case) for log in fitted(logs)[::2]]
+    found = choose(blind)
+    assert [line.split(":")[0] for line in found.refused] == ["level T³, rate, gradient", "level, all terms"]
+    assert "s_grad" in found.refused[0]
+    assert len(found.tested) == len(CANDIDATES) - 2
+
+
+def test_ramps_of_one_file_are_left_out_one_by_one(logs):
+    """Heating and cooling in one file are two ramps; their names tell which."""
+    whole = []
+    for number, (up, down) in enumerate(zip(fitted(logs)[4:], fitted(logs)[:4], strict=True)):
+        after = down.time - down.time[0] + up.time[-1] + 10.0
+        part = np.repeat([0, 1], [up.time.size, down.time.size])
+        joined = [np.concatenate([getattr(up, name), getattr(down, name)]) for name in ("case", "env", "indication")]
+        whole.append(ThermalLog(f"cycle {number}", np.concatenate([up.time, after]), *joined, part))
+    found = choose(whole, CANDIDATES[3:4])
+    assert found.tested[0].ramps == tuple(f"cycle {n}:{k}" for n in range(4) for k in (1, 2))
+    assert found.tested[0].helps
+
+
+# the leave-one-out figures
+
+
+def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_ramps(logs):
+    """For each ramp a least-squares fit with a dummy for each other log gives the same compensated figure."""
+    candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
+    stacked = thermal_fit.stack(fitted(logs))
+    solved, _ = thermal_choice.solutions_of(stacked, (candidate,))
+    solution = solved[0].solution
+    found = thermal_choice.left_out(solved[0], stacked, 10)
+    for ramp, rows in enumerate(stacked.ramps):
+        kept = np.ones(stacked.indication.size, dtype=bool)
+        kept[rows] = False
+        dummies = np.repeat(np.eye(8), [log.time.size for log in stacked.logs], axis=0)
+        design = np.hstack([dummies, solution.columns])[kept]
+        root = np.sqrt(solution.weights[kept])
+        fit = np.linalg.lstsq(design * root[:, None], stacked.indication[kept] * root)[0][8:]
+        left = stacked.indication[rows] - solution.columns[rows] @ fit
+        expected = np.std(thermal_choice.figure_means(left, solution.trust[rows], 10))
+        assert found.compensated[ramp] == pytest.approx(expected, rel=1e-6)
+
+
+def test_figure_means_leave_out_spikes_and_the_rest():
+    """Blocks without a say do not enter, a group that has lost more than half of them does not count, nor does a rest."""
+    values = np.arange(34.0)
+    trust = np.ones(34)
+    values[5], trust[5] = 1000.0, 0.0
+    trust[10:17] = 0.0
+    assert thermal_choice.figure_means(values, trust, 10) == pytest.approx([40.0 / 9.0, 24.5])
+
+
+def result(compensated, raw=(0.2, 0.2, 0.2), *, parameters=5, endless=False):
+    """Return left-out figures of some candidate."""
+    zeros = tuple(np.zeros(3) for _ in raw)
+    return LeftOut(CANDIDATES[0], ("a", "b", "c"), np.array(raw), np.array(compensated), zeros, parameters, endless)
+
+
+def test_a_model_that_makes_one_ramp_worse_does_not_help():
+    """However good it is on the others; one percent is how well a figure repeats."""
+    assert result((0.01, 0.01, 0.2)).helps
+    assert not result((0.01, 0.01, 0.21)).helps
+
+
+def test_a_model_that_is_hardly_better_than_raw_does_not_help():
+    """The pooled error must be clearly below raw."""
+    assert result((0.18, 0.18, 0.18)).helps
+    assert not result((0.195, 0.195, 0.195)).helps
+
+
+def test_of_candidates_that_are_alike_the_simplest_is_exported():
+    """A hundredth of a percent is no reason for three more coefficients; ten percent is; helping is a condition."""
+    assert best_of([result((0.1, 0.1, 0.1), parameters=4), result((0.0999,) * 3, parameters=7)]) == 0
+    assert best_of([result((0.1, 0.1, 0.1), parameters=4), result((0.09,) * 3, parameters=7)]) == 1
+    assert best_of([result((0.001, 0.001, 0.3)), result((0.15,) * 3)]) == 1
+    assert best_of([result((0.3,) * 3)]) is None
+
+
+def test_a_lag_without_end_is_only_taken_where_nothing_else_helps():
+    """A lag on its upper bound stands for something that is not a lag."""
+    assert best_of([result((0.05,) * 3, endless=True), result((0.06,) * 3)]) == 1
+    assert best_of([result((0.05,) * 3, endless=True), result((0.3,) * 3)]) == 0
+
+
+# uncertainty
+
+
+def test_model_error_is_what_lasts_in_left_out_ramps():
+    """White errors count for nothing, a slow error for its rms; no ramps, no error."""
+    rng = np.random.default_rng(0)
+    white = [rng.normal(0.0, 0.05, 4000) for _ in range(4)]
+    slow = 0.02 * np.sqrt(2.0) * np.sin(np.arange(4000) / 60.0)
+    assert thermal_uncertainty.model_error(white) < 0.01  # °/h
+    assert thermal_uncertainty.model_error([w + slow for w in white]) == pytest.approx(0.02, rel=0.1)  # °/h
+    assert thermal_uncertainty.model_error([]) == 0.0
+
+
+def test_what_is_clamped_is_uncertain_by_what_clamping_took_off(choice):
+    """At 100 °C the uncertainty is at least the difference to the unclamped model over √3."""
+    time = np.arange(100) * 10.0
+    hot = thermal_drift.evaluate(choice.model, time, np.full(100, 100.0), np.full(100, 100.0))
+    stated = thermal_uncertainty.drift_uncertainty(choice.model, hot)
+    assert hot.temperature_clamped.all()
+    assert np.all(stated >= np.abs(hot.beyond) / np.sqrt(3.0))
+    assert np.all(np.abs(hot.beyond) > 0.0)
+
+
+def test_propagated_uncertainty_agrees_with_monte_carlo(logs, choice):
+    """The spread of the drift over 300 draws of coefficients and lags is the stated one within 15 %."""
+    model = replace(choice.model, model_error=0.0)
+    name = next(name for name in logs if name.startswith(WITHHELD))
+    log = blocks(name, logs[name])
+    part = slice(0, 400)
+    stated = thermal_uncertainty.drift_uncertainty(
+        model, thermal_drift.evaluate(model, log.time[part], log.case[part], log.env[part])
+    )
+    rng = np.random.default_rng(1)
+    small = 1e-3  # of the standard deviation: where the model is linear in the lags
+    mean = np.concatenate([model.coefficients, model.lags])
+    draws = []
+    for draw in rng.multivariate_normal(np.zeros(mean.size), model.covariance, 300, method="eigh"):
+        at = mean + small * draw
+        moved = replace(model, coefficients=at[:9], lags=tuple(at[9:].tolist()))
+        draws.append(thermal_drift.evaluate(moved, log.time[part], log.case[part], log.env[part]).drift)
+    spread = np.std(draws, axis=0) / small
+    inside = stated > 0.2 * stated.max()
+    assert spread[inside] == pytest.approx(stated[inside], rel=0.15)
+
+
+def test_flicker_of_the_simulated_kind_has_the_covariance_that_is_assumed():
+    """Variograms of means of 100 samples of simulated flicker agree with the kernel's within 10 %."""
+    from calibkit.simulate import noise
+
+    rng = np.random.default_rng(2)
+    means = np.array([noise.flicker(1.0, 4000, rng).reshape(40, 100).mean(axis=1) for _ in range(1500)])
+    kernel = thermal_noise.flicker_kernel(40)
+    for lag in (1, 2, 5, 20):
+        seen = np.mean((means[:, lag:] - means[:, :-lag]) ** 2)
+        pairs = [kernel[i, i] + kernel[i + lag, i + lag] - 2.0 * kernel[i, i + lag] for i in range(40 - lag)]
+        assert seen == pytest.approx(np.mean(pairs), rel=0.1)
+
+
+def test_noise_is_told_into_white_and_flicker():
+    """From residuals of eight logs white variance and flicker level come back within 30 %; no flicker is little."""
+    root = np.linalg.cholesky(thermal_noise.flicker_kernel(500))
+    rng = np.random.default_rng(3)
+    for true, low, high in ((0.0, 0.0, 0.01), (0.02, 0.014, 0.026)):
+        groups = []
+        for _ in range(8):
+            seen = true * root @ rng.normal(0.0, 1.0, 500) + rng.normal(0.0, 0.1, 500)
+            groups.append(thermal_noise.grouped(np.arange(500.0)[:, None] / 500.0, seen, np.ones(500)))
+        found = thermal_noise.estimated(groups)
+        assert low <= found.flicker <= high  # °/h
+        assert found.white_variance == pytest.approx(0.01, rel=0.3)
+
+
+# hysteresis
+
+
+def test_hysteresis_is_shown_by_cooling_against_heating():
+    """A play of 20 % of the drift, which no model has, stands out ten times of the same gyro's without."""
+    some, none = (simulated(33, hysteresis_scale=scale) for scale in (12.0, 0.0))
+    terms = ("b0", "b1", "b2", "b3")
+    shown, quiet = (
+        thermal_uncertainty.hysteresis(lagged.fit(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs))
+        for logs in (some, none)
+    )
+    assert shown.temperature.size > 15
+    assert np.all(np.diff(shown.temperature) > 0.0)
+    assert np.max(np.abs(shown.difference / shown.standard_uncertainty)) > 2.5
+    assert shown.rms > quiet.rms
+
+
+def test_hysteresis_needs_both_directions(logs, choice):
+    """Heating alone shows none."""
+    heating = [log for log in fitted(logs) if "heating" in log.name]
+    with pytest.raises(FitError, match="heating and cooling"):
+        thermal_uncertainty.hysteresis(choice.model, heating)
