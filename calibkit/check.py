@@ -13,6 +13,12 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+LARGEST_RATE_DPH = 1e7
+"""Indication [°/h] beyond which a log is not a gyro's: some 2800 °/s."""
+SPIKE = 20.0
+"""Deviation from the neighbours' mean, in medians of it, that counts as a spike: white noise reaches 9 in a million."""
+SPIKE_SHARE = 0.25
+"""Share of a log's whole span that a spike exceeds."""
 FIRST_ROW = 2
 """Line of a file that holds its first row, below the header."""
 
@@ -128,6 +134,38 @@ def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
                 )
             )
     return findings
+
+
+def plausible_rate(log: Log, column: str) -> list[Finding]:
+    """Rates that no gyro on a bench indicates (a sentinel, another unit), and single samples far from their neighbours."""
+    data = values(log.frame, column)
+    wild = np.flatnonzero(np.abs(data) > LARGEST_RATE_DPH)
+    if wild.size:
+        return [
+            Finding(
+                f"{log.file}:{line(log, int(wild[0]))}: column '{column}'",
+                f"{data[wild[0]]:g} deg/h ({wild.size} such row{'s' if wild.size > 1 else ''})",
+                f"at most {LARGEST_RATE_DPH:g} deg/h",
+                f"state the log's unit in [columns.{column}], or leave the rows out with [[exclude]]",
+            )
+        ]
+    around = np.abs(data[1:-1] - (data[:-2] + data[2:]) / 2.0)
+    usual = float(np.median(around)) if around.size else 0.0
+    # beyond the scatter, and no small part of all that the log shows: a bend in a quiet log is no spike
+    limit = max(SPIKE * usual, SPIKE_SHARE * float(np.ptp(data)))
+    spikes = np.flatnonzero(around > limit) if usual > 0.0 else np.zeros(0, dtype=np.int64)
+    if not spikes.size:
+        return []
+    worst = int(spikes[np.argmax(around[spikes])]) + 1
+    return [
+        Finding(
+            f"{log.file}:{line(log, worst)}: column '{column}'",
+            f"{data[worst]:g} deg/h between {data[worst - 1]:g} and {data[worst + 1]:g} (spikes near {spikes.size} rows)",
+            "samples that scatter alike",
+            "leave spikes out with [[exclude]]; only the models on levels are robust against them",
+            refused=False,
+        )
+    ]
 
 
 def line(log: Log, row: int) -> int:

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     import pandas as pd
     from numpy.typing import NDArray
 
+    from calibkit.errors import CalibkitError
+
 CANONICAL = (
     "run",
     "time_s",
@@ -59,6 +61,12 @@ class Finding:
     expected: str
     advice: str
     refused: bool = True
+
+    @classmethod
+    def of(cls, error: CalibkitError) -> Finding:
+        """Finding that says what an error says."""
+        place, _, found = error.message.partition(": ")
+        return cls(place, found, "a log that can be fitted", error.hint)
 
     def __str__(self) -> str:
         return f"{self.place}: {self.found}, expected {self.expected}; {self.advice}"

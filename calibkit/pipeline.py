@@ -42,6 +42,7 @@ def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, pr
     procedure = procedures.of(spec)
     files = ingest.find_logs(spec, data)
     fitted = procedure.fit(spec, data, files, progress)
+    _distinct(fitted.inputs)
     built: dict[str, Any] = {}
 
     def build(revision: int, superseded: Mapping[str, str]) -> dict[str, bytes]:
@@ -59,6 +60,15 @@ def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, pr
     folder = store.commit(out, serial, build)
     name = f"{serial}@{folder.name}"
     return FitOutcome(folder, name, replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}"), built)
+
+
+def _distinct(inputs: tuple[coefficients.Input, ...]) -> None:
+    """Refuse a log that came in twice under two names: it would vouch for itself when one of them is left out."""
+    first: dict[str, str] = {}
+    for entry in inputs:
+        if entry.sha256 in first:
+            raise FrameError(f"{entry.name}: the same bytes as {first[entry.sha256]}", hint="keep one of the two logs")
+        first[entry.sha256] = entry.name
 
 
 def _run_document(

@@ -77,6 +77,7 @@ def _file_digest(run: Run, name: str) -> str:
 def save(out: Path, serial: str, revision: int, files: Mapping[str, bytes]) -> Path:
     """Write a run folder whole: a temporary folder, every file synced, then one rename; nothing is overwritten."""
     target = out / serial / f"r{revision:03d}"
+    _refuse_run_folder(target)
     try:
         target.parent.mkdir(parents=True, exist_ok=True)
         temporary = Path(tempfile.mkdtemp(prefix=".writing-", dir=target.parent))
@@ -103,9 +104,19 @@ def save(out: Path, serial: str, revision: int, files: Mapping[str, bytes]) -> P
 
 
 def refuse_existing(path: Path) -> None:
-    """Raise OutputError when something of that name exists."""
+    """Raise OutputError when something of that name exists, or when it would lie in a run folder."""
     if path.exists():
         raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name or remove it")
+    _refuse_run_folder(path)
+
+
+def _refuse_run_folder(path: Path) -> None:
+    """Raise OutputError for a path inside a run folder, which is written once and whole."""
+    inside = next((parent for parent in path.absolute().parents if (parent / RUN_FILE).is_file()), None)
+    if inside is not None:
+        raise OutputError(
+            f"{path}: lies in the run folder {inside.name}", hint="a run folder is never added to; give another place"
+        )
 
 
 def write_new(path: Path, content: bytes) -> None:

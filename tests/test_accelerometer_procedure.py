@@ -270,3 +270,18 @@ def test_scale_and_zero_then_q_is_the_published_chain(tmp_path, calibkit, log_wr
     spread = [np.std(np.linalg.norm(v, axis=1)) for v in (before, vector)]
     assert spread[1] < 1e-4  # the length of gravity no longer depends on attitude or temperature [g]
     assert spread[0] > 20 * spread[1]
+
+
+def test_coefficients_of_another_unit_fail_their_validation(tmp_path, calibkit, log_writer):
+    """Dwells that come out worse than they were reject the run, and few logs give no grouped covariance."""
+    simulated(tmp_path / "logs", 6, log_writer)
+    simulated(tmp_path / "other", 7, log_writer)
+    fit(calibkit, tmp_path / "logs", tmp_path / "runs")
+    outcome = calibkit(
+        "validate", "A", "--runs", tmp_path / "runs", "--data", tmp_path / "other", "--out", tmp_path / "v.json"
+    )
+    assert outcome.code == 1
+    assert "residual rms after/before" in outcome.out
+    refused, _ = fit(calibkit, tmp_path / "logs", tmp_path / "more", "k.groups=log")
+    assert refused.code == 3
+    assert "expected at least 12" in refused.err

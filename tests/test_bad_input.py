@@ -14,6 +14,11 @@ def healthy():
     return {"time_s": time, "temp_case_degc": case, "temp_env_degc": air, "gyro_dph": 9.0 + 0.01 * case}
 
 
+def ramped(columns):
+    """Return how far the ramp of a healthy log has come, 0 to 1."""
+    return np.clip((columns["time_s"] - 120.0) / 600.0, 0.0, 1.0)
+
+
 def changed(column, rows, values):
     """Return healthy columns with some values of one replaced."""
     columns = healthy()
@@ -58,6 +63,14 @@ CASES = {
     "kelvin": (
         lambda c: c | {"temp_case_degc": c["temp_case_degc"] + 273.15},
         ("a.csv:2: column 'temp_case_degc': 293.15 °C", "[columns.temp_case_degc]"),
+    ),
+    "gyro beyond any gyro": (
+        lambda c: changed("gyro_dph", 5, 1e200),
+        ("a.csv:7: column 'gyro_dph': 1e+200 deg/h", "at most 1e+07 deg/h"),
+    ),
+    "case and chamber swapped": (
+        lambda c: c | {"temp_env_degc": c["temp_case_degc"], "temp_case_degc": c["temp_case_degc"] + 8.0 * ramped(c)},
+        ("a.csv: at +5.0 °C/min the case gains", "temp_case_degc and temp_env_degc are swapped"),
     ),
     "gap": (
         lambda c: {k: np.delete(v, slice(300, 400)) for k, v in c.items()},
@@ -119,6 +132,8 @@ def test_a_ramp_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_write
     ("arguments", "code", "fragment"),
     [
         (["--set", "drift.ordr=2"], 2, "did you mean 'order'?"),
+        (["--set", "columns.gyro_dhp={from='gyro_dph', sign=-1}"], 2, "did you mean 'gyro_dph'?"),
+        (["--set", "denoise.wavelet=db99"], 2, "unknown wavelet 'db99'"),
         (["--set", "drift.order='two'"], 2, "found 'two', expected a valid integer or 'auto'"),
         (["--set", "logs.files=['*.log']"], 3, "no log matches '*.log', found a.csv"),
         (["--set", "exclude=[{log='b', reason='r', person='p'}]"], 2, "no such log"),
@@ -190,3 +205,33 @@ def test_an_interrupt_is_130(calibkit, monkeypatch):
 
     monkeypatch.setattr(pipeline, "simulate", stop)
     assert calibkit("simulate", "fog_thermal", "--out", "x", "--seed", 1).code == 130
+
+
+def test_the_same_log_under_two_names_is_refused(tmp_path, calibkit, log_writer):
+    """A copy of a log would vouch for the original when that is left out."""
+    for name in ("a.csv", "b.csv"):
+        log_writer(tmp_path / "logs" / name, **healthy())
+    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
+    assert outcome.code == 3
+    assert "b.csv: the same bytes as a.csv" in outcome.err
+    assert not (tmp_path / "runs").exists()
+
+
+def test_check_refuses_what_a_fit_would_refuse(tmp_path, calibkit, log_writer):
+    """A log without a ramp is refused by `check` too."""
+    columns = healthy()
+    columns["temp_env_degc"] = 20.0 + 0.1 * np.sin(columns["time_s"])
+    log_writer(tmp_path / "logs" / "a.csv", **columns)
+    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
+    assert said.code == 3
+    assert "no ramp found" in said.out
+
+
+def test_a_spike_is_pointed_out(tmp_path, calibkit, log_writer):
+    """A single sample a thousand times off is flagged with its line."""
+    columns = healthy()
+    columns["gyro_dph"] = columns["gyro_dph"] + np.random.default_rng(1).normal(0.0, 0.5, ROWS)
+    columns["gyro_dph"][500] = 5e4
+    log_writer(tmp_path / "logs" / "a.csv", **columns)
+    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
+    assert "flagged a.csv:502: column 'gyro_dph': 50000 deg/h" in said.out

@@ -242,11 +242,26 @@ def test_the_well_is_not_the_laboratory(tmp_path, command):
     error = wrapped([float(row["azimuth_deg"]) for row in rows[::4]] - truth["azimuth_deg"])
     assert np.sqrt(np.mean(error**2)) < 0.05
     assert "contradict" not in outcome.err
-    outcome, rows = command.apply(tmp_path / "well" / "stations.csv", "wrong.csv")
-    assert "contradict s(T): check" in outcome.err
-    assert sum(row["azimuth_deg"] == "" for row in rows) > len(rows) / 2
-    outcome, _ = command.apply(tmp_path / "lab" / "stations.csv", "lab.csv", "site.latitude_deg=58.9")
-    assert "no positive root of s: check" in outcome.err
+    for log, place in (("well", ()), ("lab", ("site.latitude_deg=58.9",))):
+        outcome, rows = command.apply(tmp_path / log / "stations.csv", f"wrong_{log}.csv", *place)
+        assert outcome.code == 3
+        assert "stations contradict s(T); check" in outcome.err
+        assert not rows
+
+
+def test_rates_in_another_unit_are_refused_rather_than_given_an_azimuth(tmp_path, command):
+    """Gyros in °/s that are read as °/h have an s of 3600: nothing is written."""
+    simulated(tmp_path / "lab", 6)
+    command.fit(tmp_path / "lab")
+    rows = read_rows(tmp_path / "lab" / "stations.csv")
+    for row in rows:
+        for axis in "xy":
+            row[f"gyro_{axis}_dph"] = repr(float(row[f"gyro_{axis}_dph"]) / 3600.0)
+    (tmp_path / "dps").mkdir()
+    write_rows(tmp_path / "dps" / "stations.csv", rows)
+    outcome, _ = command.apply(tmp_path / "dps" / "stations.csv", "out.csv")
+    assert outcome.code == 3
+    assert "contradict s(T)" in outcome.err
 
 
 @pytest.mark.parametrize("choice", ["history", "heading"])

@@ -116,3 +116,14 @@ def test_a_name_taken_between_check_and_rename_is_kept(tmp_path):
     with pytest.raises(OutputError):
         store._rename_new(temporary, path)
     assert path.read_bytes() == b"one"
+
+
+def test_nothing_is_written_into_a_run_folder(tmp_path):
+    """A file or another run inside a run folder is refused, because it would make the run refuse to load."""
+    run = save_run(tmp_path)
+    for path in (run / "x.csv", run / "deep" / "x.csv"):
+        with pytest.raises(OutputError, match="run folder"):
+            store.write_new(path, b"x")
+    with pytest.raises(OutputError, match="run folder"):
+        save_run(run, serial="S-2")
+    assert store.load(run).name == "S-1@r001"

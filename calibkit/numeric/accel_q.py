@@ -122,7 +122,10 @@ def axes_from_sensitivity(sensitivity: Array) -> tuple[Array, Array, Array]:
     sign = np.sign(np.diag(r))
     axes, rotation = (r * sign[:, None]).T, (q * sign).T
     if np.linalg.det(rotation) < 0.0:
-        raise FitError("the triad is left-handed: one axis, or all three, has the wrong sign", hint="state the signs")
+        raise FitError(
+            "the triad is left-handed: one axis, or all three, has the wrong sign, two are exchanged, or toolface runs backwards",
+            hint="state reference.convention, or sign and from of the columns, in the recipe",
+        )
     return axes, rotation, scale
 
 

@@ -108,7 +108,7 @@ def validate(
         stands = accel_attitude.before_after(dwells, [("corrected", correction)], spec)
         entries.append(accel_attitude.entry(file, log.sha256, log.rows, stands))
         tables.append(accel_attitude.table(stands, spec, file))
-        criteria += accel_attitude.criteria(stands[-1], spec)
+        criteria += [accel_attitude.improved(stands), *accel_attitude.criteria(stands[-1], spec)]
         flags += dwells.flags
         if (outside := correction.outside(dwells.temperature)) > 0.0:
             flags.append(f"{file}: temperature clamped over {100.0 * outside:.1f} % of the dwells")

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.coefficients import Criterion
-from calibkit.errors import CoefficientError
-from calibkit.frame import refuse, values
+from calibkit.errors import CoefficientError, FitError, FrameError
+from calibkit.frame import Finding, refuse, values
 from calibkit.numeric import drift
 from calibkit.procedures import Fitted
 from calibkit.report import figures as drawing
@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Record
-    from calibkit.frame import Finding, Log
+    from calibkit.frame import Log
     from calibkit.procedures import Progress
     from calibkit.recipe import FogThermalRecipe
 
@@ -79,7 +79,15 @@ def _fit_criteria(
     if least is not None:
         reduction = 1.0 if export.share_of_raw is None else 1.0 / export.share_of_raw
         criteria.append(Criterion("drift reduction on withheld ramps", reduction, least, "1", reduction >= least))
+    if export.model.exported:
+        criteria.append(_worst_share(figures))
     return (*criteria, *_common_criteria(spec, figures, export.model))
+
+
+def _worst_share(figures: Sequence[fog_compensate.LogFigures]) -> Criterion:
+    """No log may come out of compensation worse than it went in."""
+    worst = max(log.after / log.before for log in figures)
+    return Criterion("largest after/before of a log", worst, 1.0, "1", worst <= 1.0)
 
 
 def _common_criteria(
@@ -87,12 +95,12 @@ def _common_criteria(
 ) -> tuple[Criterion, ...]:
     """Limits that fits and validations share: the largest drift left, and the rate gain of the chosen compensation."""
     limits = spec.acceptance
-    criteria = []
+    criteria: list[Criterion] = []
     if limits.max_drift_rms_dph is not None:
         worst = max(log.after for log in figures)
         passed = worst <= limits.max_drift_rms_dph
         criteria.append(Criterion("largest drift rms after", worst, limits.max_drift_rms_dph, "deg/h", passed))
-    if model.mode == "recursive":
+    if model.mode == "recursive" and model.exported:
         off = max(abs(log.gain_recursive - 1.0) for log in figures)
         passed = off <= limits.rate_gain_tolerance
         criteria.append(Criterion("rate gain off 1 by", off, limits.rate_gain_tolerance, "1", passed))
@@ -100,8 +108,15 @@ def _common_criteria(
 
 
 def check(spec: FogThermalRecipe, data: Path, file: str) -> list[Finding]:
-    """Find what is wrong with one log."""
-    return fog_ramps.findings(_read(spec, data, file), spec)
+    """Find what is wrong with one log: all that would stop a fit, up to the ramps themselves."""
+    log = _read(spec, data, file)
+    found = fog_ramps.findings(log, spec)
+    if not any(finding.refused for finding in found):
+        try:
+            fog_ramps.prepare(log, spec)
+        except (FitError, FrameError) as error:
+            found.append(Finding.of(error))
+    return found
 
 
 def _model(spec: FogThermalRecipe, records: Mapping[str, Record]) -> fog_compensate.DriftModel:
@@ -139,14 +154,16 @@ def validate(
     flags = tuple(flag for log in figures for flag in log.flags)
     if not model.exported:
         flags = ("the run exports no drift term: before and after are the same", *flags)
-    criteria = (*_validation_criteria(spec, figures), *_common_criteria(spec, figures, model))
+    if model.mode == "one_step":
+        flags = ("one_step removes the true rate (rate gain 0); the table shows the recursive form", *flags)
+    shares = _validation_criteria(spec, figures) if model.exported else ()
+    criteria = (*shares, *_common_criteria(spec, figures, model))
     return {"logs": logs}, Summary("", (fog_report.before_after_table(figures),), flags, criteria)
 
 
 def _validation_criteria(spec: FogThermalRecipe, figures: Sequence[fog_compensate.LogFigures]) -> tuple[Criterion, ...]:
     """No log may come out worse than raw, and the reduction limit holds for the logs together."""
-    worst = max(log.after / log.before for log in figures)
-    criteria = [Criterion("largest after/before of a log", worst, 1.0, "1", worst <= 1.0)]
+    criteria = [_worst_share(figures)]
     least = spec.acceptance.min_reduction
     if least is not None:
         before = np.sqrt(np.mean([log.before**2 for log in figures]))

@@ -76,6 +76,7 @@ def _seek(
     rows = inclinometer_stations.gather([log], _on_site(spec))
     stations = inclinometer_stations.stations(rows, spec, {axis: model.noise for axis, model in models.items()})
     seen = inclinometer_solve.seek(stations, models, spec)
+    inclinometer_solve.require_consistent(seen, log.file)
     flags = (*inclinometer_results.temperature_flags(log.file, stations, models),)
     return stations, seen, (*flags, *inclinometer_results.station_flags(stations, seen))
 

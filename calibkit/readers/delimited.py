@@ -128,7 +128,7 @@ def _is_number(token: str) -> bool:
         float(token)
     except ValueError:
         return False
-    return "_" not in token
+    return "_" not in token and token.isascii()
 
 
 def _count_fields(body: bytes, fields: int, file: str) -> None:

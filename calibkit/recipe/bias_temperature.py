@@ -30,3 +30,7 @@ class BiasTemperatureRecipe(Recipe):
 
     procedure: Literal["bias_temperature"]
     polynomials: Polynomials
+
+    def own_columns(self) -> tuple[str, ...]:
+        """The abscissa and the indications, whatever they are called."""
+        return (self.polynomials.abscissa, *(entry.indication for entry in self.polynomials.bias))

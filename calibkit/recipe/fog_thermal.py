@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
+import difflib
 from typing import Annotated, Literal
 
-from pydantic import Field
+from pydantic import Field, field_validator
 
 from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
 
@@ -33,6 +34,17 @@ class Denoise(Table):
     threshold: Literal["universal", "sure", "bayes", "minimax"] = "universal"
     rule: Literal["soft", "hard", "garrote", "firm"] = "firm"
     extension: Literal["trend", "antisymmetric", "symmetric"] = "trend"
+
+    @field_validator("wavelet")
+    @classmethod
+    def _known(cls, wavelet: str) -> str:
+        import pywt
+
+        known = ["haar", "cdf53", "cdf97", *pywt.wavelist(kind="discrete")]
+        if wavelet not in known:
+            close = difflib.get_close_matches(wavelet, known, n=1)
+            raise ValueError(f"unknown wavelet '{wavelet}'; did you mean '{close[0] if close else 'cdf97'}'?")
+        return wavelet
 
 
 class Drift(Table):

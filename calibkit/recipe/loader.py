@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any, get_args, get_origin
 from pydantic import BaseModel, ValidationError
 
 from calibkit.errors import RecipeError, UsageError
+from calibkit.frame import CANONICAL, is_canonical
 from calibkit.recipe.accelerometer import AccelerometerRecipe
 from calibkit.recipe.bias_temperature import BiasTemperatureRecipe
 from calibkit.recipe.fog_thermal import FogThermalRecipe
@@ -103,9 +104,23 @@ def parse(source: Source) -> Recipe:
         hint = f"did you mean '{guess[0]}'?" if guess else "name one of them"
         raise RecipeError(f"{place}: procedure: found {found}, expected one of {', '.join(PROCEDURES)}", hint=hint)
     try:
-        return model.model_validate(data)
+        recipe = model.model_validate(data)
     except ValidationError as error:
         raise RecipeError("\n".join(_faults(source, error, lines, model))) from None
+    if unknown := _unknown_columns(source, recipe, lines):
+        raise RecipeError("\n".join(unknown))
+    return recipe
+
+
+def _unknown_columns(source: Source, recipe: Recipe, lines: Mapping[Location, str]) -> list[str]:
+    """One line for each mapped column that nothing would read: a misspelt name would lose its unit and sign."""
+    faults = []
+    for name in recipe.columns:
+        if not is_canonical(name) and name not in recipe.own_columns():
+            allowed = [*CANONICAL, "gyro_x_dph", "gyro_x_lsb", "accel_x_g", "accel_x_lsb", *recipe.own_columns()]
+            place = _place(source, ("columns", name), lines)
+            faults.append(f"{place}: columns.{name}: not a canonical column; {_guess(name, allowed)}")
+    return faults
 
 
 def key_lines(text: str) -> dict[Location, str]:

@@ -94,3 +94,7 @@ class Recipe(Table):
     columns: dict[str, Column] = {}
     site: Site = Site()
     exclude: Annotated[tuple[Exclude, ...], Field(strict=False)] = ()
+
+    def own_columns(self) -> tuple[str, ...]:
+        """Columns that a recipe names itself, beyond the canonical ones."""
+        return ()

@@ -44,7 +44,9 @@ class Summary:
         failed = [c for c in self.criteria if not c.passed]
         if not failed:
             return f"accepted: {len(self.criteria)} of {len(self.criteria)} limits held"
-        return "REJECTED: " + "; ".join(f"{c.name} {c.value:.4g} against {c.limit:.4g} {c.unit}" for c in failed)
+        return "REJECTED: " + "; ".join(
+            f"{c.name} {c.value:.6g} against {c.limit:.6g}{f' {c.unit}' if c.unit != '1' else ''}" for c in failed
+        )
 
 
 def number(value: float, digits: int = 4) -> str:

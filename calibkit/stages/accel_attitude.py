@@ -120,6 +120,12 @@ def criteria(last: Stand, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
     return tuple(found)
 
 
+def improved(stands: Sequence[Stand]) -> Criterion:
+    """Correction may not make unseen dwells worse than they were."""
+    share = stands[1].residual_rms_g / stands[0].residual_rms_g if stands[0].residual_rms_g > 0.0 else 1.0
+    return Criterion("residual rms after/before", share, 1.0, "1", share <= 1.0)
+
+
 def coefficient_tables(fitted: TriadFit) -> tuple[SummaryTable, ...]:
     """K of the three axes and Q with standard uncertainties."""
     tables = []

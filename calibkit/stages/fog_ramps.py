@@ -23,6 +23,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+LEAST_LEAD_DEGC = 2.0
+"""Growth of the case's lead over the air [°C] that self-heating and noisy thermometers do not reach."""
 COLUMNS = ("time_s", "temp_case_degc", "temp_env_degc", "gyro_dph")
 
 
@@ -68,7 +70,19 @@ def usable(log: Log, min_rows: int = 3) -> list[Finding]:
     if any(finding.refused for finding in early):
         return early
     temperatures = check.plausible_temperature(log, ["temp_case_degc", "temp_env_degc"])
-    return [*early, *check.monotonic(log), *temperatures]
+    return [*early, *check.monotonic(log), *temperatures, *check.plausible_rate(log, "gyro_dph")]
+
+
+def leading(log: PreparedLog) -> None:
+    """Refuse a case that runs ahead of the air that drives it: the two columns are swapped."""
+    for ramp in log.ramps:
+        grown = float(log.raw.gradient[ramp.stop - 1] - log.raw.gradient[ramp.start])
+        if grown * ramp.rate > 0.0 and abs(grown) > LEAST_LEAD_DEGC:
+            raise FrameError(
+                f"{log.source.name}: at {ramp.rate:+.1f} °C/min the case gains {abs(grown):.1f} °C on the chamber air, "
+                "expected it to lag behind",
+                hint="temp_case_degc and temp_env_degc are swapped, in the log or in [columns]",
+            )
 
 
 def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
@@ -84,7 +98,7 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
     smooth, noise, flags = _denoised(log, gyro, cuts, recipe)
     raw = drift.blocks(time, case, env, gyro, slope, recipe.drift.interval_s)
     clean = drift.blocks(time, case, env, smooth, slope, recipe.drift.interval_s)
-    return PreparedLog(
+    prepared = PreparedLog(
         log.name,
         Input(log.file, log.sha256, log.rows),
         raw,
@@ -95,6 +109,8 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
         tuple(f"{log.file}: {note}" for note in (*log.notes, *flags))
         + tuple(str(finding) for finding in found if not finding.refused),
     )
+    leading(prepared)
+    return prepared
 
 
 def _part(cuts: Sequence[segments.Segment], rows: int) -> NDArray[np.int64]:

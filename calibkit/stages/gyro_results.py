@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.coefficients import Coefficient, Condition, Figure, Model, Parameter, StageResult
+from calibkit.errors import FitError
 from calibkit.numeric import gyro_figures, gyro_pair, gyro_scale
 from calibkit.stages import gyro_shape
 from calibkit.stages.gyro_runs import RATE, TEMPERATURE, vertical_rate_dps
@@ -30,6 +31,8 @@ ROOM_DEGC = 5.0
 """Runs this near the reference temperature repeat each other (GJB 2426A)."""
 VARIES_DEGC = 5.0
 """Span of the runs' temperatures from which K is fitted over temperature."""
+OPPOSITE = 20.0
+"""Standard uncertainties apart, while their sum is within as many, that make two gammas equal and opposite."""
 ONE_TEMPERATURE_DEGC = 2.0
 """Difference of the two runs of a pair from which gamma carries the temperature of K."""
 PPM = 1e6
@@ -74,6 +77,12 @@ def pair_fit(about_a: TableRun, about_b: TableRun) -> PairFit:
     found = gyro_pair.pair(float(K_A), float(K_B), float(K_Ba), covariance)
     independent = np.diag([shared[0, 0], about_b.scales.covariance[0, 0]])
     gamma, uncertainty, notes = gyro_pair.cross_check(found, float(K_A), float(K_Ab), independent)
+    spread = float(np.hypot(uncertainty, found.standard_uncertainty[2]))
+    if abs(gamma - found.gamma_indicated) > OPPOSITE * spread > abs(gamma + found.gamma_indicated):
+        raise FitError(
+            f"gamma is {found.gamma_indicated:.6g} from B about A's axis and {gamma:.6g} from A about B's: equal and opposite",
+            hint="one gyro, or the table, has opposite signs in the two logs; state the sign in [columns]",
+        )
     apart = about_a.temp_degc - about_b.temp_degc
     if abs(apart) > ONE_TEMPERATURE_DEGC:
         notes = (*notes, f"the two runs are {abs(apart):.1f} °C apart: gamma carries the change of K_B between them")

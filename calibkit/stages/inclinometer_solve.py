@@ -71,6 +71,16 @@ class ScaleFit:
     left_out: Prior
 
 
+SHARP = 0.1
+"""Relative standard uncertainty of a root below which it counts as measured."""
+IMPLAUSIBLE = 0.05
+"""Departure of a measured s from its prior that no gyro shows between a calibration and its use."""
+FEW_STATIONS = 3
+"""Stations below which a majority says nothing."""
+APART_DEG = 5.0
+"""Difference of the pairs' toolfaces [°] that no misalignment of axes explains."""
+
+
 @dataclass(frozen=True, slots=True)
 class Seen:
     """Stations as both sensor pairs, or the one that is read, see them."""
@@ -98,6 +108,33 @@ class Seen:
         return found
 
 
+def require_consistent(seen: Seen, where: str) -> None:
+    """Refuse a log most of whose stations cannot have been read like this; one odd station is refused by itself.
+
+    Raises FitError where most stations contradict s(T), or most have pairs that see different toolfaces.
+    """
+    count = len(seen.joined.status)
+    if count < FEW_STATIONS:
+        return
+    impossible = np.zeros(count, dtype=np.bool_)
+    for axis, pair in seen.solutions.items():
+        with np.errstate(invalid="ignore"):
+            far = np.abs(pair.s_root - seen.priors[axis].s) > IMPLAUSIBLE
+            impossible |= far & (pair.s_root_uncertainty < SHARP * np.abs(pair.s_root))
+        impossible |= np.array([WRONG in reason for reason in pair.status])
+    if 2 * int(impossible.sum()) > count:
+        raise FitError(f"{where}: {int(impossible.sum())} of {count} stations contradict s(T)", hint=WRONG)
+    if len(seen.solutions) == 2:
+        x, y = (seen.solutions[axis].toolface_deg for axis in ("x", "y"))
+        with np.errstate(invalid="ignore"):
+            apart = int(np.sum(np.abs(180.0 - np.mod(180.0 - (x - y), 360.0)) > APART_DEG))
+        if 2 * apart > count:
+            raise FitError(
+                f"{where}: the two sensor pairs see toolfaces more than {APART_DEG:g}° apart at {apart} of {count} stations",
+                hint="check the signs of both axes and the direction in which position_deg counts",
+            )
+
+
 def fit(stations: Stations, spec: InclinometerRecipe) -> tuple[dict[Sensor, ScaleFit], Seen]:
     """s(T) of each gyro from all stations, and every station solved with the s(T) of all the others.
 
@@ -110,7 +147,9 @@ def fit(stations: Stations, spec: InclinometerRecipe) -> tuple[dict[Sensor, Scal
         status[axis] = _wild(first, stations.status[axis], spec)
     kept = replace(stations, status=status)
     fits = {axis: _over_temperature(_in_sequence(kept, spec, axis), kept, spec, axis) for axis in spec.axes}
-    return fits, _solved(kept, {axis: scale.left_out for axis, scale in fits.items()}, spec)
+    seen = _solved(kept, {axis: scale.left_out for axis, scale in fits.items()}, spec)
+    require_consistent(seen, "the stations")
+    return fits, seen
 
 
 def seek(stations: Stations, models: Mapping[Sensor, ScaleModel], spec: InclinometerRecipe) -> Seen:
@@ -156,7 +195,9 @@ def _contradiction(solution: Solution, k: int, spec: InclinometerRecipe) -> str:
     if solution.root[k] == 0:
         return f"no positive root of s: {WRONG}"
     low, high, s = spec.scale.smallest, spec.scale.largest, float(solution.s_root[k])
-    measured = solution.weight[k] > 0.0 or CLAMPED in solution.flags[k]
+    # a root that is known to a tenth is a measurement, however little its own uncertainty lets it move the prior
+    sharp = float(solution.s_root_uncertainty[k]) < SHARP * abs(s)
+    measured = solution.weight[k] > 0.0 or CLAMPED in solution.flags[k] or sharp
     return f"s is {s:.4g}, expected {low:g} to {high:g}: {WRONG}" if measured and not low <= s <= high else ""
 
 

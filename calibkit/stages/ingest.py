@@ -72,7 +72,7 @@ def read_log(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optio
     for name, source in sources.items():
         if source not in table.frame.columns and name in needed:
             require(file, table.frame.columns, [source])
-    require(file, [*table.frame.columns, *present], needed)
+    require(file, dict.fromkeys([*table.frame.columns, *present]), needed)
     frame = table.frame[[sources.get(name, name) for name in present]].set_axis(present, axis=1)
     for name in present:
         if name in recipe.columns:
