@@ -286,8 +286,12 @@ def _left_out(K: Array, temp_degc: Array, out: NDArray[np.bool_], order: int) ->
 
 
 def mean_of_runs(K: Sequence[float], standard_uncertainty: Sequence[float]) -> tuple[float, float]:
-    """Mean of repeated runs and its standard uncertainty: the larger of noise and scatter."""
+    """Mean of repeated runs and its standard uncertainty: the larger of a run's own and of the scatter of the mean.
+
+    A run's own uncertainty is not divided by √n: the table's unevenness and the gyro's departure from a straight line are in
+    it, and runs over the same rates repeat them.
+    """
     values, noise = np.asarray(K, dtype=np.float64), np.asarray(standard_uncertainty, dtype=np.float64)
-    propagated = float(np.sqrt(np.sum(noise**2))) / values.size
+    shared = float(np.sqrt(np.mean(noise**2)))
     scatter = float(values.std(ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
-    return float(values.mean()), max(propagated, scatter)
+    return float(values.mean()), max(shared, scatter)
