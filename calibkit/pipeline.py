@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import __version__, coefficients, procedures, recipe, store
 from calibkit.errors import CoefficientError, FrameError, UsageError
+from calibkit.recipe import type_b
 from calibkit.stages import ingest
 
 if TYPE_CHECKING:
@@ -43,6 +44,7 @@ def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, pr
     files = ingest.find_logs(spec, data)
     fitted = procedure.fit(spec, data, files, progress)
     _distinct(fitted.inputs)
+    type_b.require_known(spec, _results(fitted))
     built: dict[str, Any] = {}
 
     def build(revision: int, superseded: Mapping[str, str]) -> dict[str, bytes]:
@@ -71,6 +73,15 @@ def _distinct(inputs: tuple[coefficients.Input, ...]) -> None:
         first[entry.sha256] = entry.name
 
 
+def _results(fitted: Fitted) -> set[str]:
+    """Names of all that a fit found: figures, and coefficients by themselves and as model.coefficient."""
+    names = {figure.name for result in fitted.results for figure in result.figures}
+    for model in (model for result in fitted.results for model in result.models):
+        names |= {coefficient.name for coefficient in model.coefficients}
+        names |= {f"{model.name}.{coefficient.name}" for coefficient in model.coefficients}
+    return names
+
+
 def _run_document(
     identity: coefficients.Identity,
     source: recipe.Source,
@@ -96,6 +107,7 @@ def _run_document(
         },
         "inputs": [asdict(entry) for entry in identity.inputs],
         "excluded": [entry.model_dump() for entry in spec.exclude],
+        "type_b": type_b.dumps(spec.type_b),
         "accepted": fitted.summary.accepted,
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
         "flags": list(fitted.summary.flags),

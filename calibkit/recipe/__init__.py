@@ -4,6 +4,7 @@ from calibkit.recipe.bias_temperature import BiasTemperatureRecipe
 from calibkit.recipe.fog_thermal import FogThermalRecipe
 from calibkit.recipe.loader import Source, find, parse, shipped
 from calibkit.recipe.tables import Column, Exclude, Logs, Recipe, Site
+from calibkit.recipe.type_b import TypeB
 
 __all__ = [
     "BiasTemperatureRecipe",
@@ -14,6 +15,7 @@ __all__ = [
     "Recipe",
     "Site",
     "Source",
+    "TypeB",
     "find",
     "parse",
     "shipped",

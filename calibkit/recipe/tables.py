@@ -4,19 +4,14 @@ from __future__ import annotations
 
 from typing import Annotated, Literal
 
-from pydantic import BaseModel, ConfigDict, Field, field_validator, model_validator
+from pydantic import Field, field_validator, model_validator
 
 from calibkit import units
 from calibkit.errors import RecipeError
+from calibkit.recipe.strict import NonNegative, Positive, Table
+from calibkit.recipe.type_b import TypeB
 
-Positive = Annotated[float, Field(gt=0.0)]
-NonNegative = Annotated[float, Field(ge=0.0)]
-
-
-class Table(BaseModel):
-    """A recipe table: frozen, typed, and closed to keys it does not know."""
-
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, populate_by_name=True)
+__all__ = ["Column", "Exclude", "Logs", "NonNegative", "Positive", "Recipe", "Site", "Table", "TypeB"]
 
 
 class Logs(Table):
@@ -94,6 +89,16 @@ class Recipe(Table):
     columns: dict[str, Column] = {}
     site: Site = Site()
     exclude: Annotated[tuple[Exclude, ...], Field(strict=False)] = ()
+    type_b: Annotated[tuple[TypeB, ...], Field(strict=False)] = ()
+
+    @field_validator("type_b")
+    @classmethod
+    def _named_once(cls, terms: tuple[TypeB, ...]) -> tuple[TypeB, ...]:
+        names = [term.name for term in terms]
+        twice = next((name for name in names if names.count(name) > 1), None)
+        if twice is not None:
+            raise ValueError(f"type_b '{twice}' stands twice: one effect would count twice")
+        return terms
 
     def own_columns(self) -> tuple[str, ...]:
         """Columns that a recipe names itself, beyond the canonical ones."""

@@ -1,0 +1,209 @@
+"""Type B terms: what a laboratory knows of its equipment from certificates and data sheets, in a recipe or its own profile.
+
+    [[type_b]]
+    name = "case thermometer"
+    quantity = "temp_case_degc"
+    unit = "degC"
+    half_width = 0.1
+
+How a certificate uses them: `loads(run.document["type_b"])`, the profile's terms behind, then for every printed result
+`terms_of(terms, result, …)` gives the components that stand beside its type A one in `numeric.gum.combine`.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Annotated, Any, Literal
+
+from pydantic import Field, ValidationError, field_validator, model_validator
+
+from calibkit import units
+from calibkit.errors import CoefficientError, RecipeError
+from calibkit.frame import is_canonical
+from calibkit.numeric import gum
+from calibkit.recipe.strict import Positive, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+
+    from calibkit.recipe.tables import Recipe
+
+RELATIVE = {"ppm": 1e-6, "%": 1e-2}
+"""Units of an uncertainty that is a share of the quantity itself."""
+SITE = {"latitude_deg": "deg", "gravity_mps2": "m/s^2"}
+"""Influence quantities that are facts of the site, with the unit of their names."""
+Words = Annotated[str, Field(min_length=1)]
+
+
+class TypeB(Table):
+    """One type B term: an influence quantity or a result, and how far it may be off (JCGM 100, 4.3).
+
+    `quantity` is a canonical column, a site value (latitude_deg, gravity_mps2), or a result by its name (a figure, a
+    coefficient, or a column that the procedure gives). Exactly one of standard_uncertainty, half_width and
+    expanded_uncertainty (with its coverage_factor) is stated, in `unit`: one of the quantity's dimension, or "ppm" or "%" of
+    the quantity. `sensitivity` is what `result` changes by for one `unit`; without the two the procedure's own derivative is
+    used, or 1 where the quantity is the result itself. Without `dof` the degrees of freedom are infinite.
+    """
+
+    name: Words
+    quantity: Words
+    unit: Words
+    standard_uncertainty: Positive | None = None
+    half_width: Positive | None = None
+    expanded_uncertainty: Positive | None = None
+    coverage_factor: Annotated[float, Field(ge=1.0)] | None = None
+    distribution: Literal["normal", "rectangular", "triangular", "arcsine"] | None = None
+    dof: Positive | None = None
+    sensitivity: float | None = None
+    result: str = ""
+
+    @field_validator("unit")
+    @classmethod
+    def _known(cls, unit: str) -> str:
+        # a result may have a unit that no log has, °/h/K say; it is compared with the result's own
+        return units.ALIASES.get(unit, unit)
+
+    @model_validator(mode="after")
+    def _one_statement(self) -> TypeB:
+        stated = {
+            name: value
+            for name in ("standard_uncertainty", "half_width", "expanded_uncertainty")
+            if (value := getattr(self, name)) is not None
+        }
+        if len(stated) != 1:
+            found = " and ".join(stated) or "none"
+            raise ValueError(
+                f"'{self.name}' states {found}; state one of standard_uncertainty, half_width, expanded_uncertainty"
+            )
+        if (self.coverage_factor is None) == ("expanded_uncertainty" in stated):
+            raise ValueError(f"'{self.name}': coverage_factor belongs to expanded_uncertainty, and to nothing else")
+        if "half_width" in stated and self.distribution == "normal":
+            raise ValueError(f"'{self.name}': a normal distribution has no half_width; state the standard_uncertainty")
+        if "expanded_uncertainty" in stated and self.shape != "normal":
+            raise ValueError(f"'{self.name}': an expanded_uncertainty with a coverage_factor is that of a normal one")
+        if bool(self.result) == (self.sensitivity is None):
+            raise ValueError(f"'{self.name}': a sensitivity and the result that it leads to are stated together")
+        _require_unit(self)
+        return self
+
+    @property
+    def shape(self) -> Literal["normal", "rectangular", "triangular", "arcsine"]:
+        """Distribution: as stated, else rectangular between limits and normal otherwise."""
+        return self.distribution or ("rectangular" if self.half_width is not None else "normal")
+
+    @property
+    def u(self) -> float:
+        """Standard uncertainty in the term's own unit: as stated, a/√3, a/√6, a/√2, or U/k (JCGM 100, 4.3.3 to 4.3.9)."""
+        if self.half_width is not None:
+            return float(self.half_width / gum.HALF_WIDTH[self.shape])
+        if self.expanded_uncertainty is not None and self.coverage_factor is not None:
+            return self.expanded_uncertainty / self.coverage_factor
+        assert self.standard_uncertainty is not None  # noqa: S101 (narrows what the validator has made sure of)
+        return self.standard_uncertainty
+
+    def u_of(self, estimate: float) -> float:
+        """Standard uncertainty in the base unit of the quantity (that of its column's name), at an estimate in that unit."""
+        if self.unit in RELATIVE:
+            return self.u * RELATIVE[self.unit] * abs(estimate)
+        target = quantity_unit(self.quantity)
+        return self.u if target is None else self.u * step(self.unit, target)
+
+    def component(self, estimate: float, sensitivity: float) -> gum.Component:
+        """Component of a combination: the quantity's estimate in its base unit, sensitivity of the result to that unit."""
+        dof = float("inf") if self.dof is None else self.dof
+        return gum.Component(self.name, estimate, self.u_of(estimate), "B", sensitivity, dof, self.shape)
+
+
+def quantity_unit(quantity: str) -> str | None:
+    """Unit of an influence quantity by its name: that of the column, or of the site value; None of any other result."""
+    return SITE.get(quantity) or (units.column_unit(quantity) if is_canonical(quantity) else None)
+
+
+def step(source: str, target: str) -> float:
+    """Factor from a difference in one unit to one in another; of temperatures the scales' zeros do not matter."""
+    a, b = units.TABLE[units.known(source)], units.TABLE[units.known(target)]
+    if a.dimension == b.dimension:
+        return a.factor / b.factor
+    if {a.dimension, b.dimension} == {"acceleration", "acceleration in SI"}:  # half a percent of an uncertainty
+        return (
+            a.factor
+            / b.factor
+            * (units.STANDARD_GRAVITY_MPS2 if a.dimension == "acceleration" else 1.0 / units.STANDARD_GRAVITY_MPS2)
+        )
+    raise RecipeError(f"'{source}' is a {a.dimension}, '{target}' a {b.dimension}", hint="state a unit of the quantity")
+
+
+def _require_unit(term: TypeB) -> None:
+    """Raise ValueError for a unit that the quantity of a column or site value cannot have."""
+    target = quantity_unit(term.quantity)
+    if target is None or term.unit in RELATIVE:
+        return
+    try:
+        step(term.unit, target)
+    except RecipeError as error:
+        raise ValueError(f"'{term.name}': {error}") from None
+
+
+@dataclass(frozen=True, slots=True)
+class Applied:
+    """Components that a result has from type B terms, and the names of terms that say nothing of it."""
+
+    components: tuple[gum.Component, ...]
+    unused: tuple[str, ...]
+
+
+def terms_of(
+    terms: Sequence[TypeB],
+    result: str,
+    estimate: float,
+    sensitivities: Mapping[str, tuple[float, float]] | None = None,
+) -> Applied:
+    """Components of one result.
+
+    Parameters
+    ----------
+    terms : from the recipe and the laboratory's profile; two of one name are one effect, the later one counts.
+    result : name of the result, which a term may name as its quantity (sensitivity 1) or as its `result`.
+    estimate : of the result, in its own unit: what ppm and % of it are taken of.
+    sensitivities : influence quantity → (its estimate, derivative of the result by it), in the unit of the quantity's name.
+
+    """
+    known = dict(sensitivities or {})
+    components, unused = [], []
+    for term in {term.name: term for term in terms}.values():
+        at, derivative = known.get(term.quantity, (0.0, None))
+        if term.quantity == result:
+            components.append(term.component(estimate, 1.0))
+        elif term.sensitivity is not None and term.result == result:
+            dof = float("inf") if term.dof is None else term.dof
+            components.append(gum.Component(term.name, at, term.u, "B", term.sensitivity, dof, term.shape))
+        elif derivative is not None and term.sensitivity is None:
+            components.append(term.component(at, derivative))
+        else:
+            unused.append(term.name)
+    return Applied(tuple(components), tuple(unused))
+
+
+def require_known(spec: Recipe, results: Iterable[str]) -> None:
+    """Raise RecipeError for a term whose quantity or result is neither a column, a site value nor one of the results."""
+    there = [*results, *SITE, *spec.own_columns()]
+    for term in spec.type_b:
+        for key, name in (("quantity", term.quantity), ("result", term.result)):
+            if name and not is_canonical(name) and name not in there:
+                close = difflib.get_close_matches(name, [*there, "temp_case_degc", "temp_env_degc"], n=1)
+                guess = f"did you mean '{close[0]}'?" if close else "name a canonical column or a result of this run"
+                raise RecipeError(f"[[type_b]] '{term.name}': {key} = '{name}' is no column and no result", hint=guess)
+
+
+def dumps(terms: Sequence[TypeB]) -> list[dict[str, Any]]:
+    """Terms as JSON objects, with what is stated and nothing else."""
+    return [term.model_dump(exclude_none=True, exclude_defaults=True) for term in terms]
+
+
+def loads(entries: Iterable[Mapping[str, Any]]) -> tuple[TypeB, ...]:
+    """Terms of a run.json (`document.get("type_b", [])`); raises CoefficientError for one that is none."""
+    try:
+        return tuple(TypeB.model_validate(dict(entry)) for entry in entries)
+    except ValidationError as error:
+        raise CoefficientError(f"run.json: not a type B term: {error.errors()[0]['msg']}") from None
