@@ -22,6 +22,7 @@ SAMPLES = {
     "fog_thermal": "FOG-0001",
     "accelerometer": "ACC-0001",
     "gyro_pair": "PAIR-0001",
+    "gyro_triad": "TRIAD-0001",
     "rate_table": "GYRO-0001",
     "inclinometer": "INC-0001",
 }

@@ -46,7 +46,7 @@ def test_compensation_gives_back_the_rates():
 
 
 def test_uncertainties_are_the_scatter_of_drawn_sensitivities():
-    """With correlated noise, 20,000 draws: uncertainties of lengths and angles agree to 3 %."""
+    """With correlated noise, 20,000 draws: uncertainties of lengths, axes and angles agree to 3 %."""
     rng = np.random.default_rng(4)
     mixing = rng.normal(size=(12, 12))
     covariance = mixing @ mixing.T
@@ -55,6 +55,7 @@ def test_uncertainties_are_the_scatter_of_drawn_sensitivities():
     size = np.linalg.norm(drawn, axis=2)
     assert found.magnitude_uncertainty == pytest.approx(size.std(axis=0), rel=0.03)
     unit = drawn / size[:, :, None]
+    assert found.misalignment_uncertainty == pytest.approx(unit.std(axis=0), rel=0.03)
     for g, h in ((0, 1), (0, 3), (2, 3)):
         angle = np.degrees(np.arccos(np.einsum("na,na->n", unit[:, g], unit[:, h])))
         assert found.angle_uncertainty_deg[g, h] == pytest.approx(angle.std(), rel=0.03)

@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric.fit import polynomial
+from calibkit.numeric import gyro_scale
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
 
-    from calibkit.numeric.gyro_scale import RunScales
+    from calibkit.numeric.gyro_scale import RunScales, ScaleOverTemperature
 
     Array = NDArray[np.float64]
 
@@ -36,6 +36,8 @@ class Triad:
     magnitude_uncertainty: Array
     misalignment: Array
     """Misalignment matrix [g, 3]: the unit vectors u_g = s_g/|s_g| as rows; the identity for an ideal triad."""
+    misalignment_uncertainty: Array
+    """[g, 3]."""
     compensation: Array
     """[3, g], takes indications without bias to rates about the table axes [°/s] (least squares for g > 3)."""
     angles_deg: Array
@@ -47,25 +49,24 @@ class Triad:
 
 @dataclass(frozen=True, slots=True)
 class TriadOverTemperature:
-    """Each sensitivity a polynomial of temperature: s = Σ_k coefficients[k] T^k, T in °C."""
+    """Each sensitivity a polynomial of temperature in °C, of an order of its own."""
 
-    coefficients: Array
-    """[order + 1, g, 3]."""
-    covariance: Array
-    """[g, 3, order + 1, order + 1], each entry's own."""
-    valid_degc: tuple[float, float]
+    curves: tuple[tuple[ScaleOverTemperature, ...], ...]
+    """[g][3]."""
+
+    @property
+    def valid_degc(self) -> tuple[float, float]:
+        """Temperatures that were fitted."""
+        return self.curves[0][0].valid_degc
 
     def at(self, temp_degc: float) -> Triad:
         """Triad at a temperature [°C], clamped to the fitted range and flagged where it was."""
-        clamped = min(max(temp_degc, self.valid_degc[0]), self.valid_degc[1])
-        powers = clamped ** np.arange(len(self.coefficients))
-        variance = np.einsum("gakl,k,l->ga", self.covariance, powers, powers)
-        sensitivity = np.einsum("kga,k->ga", self.coefficients, powers)
-        found = triad(sensitivity, np.diag(variance.ravel()))
-        if clamped == temp_degc:
-            return found
-        flag = f"{temp_degc:g} °C is outside the fitted {self.valid_degc[0]:g} to {self.valid_degc[1]:g} °C: clamped"
-        return triad(sensitivity, np.diag(variance.ravel()), flags=(flag,))
+        points = [[curve.at(temp_degc) for curve in row] for row in self.curves]
+        sensitivity = np.array([[float(value[0]) for value, _ in row] for row in points])
+        u = np.array([[float(u[0]) for _, u in row] for row in points])
+        low, high = self.valid_degc
+        flag = f"{temp_degc:g} °C is outside the fitted {low:g} to {high:g} °C: clamped"
+        return triad(sensitivity, np.diag(u.ravel() ** 2), flags=() if low <= temp_degc <= high else (flag,))
 
 
 def from_runs(about_x: RunScales, about_y: RunScales, about_z: RunScales) -> Triad:
@@ -109,6 +110,8 @@ def triad(sensitivity: Array, covariance: Array, *, flags: Sequence[str] = ()) -
     unit = sensitivity / size[:, None]
     full = covariance.reshape(count, 3, count, 3)
     u_size = np.sqrt(np.einsum("ga,gagb,gb->g", unit, full, unit))
+    across = (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / size[:, None, None]
+    u_unit = np.sqrt(np.einsum("gij,gjgk,gik->gi", across, full, across))
     angles, uncertainty = np.zeros((count, count)), np.zeros((count, count))
     for g in range(count):
         for h in range(g + 1, count):
@@ -124,6 +127,7 @@ def triad(sensitivity: Array, covariance: Array, *, flags: Sequence[str] = ()) -
         magnitude=size,
         magnitude_uncertainty=u_size,
         misalignment=unit,
+        misalignment_uncertainty=u_unit,
         compensation=np.asarray(np.linalg.pinv(sensitivity, rcond=1e-6), dtype=np.float64),
         angles_deg=angles,
         angle_uncertainty_deg=uncertainty,
@@ -146,26 +150,20 @@ def _angle(unit: Array, size: Array, covariance: Array, g: int, h: int) -> tuple
     return angle, float(np.degrees(np.sqrt(max(gradient @ covariance[rows].reshape(6, 6) @ gradient, 0.0))))
 
 
-def over_temperature(triads: Sequence[Triad], temp_degc: Array, *, order: int) -> TriadOverTemperature:
+def over_temperature(triads: Sequence[Triad], temp_degc: Array, *, order: int | None = None) -> TriadOverTemperature:
     """Fit each entry of the sensitivities of t triads at temperatures [t] [°C] as a polynomial.
 
-    Raises FitError for fewer temperatures than coefficients. The covariance is the larger of scatter and noise.
+    The order is by default each entry's of least leave-one-temperature-out error. Raises FitError for fewer temperatures
+    than coefficients. The covariance is the larger of scatter and noise.
     """
+
+    def curve(g: int, axis: int) -> ScaleOverTemperature:
+        values = np.array([entry.sensitivity[g, axis] for entry in triads])
+        noise = np.sqrt([entry.covariance[g, axis, g, axis] for entry in triads])
+        return gyro_scale.over_temperature(values, noise, temp_degc, order=order)
+
     count = len(triads[0].sensitivity)
-    coefficients = np.zeros((order + 1, count, 3))
-    covariance = np.zeros((count, 3, order + 1, order + 1))
-    for g in range(count):
-        for axis in range(3):
-            values = np.array([entry.sensitivity[g, axis] for entry in triads])
-            noise = np.array([entry.covariance[g, axis, g, axis] for entry in triads])
-            _, raw, scatter = polynomial(temp_degc, values, order)
-            solver = np.array([polynomial(temp_degc, row, order)[1] for row in np.eye(temp_degc.size)]).T
-            stated = (solver * noise) @ solver.T
-            coefficients[:, g, axis] = raw
-            powers = np.vander(temp_degc, order + 1, increasing=True)
-            wider = np.trace(powers @ scatter @ powers.T) > np.trace(powers @ stated @ powers.T)
-            covariance[g, axis] = scatter if wider else stated
-    return TriadOverTemperature(coefficients, covariance, (float(np.min(temp_degc)), float(np.max(temp_degc))))
+    return TriadOverTemperature(tuple(tuple(curve(g, axis) for axis in range(3)) for g in range(count)))
 
 
 def acceleration_sensitivity(up: Array, down: Array, gravity: float) -> tuple[Array, Array]:

@@ -26,6 +26,8 @@ DISAGREEMENT = 10e-6
 """Relative difference of table angle and table rate from which it is flagged."""
 SETTLING = 8.0
 """Standard deviations of block means by which a plateau's first differs when the gyro has not settled."""
+UNSETTLED = 0.1
+"""Share of the plateaus that must differ: a gyro that lags does so after most changes of rate, one plateau is chance."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -242,10 +244,10 @@ def _noise(residuals: list[Array], parts: list[_Part], values: Array) -> tuple[A
         flags.append(f"noise within plateaus is autocorrelated: variances raised up to {ratio.max() ** 2:.1f} times")
     full = float(np.max(np.abs(values)))
     creeping = sum(_creeps(r, full) for r in residuals)
-    if creeping:
+    if creeping > UNSETTLED * len(residuals):
         flags.append(
-            f"{creeping} of {len(residuals)} plateaus begin off their mean: where these are more than one in a hundred "
-            "the gyro had not settled, allow a longer settling time"
+            f"{creeping} of {len(residuals)} plateaus begin off their mean: the gyro had not settled, "
+            "allow a longer plateaus.settle_s"
         )
     return covariance * np.outer(ratio, ratio), tuple(flags)
 

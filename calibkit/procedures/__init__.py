@@ -2,8 +2,9 @@
 
 from __future__ import annotations
 
+import importlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol
+from typing import TYPE_CHECKING, Any, Protocol, cast
 
 from calibkit.errors import UsageError
 
@@ -70,30 +71,19 @@ class Procedure(Protocol):
         """Draw and print a fit: file name → bytes."""
 
 
+NAMES = (
+    "accelerometer",
+    "bias_temperature",
+    "fog_thermal",
+    "gyro_pair",
+    "gyro_triad",
+    "inclinometer",
+    "rate_table",
+)
+
+
 def of(spec: Recipe) -> Procedure:
     """Procedure that a recipe names; each is imported only when it is asked for."""
-    if spec.procedure == "fog_thermal":
-        from calibkit.procedures import fog_thermal
-
-        return fog_thermal
-    if spec.procedure == "bias_temperature":
-        from calibkit.procedures import bias_temperature
-
-        return bias_temperature
-    if spec.procedure == "accelerometer":
-        from calibkit.procedures import accelerometer
-
-        return accelerometer
-    if spec.procedure == "inclinometer":
-        from calibkit.procedures import inclinometer
-
-        return inclinometer
-    if spec.procedure == "gyro_pair":
-        from calibkit.procedures import gyro_pair
-
-        return gyro_pair
-    if spec.procedure == "rate_table":
-        from calibkit.procedures import rate_table
-
-        return rate_table
-    raise UsageError(f"procedure '{spec.procedure}' is not implemented", hint="see the shipped recipes")
+    if spec.procedure not in NAMES:
+        raise UsageError(f"procedure '{spec.procedure}' is not implemented", hint="see the shipped recipes")
+    return cast("Procedure", importlib.import_module(f"calibkit.procedures.{spec.procedure}"))

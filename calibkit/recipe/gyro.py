@@ -1,4 +1,4 @@
-"""Recipes of gyros on a rate table: two gyros on one base, and runs of any gyros over temperature."""
+"""Recipes of gyros on a rate table: two gyros on one base, runs over temperature, any number of gyros over three axes."""
 
 from __future__ import annotations
 
@@ -30,22 +30,31 @@ class PlateauSpec(Table):
 
 
 class GyroRecipe(Recipe):
-    """What both procedures of the rate table share."""
+    """What all procedures of the rate table share."""
 
     table: TableSpec = TableSpec()
     plateaus: PlateauSpec = PlateauSpec()
     nominal_scale_factor: float | None = None
+
+    @model_validator(mode="after")
+    def _scale_factor_scales(self) -> GyroRecipe:
+        if self.nominal_scale_factor == 0.0:
+            raise ValueError("a nominal_scale_factor of 0 turns no count into a rate")
+        return self
+
+
+class OwnAxisRecipe(GyroRecipe):
+    """Gyros compensated about their own axes, each by itself."""
+
     response: Literal["line", "auto"] = "line"
     compensation: Literal["laboratory", "inertial"] = "laboratory"
 
     @model_validator(mode="after")
-    def _earth_is_known(self) -> GyroRecipe:
+    def _earth_is_known(self) -> OwnAxisRecipe:
         if self.compensation == "inertial" and self.site.latitude_deg is None:
             raise ValueError(
                 "compensation = 'inertial' needs [site] latitude_deg: the earth's rate is left in the output"
             )
-        if self.nominal_scale_factor == 0.0:
-            raise ValueError("a nominal_scale_factor of 0 turns no count into a rate")
         return self
 
 
@@ -72,7 +81,7 @@ class PairAcceptance(Table):
     max_orthogonality_error_deg: Positive | None = None
 
 
-class GyroPairRecipe(GyroRecipe):
+class GyroPairRecipe(OwnAxisRecipe):
     """Two gyros, both logged while the table turns about A's reference axis and about B's own axis."""
 
     procedure: Literal["gyro_pair"]
@@ -90,7 +99,7 @@ class RateTableAcceptance(Table):
     max_temperature_sensitivity_ppm_degc: Positive | None = None
 
 
-class RateTableRecipe(GyroRecipe):
+class RateTableRecipe(OwnAxisRecipe):
     """Runs of one or more gyros about the table axis, one run a log, repeated and over temperature."""
 
     procedure: Literal["rate_table"]
@@ -99,6 +108,40 @@ class RateTableRecipe(GyroRecipe):
 
     @model_validator(mode="after")
     def _each_gyro_once(self) -> RateTableRecipe:
+        if len(set(self.gyros)) != len(self.gyros):
+            raise ValueError(f"gyros = {list(self.gyros)}: a gyro stands twice")
+        return self
+
+
+class TriadLogs(Table):
+    """Which logs are of which table axis, by file name patterns."""
+
+    x: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = ("about_x*.csv",)
+    y: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = ("about_y*.csv",)
+    z: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = ("about_z*.csv",)
+
+
+class TriadAcceptance(Table):
+    """Limits of gyros over three table axes; a limit that is not stated is not tested."""
+
+    max_nonlinearity_ppm: Positive | None = None
+    max_asymmetry_ppm: Positive | None = None
+    max_orthogonality_error_deg: Positive | None = None
+    max_angle_uncertainty_deg: Positive | None = None
+    max_rate_error_ppm: Positive | None = None
+    max_cross_axis_ppm: Positive | None = None
+
+
+class GyroTriadRecipe(GyroRecipe):
+    """Any number of gyros on one base, all logged while the table turns about each of three orthogonal axes of the base."""
+
+    procedure: Literal["gyro_triad"]
+    gyros: Annotated[tuple[Axis, ...], Field(min_length=1, strict=False)] = ("x", "y", "z")
+    axes: TriadLogs = TriadLogs()
+    acceptance: TriadAcceptance = TriadAcceptance()
+
+    @model_validator(mode="after")
+    def _each_gyro_once(self) -> GyroTriadRecipe:
         if len(set(self.gyros)) != len(self.gyros):
             raise ValueError(f"gyros = {list(self.gyros)}: a gyro stands twice")
         return self

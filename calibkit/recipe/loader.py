@@ -17,7 +17,7 @@ from calibkit.frame import CANONICAL, is_canonical
 from calibkit.recipe.accelerometer import AccelerometerRecipe
 from calibkit.recipe.bias_temperature import BiasTemperatureRecipe
 from calibkit.recipe.fog_thermal import FogThermalRecipe
-from calibkit.recipe.gyro import GyroPairRecipe, RateTableRecipe
+from calibkit.recipe.gyro import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
 from calibkit.recipe.inclinometer import InclinometerRecipe
 
 if TYPE_CHECKING:
@@ -31,6 +31,7 @@ PROCEDURES: dict[str, type[Recipe]] = {
     "fog_thermal": FogThermalRecipe,
     "inclinometer": InclinometerRecipe,
     "gyro_pair": GyroPairRecipe,
+    "gyro_triad": GyroTriadRecipe,
     "rate_table": RateTableRecipe,
 }
 """Value of `procedure` → record that the recipe must fill."""

@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Record
     from calibkit.frame import Log
-    from calibkit.recipe.gyro import GyroRecipe
+    from calibkit.recipe.gyro import GyroRecipe, OwnAxisRecipe
     from calibkit.stages.gyro_runs import TableRun
 
     Array = NDArray[np.float64]
@@ -87,7 +87,7 @@ def frozen(records: Mapping[str, Record], gyro: str, name: str) -> Frozen:
     return Frozen(gyro, K, F0, np.array(over_K.covariance), over_K.valid[TEMPERATURE], reference, shape)
 
 
-def earth_rate(records: Mapping[str, Record], spec: GyroRecipe) -> float:
+def earth_rate(records: Mapping[str, Record], spec: OwnAxisRecipe) -> float:
     """What is added to the compensated rate [°/s]: the laboratory's earth rate about the table axis, or nothing."""
     if spec.compensation == "laboratory":
         return 0.0

@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibkit.coefficients import Figure, Model, StageResult
-    from calibkit.recipe.gyro import PairAcceptance, RateTableAcceptance
+    from calibkit.numeric.gyro_scale import ScaleOverTemperature
+    from calibkit.recipe.gyro import PairAcceptance, RateTableAcceptance, TriadAcceptance
     from calibkit.stages.gyro_results import GyroOverRuns, PairFit
     from calibkit.stages.gyro_runs import TableRun
 
@@ -145,29 +146,31 @@ def runs_drawing(gyros: Sequence[GyroOverRuns]) -> GyroReport:
 def _temperature_curve(one: GyroOverRuns) -> list[TemperatureCurve]:
     """K of one gyro over temperature, relative to its mean at the reference temperature."""
     fit = one.K_over_temperature
-    if fit is None:
-        return []
+    return [] if fit is None else [temperature_curve(one.gyro, one.runs, fit, one.K[0])]
+
+
+def temperature_curve(
+    gyro: str, runs: Sequence[TableRun], fit: ScaleOverTemperature, reference: float
+) -> TemperatureCurve:
+    """K of one gyro in every run and as a polynomial, in ppm from a reference K."""
     grid = np.linspace(*fit.valid_degc, 101)
     curve, u_curve = fit.at(grid)
-    lines = [run.scale(one.gyro) for run in one.runs]
+    lines = [run.scale(gyro) for run in runs]
     K, u = (np.array(x) for x in zip(*((s.K, s.standard_uncertainty[0]) for s in lines), strict=True))
-    ppm = PPM / abs(one.K[0])
-    temperature = np.array([run.temp_degc for run in one.runs])
-    sign = float(np.sign(one.K[0]))
-    return [
-        TemperatureCurve(
-            one.gyro,
-            temperature,
-            (K - one.K[0]) * sign * ppm,
-            u * ppm,
-            grid,
-            (curve - one.K[0]) * sign * ppm,
-            u_curve * ppm,
-        )
-    ]
+    ppm, sign = PPM / abs(reference), float(np.sign(reference))
+    temperature = np.array([run.temp_degc for run in runs])
+    return TemperatureCurve(
+        gyro,
+        temperature,
+        (K - reference) * sign * ppm,
+        u * ppm,
+        grid,
+        (curve - reference) * sign * ppm,
+        u_curve * ppm,
+    )
 
 
-def _limit(name: str, value: float, limit: float | None, unit: str) -> list[Criterion]:
+def limit_on(name: str, value: float, limit: float | None, unit: str) -> list[Criterion]:
     """One limit that a value must not exceed, where it is stated."""
     return [] if limit is None else [Criterion(name, value, limit, unit, value <= limit)]
 
@@ -183,7 +186,9 @@ def _worst(figures: Sequence[Figure], start: str, limit: float | None, key: str)
     return max(found, default=0.0)
 
 
-def line_criteria(figures: Sequence[Figure], limits: PairAcceptance | RateTableAcceptance) -> list[Criterion]:
+def line_criteria(
+    figures: Sequence[Figure], limits: PairAcceptance | RateTableAcceptance | TriadAcceptance
+) -> list[Criterion]:
     """Limits on the lines of a fit."""
     pairs = (
         ("nonlinearity over full scale", "nonlinearity_full_scale.", "max_nonlinearity_ppm"),
@@ -193,7 +198,7 @@ def line_criteria(figures: Sequence[Figure], limits: PairAcceptance | RateTableA
         criterion
         for name, start, key in pairs
         for limit in [getattr(limits, key)]
-        for criterion in _limit(name, _worst(figures, start, limit, key), limit, "ppm")
+        for criterion in limit_on(name, _worst(figures, start, limit, key), limit, "ppm")
     ]
 
 
@@ -203,8 +208,8 @@ def pair_criteria(fitted: PairFit, scales: StageResult, limits: PairAcceptance) 
     error = abs(fitted.found.orthogonality_error_deg)
     return (
         *line_criteria(scales.figures, limits),
-        *_limit("standard uncertainty of gamma", u_gamma, limits.max_gamma_uncertainty, "1"),
-        *_limit("orthogonality error", error, limits.max_orthogonality_error_deg, "deg"),
+        *limit_on("standard uncertainty of gamma", u_gamma, limits.max_gamma_uncertainty, "1"),
+        *limit_on("orthogonality error", error, limits.max_orthogonality_error_deg, "deg"),
     )
 
 
@@ -217,7 +222,7 @@ def runs_criteria(scales: StageResult, limits: RateTableAcceptance) -> tuple[Cri
     )
     for name, start, key, unit in pairs:
         limit = getattr(limits, key)
-        found += _limit(name, _worst(scales.figures, start, limit, key), limit, unit)
+        found += limit_on(name, _worst(scales.figures, start, limit, key), limit, unit)
     return tuple(found)
 
 
@@ -228,8 +233,8 @@ def validation_criteria(
     errors = [abs(float(str(stand["scale_factor_error_ppm"]))) for stand in stands]
     bent = [float(str(stand["nonlinearity_full_scale_ppm"])) for stand in stands]
     return (
-        *_limit("scale-factor error", max(errors), limits.max_scale_factor_error_ppm, "ppm"),
-        *_limit("nonlinearity over full scale", max(bent), limits.max_nonlinearity_ppm, "ppm"),
+        *limit_on("scale-factor error", max(errors), limits.max_scale_factor_error_ppm, "ppm"),
+        *limit_on("nonlinearity over full scale", max(bent), limits.max_nonlinearity_ppm, "ppm"),
     )
 
 

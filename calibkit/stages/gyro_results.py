@@ -21,7 +21,7 @@ if TYPE_CHECKING:
     from calibkit.numeric.gyro_pair import GyroPair
     from calibkit.numeric.gyro_response import Response
     from calibkit.numeric.gyro_scale import ScaleFactor, ScaleOverTemperature
-    from calibkit.recipe.gyro import GyroRecipe
+    from calibkit.recipe.gyro import GyroRecipe, OwnAxisRecipe
     from calibkit.stages.gyro_runs import TableRun
 
     Array = NDArray[np.float64]
@@ -90,7 +90,7 @@ def pair_fit(about_a: TableRun, about_b: TableRun) -> PairFit:
     return PairFit({"a": about_a, "b": about_b}, found, (gamma, uncertainty), tuple(dict.fromkeys(flags)))
 
 
-def pair_scale_result(fitted: PairFit, spec: GyroRecipe) -> StageResult:
+def pair_scale_result(fitted: PairFit, spec: OwnAxisRecipe) -> StageResult:
     """gyro_scale.json of a pair: a line for each gyro about each axis, the figures of each about its own."""
     models = [scale_model(f"{g}_about_{axis}", fitted.runs[axis], g) for g, axis in MODELS]
     figures: list[Figure] = []
@@ -130,7 +130,7 @@ def orthogonality_result(fitted: PairFit, spec: GyroRecipe) -> StageResult:
         dof=min(run.scale(g).dof for run in fitted.runs.values() for g in ("a", "b")),
         residual_rms=own.residual_rms,
         residual_unit="1/s",
-        valid=_valid(list(fitted.runs.values())),
+        valid=valid_of(list(fitted.runs.values())),
     )
     low, high = found.alpha_interval_deg
     u_alpha = entries[3].standard_uncertainty
@@ -152,7 +152,7 @@ def _with_unit(pair: tuple[float, float], unit: str) -> tuple[float, str, float]
     return pair[0], unit, pair[1]
 
 
-def over_runs(gyro: str, runs: Sequence[TableRun], spec: GyroRecipe) -> GyroOverRuns:
+def over_runs(gyro: str, runs: Sequence[TableRun], spec: OwnAxisRecipe) -> GyroOverRuns:
     """One gyro over all runs: the mean at the reference temperature, and K and F0 over temperature where it varies."""
     temperature = np.array([run.temp_degc for run in runs])
     near = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
@@ -177,7 +177,7 @@ def _over_temperature(
     return gyro_scale.over_temperature(K, u_K, temperature), gyro_scale.over_temperature(F0, u_F0, temperature)
 
 
-def rate_table_result(gyros: Sequence[GyroOverRuns], flags: Sequence[str], spec: GyroRecipe) -> StageResult:
+def rate_table_result(gyros: Sequence[GyroOverRuns], flags: Sequence[str], spec: OwnAxisRecipe) -> StageResult:
     """gyro_scale.json of runs: a line a gyro and run, the mean at the reference temperature, K and F0 over temperature."""
     models: list[Model] = []
     figures: list[Figure] = []
@@ -226,12 +226,12 @@ def scale_model(name: str, run: TableRun, gyro: str) -> Model:
         dof=line.dof,
         residual_rms=line.residual_rms,
         residual_unit="1/s",
-        valid=_valid([run]),
+        valid=valid_of([run]),
         parameters=(Parameter("temp_case", run.temp_degc, "degC"),) if known else (),
     )
 
 
-def _valid(runs: Sequence[TableRun]) -> dict[str, tuple[float, float]]:
+def valid_of(runs: Sequence[TableRun]) -> dict[str, tuple[float, float]]:
     """Rates and temperatures that runs covered."""
     rate = np.concatenate([run.plateaus.rate_dps for run in runs])
     temperature = np.concatenate([run.plateaus.temp_degc for run in runs])
@@ -253,7 +253,7 @@ def _mean_model(name: str, one: GyroOverRuns) -> Model:
         dof=sum(line.dof for line in lines),
         residual_rms=float(np.sqrt(np.mean([line.residual_rms**2 for line in lines]))),
         residual_unit="1/s",
-        valid=_valid(one.at_room),
+        valid=valid_of(one.at_room),
         parameters=(Parameter("runs", float(len(lines)), "1"),),
     )
 
@@ -262,22 +262,28 @@ def _temperature_models(name: str, one: GyroOverRuns) -> list[Model]:
     """polynomial/1 models of K and F0 over case temperature, where it varies."""
     curves = (("K", "1/deg", one.K_over_temperature), ("F0", "1/s", one.F0_over_temperature))
     return [
-        Model(
-            name=f"{name}.{letter}_over_temperature",
-            form="polynomial/1",
-            coefficients=tuple(
-                Coefficient(f"p{k}", float(value), _power_unit(unit, k), float(u))
-                for k, (value, u) in enumerate(zip(fit.coefficients, np.sqrt(np.diag(fit.covariance)), strict=True))
-            ),
-            covariance=tuple(map(tuple, fit.covariance.tolist())),
-            dof=fit.dof,
-            residual_rms=fit.residual_rms,
-            residual_unit=unit,
-            valid={TEMPERATURE: fit.valid_degc},
-        )
+        polynomial_model(f"{name}.{letter}_over_temperature", unit, fit)
         for letter, unit, fit in curves
         if fit is not None
     ]
+
+
+def polynomial_model(name: str, unit: str, fit: ScaleOverTemperature) -> Model:
+    """polynomial/1 model of one quantity over case temperature."""
+    u = np.sqrt(np.diag(fit.covariance))
+    return Model(
+        name=name,
+        form="polynomial/1",
+        coefficients=tuple(
+            Coefficient(f"p{k}", float(value), _power_unit(unit, k), float(error))
+            for k, (value, error) in enumerate(zip(fit.coefficients, u, strict=True))
+        ),
+        covariance=tuple(map(tuple, fit.covariance.tolist())),
+        dof=fit.dof,
+        residual_rms=fit.residual_rms,
+        residual_unit=unit,
+        valid={TEMPERATURE: fit.valid_degc},
+    )
 
 
 def _power_unit(unit: str, power: int) -> str:

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from calibkit.numeric.gyro_response import Response
-    from calibkit.recipe.gyro import GyroRecipe
+    from calibkit.recipe.gyro import OwnAxisRecipe
     from calibkit.stages.gyro_runs import TableRun
 
     Array = NDArray[np.float64]
@@ -58,7 +58,7 @@ class Shape:
         return np.where((indicated >= curve[0]) & (indicated <= curve[-1]), inside, outside)
 
 
-def choose(spec: GyroRecipe, runs: Sequence[tuple[TableRun, str]]) -> Response | None:
+def choose(spec: OwnAxisRecipe, runs: Sequence[tuple[TableRun, str]]) -> Response | None:
     """Response over rate, (F − F0)/K [°/s] against the table rate, of runs together: chosen by leave-one-rate-out error.
 
     None where the recipe asks for the line alone, or the line is the best.

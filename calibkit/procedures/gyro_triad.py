@@ -1,0 +1,101 @@
+"""Any number of gyros on a rate table, turned about three axes of their base: → gyro_scale.json, gyro_orthogonality.json."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from calibkit.coefficients import Input
+from calibkit.errors import UsageError
+from calibkit.procedures import Fitted
+from calibkit.report import figures as drawing
+from calibkit.report import gyro_axes as pages
+from calibkit.report.summary import Summary
+from calibkit.report.summary import text as plain
+from calibkit.stages import (
+    gyro_axes,
+    gyro_axes_compensate,
+    gyro_axes_report,
+    gyro_axes_results,
+    gyro_report,
+    gyro_runs,
+    write_back,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Finding
+    from calibkit.procedures import Progress
+    from calibkit.recipe.gyro import GyroTriadRecipe
+    from calibkit.stages.gyro_runs import TableRun
+
+
+def check(spec: GyroTriadRecipe, data: Path, file: str) -> list[Finding]:
+    """Find what is wrong with one log."""
+    return gyro_runs.findings(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
+
+
+def _run(spec: GyroTriadRecipe, data: Path, file: str) -> TableRun:
+    """Held rates and lines of one log."""
+    return gyro_runs.run_of(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
+
+
+def fit(spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Fit the sensitivities of every gyro about three axes, the angles between them, and both over temperature."""
+    axes = gyro_axes.axis_of(spec, files)
+    runs: dict[str, tuple[TableRun, ...]] = {}
+    for file in progress(files, "reading and averaging"):
+        runs[axes[file]] = (*runs.get(axes[file], ()), _run(spec, data, file))
+    fitted = gyro_axes.fit(spec, runs)
+    scales = gyro_axes_results.scale_result(fitted, spec)
+    tables = (
+        *gyro_axes_report.tables(fitted),
+        *gyro_report.bias_table(scales.figures),
+        *gyro_report.temperature_table(scales.models),
+    )
+    logs = [run.log for axis in gyro_axes.AXES for run in runs[axis]]
+    return Fitted(
+        (scales, gyro_axes_results.orthogonality_result(fitted, spec)),
+        tuple(Input(log.file, log.sha256, log.rows) for log in logs),
+        Summary(spec.title, tables, fitted.flags, gyro_axes_report.criteria(fitted, scales.figures, spec.acceptance)),
+        gyro_axes_report.drawing(fitted),
+    )
+
+
+def apply(spec: GyroTriadRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+    """Add the compensated rates about the axes of the base to every row of a log."""
+    known = gyro_axes_compensate.base(records, spec)
+    log = gyro_axes_compensate.read(spec, data, known)
+    derived, flags = gyro_axes_compensate.compensated(log, known)
+    return write_back.replaced(spec, data, {}, derived), (*log.notes, *flags)
+
+
+def validate(
+    spec: GyroTriadRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+) -> tuple[dict[str, Any], Summary]:
+    """Rates of unseen runs along and across the turned axis under the frozen coefficients."""
+    known = gyro_axes_compensate.base(records, spec)
+    axes = gyro_axes.axis_of(spec, files)
+    vertical = gyro_runs.vertical_rate_dps(spec) or 0.0
+    entries, named, flags = [], [], []
+    for file in progress(files, "validating"):
+        run = _run(spec, data, file)
+        one, said = gyro_axes_compensate.stand(run, axes[file], known, vertical)
+        entries.append({"name": file, "sha256": run.log.sha256, "rows": run.log.rows, **one})
+        named.append((file, one))
+        flags += [*run.flags, *said]
+    criteria = gyro_axes_report.validation_criteria([one for _, one in named], spec.acceptance)
+    table = gyro_axes_report.validation_table(named)
+    return {"logs": entries}, Summary("", (table,), tuple(dict.fromkeys(flags)), criteria)
+
+
+def report(title: str, fitted: Fitted) -> dict[str, bytes]:
+    """Figures as report.pdf and the summary as report.txt."""
+    if not isinstance(fitted.drawing, pages.AxesReport):
+        raise UsageError("not a fit of gyro_triad")
+    return {
+        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
+        "report.txt": plain(fitted.summary).encode(),
+    }

@@ -1,0 +1,246 @@
+"""Gyros over three table axes end to end: sensitivities, angles and misalignment over temperature, rates about the base."""
+
+import json
+
+import numpy as np
+import pytest
+
+from calibkit import recipe, store
+from calibkit.procedures import gyro_triad as procedure
+from calibkit.procedures import silent
+from calibkit.report import figures as drawing
+from calibkit.simulate import gyro_triad
+
+LATITUDE = "site.latitude_deg=34.2"
+VERTICAL_DPS = 15.041067 / 3600.0 * np.sin(np.radians(34.2))
+RATES = (5.0, 20.0, 60.0, 100.0, -5.0, -20.0, -60.0, -100.0)
+HELD = 30
+"""Rows of a held rate in the hand-made logs, one a second."""
+TETRAD = np.array([[1.0, 0.01, -0.02], [0.0, 1.1, 0.03], [0.02, 0.0, 0.9], [0.58, 0.57, 0.59]]) * 1e4
+BIAS = np.array([12.0, -7.0, 3.0, 20.0])
+GYROS = ("p", "q", "r", "s")
+
+
+def write(folder, campaign):
+    """Write a campaign's files and return its truth."""
+    for name, content in campaign.files().items():
+        (folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (folder / name).write_bytes(content)
+    return json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+
+
+def exact(folder, log_writer, sensitivity, bias, gyros, *, skew=0.0, name="about_{}.csv", degc=None):
+    """Noise-free logs about three axes; a tenth of a millionth of a count of dither keeps no column constant."""
+    rate = np.repeat(np.array(RATES), HELD)
+    dither = 1e-7 * (-1.0) ** np.arange(rate.size)
+    for axis, letter in enumerate("xyz"):
+        turning = np.zeros((rate.size, 3))
+        turning[:, axis] = rate + VERTICAL_DPS
+        counts = turning @ (sensitivity + skew).T + bias
+        columns = {f"gyro_{g}_lsb": counts[:, k] + dither for k, g in enumerate(gyros)}
+        temperature = {} if degc is None else {"temp_case_degc": np.full(rate.size, degc) + 1e-3 * dither * 1e7}
+        time = np.arange(rate.size) * 1.0
+        log_writer(folder / name.format(letter), time_s=time, table_rate_dps=rate, **temperature, **columns)
+    return folder
+
+
+@pytest.fixture
+def undrawn(monkeypatch):
+    """Leave out the figures, which take most of a fit's time."""
+    monkeypatch.setattr(drawing, "pdf", lambda figures: b"%PDF-")
+
+
+def fit(calibkit, folder, out, *settings, code=0):
+    """Fit the shipped recipe and return the run."""
+    arguments = [part for setting in settings for part in ("--set", setting)]
+    outcome = calibkit("fit", "gyro_triad", "--data", folder, "--serial", "G", "--out", out, *arguments)
+    assert outcome.code == code, outcome.err
+    return store.load(store.find("G", out)) if code in {0, 1} else outcome
+
+
+@pytest.fixture(scope="module")
+def campaign(tmp_path_factory):
+    """Return folder and truth of simulated gyros (seed 1) at four temperatures, and withheld at a fifth."""
+    folder = tmp_path_factory.mktemp("triad")
+    return folder, write(folder, gyro_triad.campaign(1))
+
+
+@pytest.fixture(scope="module")
+def fitted(campaign, tmp_path_factory):
+    """Return the runs' folder of that campaign's fit, figures drawn."""
+    from calibkit import pipeline
+
+    out = tmp_path_factory.mktemp("runs")
+    pipeline.fit(recipe.find("gyro_triad", (LATITUDE,)), campaign[0], "G", out, "2026-11-21", silent)
+    return out
+
+
+def test_sensitivities_and_angles_are_the_simulated_ones_at_every_temperature(campaign, fitted):
+    """Four temperatures: own scale factors within 3 ppm, angles within 4 standard uncertainties and 0.2 millidegrees."""
+    record = store.load(store.find("G", fitted)).records["gyro_orthogonality.json"]
+    figures = {figure.name: figure for figure in record.figures}
+    for degc, truth in campaign[1]["at"].items():
+        if degc == "40":
+            continue
+        suffix = "" if degc == "25" else f".at_{degc}"
+        model = record.model(f"triad{suffix}")
+        for g, gyro in enumerate("xyz"):
+            assert model.value(f"S_{gyro}{gyro}") == pytest.approx(truth["sensitivity"][g][g], rel=3e-6)
+            for h in range(g + 1, 3):
+                angle = figures[f"angle_deg.{gyro}_{'xyz'[h]}{suffix}"]
+                error = angle.value - truth["angles_deg"][g][h]
+                assert abs(error) < 4.0 * angle.standard_uncertainty
+                assert abs(error) < 2e-4
+
+
+def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tmp_path):
+    """12 campaigns at one temperature, 36 angles and 108 sensitivities: normalised errors have a rms of 0.7 to 1.25."""
+    spec = recipe.parse(recipe.find("gyro_triad", (LATITUDE,)))
+    angles, entries = [], []
+    for seed in range(100, 112):
+        simulated = gyro_triad.campaign(seed, temperatures_degc=(25.0,), withheld_degc=())
+        truth = write(tmp_path / str(seed), simulated)["at"]["25"]
+        found = procedure.fit(spec, tmp_path / str(seed), sorted(simulated.logs), silent).results[1]
+        for figure in found.figures:
+            if figure.name.startswith("angle_deg"):
+                g, h = ("xyz".index(letter) for letter in figure.name[-3::2])
+                angles.append((figure.value - truth["angles_deg"][g][h]) / figure.standard_uncertainty)
+        for c in found.models[0].coefficients[:9]:
+            g, axis = "xyz".index(c.name[2]), "xyz".index(c.name[3])
+            entries.append((c.value - truth["sensitivity"][g][axis]) / c.standard_uncertainty)
+    for errors in (angles, entries):
+        assert 0.7 < np.sqrt(np.mean(np.square(errors))) < 1.25
+        assert np.max(np.abs(errors)) < 4.0
+
+
+def test_unseen_runs_at_an_unseen_temperature_come_out_right(calibkit, campaign, fitted, tmp_path):
+    """Withheld at 40 °C: along and across the turned axis within 10 ppm of full scale, uncompensated 1000."""
+    outcome = calibkit(
+        "validate", "G", "--runs", fitted, "--data", campaign[0] / "withheld", "--out", tmp_path / "v.json"
+    )
+    assert outcome.code == 0, outcome.err
+    for log in json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["logs"]:
+        assert log["before"]["cross_axis_max_ppm_of_full_scale"] > 1000.0
+        assert log["after"]["cross_axis_max_ppm_of_full_scale"] < 10.0
+        assert log["after"]["rate_error_max_ppm_of_full_scale"] < 10.0
+        assert log["rate_gain"] == pytest.approx(1.0, abs=3e-6)
+
+
+def test_a_compensated_log_holds_the_rates_about_the_base(calibkit, campaign, fitted, tmp_path):
+    """Every row and column stays; held rates come out along y with the earth's, nothing along x and z, to 1 millidegree/s."""
+    log = campaign[0] / "withheld" / "about_y_40.csv"
+    outcome = calibkit("apply", "G", "--runs", fitted, "--data", log, "--out", tmp_path / "o.csv")
+    assert outcome.code == 0, outcome.err
+    before, after = log.read_text().splitlines(), (tmp_path / "o.csv").read_text().splitlines()
+    assert len(before) == len(after)
+    assert all(new.startswith(old + ",") for old, new in zip(before, after, strict=True))
+    table = np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)
+    still = np.abs(table["table_rate_dps"] - 10.0) < 1e-3
+    assert still.sum() > 30
+    assert np.mean(table["rate_y_dps"][still]) == pytest.approx(10.0 + VERTICAL_DPS, abs=1e-3)
+    assert np.mean(table["rate_x_dps"][still]) == pytest.approx(0.0, abs=1e-3)
+    assert np.mean(table["rate_z_dps"][still]) == pytest.approx(0.0, abs=1e-3)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_four_gyros_in_skewed_axes_are_solved_exactly(calibkit, tmp_path, log_writer):
+    """Without noise: sensitivities to 1e-9, biases to 1e-6 counts/s, rates about the base to 1e-8 °/s."""
+    (tmp_path / "logs").mkdir()
+    exact(tmp_path / "logs", log_writer, TETRAD, BIAS, GYROS)
+    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, "gyros=['p','q','r','s']")
+    model = run.records["gyro_orthogonality.json"].model("triad")
+    for g, gyro in enumerate(GYROS):
+        for axis, letter in enumerate("xyz"):
+            assert model.value(f"S_{gyro}{letter}") == pytest.approx(TETRAD[g, axis], abs=1e-5)
+        assert model.value(f"B_{gyro}") == pytest.approx(BIAS[g], abs=1e-6)
+    log = tmp_path / "logs" / "about_z.csv"
+    calibkit("apply", "G", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv")
+    table = np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)
+    assert table["rate_z_dps"] == pytest.approx(table["table_rate_dps"] + VERTICAL_DPS, abs=1e-8)
+    assert np.max(np.abs(table["rate_x_dps"])) < 1e-8
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_two_gyros_have_an_angle_but_no_rates(calibkit, tmp_path, log_writer):
+    """Their angle is that of the vectors; `apply` is refused because two gyros do not sense three axes."""
+    (tmp_path / "logs").mkdir()
+    exact(tmp_path / "logs", log_writer, TETRAD[[0, 3]], BIAS[:2], ("a", "b"))
+    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, "gyros=['a','b']")
+    a, b = (row / np.linalg.norm(row) for row in TETRAD[[0, 3]])
+    figures = {f.name: f.value for f in run.records["gyro_orthogonality.json"].figures}
+    assert figures["angle_deg.a_b"] == pytest.approx(np.degrees(np.arccos(a @ b)), abs=1e-8)
+    log = tmp_path / "logs" / "about_z.csv"
+    outcome = calibkit("apply", "G", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv")
+    assert outcome.code == 4
+    assert "do not sense three axes" in outcome.err
+    assert not (tmp_path / "o.csv").exists()
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_without_a_latitude_no_rate_is_given(calibkit, tmp_path, log_writer):
+    """Angles need no latitude; the bias does, and `apply` says so."""
+    (tmp_path / "logs").mkdir()
+    exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"))
+    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs")
+    assert any("latitude is not known" in flag for flag in run.records["gyro_scale.json"].flags)
+    log = tmp_path / "logs" / "about_z.csv"
+    outcome = calibkit("apply", "G", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv")
+    assert outcome.code == 4
+    assert "fit with [site] latitude_deg" in outcome.err
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path, log_writer):
+    """Two runs about each axis that differ by 0.4 counts: the mean, with the scatter of the mean for its uncertainty."""
+    (tmp_path / "logs").mkdir()
+    for k, skew in enumerate((-0.2, 0.2)):
+        name = f"about_{{}}_{k}.csv"
+        exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"), skew=skew, name=name)
+    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE)
+    entry = run.records["gyro_orthogonality.json"].model("triad").coefficients[0]
+    assert entry.value == pytest.approx(TETRAD[0, 0], abs=1e-6)
+    assert entry.standard_uncertainty == pytest.approx(0.2, rel=1e-3)
+
+
+@pytest.mark.usefixtures("undrawn")
+def test_limits_on_angles_reject_a_base(calibkit, tmp_path, log_writer):
+    """Axes 1.6° from orthogonal fail a limit of 1°: exit 1, and the run says by how much."""
+    (tmp_path / "logs").mkdir()
+    exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"))
+    limit = "acceptance.max_orthogonality_error_deg=1.0"
+    run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, limit, code=1)
+    report = (run.folder / "report.txt").read_text(encoding="utf-8")
+    assert "REJECTED: orthogonality error 1." in report
+
+
+@pytest.mark.parametrize(
+    ("setting", "named"),
+    [
+        ("axes.x=['about_*.csv']", "a log of the table axes x and y"),
+        ("axes.y=['elsewhere.csv']", "about_y.csv: a log of no table axis"),
+        ("logs.files=['about_x.csv','about_y.csv']", "no log about table axis z"),
+        ("gyros=['x','x']", "a gyro stands twice"),
+        ("response='auto'", "response"),
+    ],
+)
+def test_logs_that_are_not_of_three_axes_are_refused_by_name(calibkit, tmp_path, log_writer, setting, named):
+    """One line, a usage or data exit code, nothing written."""
+    (tmp_path / "logs").mkdir()
+    exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"))
+    outcome = calibkit(
+        "fit", "gyro_triad", "--data", tmp_path / "logs", "--serial", "G", "--out", tmp_path / "r", "--set", setting
+    )
+    assert outcome.code in {2, 3}
+    assert named in outcome.err
+    assert not (tmp_path / "r").exists()
+
+
+def test_a_temperature_without_a_run_about_each_axis_is_refused(calibkit, tmp_path, log_writer):
+    """Three axes at 25 °C and two of them at 60 °C: the missing one is named with its temperature."""
+    (tmp_path / "logs").mkdir()
+    for degc in (25.0, 60.0):
+        name = f"about_{{}}_{degc:.0f}.csv"
+        exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"), name=name, degc=degc)
+    (tmp_path / "logs" / "about_y_60.csv").unlink()
+    outcome = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, code=3)
+    assert "no log about table axis y near 60.0 °C" in outcome.err
