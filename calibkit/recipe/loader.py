@@ -8,7 +8,7 @@ import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_args, get_origin
+from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
@@ -40,6 +40,7 @@ _KEY = re.compile(r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]\]?")
 
 Location = tuple[str | int, ...]
+AnyTable = TypeVar("AnyTable", bound=BaseModel)
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,6 +88,28 @@ def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
 
 def parse(source: Source) -> Recipe:
     """Turn a recipe's text into its frozen record, or raise RecipeError with every fault, one a line."""
+    data, lines = _tables(source)
+    procedure = data.get("procedure")
+    model = PROCEDURES.get(procedure) if isinstance(procedure, str) else None
+    if model is None:
+        place = _place(source, ("procedure",), lines)
+        found = "missing" if procedure is None else repr(procedure)
+        guess = difflib.get_close_matches(str(procedure), PROCEDURES, n=1)
+        hint = f"did you mean '{guess[0]}'?" if guess else "name one of them"
+        raise RecipeError(f"{place}: procedure: found {found}, expected one of {', '.join(PROCEDURES)}", hint=hint)
+    recipe = _validated(source, model, data, lines)
+    if unknown := _unknown_columns(source, recipe, lines):
+        raise RecipeError("\n".join(unknown))
+    return recipe
+
+
+def table(source: Source, model: type[AnyTable]) -> AnyTable:
+    """Turn a TOML text into any strict record, or raise RecipeError with every fault, one a line."""
+    return _validated(source, model, *_tables(source))
+
+
+def _tables(source: Source) -> tuple[dict[str, Any], dict[Location, str]]:
+    """Tables of a TOML text with the command line's overrides, and where each key stands."""
     try:
         data: dict[str, Any] = tomllib.loads(source.text)
     except tomllib.TOMLDecodeError as error:
@@ -96,21 +119,15 @@ def parse(source: Source) -> Recipe:
     lines = key_lines(source.text)
     for override in source.overrides:
         lines |= _override(data, override)
-    procedure = data.get("procedure")
-    model = PROCEDURES.get(procedure) if isinstance(procedure, str) else None
-    if model is None:
-        place = _place(source, ("procedure",), lines)
-        found = "missing" if procedure is None else repr(procedure)
-        guess = difflib.get_close_matches(str(procedure), PROCEDURES, n=1)
-        hint = f"did you mean '{guess[0]}'?" if guess else "name one of them"
-        raise RecipeError(f"{place}: procedure: found {found}, expected one of {', '.join(PROCEDURES)}", hint=hint)
+    return data, lines
+
+
+def _validated(source: Source, model: type[AnyTable], data: dict[str, Any], lines: Mapping[Location, str]) -> AnyTable:
+    """Record of the tables, or RecipeError."""
     try:
-        recipe = model.model_validate(data)
+        return model.model_validate(data)
     except ValidationError as error:
         raise RecipeError("\n".join(_faults(source, error, lines, model))) from None
-    if unknown := _unknown_columns(source, recipe, lines):
-        raise RecipeError("\n".join(unknown))
-    return recipe
 
 
 def _unknown_columns(source: Source, recipe: Recipe, lines: Mapping[Location, str]) -> list[str]:

@@ -1,0 +1,1 @@
+"""Calibration certificates: a pure function of a run folder, a laboratory profile, a validation and a date."""

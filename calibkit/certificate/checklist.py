@@ -1,0 +1,120 @@
+"""What a calibration certificate must hold (ISO/IEC 17025:2017, 7.8.2 and 7.8.4), and what is missing of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from calibkit.certificate.words import Words
+
+if TYPE_CHECKING:
+    import datetime as dt
+    from collections.abc import Iterator
+
+    from calibkit.certificate.profile import Profile
+
+# where it is stated → what it is called
+FIELDS: dict[str, Words] = {
+    "certificate.number": Words("certificate number", "证书编号"),
+    "laboratory.name": Words("laboratory name", "实验室名称"),
+    "laboratory.address": Words("laboratory address", "实验室地址"),
+    "laboratory.place_of_work": Words("place of work", "校准地点"),
+    "customer.name": Words("customer", "客户名称"),
+    "customer.address": Words("customer address", "客户地址"),
+    "item.type": Words("item", "被校件名称"),
+    "item.maker": Words("maker", "制造商"),
+    "item.model": Words("model", "型号"),
+    "item.condition": Words("condition of the item", "被校件状态"),
+    "dates.performed": Words("date of calibration", "校准日期"),
+    "method.name": Words("method", "校准方法"),
+    "method.revision": Words("revision of the method", "方法版本"),
+    "method.deviations": Words("deviations from the method", "对方法的偏离"),
+    "method.external_providers": Words("parts from external providers", "外部提供的部分"),
+    "conditions.chamber": Words("chamber set points and holds", "温箱设定点与保温"),
+    "conditions.laboratory_temperature": Words("laboratory temperature", "实验室温度"),
+    "conditions.local_gravity": Words("local gravity", "当地重力加速度"),
+    "conditions.latitude": Words("latitude", "纬度"),
+    "conditions.earth_rate": Words("handling of the earth's rate", "地球自转处理"),
+    "conditions.supply": Words("supply", "供电"),
+    "conditions.warm_up": Words("warm-up", "预热"),
+    "authorised_by.name": Words("authorised by", "批准人"),
+    "authorised_by.role": Words("role", "职务"),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Missing:
+    """One item that the certificate lacks: the key that would state it, and what it is."""
+
+    key: str
+    what: Words
+
+
+def missing(profile: Profile, issued: dt.date, *, validated: bool) -> tuple[Missing, ...]:
+    """Every item that keeps a certificate a DRAFT."""
+    return (
+        *_fields(profile),
+        *_traceability(profile),
+        *_order(profile, issued),
+        *_amendment(profile),
+        *_left(profile, validated=validated),
+    )
+
+
+def _fields(profile: Profile) -> Iterator[Missing]:
+    """Plain fields that are empty."""
+    for key, what in FIELDS.items():
+        table, _, name = key.partition(".")
+        value = getattr(getattr(profile, table), name)
+        if value is None or not str(value).strip():
+            yield Missing(key, what)
+
+
+def _traceability(profile: Profile) -> Iterator[Missing]:
+    """Standards, each with certificate, date and laboratory, and valid when they were used."""
+    if not profile.standard:
+        yield Missing("standard", Words("traceability: reference standards", "溯源性：标准器"))
+    used = profile.dates.performed_until or profile.dates.performed
+    for standard in profile.standard:
+        for name in ("certificate", "date", "laboratory"):
+            if not getattr(standard, name):
+                what = Words(f"{name} of the standard '{standard.name}'", f"标准器“{standard.name}”的 {name}")
+                yield Missing(f"standard.{name}", what)
+        if standard.valid_until is not None and used is not None and standard.valid_until < used:
+            what = Words(
+                f"the standard '{standard.name}' was valid until {standard.valid_until}",
+                f"标准器“{standard.name}”有效期至 {standard.valid_until}",
+            )
+            yield Missing("standard.valid_until", what)
+        if standard.date is not None and used is not None and standard.date > used:
+            what = Words(
+                f"the standard '{standard.name}' was calibrated on {standard.date}, after the work",
+                f"标准器“{standard.name}”的校准日期 {standard.date} 晚于本次工作",
+            )
+            yield Missing("standard.date", what)
+
+
+def _order(profile: Profile, issued: dt.date) -> Iterator[Missing]:
+    """A certificate is not issued before the work is done."""
+    done = profile.dates.performed_until or profile.dates.performed
+    if done is not None and done > issued:
+        what = Words(
+            f"the work of {done} is later than the date of issue {issued}", f"校准日期 {done} 晚于签发日期 {issued}"
+        )
+        yield Missing("dates.performed", what)
+
+
+def _amendment(profile: Profile) -> Iterator[Missing]:
+    """An amendment says what it changes."""
+    if profile.certificate.amends and not any(change.strip() for change in profile.certificate.changes):
+        yield Missing("certificate.changes", Words("what the amendment changes", "修改内容"))
+
+
+def _left(profile: Profile, *, validated: bool) -> Iterator[Missing]:
+    """As found and as left, or why they are not stated."""
+    if not validated and not profile.adjustment.statement.strip():
+        what = Words(
+            "as-found and as-left results (--validation), or adjustment.statement",
+            "调整前后结果（--validation）或 adjustment.statement",
+        )
+        yield Missing("adjustment.statement", what)

@@ -1,0 +1,147 @@
+"""Statements of conformity: a result, its limits, the decision rule, and what follows (JCGM 106, ILAC G8)."""
+
+from __future__ import annotations
+
+import difflib
+import fnmatch
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from calibkit.certificate.words import Words
+from calibkit.errors import RecipeError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibkit.certificate.profile import Rule, Specification
+    from calibkit.certificate.results import Result
+
+Verdict = Literal["pass", "conditional pass", "conditional fail", "fail", "no statement possible"]
+VERDICTS: dict[Verdict, Words] = {
+    "pass": Words("pass", "合格"),
+    "conditional pass": Words("conditional pass", "有条件合格"),
+    "conditional fail": Words("conditional fail", "有条件不合格"),
+    "fail": Words("fail", "不合格"),
+    "no statement possible": Words("no statement possible", "无法判定"),
+}
+RULES: dict[Rule, Words] = {
+    "guarded": Words(
+        "guarded acceptance: pass when the value lies inside the tolerance by at least U (guard band w = U), else fail",
+        "保护带接受：结果在允差内且余量不小于 U（保护带 w = U）时合格，否则不合格",
+    ),
+    "simple": Words(
+        "simple acceptance: pass when the value lies inside the tolerance; U is not taken off",
+        "简单接受：结果在允差内即合格，不扣除 U",
+    ),
+    "four_way": Words(
+        "four-way: pass inside by at least U, conditional pass inside, conditional fail outside by less than U, fail beyond",
+        "四级判定：在允差内余量不小于 U 为合格，在内为有条件合格，超出不足 U 为有条件不合格，再超出为不合格",
+    ),
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Statement:
+    """One statement: the result, the limits in its unit, the rule, the acceptance limits and the verdict."""
+
+    result: Result
+    name: str
+    source: str
+    lower: float | None
+    upper: float | None
+    rule: Rule
+    acceptance: tuple[float | None, float | None]
+    verdict: Verdict
+    reason: Words
+
+
+def statements(
+    specifications: Sequence[Specification], results: Sequence[Result], default: Rule
+) -> tuple[Statement, ...]:
+    """Statement for every result that a specification names; RecipeError where it names none or in another unit."""
+    made = []
+    for specification in specifications:
+        named = [r for r in results if fnmatch.fnmatchcase(r.key, specification.result)]
+        if not named:
+            close = difflib.get_close_matches(specification.result, [r.key for r in results], n=1, cutoff=0.3)
+            guess = f"did you mean '{close[0]}'?" if close else "see the keys in docs/certificate.md"
+            raise RecipeError(
+                f"[[specification]] result = '{specification.result}' is no result of this run", hint=guess
+            )
+        for result in named:
+            if specification.unit not in (result.unit, *_spellings(result.unit)):
+                raise RecipeError(
+                    f"[[specification]] '{specification.result}' is in '{specification.unit}', {result.key} in '{result.unit}'",
+                    hint="state the limits in the unit of the result",
+                )
+            made.append(_statement(result, specification, specification.rule or default))
+    return tuple(made)
+
+
+def _spellings(unit: str) -> tuple[str, ...]:
+    """Other spellings of a unit that the profile may use."""
+    from calibkit.units import ALIASES
+
+    return tuple(alias for alias, spelling in ALIASES.items() if spelling == unit)
+
+
+def _statement(result: Result, specification: Specification, rule: Rule) -> Statement:
+    """Judge one result, on unrounded numbers."""
+    lower, upper = specification.lower, specification.upper
+    below, above = expansion(result)
+    acceptance = (lower, upper)
+    if rule != "simple" and math.isfinite(above):
+        acceptance = (None if lower is None else lower + below, None if upper is None else upper - above)
+    verdict, reason = judge(result, lower, upper, rule)
+    return Statement(result, specification.name, specification.source, lower, upper, rule, acceptance, verdict, reason)
+
+
+def expansion(result: Result) -> tuple[float, float]:
+    """How far the result may lie below and above its value: ± U, or the ends of its interval; infinite where unknown."""
+    if result.interval is not None:
+        return result.value - result.interval[0], result.interval[1] - result.value
+    if result.uncertainty is None:
+        return math.inf, math.inf
+    return result.uncertainty.expanded_uncertainty, result.uncertainty.expanded_uncertainty
+
+
+def tolerance(result: Result, lower: float | None, upper: float | None) -> float:
+    """Half the width between two limits; of one limit on a quantity that cannot be negative, the limit; else unbounded."""
+    if lower is not None and upper is not None:
+        return (upper - lower) / 2.0
+    if result.interval is not None and result.interval[0] >= 0.0 and upper is not None:
+        return upper
+    return math.inf
+
+
+def judge(result: Result, lower: float | None, upper: float | None, rule: Rule) -> tuple[Verdict, Words]:
+    """Verdict and why, or that none is possible: no uncertainty, or one larger than the tolerance."""
+    below, above = expansion(result)
+    if not math.isfinite(above):
+        return "no statement possible", Words("no uncertainty was determined", "未评定不确定度")
+    if max(below, above) > tolerance(result, lower, upper):
+        return "no statement possible", Words("U exceeds the tolerance", "U 大于允差")
+    inside = _margin(result.value, lower, upper)
+    guarded = min(
+        math.inf if lower is None else result.value - below - lower,
+        math.inf if upper is None else upper - (result.value + above),
+    )
+    if (inside if rule == "simple" else guarded) >= 0.0:
+        return "pass", Words("")
+    if rule != "four_way":
+        return "fail", Words(
+            "inside the tolerance, but by less than U", "在允差内但余量小于 U"
+        ) if inside >= 0.0 else Words("")
+    if inside >= 0.0:
+        return "conditional pass", Words("")
+    reach = max(
+        -math.inf if lower is None else lower - (result.value + above),
+        -math.inf if upper is None else result.value - below - upper,
+    )
+    return ("conditional fail" if reach <= 0.0 else "fail"), Words("")
+
+
+def _margin(value: float, lower: float | None, upper: float | None) -> float:
+    """How far a value lies inside its limits; negative outside."""
+    return min(math.inf if lower is None else value - lower, math.inf if upper is None else upper - value)

@@ -1,0 +1,193 @@
+"""The certificate as a record: everything that PDF and DCC state, made from a run, a profile, a validation and a date."""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+from calibkit.certificate import (
+    accelerometer,
+    bias_temperature,
+    checklist,
+    conformity,
+    fog_thermal,
+    gyro,
+    inclinometer,
+    uncertainty,
+)
+from calibkit.certificate.stated import Stated
+from calibkit.certificate.words import Words
+from calibkit.errors import UsageError
+from calibkit.recipe import Source, loader, type_b
+from calibkit.store import RUN_FILE
+
+if TYPE_CHECKING:
+    import datetime as dt
+    from collections.abc import Callable, Mapping
+
+    from calibkit.certificate.as_found import AsFoundAsLeft
+    from calibkit.certificate.profile import Profile
+    from calibkit.certificate.results import Block, Result
+    from calibkit.coefficients import Condition
+    from calibkit.store import Run
+
+LAYOUTS: dict[str, Callable[[Stated], tuple[Block, ...]]] = {
+    "accelerometer": accelerometer.blocks,
+    "bias_temperature": bias_temperature.blocks,
+    "fog_thermal": fog_thermal.blocks,
+    "gyro_pair": gyro.blocks,
+    "inclinometer": inclinometer.blocks,
+    "rate_table": gyro.blocks,
+}
+"""Procedure → layout of its results."""
+TITLE = Words("Calibration certificate", "校准证书")
+Relationship = Literal["source", "data", "alternative", "supplement"]
+
+
+@dataclass(frozen=True, slots=True)
+class Attachment:
+    """A file inside the certificate, with what it is to it (PDF/A-3 AFRelationship) and its digest."""
+
+    name: str
+    content: bytes
+    media_type: str
+    relationship: Relationship
+    description: str
+
+    @property
+    def sha256(self) -> str:
+        """Digest of the file's bytes."""
+        return hashlib.sha256(self.content).hexdigest()
+
+
+@dataclass(frozen=True, slots=True)
+class RunFacts:
+    """What the run folder says of itself."""
+
+    name: str
+    serial: str
+    revision: int
+    procedure: str
+    title: str
+    sha256: str
+    software: str
+    effective_from: str
+    recipe: str
+    recipe_sha256: str
+    inputs: tuple[tuple[str, str, int], ...]
+    """Name, digest and rows of every log."""
+    excluded: tuple[tuple[str, str, str], ...]
+    """What was left out, why, by whom."""
+    criteria: tuple[tuple[str, float, float, str, bool], ...]
+    """Acceptance limits of the recipe: name, value, limit, unit, whether it held."""
+    flags: tuple[str, ...]
+    conditions: tuple[Condition, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Certificate:
+    """Everything that a certificate states, in no language and no file format."""
+
+    title: Words
+    profile: Profile
+    profile_text: str
+    issued: dt.date
+    run: RunFacts
+    blocks: tuple[Block, ...]
+    statements: tuple[conformity.Statement, ...]
+    as_found: AsFoundAsLeft | None
+    attachments: tuple[Attachment, ...]
+    unused_terms: tuple[str, ...]
+    """Type B terms that entered no result."""
+    missing: tuple[checklist.Missing, ...]
+
+    @property
+    def draft(self) -> bool:
+        """Whether anything is missing."""
+        return bool(self.missing)
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """Every result in the order of printing."""
+        return tuple(result for block in self.blocks for result in block.results)
+
+
+def build(
+    run: Run, profile: Profile, profile_text: str, as_found: AsFoundAsLeft | None, issued: dt.date
+) -> Certificate:
+    """Certificate of a run; RecipeError for a profile that does not fit it."""
+    procedure = str(run.document["procedure"])
+    if procedure not in LAYOUTS:
+        raise UsageError(f"{run.name}: no certificate layout for procedure '{procedure}'", hint="use a newer calibkit")
+    recipe = run.document["recipe"]
+    spec = loader.parse(Source(recipe["name"], recipe["text"], tuple(recipe["overrides"])))
+    terms = uncertainty.Source.of(type_b.loads(run.document.get("type_b", ())), profile.type_b)
+    temperatures = tuple(sorted(set(profile.results.temperatures_degc)))
+    blocks = LAYOUTS[procedure](Stated(run.records, terms, temperatures, spec.reference_temp_degc))
+    results = [result for block in blocks for result in block.results]
+    used = [result.uncertainty for result in results if result.uncertainty is not None]
+    title = profile.certificate.title
+    return Certificate(
+        title=Words(title) if title else TITLE,
+        profile=profile,
+        profile_text=profile_text,
+        issued=issued,
+        run=_facts(run, spec.title),
+        blocks=blocks,
+        statements=conformity.statements(profile.specification, results, profile.results.decision_rule),
+        as_found=as_found,
+        attachments=_attachments(run, as_found, profile_text),
+        unused_terms=uncertainty.unused(terms.terms, used),
+        missing=checklist.missing(profile, issued, validated=as_found is not None),
+    )
+
+
+def _facts(run: Run, title: str) -> RunFacts:
+    """What run.json says."""
+    document: Mapping[str, object] = run.document
+    conditions = {c.name: c for record in run.records.values() for c in record.conditions}
+    get = run.document.__getitem__
+    return RunFacts(
+        name=run.name,
+        serial=str(document["serial"]),
+        revision=int(get("revision")),
+        procedure=str(document["procedure"]),
+        title=title,
+        sha256=str(document["sha256"]),
+        software=str(document["software"]),
+        effective_from=str(document["effective_from"]),
+        recipe=str(get("recipe")["name"]),
+        recipe_sha256=str(get("recipe")["sha256"]),
+        inputs=tuple((e["name"], e["sha256"], e["rows"]) for e in get("inputs")),
+        excluded=tuple((_range(e), e["reason"], e["person"]) for e in get("excluded")),
+        criteria=tuple((c["name"], c["value"], c["limit"], c["unit"], c["passed"]) for c in get("acceptance")),
+        flags=tuple(get("flags")),
+        conditions=tuple(conditions.values()),
+    )
+
+
+def _range(entry: Mapping[str, object]) -> str:
+    """A log, or the range of it, that was left out."""
+    ends = [
+        f"{word} {entry[key]:g} s" for word, key in (("from", "from_s"), ("to", "to_s")) if entry.get(key) is not None
+    ]
+    return " ".join((str(entry["log"]), *ends))
+
+
+def _attachments(run: Run, as_found: AsFoundAsLeft | None, profile_text: str) -> tuple[Attachment, ...]:
+    """The coefficient files, the run's own record, the validation, the profile: all that the certificate is made from."""
+    names = [entry["name"] for entry in run.document["files"] if entry["name"] in run.records]
+    files = [
+        Attachment(name, (run.folder / name).read_bytes(), "application/json", "data", f"coefficient file {name}")
+        for name in sorted(names)
+    ]
+    content = (run.folder / RUN_FILE).read_bytes()
+    files.append(Attachment(RUN_FILE, content, "application/json", "source", "recipe, logs and software of the run"))
+    if as_found is not None:
+        text = as_found.text.encode()
+        files.append(Attachment("validation.json", text, "application/json", "data", "as-found and as-left results"))
+    if profile_text:
+        text = profile_text.encode()
+        files.append(Attachment("profile.toml", text, "application/toml", "source", "laboratory profile"))
+    return tuple(files)

@@ -1,0 +1,322 @@
+"""Results of a gyro's thermal drift: what each ramp gave, the exported drift model, drift at rest and on ramps, hysteresis."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.certificate.results import Block, Equation, Figure, GridTable, ListTable, Result, Series
+from calibkit.certificate.stated import COEFFICIENT_NOTE, TEMPERATURE, powers, range_words, residual_words
+from calibkit.certificate.words import Words
+from calibkit.numeric import gum
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from calibkit.certificate.stated import Stated
+    from calibkit.coefficients import Model, Record
+
+    Array = NDArray[np.float64]
+
+GRADIENT = Equation(
+    "fog-drift-gradient/1",
+    r"\omega_k - \omega_{k-1} = a_0 + a_1 G_{k-1} + a_2 G_{k-1}^2",
+    Words(
+        "ω indicated rate [°/h] of the k-th interval, G case less chamber temperature [K].",
+        "ω 为第 k 个区间的示值角速率 [°/h]，G 为壳温与箱温之差 [K]。",
+    ),
+)
+RATE = Equation(
+    "fog-drift-rate/1",
+    r"a_j(r) = \sum_m c_{jm} r^m",
+    Words("r temperature rate of the chamber air [°C/min].", "r 为箱内空气温变速率 [°C/min]。"),
+)
+LEVEL_WHERE = Words(
+    "T case temperature [°C], Ṫ its rate [°C/min], G case less chamber temperature [K], Ġ its rate [K/min].",
+    "T 为壳温 [°C]，Ṫ 为其速率 [°C/min]，G 为壳温与箱温之差 [K]，Ġ 为其速率 [K/min]。",
+)
+LAGGED_WHERE = Words(
+    "T temperature of the coil's outside [°C], which follows the case with the lag τₒ; "
+    "G its excess over the inside [K], which follows it with τᵢ.",
+    "T 为光纤环外层温度（以时间常数 τₒ 跟随壳温），G 为环内外层温差（内层以 τᵢ 跟随外层）。",
+)
+LATEX = r"D = b_0 + b_1 T + b_2 T^2 + b_3 T^3 + s_r \dot T + s_G G + s_{GG} G^2 + s_{Tr} T \dot T + s_{\dot G} \dot G"
+EQUATIONS = {
+    "fog-drift-rate/1": RATE,
+    "fog-drift-level/1": Equation("fog-drift-level/1", LATEX, LEVEL_WHERE),
+    "fog-drift-lagged/1": Equation(
+        "fog-drift-lagged/1",
+        rf"{LATEX}, \quad \tau_o \dot T_o = T_s - T_o, \quad \tau_i \dot T_i = T_o - T_i",
+        LAGGED_WHERE,
+    ),
+}
+RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
+"""Temperature rates [°C/min] of which the fastest that the model holds at is taken for the ramp values."""
+AT_REST = Words("at rest", "稳态")
+
+
+def blocks(stated: Stated) -> tuple[Block, ...]:
+    """What was exported first, then what each ramp gave by itself, then the noise files."""
+    made: list[Block] = []
+    if "drift_rate.json" in stated.records:
+        made.append(_exported(stated, stated.records["drift_rate.json"]))
+    if "drift.json" in stated.records and stated.records["drift.json"].models:
+        made.append(_ramps(stated, stated.records["drift.json"]))
+    return tuple(made)
+
+
+def _exported(stated: Stated, record: Record) -> Block:
+    """The exported drift model, or the statement that none was."""
+    tables: list[ListTable | GridTable] = []
+    figures: list[Figure] = []
+    notes: list[Words] = []
+    for model in record.models:
+        tables.append(stated.coefficients(record, model, Words(f"Coefficients of {model.name}", f"{model.name} 系数")))
+        if model.form in {"fog-drift-level/1", "fog-drift-lagged/1"}:
+            more, drawn = _level_values(stated, record, model)
+            tables += more
+            figures += drawn
+        elif model.form == "fog-drift-rate/1":
+            tables.append(_rate_values(stated, record, model))
+        notes += [residual_words(model), range_words(model), *stated.left_out(model)]
+    if not record.models:
+        notes.append(
+            Words(
+                "No drift term is exported: no model was better than the raw indication.",
+                "未给出漂移项：无模型优于原始示值。",
+            )
+        )
+    tables.append(_before_after(stated, record))
+    equations = tuple(EQUATIONS[form] for form in dict.fromkeys(m.form for m in record.models) if form in EQUATIONS)
+    title = Words("Thermal drift: the exported model", "热致漂移：输出模型")
+    return Block(record.stage, f"{record.stage}.json", title, equations, tuple(tables), tuple(figures), tuple(notes))
+
+
+def _at_rest(stated: Stated, record: Record, model: Model) -> Callable[[float], Result]:
+    """Drift at rest less that at the reference: b1 (T − T₀) + b2 (T² − T₀²) + …; the model error stands beside the fit."""
+    low, high = model.valid[TEMPERATURE]
+    reference = min(max(stated.reference_degc, low), high)
+
+    def at(t: float) -> Result:
+        weights, slope = powers("b", model, t)
+        if t == reference:
+            return _zero(record, model, t)
+        zero, _ = powers("b", model, reference)
+        difference = {name: weights[name] - zero[name] for name in weights}
+        return stated.linear(
+            record,
+            model,
+            "drift",
+            Words("thermal drift at rest", "稳态热致漂移"),
+            difference,
+            "deg/h",
+            at=t,
+            slope=slope,
+            symbol="D",
+            principal=t == max(stated.grid(model)),
+            more=_model_error(model),
+        )
+
+    return at
+
+
+def _zero(record: Record, model: Model, t: float) -> Result:
+    """The drift at the reference, which is zero by definition."""
+    key = f"{record.stage}.{model.name}.drift@{t:g}"
+    words = Words("zero by definition", "定义为零")
+    return Result(key, f"{record.stage}.json", "D", words, 0.0, "deg/h", at=((TEMPERATURE, t, "degC"),))
+
+
+def _model_error(model: Model) -> tuple[tuple[str, float], ...]:
+    """What lasts on ramps that were left out of the fit."""
+    error = next((p.value for p in model.parameters if p.name == "model_error"), 0.0)
+    return (("model error on ramps left out", error),) if error > 0.0 else ()
+
+
+def _level_values(stated: Stated, record: Record, model: Model) -> tuple[list[ListTable | GridTable], list[Figure]]:
+    """Bias at the reference; drift at rest over temperature, and of a lagged model on ramps."""
+    low, high = model.valid[TEMPERATURE]
+    reference = min(max(stated.reference_degc, low), high)
+    weights, slope = powers("b", model, reference)
+    words = Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）")
+    bias = stated.linear(
+        record,
+        model,
+        "bias",
+        words,
+        weights,
+        "deg/h",
+        at=reference,
+        slope=slope,
+        symbol="B",
+        principal=True,
+        more=_model_error(model),
+    )
+    tables: list[ListTable | GridTable] = [
+        ListTable(Words(f"Bias at {reference:g} °C", f"{reference:g} °C 零偏"), (bias,))
+    ]
+    temperatures = stated.grid(model)
+    if not temperatures:
+        return tables, []
+    at_rest = _at_rest(stated, record, model)
+    columns: list[tuple[Words, str, Callable[[float], Result | None]]] = [(AT_REST, "deg/h", at_rest)]
+    rate = _rate(model)
+    if rate is not None:
+        columns += [
+            (
+                Words(f"heating, {rate:g} °C/min", f"升温 {rate:g} °C/min"),
+                "deg/h",
+                _on_ramp(stated, record, model, rate, None),
+            ),
+            (
+                Words(f"cooling, {rate:g} °C/min", f"降温 {rate:g} °C/min"),
+                "deg/h",
+                _on_ramp(stated, record, model, -rate, None),
+            ),
+            (Words("heating − cooling", "升温 − 降温"), "deg/h", _on_ramp(stated, record, model, rate, -rate)),
+        ]
+    head = Words(f"Thermal drift against {reference:g} °C at rest", f"相对 {reference:g} °C 稳态的热致漂移")
+    table = stated.over(head, temperatures, columns)
+    tables.append(table)
+    return tables, [_plot(table)]
+
+
+def _rate(model: Model) -> float | None:
+    """Fastest round temperature rate [°C/min] that a lagged model holds at in both directions."""
+    if model.form != "fog-drift-lagged/1":
+        return None
+    low, high = model.valid.get("temp_rate_degc_min", (0.0, 0.0))
+    return next((rate for rate in RATES if rate <= min(-low, high)), None)
+
+
+def _on_ramp(
+    stated: Stated, record: Record, model: Model, rate: float, less: float | None
+) -> Callable[[float], Result | None]:
+    """Drift on a steady ramp against the reference at rest, or less that on another ramp, at a case temperature.
+
+    On a steady ramp T_o = T_s − τ_o r and G = τ_i r. The derivatives by coefficients and lags come from central differences.
+    """
+    low, high = model.valid[TEMPERATURE]
+    names = tuple(c.name for c in model.coefficients)
+    best = np.array([c.value for c in model.coefficients])
+    u = np.array([c.standard_uncertainty for c in model.coefficients])
+    reference = min(max(stated.reference_degc, low), high)
+
+    def drift(values: Array, t: float) -> float:
+        other = (reference, 0.0) if less is None else (t, less)
+        return _steady(dict(zip(names, values.tolist(), strict=True)), t, rate) - _steady(
+            dict(zip(names, values.tolist(), strict=True)), *other
+        )
+
+    def at(t: float) -> Result | None:
+        lag = sum(model.value(name) for name in names if name == "tau_outer") / 60.0
+        outer = [t - lag * r for r in (rate, *(() if less is None else (less,)))]
+        if not all(low <= temperature <= high for temperature in outer):
+            return None
+        jacobian = gum.sensitivities(lambda values: np.array([drift(values, t)]), best, u)
+        variance = float((jacobian @ np.array(model.covariance) @ jacobian.T)[0, 0])
+        name = f"drift_{rate:+g}" if less is None else f"hysteresis_{rate:g}"
+        slope = (drift(best, t + 0.5) - drift(best, t - 0.5)) / 1.0
+        return stated.result(
+            f"{record.stage}.json",
+            f"{record.stage}.{model.name}.{name}@{t:g}",
+            "D",
+            Words("thermal drift on a ramp", "温变热致漂移") if less is None else Words("hysteresis", "滞回"),
+            drift(best, t),
+            "deg/h",
+            type_a=math.sqrt(max(variance, 0.0)),
+            dof=model.dof,
+            called=(f"{record.stage}.{model.name}.{name}", name),
+            sensitivities={TEMPERATURE: (t, slope)},
+            at=((TEMPERATURE, t, "degC"), ("temp_rate", rate, "degC/min")),
+            more=_model_error(model),
+        )
+
+    return at
+
+
+def _steady(c: dict[str, float], t: float, rate: float) -> float:
+    """Drift [°/h] of a lagged model on a ramp [°C/min] that has lasted, at a case temperature [°C]."""
+    T = t - c.get("tau_outer", 0.0) * rate / 60.0
+    G = c.get("tau_inner", 0.0) * rate / 60.0
+    level = sum(c[f"b{k}"] * T**k for k in range(4))
+    return level + c["s_rate"] * rate + c["s_grad"] * G + c["s_grad2"] * G**2 + c["s_temp_rate"] * T * rate
+
+
+def _plot(table: GridTable) -> Figure:
+    """Drift over case temperature, at rest and on ramps."""
+    series = []
+    for k, head in enumerate(table.heads[:3]):
+        points = [r for row in table.cells if (r := row[k]) is not None and r.uncertainty is not None]
+        U = tuple(r.uncertainty.expanded_uncertainty for r in points if r.uncertainty is not None)
+        series.append(Series(head, tuple(r.at[0][1] for r in points), tuple(r.value for r in points), U))
+    label = Words("drift [°/h]", "漂移 [°/h]")
+    return Figure(table.title, Words("case temperature [°C]", "壳温 [°C]"), label, tuple(series))
+
+
+def _rate_values(stated: Stated, record: Record, model: Model) -> GridTable:
+    """a_j at rates inside the fitted range."""
+    low, high = model.valid["temp_rate_degc_min"]
+    rates = [r for r in (-10.0, -8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0, 10.0) if low <= r <= high] or [low, high]
+    units = ("deg/h", "deg/h/K", "deg/h/K^2")
+
+    def column(j: int) -> tuple[Words, str, Callable[[float], Result | None]]:
+        def at(r: float) -> Result:
+            weights, _ = powers(f"c{j}", model, r)
+            return stated.linear(
+                record, model, f"a{j}", Words(f"a{j}"), weights, units[j], at=r, condition=("temp_rate", "degC/min")
+            )
+
+        return Words(f"a{j}"), units[j], at
+
+    title = Words(f"Drift coefficients over temperature rate, {model.name}", f"漂移系数随温变速率（{model.name}）")
+    return stated.over(title, rates, [column(j) for j in range(3)], row_head=Words("r [°C/min]"))
+
+
+def _before_after(stated: Stated, record: Record) -> GridTable:
+    """Drift rms of the fitted logs before and after, with the rate gain: descriptors."""
+    found = {figure.name: figure for figure in record.figures}
+    logs = [name.partition(".")[2] for name in found if name.startswith("drift_rms_before.")]
+    kinds = (
+        ("drift_rms_before", Words("before", "补偿前"), "deg/h"),
+        ("drift_rms_after", Words("after", "补偿后"), "deg/h"),
+        ("rate_gain_recursive", Words("rate gain", "速率增益"), "1"),
+    )
+    cells = tuple(
+        tuple(stated.figure(record, found[f"{kind}.{log}"], words, math.inf) for kind, words, _ in kinds)
+        for log in logs
+    )
+    return GridTable(
+        Words("Drift rms of the fitted logs, 100 s means", "拟合数据的漂移均方根（100 s 平均）"),
+        Words("log", "数据"),
+        tuple(words for _, words, _ in kinds),
+        tuple(unit for _, _, unit in kinds),
+        tuple(logs),
+        cells,
+        Words(
+            "Descriptors of the fit, not of the gyro on other ramps; "
+            "the rate gain is the share of a true constant rate that is left in the output.",
+            "为拟合描述量，不代表其他温变条件；速率增益为真实恒定角速率在输出中的保留比例。",
+        ),
+    )
+
+
+def _ramps(stated: Stated, record: Record) -> Block:
+    """a0, a1, a2 of every ramp, per interval."""
+    units = ("deg/h", "deg/h/K", "deg/h/K^2")
+    cells = tuple(
+        tuple(stated.linear(record, model, f"a{j}", Words(f"a{j}"), {f"a{j}": 1.0}, units[j]) for j in range(3))
+        for model in record.models
+    )
+    labels = tuple(f"{m.name} ({m.value('rate'):+.2f} °C/min)" for m in record.models)
+    heads = (Words("a₀"), Words("a₁"), Words("a₂"))
+    title = Words("Drift coefficients of each ramp, per interval", "各温变的漂移系数（每区间）")
+    table = GridTable(title, Words("ramp", "温变"), heads, units, labels, cells, COEFFICIENT_NOTE)
+    interval = record.models[0].value("interval")
+    note = Words(f"The coefficients are per interval of {interval:g} s.", f"系数对应区间 {interval:g} s。")
+    heading = Words("Thermal drift: each ramp by itself", "热致漂移：各次温变")
+    return Block(record.stage, f"{record.stage}.json", heading, (GRADIENT,), (table,), (), (note,))

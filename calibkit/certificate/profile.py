@@ -1,0 +1,203 @@
+"""The laboratory profile: what a certificate says that no log can tell. Strict TOML; what is absent makes a DRAFT.
+
+The same file may serve many certificates: what changes from one to the next is given with --set table.key=value.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import TYPE_CHECKING, Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from calibkit.errors import RecipeError
+from calibkit.recipe import TypeB, loader
+from calibkit.recipe.strict import Table
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+Rule = Literal["guarded", "simple", "four_way"]
+Many = Field(strict=False)
+
+
+def _as_date(value: object) -> object:
+    """A date that was written as text."""
+    if isinstance(value, str):
+        try:
+            return dt.date.fromisoformat(value)
+        except ValueError:
+            raise ValueError(f"'{value}' is not a date; write 2026-11-21") from None
+    return value
+
+
+class Party(Table):
+    """A laboratory or a customer: who, where, how to reach; the country is a code of two letters (ISO 3166-1)."""
+
+    name: str = ""
+    address: str = ""
+    country: Annotated[str, Field(pattern=r"^([A-Z]{2})?$")] = ""
+    email: str = ""
+    phone: str = ""
+
+
+class Laboratory(Party):
+    """The laboratory, and the place where the work was done."""
+
+    place_of_work: str = ""
+
+
+class Numbering(Table):
+    """The certificate's own number; of an amendment, which certificate it replaces and what changed."""
+
+    number: str = ""
+    title: str = ""
+    amends: str = ""
+    amends_issued: dt.date | None = None
+    changes: Annotated[tuple[str, ...], Many] = ()
+    fonts: Annotated[tuple[str, ...], Many] = ()
+    """Font files for scripts that the built-in fonts lack, Chinese above all; relative to the profile."""
+
+    _dates = field_validator("amends_issued", mode="before")(_as_date)
+
+    @model_validator(mode="after")
+    def _another_number(self) -> Numbering:
+        if self.amends and self.amends == self.number:
+            raise ValueError(f"an amendment of {self.amends} needs a number of its own")
+        return self
+
+
+class Item(Table):
+    """The calibrated item; its serial number is the run's."""
+
+    type: str = ""
+    maker: str = ""
+    model: str = ""
+    identification: str = ""
+    condition: str = ""
+
+
+class Dates(Table):
+    """When the item came, and when the work was done."""
+
+    received: dt.date | None = None
+    performed: dt.date | None = None
+    performed_until: dt.date | None = None
+
+    _dates = field_validator("received", "performed", "performed_until", mode="before")(_as_date)
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Dates:
+        stated = [date for date in (self.received, self.performed, self.performed_until) if date is not None]
+        if stated != sorted(stated):
+            raise ValueError("received, performed and performed_until are out of order")
+        return self
+
+
+class Method(Table):
+    """The procedure with its revision; deviations and external providers are answered, if only with "none"."""
+
+    name: str = ""
+    revision: str = ""
+    deviations: str = ""
+    external_providers: str = ""
+
+
+class Conditions(Table):
+    """What may have influenced the results."""
+
+    chamber: str = ""
+    laboratory_temperature: str = ""
+    local_gravity: str = ""
+    latitude: str = ""
+    earth_rate: str = ""
+    supply: str = ""
+    warm_up: str = ""
+    others: Annotated[tuple[str, ...], Many] = ()
+
+
+class Standard(Table):
+    """A reference standard or measuring equipment that makes the results traceable."""
+
+    name: str
+    serial: str = ""
+    certificate: str = ""
+    date: dt.date | None = None
+    valid_until: dt.date | None = None
+    laboratory: str = ""
+
+    _dates = field_validator("date", "valid_until", mode="before")(_as_date)
+
+
+class Person(Table):
+    """Who authorises the certificate."""
+
+    name: str = ""
+    role: str = ""
+    email: str = ""
+
+
+class Adjustment(Table):
+    """What is said of adjustments where no validation gives as-found and as-left results."""
+
+    statement: str = ""
+
+
+class Results(Table):
+    """At which temperatures values are stated, and the decision rule where a specification names none."""
+
+    temperatures_degc: Annotated[tuple[float, ...], Many] = ()
+    decision_rule: Rule = "guarded"
+
+
+class Specification(Table):
+    """A limit that results are held against; `result` is a result's key, with * for any part of it."""
+
+    result: Annotated[str, Field(min_length=1)]
+    unit: Annotated[str, Field(min_length=1)]
+    name: str = ""
+    source: str = ""
+    lower: float | None = None
+    upper: float | None = None
+    rule: Rule | None = None
+
+    @model_validator(mode="after")
+    def _has_limits(self) -> Specification:
+        if self.lower is None and self.upper is None:
+            raise ValueError(f"'{self.result}' has neither a lower nor an upper limit")
+        if self.lower is not None and self.upper is not None and self.lower >= self.upper:
+            raise ValueError(f"'{self.result}': lower = {self.lower:g} is not below upper = {self.upper:g}")
+        return self
+
+
+class Profile(Table):
+    """Everything that a laboratory says on a certificate; complete when made, empty where nothing was said."""
+
+    certificate: Numbering = Numbering()
+    laboratory: Laboratory = Laboratory()
+    customer: Party = Party()
+    item: Item = Item()
+    dates: Dates = Dates()
+    method: Method = Method()
+    conditions: Conditions = Conditions()
+    standard: Annotated[tuple[Standard, ...], Many] = ()
+    authorised_by: Person = Person()
+    adjustment: Adjustment = Adjustment()
+    results: Results = Results()
+    specification: Annotated[tuple[Specification, ...], Many] = ()
+    type_b: Annotated[tuple[TypeB, ...], Many] = ()
+    remarks: Annotated[tuple[str, ...], Many] = ()
+
+
+def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, str]:
+    """Profile and its text with the overrides behind it, or an empty one; RecipeError with every fault, one a line."""
+    if path is None:
+        text, name = "", "profile"
+    else:
+        name = path.name
+        try:
+            text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
+        except (OSError, UnicodeDecodeError) as error:
+            raise RecipeError(f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile") from None
+    said = "".join(f"# --set {override}\n" for override in overrides)
+    return loader.table(loader.Source(name, text, overrides), Profile), text + said

@@ -1,0 +1,184 @@
+"""What a certificate states: results with their uncertainty, in tables and blocks, whatever they are rendered as."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from decimal import Decimal
+from typing import TYPE_CHECKING, Literal
+
+from calibkit.numeric import gum
+
+if TYPE_CHECKING:
+    from calibkit.certificate.words import Words
+
+
+@dataclass(frozen=True, slots=True)
+class Contribution:
+    """One line of an uncertainty budget: an input in its unit, and what it contributes in the unit of the result."""
+
+    name: str
+    kind: Literal["A", "B"]
+    quantity: str
+    standard_uncertainty: float
+    unit: str
+    distribution: str
+    dof: float
+    sensitivity: float
+    contribution: float
+
+
+@dataclass(frozen=True, slots=True)
+class Uncertainty:
+    """A combined and expanded uncertainty, in the unit of the result, with the contributions that it comes from."""
+
+    contributions: tuple[Contribution, ...]
+    standard_uncertainty: float
+    effective_dof: float
+    coverage_factor: float
+    expanded_uncertainty: float
+    probability: float
+
+    @property
+    def type_a(self) -> float:
+        """Standard uncertainty of type A alone."""
+        return float(sum(c.contribution**2 for c in self.contributions if c.kind == "A") ** 0.5)
+
+    @property
+    def type_b(self) -> float:
+        """Standard uncertainty of type B alone."""
+        return float(sum(c.contribution**2 for c in self.contributions if c.kind == "B") ** 0.5)
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """One stated number.
+
+    `key` is `<stage>.<model>.<name>`, for a value at a condition with `@` and the condition behind it: profiles name results
+    by it. A quantity that cannot be negative has a coverage interval instead of ± U. A result without an
+    uncertainty is a descriptor: no statement of conformity can rest on it.
+    """
+
+    key: str
+    file: str
+    symbol: str
+    name: Words
+    value: float
+    unit: str
+    uncertainty: Uncertainty | None = None
+    interval: tuple[float, float] | None = None
+    at: tuple[tuple[str, float, str], ...] = ()
+    """Conditions that it holds at: name, value, unit."""
+    standard: str = ""
+    """Standard whose definition is meant where several define the same word."""
+    principal: bool = False
+    """Whether its budget is printed in full."""
+
+
+@dataclass(frozen=True, slots=True)
+class ListTable:
+    """Results one below the other: symbol, name, value, U, unit."""
+
+    title: Words
+    results: tuple[Result, ...]
+    note: Words | None = None
+
+
+@dataclass(frozen=True, slots=True)
+class GridTable:
+    """Results of several quantities (columns) at several conditions (rows); an absent one is outside its range.
+
+    Units are those of the columns, or where by_row of the rows.
+    """
+
+    title: Words
+    row_head: Words
+    heads: tuple[Words, ...]
+    units: tuple[str, ...]
+    labels: tuple[str, ...]
+    cells: tuple[tuple[Result | None, ...], ...]
+    note: Words | None = None
+    by_row: bool = False
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One curve or set of points of a figure, with ± bars or a band where y_u is given."""
+
+    label: Words
+    x: tuple[float, ...]
+    y: tuple[float, ...]
+    y_u: tuple[float, ...] = ()
+    style: Literal["line", "points"] = "line"
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A figure, as data."""
+
+    title: Words
+    x_label: Words
+    y_label: Words
+    series: tuple[Series, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Equation:
+    """A model's equation by the name of its form (the PDF's template knows it), in LaTeX, and what its letters mean."""
+
+    form: str
+    latex: str
+    where: Words
+
+
+@dataclass(frozen=True, slots=True)
+class Block:
+    """All results of one stage's coefficient file."""
+
+    stage: str
+    file: str
+    title: Words
+    equations: tuple[Equation, ...]
+    tables: tuple[ListTable | GridTable, ...]
+    figures: tuple[Figure, ...] = ()
+    notes: tuple[Words, ...] = ()
+
+    @property
+    def results(self) -> tuple[Result, ...]:
+        """Every result in the order of printing."""
+        found: list[Result] = []
+        for table in self.tables:
+            if isinstance(table, ListTable):
+                found += table.results
+            else:
+                found += [cell for row in table.cells for cell in row if cell is not None]
+        return tuple(found)
+
+
+@dataclass(frozen=True, slots=True)
+class Printed:
+    """A value and its uncertainty as they are printed: mantissas and a power of ten common to both (0: none)."""
+
+    value: str
+    uncertainty: str
+    exponent: int = field(default=0)
+
+
+PLAIN = range(-5, 7)
+"""Decimal exponents of the larger of value and uncertainty for which no power of ten is printed."""
+
+
+def printed(value: float, uncertainty: float) -> Printed:
+    """Value and uncertainty with two significant digits of the uncertainty, the value to the same place (JCGM 100 7.2.6)."""
+    shown, u = gum.rounded(value, uncertainty)
+    exponent = max(Decimal(shown).adjusted() if Decimal(shown) else -999, Decimal(u).adjusted())
+    if exponent in PLAIN:
+        return Printed(shown, u)
+    return Printed(f"{Decimal(shown).scaleb(-exponent):f}", f"{Decimal(u).scaleb(-exponent):f}", exponent)
+
+
+def descriptor(value: float) -> Printed:
+    """A number without an uncertainty, to three significant digits."""
+    exact = Decimal(f"{value:.2e}")
+    if not exact or exact.adjusted() in PLAIN:
+        return Printed(f"{exact:f}", "")
+    return Printed(f"{exact.scaleb(-exact.adjusted()):f}", "", exact.adjusted())

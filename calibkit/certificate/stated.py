@@ -1,0 +1,219 @@
+"""Models of coefficient files → results: a weighted sum of coefficients with the uncertainty that the covariance gives it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.certificate.results import GridTable, ListTable, Result
+from calibkit.certificate.uncertainty import TYPE_A, magnitude_interval
+from calibkit.certificate.words import Words, unit_mark
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from calibkit.certificate.uncertainty import Source
+    from calibkit.coefficients import Figure, Model, Record
+
+TEMPERATURE = "temp_case_degc"
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+MOST_TEMPERATURES = 8
+"""Temperatures that values are stated at where the profile names none."""
+COEFFICIENTS = Words("Coefficients", "系数")
+COEFFICIENT_NOTE = Words(
+    "Rounded values cannot be recombined: their uncertainties are correlated. Compute with the attached file.",
+    "系数之间相关，修约后的数值不可重新组合计算；计算请使用所附文件。",
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Stated:
+    """What every layout needs: the files, the type B terms, the temperatures, the recipe's reference temperature."""
+
+    records: Mapping[str, Record]
+    source: Source
+    temperatures: tuple[float, ...]
+    reference_degc: float
+
+    def grid(self, model: Model, column: str = TEMPERATURE) -> tuple[float, ...]:
+        """Temperatures [°C] inside a model's range: the profile's, else round ones and the reference."""
+        if column not in model.valid:
+            return ()
+        low, high = model.valid[column]
+        if self.temperatures and column == TEMPERATURE:
+            return tuple(t for t in self.temperatures if low <= t <= high)
+        found = set(round_numbers(low, high))
+        if column == TEMPERATURE and low <= self.reference_degc <= high:
+            found.add(self.reference_degc)
+        return tuple(sorted(found))
+
+    def left_out(self, model: Model) -> tuple[Words, ...]:
+        """Note on temperatures that the profile asks for and the model does not hold at."""
+        low, high = model.valid.get(TEMPERATURE, (-math.inf, math.inf))
+        outside = [f"{t:g} °C" for t in self.temperatures if not low <= t <= high]
+        if not outside:
+            return ()
+        listed = ", ".join(outside)
+        return (
+            Words(
+                f"Nothing is stated at {listed}: outside the calibrated range, {low:.1f} °C to {high:.1f} °C.",
+                f"{listed} 超出校准范围（{low:.1f} °C 至 {high:.1f} °C），不给出结果。",
+            ),
+        )
+
+    def result(
+        self,
+        file: str,
+        key: str,
+        symbol: str,
+        name: Words,
+        value: float,
+        unit: str,
+        *,
+        type_a: float,
+        dof: float,
+        called: Sequence[str] = (),
+        sensitivities: Mapping[str, tuple[float, float]] | None = None,
+        at: tuple[tuple[str, float, str], ...] = (),
+        standard: str = "",
+        magnitude: bool = False,
+        principal: bool = False,
+        more: tuple[tuple[str, float], ...] = (),
+    ) -> Result:
+        """Result with its expanded uncertainty; `called` are other names that type B terms may use, `more` is type A too."""
+        found = self.source.uncertainty((key, *called), value, ((TYPE_A, type_a), *more), dof, sensitivities)
+        interval = magnitude_interval(value, found) if magnitude and found is not None else None
+        return Result(key, file, symbol, name, value, unit, found, interval, at, standard, principal)
+
+    def linear(
+        self,
+        record: Record,
+        model: Model,
+        name: str,
+        words: Words,
+        weights: Mapping[str, float],
+        unit: str,
+        *,
+        at: float | None = None,
+        slope: Mapping[str, float] | None = None,
+        sensitivities: Mapping[str, tuple[float, float]] | None = None,
+        symbol: str = "",
+        principal: bool = False,
+        condition: tuple[str, str] = (TEMPERATURE, "degC"),
+        more: tuple[tuple[str, float], ...] = (),
+    ) -> Result:
+        """Σ w_i c_i of a model's coefficients with u² = wᵀ C w; slope holds dw/dT where it depends on temperature."""
+        value, type_a = weighted(model, weights)
+        known = dict(sensitivities or {})
+        if slope is not None and at is not None:
+            known[condition[0]] = (at, weighted(model, slope)[0])
+        where = "" if at is None else f"@{at:g}"
+        return self.result(
+            f"{record.stage}.json",
+            f"{record.stage}.{model.name}.{name}{where}",
+            symbol or name,
+            words,
+            value,
+            unit,
+            type_a=type_a,
+            dof=model.dof,
+            called=(f"{record.stage}.{model.name}.{name}", f"{model.name}.{name}", name),
+            sensitivities=known,
+            at=() if at is None else ((condition[0], at, condition[1]),),
+            principal=principal,
+            more=more,
+        )
+
+    def figure(
+        self, record: Record, figure: Figure, words: Words, dof: float, *, standard: str = "", magnitude: bool = False
+    ) -> Result:
+        """A figure of a coefficient file; one whose uncertainty was not determined is a descriptor."""
+        return self.result(
+            f"{record.stage}.json",
+            f"{record.stage}.{figure.name}",
+            "",
+            words,
+            figure.value,
+            figure.unit,
+            type_a=figure.standard_uncertainty,
+            dof=dof,
+            called=(figure.name,),
+            standard=standard,
+            magnitude=magnitude,
+        )
+
+    def coefficients(self, record: Record, model: Model, title: Words = COEFFICIENTS) -> ListTable:
+        """Every fitted coefficient of a model."""
+        results = tuple(
+            self.linear(record, model, c.name, Words(""), {c.name: 1.0}, c.unit)
+            for c in model.coefficients
+            if c.value or c.standard_uncertainty
+        )
+        return ListTable(title, results, COEFFICIENT_NOTE)
+
+    def over(
+        self,
+        title: Words,
+        temperatures: Sequence[float],
+        columns: Sequence[tuple[Words, str, Callable[[float], Result | None]]],
+        *,
+        row_head: Words | None = None,
+        note: Words | None = None,
+    ) -> GridTable:
+        """Table of quantities (head, unit, function of temperature) at temperatures."""
+        return GridTable(
+            title,
+            row_head or Words("T [°C]"),
+            tuple(head for head, _, _ in columns),
+            tuple(unit for _, unit, _ in columns),
+            tuple(f"{t:g}" for t in temperatures),
+            tuple(tuple(value(t) for _, _, value in columns) for t in temperatures),
+            note,
+        )
+
+
+def weighted(model: Model, weights: Mapping[str, float]) -> tuple[float, float]:
+    """Σ w_i c_i of a model's coefficients, and its type A standard uncertainty from the covariance."""
+    w = np.array([weights.get(c.name, 0.0) for c in model.coefficients])
+    values = np.array([c.value for c in model.coefficients])
+    variance = float(w @ np.array(model.covariance) @ w)
+    return float(w @ values), math.sqrt(max(variance, 0.0))
+
+
+def powers(prefix: str, model: Model, x: float, first: int = 0) -> tuple[dict[str, float], dict[str, float]]:
+    """Weights of prefix<first>, prefix<first + 1>, … as ascending powers of x, and their derivatives by x."""
+    names = {c.name for c in model.coefficients}
+    weights, slope, k = {}, {}, 0
+    while f"{prefix}{first + k}" in names:
+        weights[f"{prefix}{first + k}"] = x**k
+        slope[f"{prefix}{first + k}"] = k * x ** (k - 1) if k else 0.0
+        k += 1
+    return weights, slope
+
+
+def round_numbers(low: float, high: float) -> list[float]:
+    """At most eight round numbers from low to high."""
+    scale = 10.0 ** math.floor(math.log10(max(high - low, 1e-12)) - 1.0)
+    for step in (factor * scale for factor in STEPS):
+        first, last = math.ceil(low / step), math.floor(high / step)
+        if last - first < MOST_TEMPERATURES:
+            return [k * step for k in range(first, last + 1)]
+    return []
+
+
+def range_words(model: Model) -> Words:
+    """Ranges that a model holds in."""
+    parts = [f"{column} {low:.4g} … {high:.4g}" for column, (low, high) in model.valid.items()]
+    return Words(f"Calibrated range: {'; '.join(parts)}.", f"校准范围：{'；'.join(parts)}。")
+
+
+def residual_words(model: Model) -> Words:
+    """What the fit left, called by its name."""
+    rms, unit = f"{model.residual_rms:.2g}", unit_mark(model.residual_unit)
+    return Words(
+        f"{model.name}: residual rms of the fit {rms} {unit}, {model.dof} degrees of freedom (a descriptor, not an uncertainty).",
+        f"{model.name}：拟合残差均方根 {rms} {unit}，自由度 {model.dof}（仅为描述量，并非不确定度）。",
+    )

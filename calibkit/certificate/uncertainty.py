@@ -1,0 +1,105 @@
+"""Type A from the fit, type B from recipe and profile: one uncertainty a result, added after the fit (JCGM 100)."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.certificate.results import Contribution, Uncertainty
+from calibkit.numeric import gum
+from calibkit.recipe import type_b
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from calibkit.recipe import TypeB
+
+TYPE_A = "fit to the logs"
+"""Name of the type A contribution: the fit's covariance."""
+TRIALS = 100_000
+SEED = 20_010_101
+"""Of the Monte Carlo intervals: the same certificate has the same bytes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Source:
+    """Where type B terms come from, and which were used, so that a term that says nothing is named."""
+
+    terms: tuple[TypeB, ...]
+
+    @classmethod
+    def of(cls, recipe: Sequence[TypeB], profile: Sequence[TypeB]) -> Source:
+        """Terms of both; of two with one name the profile's counts."""
+        return cls(tuple({term.name: term for term in (*recipe, *profile)}.values()))
+
+    def uncertainty(
+        self,
+        names: Sequence[str],
+        estimate: float,
+        type_a: Sequence[tuple[str, float]],
+        dof: float,
+        sensitivities: Mapping[str, tuple[float, float]] | None = None,
+    ) -> Uncertainty | None:
+        """Combined and expanded uncertainty of a result, or none where nothing is known of it.
+
+        names are those a term may call the result by; sensitivities are those of `type_b.terms_of`. Degrees of freedom below
+        one would need a coverage factor that does not exist: such a result is stated without an uncertainty.
+        """
+        components = [gum.Component(name, estimate, u, "A", 1.0, dof) for name, u in type_a if u > 0.0 and dof >= 1.0]
+        quantities = [("", "")] * len(components)
+        for term in self.terms:
+            called = next((name for name in names if name in (term.quantity, term.result)), names[0])
+            applied = type_b.terms_of((term,), called, estimate, sensitivities).components
+            components += applied
+            quantities += [(term.quantity, type_b.quantity_unit(term.quantity) or "")] * len(applied)
+        if not components:
+            return None
+        expanded = gum.combine(components)
+        lines = tuple(_line(part, *quantity) for part, quantity in zip(components, quantities, strict=True))
+        return Uncertainty(
+            lines,
+            expanded.standard_uncertainty,
+            expanded.effective_dof,
+            expanded.coverage_factor,
+            expanded.expanded_uncertainty,
+            expanded.probability,
+        )
+
+
+def _line(part: gum.Component, quantity: str, unit: str) -> Contribution:
+    """Line of the budget for one component."""
+    return Contribution(
+        part.name,
+        part.kind,
+        quantity,
+        part.standard_uncertainty,
+        unit,
+        part.distribution,
+        part.dof,
+        part.sensitivity,
+        abs(part.sensitivity) * part.standard_uncertainty,
+    )
+
+
+def unused(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:
+    """Names of terms that entered no result."""
+    names = {line.name for one in used for line in one.contributions}
+    return tuple(term.name for term in terms if term.name not in names)
+
+
+def magnitude_interval(value: float, uncertainty: Uncertainty) -> tuple[float, float]:
+    """95.45 % coverage interval of a quantity that cannot be negative, by Monte Carlo (JCGM 101): |value + u·t|."""
+    generator = np.random.Generator(np.random.PCG64(SEED))
+    dof = uncertainty.effective_dof
+    drawn = generator.standard_normal(TRIALS)
+    if math.isfinite(dof) and dof < gum.FEW_DOF:
+        drawn = generator.standard_t(math.floor(dof), TRIALS)
+    found = gum.monte_carlo(
+        lambda trials: np.abs(value + uncertainty.standard_uncertainty * trials[:, 0]),
+        drawn[:, None],
+        probability=gum.TWO_SIGMA,
+    )
+    return found.low, found.high
