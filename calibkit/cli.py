@@ -71,6 +71,8 @@ def fit(
     from calibkit.recipe import find
 
     outcome = pipeline.fit(find(recipe, overrides), data, serial, out, day, _progress)
+    for guess in outcome.guesses:
+        click.echo(f"? {guess}", err=True)
     if as_json:
         _print_json({"ok": True, "run": outcome.name, "folder": str(outcome.folder), **_verdict(outcome.document)})
     else:

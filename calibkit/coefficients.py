@@ -5,13 +5,15 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, field
+from dataclasses import asdict, dataclass, field, replace
 from typing import TYPE_CHECKING, Any
 
 from calibkit.errors import CoefficientError
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+
+    from calibkit.frame import Log
 
 FORMAT = "calibkit-coefficients/1"
 FORMATS = (FORMAT,)
@@ -58,6 +60,17 @@ class Input:
     name: str
     sha256: str
     rows: int
+    reading: tuple[str, ...] = ()
+    """How the log was read; kept in run.json, not in coefficient files: the same numbers are the same coefficients."""
+
+    @classmethod
+    def of(cls, log: Log) -> Input:
+        """The input that a log is."""
+        return cls(log.file, log.sha256, log.rows, log.reading)
+
+    def identity(self) -> dict[str, str | int]:
+        """What identifies the log in a coefficient file."""
+        return {"name": self.name, "sha256": self.sha256, "rows": self.rows}
 
 
 @dataclass(frozen=True, slots=True)
@@ -150,7 +163,7 @@ def record(result: StageResult, identity: Identity, supersedes: str) -> Record:
         effective_from=identity.effective_from,
         software=identity.software,
         recipe_sha256=identity.recipe_sha256,
-        inputs=identity.inputs,
+        inputs=tuple(replace(entry, reading=()) for entry in identity.inputs),
         conditions=result.conditions,
         models=result.models,
         figures=result.figures,
@@ -218,7 +231,7 @@ def dumps(record: Record) -> str:
                 raise CoefficientError(
                     f"{record.stage} {model.name}: {entry.name} is {entry.value}", hint="this is a bug"
                 )
-    return seal(asdict(record))
+    return seal(asdict(record) | {"inputs": [entry.identity() for entry in record.inputs]})
 
 
 def loads(text: str, name: str) -> Record:

@@ -42,7 +42,10 @@ PATTERNS = (r"gyro_[a-z0-9]+_dph", r"gyro_[a-z0-9]+_lsb", r"accel_[a-z0-9]+_g", 
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """One log as it was read: its file, the digest of its bytes, its rows, what was noted, and the tidy frame."""
+    """One log as it was read: its file, the digest of its bytes, its rows, what was noted, how it was read, the tidy frame.
+
+    The frame's index counts lines of the file (minus 2); `parts` are the files of a split log with their first index.
+    """
 
     name: str
     file: str
@@ -50,6 +53,16 @@ class Log:
     rows: int
     frame: pd.DataFrame
     notes: tuple[str, ...] = ()
+    reading: tuple[str, ...] = ()
+    parts: tuple[tuple[str, int], ...] = ()
+
+    def place(self, row: int) -> str:
+        """file:line that a row of the frame came from, in the part of a split log that holds it."""
+        index = int(self.frame.index[row])
+        for file, first in reversed(self.parts):
+            if index >= first:
+                return f"{file}:{index - first + 2}"
+        return f"{self.file}:{index + 2}"
 
 
 @dataclass(frozen=True, slots=True)

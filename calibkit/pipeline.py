@@ -14,7 +14,7 @@ from calibkit.recipe import type_b
 from calibkit.stages import ingest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Mapping, Sequence
     from pathlib import Path
 
     from calibkit.frame import Finding
@@ -34,6 +34,7 @@ class FitOutcome:
     name: str
     summary: Summary
     document: Mapping[str, Any]
+    guesses: tuple[str, ...]
 
 
 def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, progress: Progress) -> FitOutcome:
@@ -61,7 +62,21 @@ def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, pr
 
     folder = store.commit(out, serial, build)
     name = f"{serial}@{folder.name}"
-    return FitOutcome(folder, name, replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}"), built)
+    summary = replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}")
+    return FitOutcome(folder, name, summary, built, guesses(fitted.inputs))
+
+
+def guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
+    """What was guessed of how the logs are written: one line a guess, with the logs that it was made of."""
+    made: dict[str, list[str]] = {}
+    for entry in inputs:
+        for said in entry.reading:
+            if "guessed" in said:
+                made.setdefault(said, []).append(entry.name)
+    return tuple(
+        f"{names[0] if len(names) == 1 else f'{len(names)} logs'}: {said}; pin it in the recipe"
+        for said, names in made.items()
+    )
 
 
 def _distinct(inputs: tuple[coefficients.Input, ...]) -> None:
@@ -105,7 +120,9 @@ def _run_document(
             "overrides": list(source.overrides),
             "text": source.text,
         },
-        "inputs": [asdict(entry) for entry in identity.inputs],
+        "inputs": [
+            entry.identity() | ({"reading": list(entry.reading)} if entry.reading else {}) for entry in identity.inputs
+        ],
         "excluded": [entry.model_dump() for entry in spec.exclude],
         "type_b": type_b.dumps(spec.type_b),
         "accepted": fitted.summary.accepted,

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 import difflib
 import math
+import re
 from dataclasses import dataclass
+from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from calibkit.errors import RecipeError
@@ -21,67 +23,113 @@ STANDARD_GRAVITY_MPS2 = 9.80665
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A unit: base value = factor · value + offset, in the base unit of its dimension."""
+    """A unit: base value = (value + shift) · factor / divisor, in the base unit of its dimension.
+
+    Factor and divisor are kept apart so that a value of few digits converts to the nearest float64: 12345 ms is 12.345 s.
+    """
 
     dimension: str
     factor: float = 1.0
-    offset: float = 0.0
+    divisor: float = 1.0
+    shift: float = 0.0
 
 
-_RAD = 180.0 / math.pi
+_PI = math.pi
 
 TABLE: dict[str, Unit] = {
     "s": Unit("time"),
-    "ms": Unit("time", 1e-3),
-    "us": Unit("time", 1e-6),
+    "ms": Unit("time", 1.0, 1e3),
+    "us": Unit("time", 1.0, 1e6),
+    "ns": Unit("time", 1.0, 1e9),
     "min": Unit("time", 60.0),
     "h": Unit("time", 3600.0),
+    "d": Unit("time", 86400.0),
     "degC": Unit("temperature"),
-    "K": Unit("temperature", 1.0, -273.15),
-    "degF": Unit("temperature", 5.0 / 9.0, -160.0 / 9.0),
+    "K": Unit("temperature", shift=-273.15),
+    "degF": Unit("temperature", 5.0, 9.0, -32.0),
     "deg/h": Unit("angular rate"),
     "deg/s": Unit("angular rate", 3600.0),
-    "mdeg/s": Unit("angular rate", 3.6),
+    "mdeg/s": Unit("angular rate", 18.0, 5.0),
+    "mdeg/h": Unit("angular rate", 1.0, 1e3),
     "deg/min": Unit("angular rate", 60.0),
-    "rad/s": Unit("angular rate", 3600.0 * _RAD),
-    "rad/h": Unit("angular rate", _RAD),
-    "arcsec/s": Unit("angular rate", 1.0),
-    "rpm": Unit("angular rate", 6.0 * 3600.0),
+    "rad/s": Unit("angular rate", 648000.0, _PI),
+    "mrad/s": Unit("angular rate", 648.0, _PI),
+    "urad/s": Unit("angular rate", 0.648, _PI),
+    "rad/h": Unit("angular rate", 180.0, _PI),
+    "arcsec/s": Unit("angular rate"),
+    "rpm": Unit("angular rate", 21600.0),
     "deg": Unit("angle"),
-    "rad": Unit("angle", _RAD),
-    "mrad": Unit("angle", 1e-3 * _RAD),
-    "arcmin": Unit("angle", 1.0 / 60.0),
-    "arcsec": Unit("angle", 1.0 / 3600.0),
+    "mdeg": Unit("angle", 1.0, 1e3),
+    "rad": Unit("angle", 180.0, _PI),
+    "mrad": Unit("angle", 0.18, _PI),
+    "urad": Unit("angle", 0.00018, _PI),
+    "arcmin": Unit("angle", 1.0, 60.0),
+    "arcsec": Unit("angle", 1.0, 3600.0),
+    "rev": Unit("angle", 360.0),
     "g": Unit("acceleration"),
-    "mg": Unit("acceleration", 1e-3),
-    "ug": Unit("acceleration", 1e-6),
+    "mg": Unit("acceleration", 1.0, 1e3),
+    "ug": Unit("acceleration", 1.0, 1e6),
     "m/s^2": Unit("acceleration in SI"),
+    "mm/s^2": Unit("acceleration in SI", 1.0, 1e3),
+    "cm/s^2": Unit("acceleration in SI", 1.0, 1e2),
     "1/s": Unit("count rate"),
     "1/ms": Unit("count rate", 1e3),
-    "1/h": Unit("count rate", 1.0 / 3600.0),
+    "1/min": Unit("count rate", 1.0, 60.0),
+    "1/h": Unit("count rate", 1.0, 3600.0),
+    "1/sample": Unit("count per sample"),
     "1": Unit("count"),
+    "V": Unit("voltage"),
+    "mV": Unit("voltage", 1.0, 1e3),
+    "uV": Unit("voltage", 1.0, 1e6),
+    "mA": Unit("current", 1.0, 1e3),
+    "A": Unit("current"),
+    "ohm": Unit("resistance"),
 }
-"""Spelling → unit; the base units are s, °C, °/h, °, g (local), m/s², 1/s, 1."""
+"""Spelling → unit; the base units are s, °C, °/h, °, g (local), m/s², 1/s, 1/sample, 1, V, A, Ω."""
 
 ALIASES: dict[str, str] = {
-    "sec": "s",
-    "µs": "us",
-    "°C": "degC",
-    "℃": "degC",
-    "°F": "degF",
-    "°/h": "deg/h",
-    "deg/hr": "deg/h",
-    "dph": "deg/h",
-    "°/s": "deg/s",
-    "dps": "deg/s",
-    "°": "deg",
-    "m/s²": "m/s^2",
-    "m/s2": "m/s^2",
-    "lsb": "1",
-    "count": "1",
-    "counts": "1",
-    "lsb/s": "1/s",
-    "counts/s": "1/s",
+    **dict.fromkeys(("sec", "secs", "second", "seconds", "sek", "sekunden", "秒"), "s"),
+    **dict.fromkeys(("msec", "millisecond", "milliseconds", "毫秒"), "ms"),
+    **dict.fromkeys(("µs", "μs", "usec", "microseconds", "微秒"), "us"),
+    **dict.fromkeys(("minute", "minutes", "minuten", "分", "分钟"), "min"),
+    **dict.fromkeys(("hr", "hrs", "hour", "hours", "std", "stunden", "小时", "时"), "h"),
+    **dict.fromkeys(("days", "tage", "天"), "d"),
+    **dict.fromkeys(
+        ("°C", "℃", "C", "degc", "deg C", "deg_C", "deg. C", "° C", "º C", "ºC", "celsius", "Celsius"), "degC"
+    ),
+    **dict.fromkeys(("摄氏度", "度C", "grad C", "Grad C", "Grad Celsius", "oC"), "degC"),
+    **dict.fromkeys(("kelvin", "Kelvin", "开", "开尔文"), "K"),
+    **dict.fromkeys(("°F", "℉", "F", "degf", "deg F", "fahrenheit", "Fahrenheit", "华氏度"), "degF"),
+    **dict.fromkeys(
+        ("°/h", "º/h", "deg/hr", "deg/hour", "dph", "(°)/h", "(deg)/h", "°/hr", "°h-1", "°·h⁻¹", "Grad/h"), "deg/h"
+    ),
+    **dict.fromkeys(("度/小时", "度/时", "°/小时", "度/h", "(°)·h-1", "°/Std"), "deg/h"),
+    **dict.fromkeys(
+        ("°/s", "º/s", "deg/sec", "dps", "(°)/s", "(deg)/s", "°/sec", "°·s⁻¹", "Grad/s", "grad/s"), "deg/s"
+    ),
+    **dict.fromkeys(("度/秒", "°/秒", "度/s", "(°)·s-1"), "deg/s"),
+    **dict.fromkeys(("°/min", "度/分", "(°)/min"), "deg/min"),
+    **dict.fromkeys(("m°/s", "mdps"), "mdeg/s"),
+    **dict.fromkeys(("rad/sec", "弧度/秒", "rad·s⁻¹", "rad·s-1"), "rad/s"),
+    **dict.fromkeys(("rev/min", "r/min", "U/min"), "rpm"),
+    **dict.fromkeys(("°", "º", "度", "degree", "degrees", "Grad", "grad"), "deg"),
+    **dict.fromkeys(("弧度", "radian", "radians"), "rad"),
+    **dict.fromkeys(("'", "′", "角分"), "arcmin"),
+    **dict.fromkeys(('"', "″", "角秒", "as"), "arcsec"),
+    **dict.fromkeys(("″/s", '"/s', "角秒/秒"), "arcsec/s"),
+    **dict.fromkeys(("G", "gn", "g0", "重力加速度"), "g"),
+    **dict.fromkeys(("mG",), "mg"),
+    **dict.fromkeys(("µg", "μg", "uG"), "ug"),
+    **dict.fromkeys(("m/s²", "m/s2", "m/s/s", "m·s⁻²", "m·s-2", "米/秒²", "m/sec^2", "m/s**2"), "m/s^2"),
+    **dict.fromkeys(("lsb", "LSB", "count", "counts", "cnt", "cts", "pulse", "pulses", "脉冲", "脉冲数", "个"), "1"),
+    **dict.fromkeys(
+        ("lsb/s", "LSB/s", "counts/s", "count/s", "cps", "Hz", "pulses/s", "pulse/s", "脉冲/秒", "p/s", "^/s"), "1/s"
+    ),
+    **dict.fromkeys(("lsb/sample", "counts/sample", "count/sample", "pulses/sample", "pulse/sample"), "1/sample"),
+    **dict.fromkeys(("Volt", "volt", "volts", "VDC", "V DC", "Vdc", "VAC", "伏"), "V"),
+    **dict.fromkeys(("mVDC", "毫伏"), "mV"),
+    **dict.fromkeys(("µV", "μV"), "uV"),
+    **dict.fromkeys(("Ω", "OHM", "Ohm", "Ohms", "ohms", "欧姆", "\u2126"), "ohm"),
 }
 
 COLUMN_UNITS: dict[str, str] = {
@@ -128,10 +176,59 @@ def convert(
                 f"'{source}' to '{target}' needs the local gravity",
                 hint="give [site] gravity_mps2, or latitude and height",
             )
-        step = 1.0 / gravity_mps2 if a.dimension == si else gravity_mps2
-        return (values * a.factor) * step / b.factor
+        base = values * a.factor / a.divisor
+        return (base / gravity_mps2 if a.dimension == si else base * gravity_mps2) * b.divisor / b.factor
     if a.dimension != b.dimension:
         raise RecipeError(f"'{source}' is a {a.dimension}, '{target}' a {b.dimension}", hint="state the log's own unit")
     if a == b:
         return values
-    return (values * a.factor + (a.offset - b.offset)) / b.factor
+    if (a.factor, a.divisor) == (b.factor, b.divisor):
+        return values + (a.shift - b.shift)
+    return (values + a.shift) * a.factor / a.divisor * b.divisor / b.factor - b.shift
+
+
+def scaled(values: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+    """Values [any shape] times a factor that is meant as its decimal digits say.
+
+    The factor is taken as the fraction of two whole numbers that its shortest decimal text is: whole counts of 0.0001 become the
+    float64 nearest to the true product, which a multiplication by the float64 next to 0.0001 does not.
+    """
+    exact = Fraction(repr(float(factor)))
+    if max(abs(exact.numerator), exact.denominator) >= 1 << 53:
+        return values * factor
+    return values * float(exact.numerator) / float(exact.denominator)
+
+
+_BRACKETED = re.compile(r"[(（\[<{]\s*([^()（）\[\]<>{}]*(?:\(°\)[^()]*)?)\s*[)）\]>}]\s*$")
+_BEHIND = re.compile(r".*?(?:\s*[,，:：]\s*|\s+/\s+|\s+in\s+)(\S.*)$")
+
+
+def of_text(text: str) -> str:
+    """Unit of a text that is nothing but a unit, with or without brackets, or "" where it is none of the table's."""
+    text = text.strip()
+    for candidate in (text, text.strip("()（）[]<>{} "), text.lower(), text.strip("()（）[]<>{} ").lower()):
+        unit = ALIASES.get(candidate, candidate)
+        if unit in TABLE and (unit != "1" or candidate in ALIASES):
+            return unit
+    return ""
+
+
+def of_header(name: str) -> str:
+    """Unit that a column's header states behind its name, or "" where it states none of the table's.
+
+    In brackets (`gyro (deg/h)`, `温度(℃)`, `陀螺输出（°/h）`), behind a comma or a lone slash (`T / °C`), or as a last word that
+    can be nothing else (`Temperatur °C`).
+    """
+    name = name.strip()
+    if bracketed := _BRACKETED.search(name):
+        return of_text(bracketed.group(1))
+    if behind := _BEHIND.match(name):
+        return of_text(behind.group(1))
+    last = name.rsplit(None, 1)[-1] if " " in name else ""
+    return of_text(last) if any(mark in last for mark in "°℃℉/") else ""
+
+
+def name_without_unit(name: str) -> str:
+    """A column's header without the unit in brackets behind it."""
+    bracketed = _BRACKETED.search(name.strip())
+    return name.strip()[: bracketed.start()].strip() if bracketed else name.strip()

@@ -60,7 +60,7 @@ def fit(spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: P
     figures = accel_attitude.propagated(fitted.affine, dwells, spec.toolface_range_deg) if fitted.affine else ()
     return Fitted(
         accel_results.results(fitted, dwells, accel_fit.local_gravity(spec.site), figures),
-        tuple(Input(log.file, log.sha256, log.rows) for log in logs),
+        tuple(Input.of(log) for log in logs),
         accel_attitude.summary(fitted, stands, spec, figures),
         accel_attitude.drawing(dwells, stands, spec),
     )

@@ -65,7 +65,7 @@ def fit(spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress:
         flags += [f"{log.file}: {note}" for note in log.notes] + [str(finding) for finding in found]
     fits = bias.fit(logs, spec.polynomials)
     result = bias.result(fits, flags)
-    inputs = tuple(Input(log.file, log.sha256, log.rows) for log in logs)
+    inputs = tuple(Input.of(log) for log in logs)
     return Fitted((result,), inputs, bias.summary(spec.title, fits, result.flags), bias.drawing(spec.title, fits))
 
 

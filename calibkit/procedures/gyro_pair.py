@@ -71,7 +71,7 @@ def fit(spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progre
     logs = [fitted.runs[axis].log for axis in ("a", "b")]
     return Fitted(
         (scales, gyro_results.orthogonality_result(fitted, spec)),
-        tuple(Input(log.file, log.sha256, log.rows) for log in logs),
+        tuple(Input.of(log) for log in logs),
         Summary(spec.title, tables, fitted.flags, criteria),
         gyro_report.pair_drawing(fitted),
     )

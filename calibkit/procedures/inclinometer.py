@@ -62,7 +62,7 @@ def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Pr
     result = inclinometer_results.result(fits, stations, seen, notes, spec, accel_fit.local_gravity(spec.site))
     return Fitted(
         (result,),
-        tuple(Input(log.file, log.sha256, log.rows) for log in logs),
+        tuple(Input.of(log) for log in logs),
         inclinometer_azimuth.summary(fits, stations, seen, result.flags, spec),
         inclinometer_azimuth.drawing(fits, stations, seen, spec),
     )

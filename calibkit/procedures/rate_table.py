@@ -51,7 +51,7 @@ def fit(spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progr
     )
     return Fitted(
         (result,),
-        tuple(Input(run.log.file, run.log.sha256, run.log.rows) for run in runs),
+        tuple(Input.of(run.log) for run in runs),
         Summary(spec.title, tables, flags, gyro_report.runs_criteria(result, spec.acceptance)),
         gyro_report.runs_drawing(gyros),
     )

@@ -10,12 +10,13 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit import units
 from calibkit.errors import LogFormatError
+from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -28,37 +29,47 @@ BLOCK = 1 << 24
 MISSING = frozenset({"", "nan", "NaN", "NAN"})
 
 
-@dataclass(frozen=True, slots=True)
-class Table:
-    """A log before any mapping: its bytes' digest, its header and its numbers."""
-
-    file: str
-    sha256: str
-    frame: pd.DataFrame
-    notes: tuple[str, ...]
-
-
 def read(path: Path, file: str, needed: Collection[str]) -> Table:
     """Read a comma-separated log whole; columns that nobody needs may hold text.
 
     Raises LogFormatError that names line and column of what cannot be read.
     """
+    return parse(load(path, file), file, needed)
+
+
+def load(path: Path, file: str) -> bytes:
+    """Bytes of a log; raises LogFormatError where the file cannot be read."""
     try:
-        data = path.read_bytes()
+        return path.read_bytes()
     except OSError as error:
         raise LogFormatError(f"{file}: cannot be read: {error.strerror}", hint="check the file") from None
+
+
+def parse(data: bytes, file: str, needed: Collection[str]) -> Table:
+    """The table of a log's bytes; raises LogFormatError that names line and column of what cannot be read."""
     header, body = split(data, file)
-    _count_fields(body, len(header), file)
+    count_fields(body, len(header), file)
     try:
         frame = _parse(body, dict.fromkeys(range(len(header)), "float64"))
     except (ValueError, OverflowError):
-        kinds = {number: "float64" if name in needed else "str" for number, name in enumerate(header)}
+        kinds = {number: "float64" if wanted(name, needed) else "str" for number, name in enumerate(header)}
         try:
             frame = _parse(body, kinds)
         except (ValueError, OverflowError):
             raise _bad_token(body, header, needed, file) from None
     frame.columns = header
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, _last_line(body, file))
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, last_line(body, file))
+
+
+def looks_clean(data: bytes) -> bool:
+    """Whether a log's first line could be the header of comma-separated text, so that the strict reader's word counts."""
+    first = data[: data.find(b"\n") if b"\n" in data else len(data)]
+    return not data.strip() or (b"," in first and b"\0" not in first)
+
+
+def wanted(name: str, needed: Collection[str]) -> bool:
+    """Whether a column is needed, under its name or under its name without the unit in brackets."""
+    return name in needed or units.name_without_unit(name) in needed
 
 
 def _parse(body: bytes, kinds: dict[int, str]) -> pd.DataFrame:
@@ -131,13 +142,13 @@ def _is_number(token: str) -> bool:
     return "_" not in token and token.isascii()
 
 
-def _count_fields(body: bytes, fields: int, file: str) -> None:
+def count_fields(body: bytes, fields: int, file: str, delimiter: bytes = b",", first: int = 2) -> None:
     """Refuse the first line that has another number of fields than the header: a short row is a lost number."""
-    line, carried = 1, 0
+    line, carried = first - 1, 0
     for start in range(0, len(body), BLOCK):
         block = np.frombuffer(body, np.uint8, min(BLOCK, len(body) - start), start)
         ends = np.flatnonzero(block == ord("\n"))
-        commas = np.cumsum(block == ord(","))
+        commas = np.cumsum(block == ord(delimiter))
         upto = np.concatenate([[0], commas[ends]]) if ends.size else np.zeros(1, dtype=np.int64)
         counts = np.diff(upto)
         if counts.size:
@@ -164,7 +175,7 @@ def _bad_token(body: bytes, header: list[str], needed: Collection[str], file: st
     """The error that names line, column and text of the first token that is not a number."""
     for number, line in enumerate(body.decode().split("\n"), start=2):
         for name, token in zip(header, line.split(","), strict=False):
-            if name in needed and token.strip() not in MISSING and not _is_number(token.strip()):
+            if wanted(name, needed) and token.strip() not in MISSING and not _is_number(token.strip()):
                 return LogFormatError(
                     f"{file}:{number}: column '{name}': found '{token.strip()[:40]}', expected a number",
                     hint="repair the row, or leave the range out with [[exclude]]",
@@ -172,15 +183,15 @@ def _bad_token(body: bytes, header: list[str], needed: Collection[str], file: st
     return LogFormatError(f"{file}: not a table of numbers", hint="check the file")
 
 
-def _last_line(body: bytes, file: str) -> tuple[str, ...]:
+def last_line(body: bytes, file: str, delimiter: str = ",", decimal: str = ".", first: int = 2) -> tuple[str, ...]:
     """What can be said of a last line without a line end: refused where it is visibly cut, noted otherwise."""
     if body.endswith(b"\n"):
         return ()
     lines = body[-20_000:].split(b"\n")
-    rows = [line.decode().split(",") for line in (lines if len(body) <= 20_000 else lines[1:])][-50:]
-    decimals = [len(row[-1].partition(".")[2]) for row in rows]
+    rows = [line.decode().split(delimiter) for line in (lines if len(body) <= 20_000 else lines[1:])][-50:]
+    decimals = [len(row[-1].partition(decimal)[2]) for row in rows]
     if len(decimals) > 2 and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
-        line = body.count(b"\n") + 2
+        line = body.count(b"\n") + first
         raise LogFormatError(
             f"{file}:{line}: the last number '{rows[-1][-1]}' has {decimals[-1]} decimals and no line end, "
             f"expected {decimals[0]}",

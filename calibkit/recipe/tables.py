@@ -8,35 +8,30 @@ from pydantic import Field, field_validator, model_validator
 
 from calibkit import units
 from calibkit.errors import RecipeError
+from calibkit.recipe.logs import Logs
 from calibkit.recipe.strict import NonNegative, Positive, Table
 from calibkit.recipe.type_b import TypeB
 
 __all__ = ["Column", "Exclude", "Logs", "NonNegative", "Positive", "Recipe", "Site", "Table", "TypeB"]
 
 
-class Logs(Table):
-    """Which files of the data folder are logs, and how they are written."""
-
-    files: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
-    format: Literal["csv"] = "csv"
-
-    @field_validator("files")
-    @classmethod
-    def _inside(cls, files: tuple[str, ...]) -> tuple[str, ...]:
-        for pattern in files:
-            if pattern.startswith(("/", "\\")) or ".." in pattern.replace("\\", "/").split("/") or ":" in pattern:
-                raise ValueError(f"'{pattern}' leaves the data folder")
-        return files
-
-
 class Column(Table):
-    """Where a canonical column comes from: canonical = sign · (scale · value + offset) converted from `unit`."""
+    """Where a canonical column comes from: canonical = sign · (scale · value + offset) converted from `unit`.
+
+    Without a unit the one that the log's header states holds, and without that the canonical one.
+    """
 
     source: Annotated[str, Field(alias="from", min_length=1)]
     unit: str = ""
     sign: Literal[1, -1] = 1
     scale: float = 1.0
     offset: float = 0.0
+    header_unit: Literal["must agree", "ignored"] = "must agree"
+    time_format: str = ""
+    date: str = ""
+    accumulated: bool = False
+    wraps_at: Positive | None = None
+    interval_s: Positive | None = None
 
     @field_validator("unit")
     @classmethod

@@ -100,7 +100,7 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
     clean = drift.blocks(time, case, env, smooth, slope, recipe.drift.interval_s)
     prepared = PreparedLog(
         log.name,
-        Input(log.file, log.sha256, log.rows),
+        Input.of(log),
         raw,
         clean,
         thermal_fit.thermal_log(log.name, time, case, env, gyro, recipe.drift.interval_s, _part(cuts, time.size)),

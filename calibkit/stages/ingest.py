@@ -10,15 +10,20 @@ import numpy as np
 from calibkit import units
 from calibkit.errors import FrameError, RecipeError, UsageError
 from calibkit.frame import Log, is_canonical, require
-from calibkit.readers import delimited
+from calibkit.readers import registry
+from calibkit.stages import door
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     import pandas as pd
+    from numpy.typing import NDArray
 
+    from calibkit.readers.table import Table
     from calibkit.recipe import Column, Exclude, Recipe
+
+    Array = NDArray[np.float64]
 
 
 def find_logs(recipe: Recipe, folder: Path) -> list[str]:
@@ -66,27 +71,66 @@ def log_name(file: str) -> str:
 def read_log(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Log:
     """Read one log and map it to canonical columns; raises LogFormatError, FrameError or RecipeError."""
     sources = {name: column.source for name, column in recipe.columns.items()}
-    wanted = {sources.get(name, name) for name in (*needed, *optional)}
-    table = delimited.read(path, file, wanted)
-    present = [name for name in (*needed, *optional) if sources.get(name, name) in table.frame.columns]
-    for name, source in sources.items():
-        if source not in table.frame.columns and name in needed:
-            require(file, table.frame.columns, [source])
-    require(file, dict.fromkeys([*table.frame.columns, *present]), needed)
-    frame = table.frame[[sources.get(name, name) for name in present]].set_axis(present, axis=1)
-    for name in present:
-        if name in recipe.columns:
-            frame[name] = _mapped(frame[name].to_numpy(dtype=np.float64), recipe.columns[name], name, recipe)
-    frame, notes = _without_exclusions(frame, recipe.exclude, file)
-    return Log(log_name(file), file, table.sha256, len(table.frame), frame, (*table.notes, *notes))
+    timed = recipe.columns.get("time_s")
+    written = {timed.source} if timed and (timed.time_format or timed.date) else set()
+    wanted = {sources.get(name, name) for name in (*needed, *optional)} - written
+    table = registry.read(path, file, recipe.logs, wanted)
+    own = _own_names(recipe, table, sources, needed, optional)
+    mapped = _canonical(recipe, table, own)
+    frame = table.frame[[]].assign(
+        **{name: mapped[name].column for name in own} | _counted_time(recipe, table, own, needed)
+    )
+    require(file, frame.columns, needed)
+    frame = frame[[name for name in (*needed, *optional) if name in frame.columns]]
+    frame, dropped = door.complete(frame, needed, recipe)
+    frame, excluded = _without_exclusions(frame, recipe.exclude, file)
+    notes = (*table.notes, *(note for column in mapped.values() for note in column.notes), *dropped, *excluded)
+    reading = (*table.reading, *(said for column in mapped.values() for said in column.reading))
+    return Log(log_name(file), file, table.sha256, len(table.frame), frame, notes, reading, table.parts)
 
 
-def _mapped(raw: np.ndarray, column: Column, name: str, recipe: Recipe) -> np.ndarray:
-    """Canonical values of a mapped column: sign · (scale · raw + offset), converted to the unit of its name."""
-    target = units.column_unit(name)
-    stated = raw * column.scale + column.offset
-    converted = units.convert(stated, column.unit or target, target, gravity_mps2=recipe.site.gravity_mps2)
-    return column.sign * converted
+def _own_names(
+    recipe: Recipe, table: Table, sources: Mapping[str, str], needed: Sequence[str], optional: Sequence[str]
+) -> dict[str, str]:
+    """Canonical name → the log's own name of every column that is there; a needed one that the recipe maps must be."""
+    own = {}
+    for name in (*needed, *optional):
+        found = door.resolved(sources.get(name, name), table)
+        if found is not None:
+            own[name] = found
+        elif name in needed and name in sources:
+            require(table.file, table.frame.columns, [sources[name]])
+    present = [*table.frame.columns, *own, *(["time_s"] if recipe.logs.rate_hz else [])]
+    require(table.file, dict.fromkeys(present), needed)
+    return own
+
+
+def _canonical(recipe: Recipe, table: Table, own: Mapping[str, str]) -> dict[str, door.Mapped]:
+    """Canonical name → column, the time first: counts per sample need it."""
+    made: dict[str, door.Mapped] = {}
+    if "time_s" in own:
+        made["time_s"] = _time(recipe, table, own["time_s"])
+    seconds = made["time_s"].column if "time_s" in made else None
+    for name, source in own.items():
+        if name != "time_s":
+            made[name] = door.value(table, source, recipe.columns.get(name), name, recipe, seconds)
+    return made
+
+
+def _time(recipe: Recipe, table: Table, source: str) -> door.Mapped:
+    """Seconds of a log: times as they are written, or a number in the unit that recipe or header state."""
+    column = recipe.columns.get("time_s")
+    written = door.time(table, source, column, "time_s")
+    if written.reading or table.frame[source].dtype.kind not in "fiub":
+        return written
+    return door.value(table, source, column, "time_s", recipe, None)
+
+
+def _counted_time(recipe: Recipe, table: Table, own: Mapping[str, str], needed: Sequence[str]) -> dict[str, Array]:
+    """Time of a log that has none, from the sampling rate that the recipe states."""
+    if "time_s" in own or "time_s" not in needed or recipe.logs.rate_hz is None:
+        return {}
+    return {"time_s": np.arange(len(table.frame), dtype=np.float64) / recipe.logs.rate_hz}
 
 
 def unmapped(values: np.ndarray, column: Column, name: str, recipe: Recipe) -> np.ndarray:

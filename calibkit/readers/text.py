@@ -1,0 +1,178 @@
+"""Reader of delimited text in any dialect.
+
+Format: text in UTF-8, UTF-16, GB18030 or Windows-1252; lines above the header; a line of names, with or without a line of
+units below it, or none where the recipe lists the columns; then one row a line, fields parted by commas, semicolons,
+tabs, bars, blanks, or of fixed widths; decimal points or commas; quotes around fields; a blank after a sign; words for
+missing values (`OVLD`, `LLLL`, `----`, `#N/A`). What the recipe's [logs.text] does not pin is guessed from the head
+(`sniff`) and said; the whole file is then held against it. Every line is accounted for: header, preamble, blank lines at
+the end and footer are counted, all others are rows with as many fields as the header or the file is refused.
+Uncertainty of reading: numbers are converted to the nearest float64; nothing is rounded, resampled or dropped.
+"""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import re
+from typing import TYPE_CHECKING
+
+from calibkit.errors import LogFormatError
+from calibkit.readers import delimited, sniff, tokens
+from calibkit.readers import encoding as encodings
+from calibkit.readers.table import FIRST_ROW, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+    from pathlib import Path
+
+    import pandas as pd
+
+    from calibkit.readers.sniff import Dialect
+    from calibkit.recipe.logs import Logs, TextSpec
+
+SEPARATOR = "\x1f"
+"""Unit separator: parts fields once a log has been cut; no instrument writes it."""
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read a log in any dialect; columns that nobody needs may hold text. Raises LogFormatError."""
+    data = delimited.load(path, file)
+    return parse(data, file, logs.text, logs.names, needed)
+
+
+def parse(data: bytes, file: str, spec: TextSpec, names: Sequence[str], needed: Collection[str]) -> Table:
+    """The table of a log's bytes; raises LogFormatError that names line and column of what cannot be read."""
+    text, encoding = encodings.decode(data, file, spec.encoding)
+    if SEPARATOR in text:
+        line = text.count("\n", 0, text.index(SEPARATOR)) + 1
+        raise LogFormatError(f"{file}:{line}: a control character in text", hint="the copy is damaged; copy it again")
+    found = sniff.dialect(text, encoding, file, spec, names)
+    return table(text, hashlib.sha256(data).hexdigest(), file, found, spec, needed)
+
+
+def table(text: str, sha256: str, file: str, found: Dialect, spec: TextSpec, needed: Collection[str]) -> Table:
+    """The table of a log's characters in a known dialect."""
+    lines, accounts = _rows(text, file, found, spec)
+    body, separator = _cut(lines, found)
+    body = body if text.endswith("\n") or spec.footer_lines else body.removesuffix(b"\n")
+    first = found.first_line
+    delimited.count_fields(body, len(found.columns), file, separator.encode(), first)
+    kinds = {number: _stored(column, needed) for number, column in enumerate(found.columns)}
+    frame, words = _numbers(body, kinds, found, file, separator)
+    frame.columns = list(found.names)
+    frame.index = frame.index + first - FIRST_ROW
+    if len(frame) != len(lines):
+        raise LogFormatError(f"{file}: {len(lines)} lines gave {len(frame)} rows", hint="report this log as a fault")
+    units = {column.name: column.unit for column in found.columns if column.unit}
+    notes = (*_missing_words(frame, words), *delimited.last_line(body, file, separator, found.decimal, first))
+    return Table(file, sha256, frame, notes, (*found.lines(), *accounts), units)
+
+
+def _stored(column: sniff.ColumnGuess, needed: Collection[str]) -> str:
+    """How a column is stored: numbers where they are needed, else the characters as they are."""
+    return "float64" if delimited.wanted(column.name, needed) and column.kind != "time" else "str"
+
+
+def _rows(text: str, file: str, found: Dialect, spec: TextSpec) -> tuple[list[str], tuple[str, ...]]:
+    """Lines of the rows, and what the other lines are."""
+    lines = text.split("\n")
+    total = len(lines) - (lines[-1] == "")
+    last = len(lines)
+    while last and not lines[last - 1].strip():
+        last -= 1
+    blank = total - last
+    footer = spec.footer_lines
+    rows = lines[found.first_line - 1 : last - footer]
+    if not rows:
+        raise LogFormatError(
+            f"{file}: a header but no rows", hint="expected one row an instant; remove it or copy it again"
+        )
+    said = [f"{total} lines: {found.skip_lines} above the header, {found.header_lines} of header, {len(rows)} rows"]
+    said += [f"{blank} blank lines at the end"] if blank > 0 else []
+    said += [f"{footer} lines of footer (from the recipe)"] if footer else []
+    return rows, tuple(said)
+
+
+def _cut(lines: Sequence[str], found: Dialect) -> tuple[bytes, str]:
+    """Rows as bytes with one separator between fields, and that separator."""
+    body = "\n".join(lines) + "\n"
+    if found.delimiter == "space":
+        body = re.sub(r"(?m)(?<![^\s])([+-]) +(?=[\d.,])", r"\1", body)
+        body = re.sub(r"[ \t]+", SEPARATOR, re.sub(r"(?m)^[ \t]+|[ \t]+$", "", body))
+        return body.encode(), SEPARATOR
+    if found.delimiter == "fixed" or '"' in body:
+        cut = (tokens.split(line, found.delimiter, found.widths) for line in lines)
+        return ("\n".join(SEPARATOR.join(fields) for fields in cut) + "\n").encode(), SEPARATOR
+    # `+ 0.081`: a blank after the sign is the instrument's, not the number's
+    body = re.sub(r"(?m)(^|" + re.escape(found.delimiter) + r")([ ]*[+-]) +(?=[\d.,])", r"\1\2", body)
+    return body.encode(), found.delimiter
+
+
+def _numbers(
+    body: bytes, kinds: dict[int, str], found: Dialect, file: str, separator: str
+) -> tuple[pd.DataFrame, pd.DataFrame | None]:
+    """Numbers and texts of the rows; where words for missing values stand among numbers, the texts of those too."""
+    try:
+        return _parsed(body, kinds, found, separator), None
+    except (ValueError, OverflowError):
+        texts = _parsed(body, dict.fromkeys(kinds, "str"), found, separator)
+    frame = texts.copy()
+    for number, kind in kinds.items():
+        if kind == "float64":
+            frame[number] = _column(texts[number], found, number, file)
+    return frame, texts[[number for number, kind in kinds.items() if kind == "float64"]]
+
+
+def _parsed(body: bytes, kinds: dict[int, str], found: Dialect, separator: str) -> pd.DataFrame:
+    """Rows parsed with one kind a column."""
+    import pandas as pd
+
+    return pd.read_csv(
+        io.BytesIO(body),
+        header=None,
+        names=list(kinds),
+        dtype=kinds,
+        sep=separator,
+        decimal=found.decimal,
+        quoting=csv.QUOTE_NONE,
+        keep_default_na=False,
+        na_values=sorted(delimited.MISSING),
+        skip_blank_lines=False,
+        skipinitialspace=True,
+    )
+
+
+def _column(texts: pd.Series, found: Dialect, number: int, file: str) -> pd.Series:
+    """Numbers of a column in which words stand; a word that is none of those for missing values refuses the file."""
+    import numpy as np
+    import pandas as pd
+
+    column = found.columns[number].name
+    plain = texts.fillna("").str.strip()
+    missing = (plain == "") | plain.str.lower().isin(tokens.SENTINELS)
+    numeric = plain.str.fullmatch(tokens.NUMBER[found.decimal].pattern, flags=re.ASCII).astype(bool)
+    wrong = np.flatnonzero((~missing & ~numeric).to_numpy())
+    if wrong.size:
+        row = int(wrong[0])
+        raise LogFormatError(
+            f"{file}:{found.first_line + row}: column '{column}': found '{plain.iloc[row][:40]}', expected a number",
+            hint="repair the row, or leave the range out with [[exclude]]",
+        )
+    values = plain.where(~missing, "nan").str.replace(" ", "").str.replace(found.decimal, ".", regex=False)
+    return pd.Series(np.array([float(value) for value in values]), index=texts.index)
+
+
+def _missing_words(frame: pd.DataFrame, words: pd.DataFrame | None) -> tuple[str, ...]:
+    """One note a column in which words stand for missing values: how many, the first of them, and where."""
+    if words is None:
+        return ()
+    said = []
+    for number in map(int, words.columns):
+        texts = words[number].fillna("").str.strip()
+        hits = texts[(texts != "") & texts.str.lower().isin(tokens.SENTINELS)]
+        if len(hits):
+            line = int(frame.index[hits.index[0]]) + FIRST_ROW
+            name = list(frame.columns)[number]
+            said.append(f"column '{name}': {len(hits)} × no value, the first '{hits.iloc[0]}' in line {line}")
+    return tuple(said)

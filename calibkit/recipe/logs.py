@@ -1,0 +1,135 @@
+"""Recipe tables that say how logs are written: format, text dialect, binary records, missing values."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from calibkit.recipe.strict import Positive, Table
+
+Count = Annotated[int, Field(ge=0)]
+Auto = Literal["auto"]
+Format = Literal[
+    "auto",
+    "csv",
+    "text",
+    "keysight",
+    "lvm",
+    "tdms",
+    "excel",
+    "matlab",
+    "hdf5",
+    "parquet",
+    "ulog",
+    "chamber",
+    "binary",
+]
+TEXT_FORMATS = ("auto", "text", "keysight", "lvm", "chamber")
+"""Formats that a [logs.text] table can describe."""
+
+
+class TextSpec(Table):
+    """Dialect of delimited text; what is left at "auto" is guessed from the log, printed, and recorded in run.json."""
+
+    encoding: Literal["auto", "utf-8", "utf-16", "utf-16-le", "utf-16-be", "gb18030", "cp1252"] = "auto"
+    delimiter: Literal["auto", ",", ";", "\t", "|", "space", "fixed"] = "auto"
+    decimal: Literal["auto", ".", ","] = "auto"
+    skip_lines: Count | Auto = "auto"
+    header_lines: Annotated[int, Field(ge=0, le=2)] | Auto = "auto"
+    footer_lines: Count = 0
+    comment: str = ""
+    widths: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(strict=False)] = ()
+
+    @model_validator(mode="after")
+    def _consistent(self) -> TextSpec:
+        if (self.delimiter == "fixed") != bool(self.widths):
+            raise ValueError("delimiter = 'fixed' and widths = [...] go together")
+        if self.delimiter == "," and self.decimal == ",":
+            raise ValueError("a comma cannot be both delimiter and decimal mark")
+        return self
+
+
+class FieldSpec(Table):
+    """One field of a binary record: canonical meaning comes from [columns]; value = scale · stored + offset."""
+
+    name: Annotated[str, Field(min_length=1)]
+    type: Literal["i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8", "skip"]
+    bytes: Annotated[int, Field(ge=1)] = 1
+    scale: float = 1.0
+    offset: float = 0.0
+    unit: str = ""
+    byte_order: Literal["record", "little", "big"] = "record"
+
+
+class BinarySpec(Table):
+    """Raw binary records of one length: a header that is skipped, then records of the listed fields without gaps."""
+
+    byte_order: Literal["little", "big"]
+    header_bytes: Count = 0
+    fields: Annotated[tuple[FieldSpec, ...], Field(min_length=1, strict=False)]
+    sync: str = ""
+
+    @field_validator("sync")
+    @classmethod
+    def _hex(cls, sync: str) -> str:
+        try:
+            bytes.fromhex(sync)
+        except ValueError:
+            raise ValueError(f"sync = '{sync}': expected hexadecimal bytes, for example 'AA55'") from None
+        return sync
+
+    @model_validator(mode="after")
+    def _distinct(self) -> BinarySpec:
+        names = [field.name for field in self.fields if field.type != "skip"]
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"field '{twice[0]}' stands twice")
+        if not names:
+            raise ValueError("every field is skipped")
+        return self
+
+
+class Logs(Table):
+    """Which files of the data folder are logs, and how they are written."""
+
+    files: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
+    format: Format = "auto"
+    names: Annotated[tuple[str, ...], Field(strict=False)] = ()
+    table: str = ""
+    split: bool = False
+    rate_hz: Positive | None = None
+    missing: Literal["refuse", "drop"] = "refuse"
+    sentinels: Annotated[tuple[float | str, ...], Field(strict=False)] = ()
+    text: TextSpec = TextSpec()
+    binary: BinarySpec | None = None
+
+    @field_validator("files")
+    @classmethod
+    def _inside(cls, files: tuple[str, ...]) -> tuple[str, ...]:
+        for pattern in files:
+            if pattern.startswith(("/", "\\")) or ".." in pattern.replace("\\", "/").split("/") or ":" in pattern:
+                raise ValueError(f"'{pattern}' leaves the data folder")
+        return files
+
+    @field_validator("names")
+    @classmethod
+    def _named_once(cls, names: tuple[str, ...]) -> tuple[str, ...]:
+        twice = sorted({name for name in names if names.count(name) > 1})
+        if twice:
+            raise ValueError(f"'{twice[0]}' stands twice")
+        if not all(name.strip() for name in names):
+            raise ValueError("a column without a name")
+        return names
+
+    @model_validator(mode="after")
+    def _of_the_format(self) -> Logs:
+        if (self.format == "binary") != (self.binary is not None):
+            raise ValueError("format = 'binary' and a table [logs.binary] go together")
+        if self.text != TextSpec() and self.format not in TEXT_FORMATS:
+            raise ValueError(f"[logs.text] says nothing about format = '{self.format}'")
+        if self.table and self.format not in {"auto", "tdms", "excel", "matlab", "hdf5", "ulog"}:
+            raise ValueError(f"table = '{self.table}' says nothing about format = '{self.format}'")
+        if self.names and self.format in {"csv", "binary", "tdms", "parquet", "ulog", "keysight"}:
+            raise ValueError(f"names = [...] says nothing about format = '{self.format}': its columns have names")
+        return self
