@@ -279,7 +279,17 @@ def _print_json(document: dict[str, Any]) -> None:
 
 def _verdict(document: Any) -> dict[str, Any]:  # noqa: ANN401 (a JSON object)
     """What --json says of a run."""
-    keys = ("serial", "revision", "procedure", "effective_from", "accepted", "acceptance", "flags", "files")
+    keys = (
+        "serial",
+        "revision",
+        "procedure",
+        "effective_from",
+        "accepted",
+        "acceptance",
+        "uncertainty",
+        "flags",
+        "files",
+    )
     return {key: document[key] for key in keys}
 
 

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any
 from calibkit import __version__, coefficients, procedures, recipe, store
 from calibkit.errors import CoefficientError, FrameError, UsageError
 from calibkit.recipe import type_b
-from calibkit.stages import ingest
+from calibkit.stages import budget, ingest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -127,6 +127,7 @@ def _run_document(
         "type_b": type_b.dumps(spec.type_b),
         "accepted": fitted.summary.accepted,
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
+        "uncertainty": [*fitted.uncertainty, *budget.of_results(fitted.results, spec.type_b)],
         "flags": list(fitted.summary.flags),
         "files": [
             {"name": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in sorted(contents.items())

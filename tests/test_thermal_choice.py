@@ -19,6 +19,7 @@ from calibkit.numeric import (
 from calibkit.numeric.thermal_choice import CANDIDATES, Candidate, LeftOut, best_of, choose
 from calibkit.numeric.thermal_fit import ThermalLog
 from calibkit.simulate import fog_thermal as fog
+from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 
 INTERVAL_S = 10.0
@@ -90,7 +91,6 @@ def test_the_stated_uncertainty_of_the_compensated_rate_covers_the_truth(logs, c
     """Along the withheld ramps at least 85 % of the errors are within twice the stated uncertainty, which is below 0.05 °/h."""
     _, _, normalized = withheld(logs, choice.model)
     assert np.mean(np.abs(normalized) <= 2.0) > 0.85
-    assert choice.model.model_error > 0.0
     log = blocks(*next(iter(logs.items())))
     found = thermal_drift.evaluate(choice.model, log.time, log.case, log.env)
     assert np.max(thermal_uncertainty.drift_uncertainty(choice.model, found)) < 0.05  # °/h
@@ -227,6 +227,34 @@ def test_model_error_is_what_lasts_in_left_out_ramps():
     assert thermal_uncertainty.model_error(white) < 0.01  # °/h
     assert thermal_uncertainty.model_error([w + slow for w in white]) == pytest.approx(0.02, rel=0.1)  # °/h
     assert thermal_uncertainty.model_error([]) == 0.0
+
+
+def test_what_type_a_and_flicker_explain_is_no_model_error(logs, choice):
+    """Left-out errors of 0.01 °/h are a model error where flicker is absent, and none where it makes as much."""
+    errors = [np.full(40, 0.01) * np.where(np.arange(40) < 20, 1.0, -1.0)]
+    model = replace(choice.model, covariance=np.zeros_like(choice.model.covariance))
+    quiet = replace(model, noise=replace(model.noise, flicker=0.0))
+    loud = replace(model, noise=replace(model.noise, flicker=0.02))
+    explained = [thermal_uncertainty.explained(m, fitted(logs), 10) for m in (quiet, loud)]
+    assert explained[0] == 0.0
+    assert thermal_uncertainty.model_error(errors, explained[0]) == pytest.approx(0.0095, abs=0.0005)
+    assert thermal_uncertainty.model_error(errors, explained[1]) == 0.0
+
+
+def test_flicker_that_is_explained_is_what_simulated_flicker_leaves(logs, choice):
+    """Products of neighbouring 100 s means of flicker of 0.02 °/h, each log about its mean: as said within 10 %."""
+    model = replace(choice.model, covariance=np.zeros_like(choice.model.covariance))
+    model = replace(model, noise=replace(model.noise, flicker=0.02))
+    said = thermal_uncertainty.explained(model, fitted(logs), 10)
+    rng = np.random.default_rng(5)
+    products = []
+    for _ in range(300):
+        for log in fitted(logs):
+            means = noise.flicker(0.02, log.time.size, rng)[: log.time.size // 10 * 10].reshape(-1, 10).mean(axis=1)
+            means -= means.mean()
+            products += [float(means[k:] @ means[:-k]) / (means.size - k) * means.size for k in (1, 2, 3)]
+    sizes = sum(log.time.size // 10 for log in fitted(logs))
+    assert said == pytest.approx(sum(products) / 300.0 / 3.0 / sizes, rel=0.1)
 
 
 def test_what_is_clamped_is_uncertain_by_what_clamping_took_off(choice):

@@ -191,6 +191,28 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
     return float(t.ppf(quantile, whole))
 
 
+def expand_along(contributions: Array, dof: Array, *, probability: float = TWO_SIGMA) -> tuple[Array, Array, Array]:
+    """Combined standard uncertainty, effective degrees of freedom and expanded uncertainty [n each] of results along a log.
+
+    Contributions [m, n] of m independent inputs, each its sensitivity times its standard uncertainty, with degrees of freedom
+    [m]: what `combine` does at one point. Raises FitError as `coverage_factor` does.
+    """
+    square = contributions**2
+    combined = square.sum(axis=0)
+    largest = np.where(combined > 0.0, combined, 1.0)
+    total = np.sum((square / largest) ** 2 / dof[:, None], axis=0)
+    effective = np.divide(1.0, total, out=np.full(combined.size, np.inf), where=total > 0.0)
+    whole = np.where(
+        effective >= FEW_DOF, np.inf if probability == TWO_SIGMA else effective, np.floor(effective + 1e-9)
+    )
+    kinds, number = np.unique(whole, return_inverse=True)
+    factors = np.array([coverage_factor(max(float(kind), 0.0), probability=probability) for kind in kinds])
+    if probability == TWO_SIGMA:
+        factors = np.where(np.isinf(kinds), 2.0, factors)
+    standard = np.sqrt(combined)
+    return standard, effective, np.asarray(factors[number] * standard, dtype=np.float64)
+
+
 def propagate(covariance: Array, jacobian: Array) -> Array:
     """Covariance [m, m] of m results from the covariance [n, n] of n inputs: J C Jᵀ (JCGM 102 6.2.1.3), J [m, n]."""
     return np.asarray(jacobian @ covariance @ jacobian.T, dtype=np.float64)

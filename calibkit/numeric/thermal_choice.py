@@ -149,7 +149,12 @@ def choose(
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
     solution = solutions[best].solution
     model = (lagged.finished if solution.form == "lagged" else thermal_fit.finished)(solution, stacked)
-    model = replace(model, model_error=thermal_uncertainty.model_error(tested[best].errors))
+    explained = thermal_uncertainty.explained(model, stacked.logs, figure_blocks)
+    model = replace(
+        model,
+        model_error=thermal_uncertainty.model_error(tested[best].errors, explained),
+        model_error_dof=float(len(stacked.ramps) - 1),
+    )
     return ThermalChoice(tested, refused, tested[best], model, _why(tested[best]))
 
 

@@ -312,6 +312,7 @@ def finished(solution: Solution, stacked: Stack) -> ThermalModel:
         residual_rms=float(np.sqrt(np.average(residual**2, weights=solution.trust))),
         noise=noise,
         model_error=0.0,
+        model_error_dof=float("inf"),
         entangled=(),
         flags=(),
     )

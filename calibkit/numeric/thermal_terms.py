@@ -200,7 +200,9 @@ class ThermalModel:
     noise: Noise
     """White noise of a block and flicker (model misfit included) that the uncertainties stand on."""
     model_error: float
-    """What lasts in ramps that were left out of the fit [°/h]; 0 where none was."""
+    """What lasts in ramps that were left out of the fit [°/h], beyond type A and noise; 0 where none was."""
+    model_error_dof: float
+    """Degrees of freedom of the model error: ramps that were left out, less one."""
     entangled: tuple[str, ...]
     """Coefficients and lags whose uncertainties hold together, through the covariance, but not one by one."""
     flags: tuple[str, ...]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import thermal_drift
+from calibkit.numeric import gum, thermal_drift, thermal_noise
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -23,6 +23,9 @@ if TYPE_CHECKING:
 
 NEIGHBOURING = (1, 2, 3)
 """How many means apart left-out errors are compared: 100 to 300 s."""
+POSTERIOR_REACH = 6.0
+"""Standard errors beyond which nothing of the model error's posterior is left."""
+POSTERIOR_LEVELS = 2001
 MOVING_DEGC_MIN = 0.3
 """Temperature rate [°C/min] above which a block counts as heating, below minus which as cooling."""
 HYSTERESIS_BIN_DEGC = 5.0
@@ -30,27 +33,101 @@ LEAST_BLOCKS = 5
 """Blocks on each side that a bin of the hysteresis needs."""
 
 
-def model_error(errors: Sequence[Array]) -> float:
-    """Model error [°/h]: root of the mean product of neighbouring errors of left-out ramps, [m, °/h] each.
+def model_error(errors: Sequence[Array], explained: float = 0.0) -> float:
+    """Model error [°/h] from errors of left-out ramps [m, °/h each]: what lasts in them beyond `explained` [(°/h)²].
 
-    White noise drops out of the products; what a model misses on a ramp that it has not seen lasts, and stays. So do flicker
-    noise and the uncertainty of the coefficients: the figure is on the safe side by them. 0 where the mean is negative.
+    White noise drops out of products of neighbouring errors; what a model misses on a ramp that it has not seen lasts, and
+    stays. So do flicker noise and the uncertainty of the coefficients, whose mean product `explained` takes off: they are
+    stated apart. The mean product has a standard error, from the scatter of the ramps, so that what is left of it may come
+    out small, or negative, by chance: the model error is the root mean square over its posterior for a flat prior.
     """
-    pairs = [(e[k:], e[: e.size - k]) for e in errors for k in NEIGHBOURING if k < e.size]
-    count = sum(late.size for late, _ in pairs)
-    return float(np.sqrt(max(sum(float(late @ early) for late, early in pairs), 0.0) / count)) if count else 0.0
+    products, counts = _products(errors)
+    if counts.sum() == 0:
+        return 0.0
+    mean = float(products.sum() / counts.sum())
+    scatter = float(np.sum((products - mean * counts) ** 2)) * counts.size / max(counts.size - 1, 1)
+    error = float(np.sqrt(scatter)) / float(counts.sum())
+    excess = mean - explained
+    if error == 0.0:
+        return float(np.sqrt(max(excess, 0.0)))
+    levels = np.linspace(0.0, np.sqrt(max(excess, 0.0) + POSTERIOR_REACH * error), POSTERIOR_LEVELS)
+    log_share = -0.5 * ((levels**2 - excess) / error) ** 2
+    share = np.exp(log_share - log_share.max())
+    return float(np.sqrt(share @ levels**2 / share.sum()))
+
+
+def _products(errors: Sequence[Array]) -> tuple[Array, Array]:
+    """Sum of the products of neighbouring errors of each ramp [r], and how many they are [r]."""
+    sums = [sum(float(e[k:] @ e[: e.size - k]) for k in NEIGHBOURING if k < e.size) for e in errors]
+    return np.array(sums), np.array([sum(max(e.size - k, 0) for k in NEIGHBOURING) for e in errors], dtype=np.float64)
+
+
+def explained(model: ThermalModel, logs: Sequence[ThermalLog], group: int) -> float:
+    """Mean product [(°/h)²] of neighbouring errors, means over a group of blocks, that type A and flicker noise make.
+
+    Each ramp is taken about its own mean, as left-out errors are.
+    """
+    longest = max(log.time.size for log in logs) // group
+    flicker = model.noise.flicker**2 * thermal_noise.flicker_kernel(max(longest, 1))
+    total, count = 0.0, 0
+    for log in logs:
+        sensitivity = thermal_drift.evaluate(model, log.time, log.case, log.env).sensitivities
+        for part in np.unique(log.part):
+            rows = np.flatnonzero(log.part == part)
+            whole, first = rows.size // group, int(rows[0]) // group
+            s = sensitivity[rows[: whole * group]].reshape(whole, group, -1).mean(axis=1)
+            s -= s.mean(axis=0)
+            last = min(first + whole, longest)
+            noise = about_its_mean(flicker[last - whole : last, last - whole : last])
+            for k in NEIGHBOURING:
+                if k < whole:
+                    product = np.einsum("ij,jk,ik->i", s[k:], model.covariance, s[: whole - k])
+                    total += float(product.sum() + np.trace(noise, k))
+                    count += whole - k
+    return total / count if count else 0.0
+
+
+def about_its_mean(covariance: Array) -> Array:
+    """Covariance [m, m] of values less their mean."""
+    columns = covariance - covariance.mean(axis=0)
+    return np.asarray(columns - columns.mean(axis=1)[:, None], dtype=np.float64)
 
 
 def drift_uncertainty(model: ThermalModel, evaluation: Evaluation) -> Array:
     """Standard uncertainty [n, °/h] of the drift along a log, and so of the compensated rate.
 
-    Type A of coefficients and lags, propagated (JCGM 100, 5.2.2); the model error on left-out ramps; where a driver was
-    clamped, a rectangular distribution as wide to either side as what the model would have said without clamping. Noise of
-    the indication and the turn-on bias of the log are not drift and not in it.
+    Noise of the indication and the turn-on bias of the log are not drift and not in it.
     """
-    s = evaluation.sensitivities
-    coefficients = np.clip(np.einsum("ij,jk,ik->i", s, model.covariance, s), 0.0, None)
-    return np.asarray(np.sqrt(coefficients + model.model_error**2 + evaluation.beyond**2 / 3.0), dtype=np.float64)
+    return np.asarray(np.sqrt(np.sum(contributions(model, evaluation).values ** 2, axis=0)), dtype=np.float64)
+
+
+@dataclass(frozen=True, slots=True)
+class Contributions:
+    """Independent contributions [m, n, °/h] to the uncertainty of the drift along a log: names, kinds, degrees of freedom [m]."""
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    values: Array
+    dof: Array
+
+
+def contributions(model: ThermalModel, evaluation: Evaluation) -> Contributions:
+    """Contributions to the uncertainty of the drift along a log.
+
+    Type A of coefficients and lags, propagated (JCGM 100, 5.2.2); the model error on left-out ramps; where a driver was
+    clamped, a rectangular distribution as wide to either side as what the model would have said without clamping. The type A
+    variance is already the mean over what the noise may be (thermal_noise.estimated), so that k = 2 covers 95 %: its degrees
+    of freedom count as infinite (Kacker & Jones 2003, Metrologia 40:235).
+    """
+    type_a = gum.along(model.covariance, evaluation.sensitivities)
+    missed = np.full(type_a.size, model.model_error)
+    beyond = np.abs(evaluation.beyond) / np.sqrt(3.0)
+    return Contributions(
+        ("coefficients", "model error on ramps left out", "beyond the fitted ranges"),
+        ("A", "A", "B"),
+        np.stack([type_a, missed, beyond]),
+        np.array([np.inf, model.model_error_dof, np.inf]),
+    )
 
 
 @dataclass(frozen=True, slots=True)

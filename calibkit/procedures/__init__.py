@@ -39,6 +39,8 @@ class Fitted:
     inputs: tuple[Input, ...]
     summary: Summary
     drawing: object
+    uncertainty: tuple[Mapping[str, Any], ...] = ()
+    """Combined and expanded uncertainties of results, as JSON objects."""
 
 
 # Each procedure reads its own kind of recipe, which the loader has checked: hence Any.

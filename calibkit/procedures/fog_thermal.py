@@ -24,6 +24,7 @@ from calibkit.stages import (
     fog_noise,
     fog_ramps,
     fog_report,
+    fog_uncertainty,
     ingest,
     write_back,
 )
@@ -54,10 +55,14 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
         fog_export.result(export, choices, levels, figures, spec),
     )
     flags = [flag for result in results[1:] for flag in result.flags]
+    stated = fog_uncertainty.stated(model, prepared, spec.type_b)
+    flags += fog_uncertainty.unused(spec.type_b)
     tested = fog_report.tested(choices, levels, export)
-    summary = fog_report.summary(spec.title, figures, ramps, tested, flags, _fit_criteria(spec, export, figures))
+    criteria = _fit_criteria(spec, export, figures)
+    summary = fog_report.summary(spec.title, figures, ramps, tested, stated, flags, criteria)
     report = fog_report.drift_report(spec.title or spec.procedure, prepared, ramps, choices, tested, model)
-    return Fitted(results, tuple(log.source for log in prepared), summary, report)
+    sources = tuple(log.source for log in prepared)
+    return Fitted(results, sources, summary, report, tuple(fog_uncertainty.document(stated)))
 
 
 def _read(spec: FogThermalRecipe, data: Path, file: str) -> Log:
@@ -132,7 +137,10 @@ def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> 
     log = ingest.read_log(spec, data, data.name, fog_ramps.COLUMNS)
     refuse(fog_ramps.usable(log))
     output, flags = fog_compensate.compensated(log, model, spec)
-    return write_back.replaced(spec, data, {"gyro_dph": output}), flags
+    added = {}
+    if spec.output.rate_uncertainty:
+        added["gyro_standard_uncertainty_dph"] = fog_compensate.uncertainty(log, model, spec)
+    return write_back.replaced(spec, data, {"gyro_dph": output}, added), flags
 
 
 def validate(
@@ -146,10 +154,12 @@ def validate(
         refuse(fog_ramps.usable(log))
         time, case, env, gyro = (values(log.frame, column) for column in fog_ramps.COLUMNS)
         _, slope = fog_ramps.cut(log.name, time, env, spec)
-        found = fog_compensate.figures_of(log.name, drift.blocks(time, case, env, gyro, slope, model.interval_s), model)
+        blocks = drift.blocks(time, case, env, gyro, slope, model.interval_s)
+        found = fog_compensate.figures_of(log.name, blocks, model)
         figures.append(found)
         output, _ = fog_compensate.compensated(log, model, spec)
-        entry = fog_report.validation_entry(log, found, model)
+        stated = fog_uncertainty.coverage(model, blocks, spec.type_b)
+        entry = fog_report.validation_entry(log, found, model) | {"uncertainty": stated}
         logs.append(entry | {"allan_deviation": fog_noise.residual(time, gyro, output)})
     flags = tuple(flag for log in figures for flag in log.flags)
     if not model.exported:
@@ -157,8 +167,20 @@ def validate(
     if model.mode == "one_step":
         flags = ("one_step removes the true rate (rate gain 0); the table shows the recursive form", *flags)
     shares = _validation_criteria(spec, figures) if model.exported else ()
-    criteria = (*shares, *_common_criteria(spec, figures, model))
-    return {"logs": logs}, Summary("", (fog_report.before_after_table(figures),), flags, criteria)
+    criteria = (*shares, *_covered(spec, logs), *_common_criteria(spec, figures, model))
+    tables = (fog_report.before_after_table(figures), *fog_report.coverage_tables(logs))
+    return {"logs": logs}, Summary("", tables, flags, criteria)
+
+
+def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple[Criterion, ...]:
+    """The limit on how many 100 s means are as near to their log's mean as the stated uncertainty says."""
+    least = spec.acceptance.min_share_within_uncertainty
+    stated = [log["uncertainty"] for log in logs if "means_of_100_s" in log["uncertainty"]]
+    if least is None or not stated:
+        return ()
+    counts = [entry["means_of_100_s"] for entry in stated]
+    share = float(np.average([entry["share_within_expanded_uncertainty"] for entry in stated], weights=counts))
+    return (Criterion("share of 100 s means within their uncertainty", share, least, "1", share >= least),)
 
 
 def _validation_criteria(spec: FogThermalRecipe, figures: Sequence[fog_compensate.LogFigures]) -> tuple[Criterion, ...]:

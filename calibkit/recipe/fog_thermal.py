@@ -59,11 +59,18 @@ class Drift(Table):
     rates_degc_min: dict[str, float] = {}
 
 
+class Output(Table):
+    """What `apply` adds beside the compensated rate."""
+
+    rate_uncertainty: bool = False
+
+
 class Acceptance(Table):
     """Limits that a fit and a validation are held against; a limit that is not stated is not tested."""
 
     min_reduction: NonNegative | None = None
     max_drift_rms_dph: Positive | None = None
+    min_share_within_uncertainty: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
     rate_gain_tolerance: Positive = 1e-3
 
 
@@ -75,4 +82,5 @@ class FogThermalRecipe(Recipe):
     segments: Segments = Segments()
     denoise: Denoise = Denoise()
     drift: Drift = Drift()
+    output: Output = Output()
     acceptance: Acceptance = Acceptance()

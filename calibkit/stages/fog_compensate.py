@@ -10,7 +10,7 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.frame import values
 from calibkit.numeric import compensation, drift, thermal_drift
-from calibkit.stages import fog_drift, fog_levels, fog_ramps
+from calibkit.stages import fog_drift, fog_levels, fog_ramps, fog_uncertainty
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -163,3 +163,11 @@ def compensated(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> tuple[
     index = drift.block_index(time, model.interval_s)
     before = blocks.indication[np.maximum(index - 1, 0)] + along.delta[index]
     return gyro - before, (*flags, "one_step: the true rate is removed (rate gain 0)")
+
+
+def uncertainty(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
+    """Standard uncertainty [rows, °/h] of the compensated rate: of the drift that was taken off, noise not included."""
+    time, case, env, gyro = (values(log.frame, column) for column in fog_ramps.COLUMNS)
+    blocks = drift.blocks(time, case, env, gyro, np.zeros_like(time), model.interval_s)
+    found = fog_uncertainty.of_blocks(model, blocks, recipe.type_b)
+    return np.asarray(np.interp(time, blocks.time, found.standard), dtype=np.float64)

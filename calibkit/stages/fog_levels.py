@@ -45,6 +45,7 @@ def file_model(model: ThermalModel, interval_s: float) -> Model:
         Parameter("white_variance", model.noise.white_variance, "(deg/h)^2"),
         Parameter("flicker", model.noise.flicker, "deg/h"),
         Parameter("model_error", model.model_error, "deg/h"),
+        Parameter("model_error_dof", model.model_error_dof, "1"),
     ]
     if model.form == "level":
         parameters.append(Parameter("window", model.window_s, "s"))
@@ -81,6 +82,7 @@ def thermal_model(model: Model) -> ThermalModel:
         residual_rms=model.residual_rms,
         noise=Noise(model.value("white_variance"), model.value("flicker")),
         model_error=model.value("model_error"),
+        model_error_dof=model.value("model_error_dof"),
         entangled=(),
         flags=(),
     )

@@ -9,9 +9,11 @@ import numpy as np
 from calibkit.numeric import drift
 from calibkit.report.fog_thermal import DriftLog, DriftReport, RampCoefficients, RateCurve, Tested
 from calibkit.report.summary import Summary, SummaryTable, number
+from calibkit.stages import fog_uncertainty
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from typing import Any
 
     from calibkit.coefficients import Criterion
     from calibkit.frame import Log
@@ -20,6 +22,7 @@ if TYPE_CHECKING:
     from calibkit.stages.fog_drift import FittedRamp, SideChoice
     from calibkit.stages.fog_export import Export
     from calibkit.stages.fog_ramps import PreparedLog
+    from calibkit.stages.fog_uncertainty import Stated
 
 
 def drift_report(
@@ -83,11 +86,13 @@ def summary(
     figures: Sequence[LogFigures],
     ramps: Sequence[FittedRamp],
     results: Sequence[Tested],
+    stated: Sequence[Stated],
     flags: Sequence[str],
     criteria: Sequence[Criterion],
 ) -> Summary:
     """What the console and report.txt say of a fit."""
-    tables = (ramp_table(ramps), tested_table(results), before_after_table(figures))
+    uncertainty = (fog_uncertainty.table(stated),) if stated else ()
+    tables = (ramp_table(ramps), tested_table(results), before_after_table(figures), *uncertainty)
     return Summary(title, tables, tuple(dict.fromkeys(flags)), tuple(criteria))
 
 
@@ -136,6 +141,23 @@ def before_after_table(figures: Sequence[LogFigures]) -> SummaryTable:
         ("log", "before", "after", "before/after", "rate gain", "one_step (its gain)"),
         rows,
     )
+
+
+def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[SummaryTable, ...]:
+    """How uncertain the compensated rate of each validated log is said to be, and whether its 100 s means are as near."""
+    rows = []
+    for log in logs:
+        entry = log["uncertainty"]
+        if "means_of_100_s" in entry:
+            sizes = (entry["standard_uncertainty_mean"], entry["expanded_uncertainty_largest"])
+            share = entry["share_within_expanded_uncertainty"]
+            rows.append(
+                (log["name"], *(number(size, 2) for size in sizes), str(entry["means_of_100_s"]), f"{share:.1%}")
+            )
+    if not rows:
+        return ()
+    title = "Compensated rate [°/h]: stated uncertainty, and 100 s means within it and noise of their log's mean (95 % expected)"
+    return (SummaryTable(title, ("log", "u, mean", "U, largest", "means", "within"), tuple(rows)),)
 
 
 def validation_entry(log: Log, figures: LogFigures, model: DriftModel) -> dict[str, object]:

@@ -1,0 +1,204 @@
+"""What the compensated rate of a gyro is said to be uncertain by: in the fit's report, along a log, and in a validation."""
+
+import csv
+import json
+import math
+
+import numpy as np
+import pytest
+
+from calibkit import recipe, store
+from calibkit.coefficients import Coefficient, Model, StageResult
+from calibkit.errors import FitError
+from calibkit.numeric import gum, thermal_drift
+from calibkit.recipe import TypeB
+from calibkit.stages import budget, fog_levels, fog_uncertainty
+
+TERMS = """
+[[type_b]]
+name = "thermometer"
+quantity = "temp_case_degc"
+unit = "K"
+standard_uncertainty = 0.2
+dof = 5
+[[type_b]]
+name = "scale"
+quantity = "gyro_dph"
+unit = "deg/h"
+half_width = 0.003
+[[type_b]]
+name = "elsewhere"
+quantity = "gravity_mps2"
+unit = "m/s^2"
+half_width = 0.001
+"""
+
+
+@pytest.fixture(scope="module")
+def run(campaign, tmp_path_factory):
+    """Return the run of a fit with type B terms, and its folder of runs."""
+    from calibkit import pipeline
+    from calibkit.procedures import silent
+
+    folder = tmp_path_factory.mktemp("runs")
+    source = recipe.Source("mine.toml", recipe.find("fog_thermal").text + TERMS)
+    outcome = pipeline.fit(source, campaign, "F", folder, "2026-11-21", silent)
+    return store.load(outcome.folder), folder
+
+
+def thermal(found):
+    """Thermal model of a run."""
+    (model,) = found.records["drift_rate.json"].models
+    return fog_levels.thermal_model(model)
+
+
+# numbers
+
+
+def test_expansion_along_a_log_is_the_combination_at_each_point():
+    """Three contributions at 40 points: u, effective degrees of freedom and U as `combine` gives them, to 1e-12."""
+    rng = np.random.default_rng(1)
+    values, dof = rng.exponential(1.0, (3, 40)), np.array([4.0, 12.0, np.inf])
+    values[:, 0] = 0.0
+    found = np.array(gum.expand_along(values, dof)).T
+    for point, column in zip(found[1:], values.T[1:], strict=True):
+        parts = [gum.Component("x", 0.0, u, "A", dof=d) for u, d in zip(column, dof, strict=True)]
+        one = gum.combine(parts)
+        assert point == pytest.approx(
+            (one.standard_uncertainty, one.effective_dof, one.expanded_uncertainty), rel=1e-12
+        )
+    assert found[0].tolist() == [0.0, math.inf, 0.0]
+
+
+def test_expansion_along_a_log_refuses_less_than_one_degree_of_freedom():
+    """An interval cannot be stated from less than one effective degree of freedom."""
+    with pytest.raises(FitError, match="effective degrees of freedom"):
+        gum.expand_along(np.ones((1, 2)), np.array([0.5]))
+
+
+def test_a_thermometer_that_is_off_moves_the_compensated_rate_by_the_drift_s_slope(run):
+    """The type B part of the thermometer is the change of the drift where the case reads 0.2 K more, within 2 %."""
+    model = thermal(run[0])
+    time = np.arange(0.0, 4000.0, 10.0)
+    case = np.interp(time, [600.0, 3000.0], [-10.0, 40.0])
+    (term,) = recipe.parse(recipe.Source("r", recipe.find("fog_thermal").text + TERMS)).type_b[:1]
+    found = fog_uncertainty.along(model, time, case, case, (term,), 25.0)
+    moved, still = (thermal_drift.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
+    assert found.contributions[-1] == pytest.approx(np.abs(moved - still), rel=0.02, abs=1e-5)
+    assert found.standard == pytest.approx(np.sqrt(np.sum(found.contributions**2, axis=0)), rel=1e-12)
+
+
+def test_a_coefficient_that_a_term_names_gets_a_combined_uncertainty():
+    """K with 3 ppm type A of 8 degrees of freedom and 4 ppm of the table: 5 ppm, 8 · 5⁴/3⁴ = 61.7 degrees, k = 2."""
+    model = Model("a", "gyro-scale/1", (Coefficient("K", 2.0, "1", 6e-6),), ((3.6e-11,),), 8, 0.0, "1", {})
+    term = TypeB(name="table", quantity="K", unit="ppm", standard_uncertainty=4.0)
+    (entry,) = budget.of_results([StageResult("gyro_scale", models=(model,))], [term])
+    assert entry["standard_uncertainty"] == pytest.approx(1e-5, rel=1e-12)
+    assert entry["effective_dof"] == pytest.approx(8.0 * 5.0**4 / 3.0**4, rel=1e-12)
+    assert entry["expanded_uncertainty"] == pytest.approx(2e-5, rel=1e-12)
+    assert entry["result"] == "gyro_scale: a.K"
+
+
+# what a run says
+
+
+def test_a_run_states_every_component_of_the_drift_it_takes_off(run):
+    """run.json: u² is the sum of the squared components, U = k u, and k is Student's where degrees of freedom are few."""
+    document = run[0].document
+    entries = document["uncertainty"]
+    assert len(entries) >= 6 + len(document["inputs"])
+    for entry in entries:
+        parts = [part["standard_uncertainty"] for part in entry["components"]]
+        assert entry["standard_uncertainty"] == pytest.approx(math.hypot(*parts), rel=1e-12)
+        assert entry["expanded_uncertainty"] == pytest.approx(
+            entry["coverage_factor"] * entry["standard_uncertainty"], rel=1e-12
+        )
+        dof = math.inf if entry["effective_dof"] is None else entry["effective_dof"]
+        assert entry["coverage_factor"] == pytest.approx(gum.coverage_factor(dof) if dof < 30 else 2.0, rel=1e-9)
+    names = {part["name"] for part in entries[0]["components"]}
+    assert {"coefficients", "model error on ramps left out", "thermometer", "scale"} <= names
+    assert any("do not enter the compensated rate: elsewhere" in flag for flag in document["flags"])
+
+
+def test_the_report_and_json_show_the_uncertainty(run, calibkit, campaign, tmp_path):
+    """report.txt has the table; `fit --json` lists the same entries as run.json."""
+    report = (run[0].folder / "report.txt").read_text(encoding="utf-8")
+    assert "Uncertainty of the drift taken off" in report
+    assert "at rest" in report
+    path = tmp_path / "mine.toml"
+    path.write_text(recipe.find("fog_thermal").text + TERMS, encoding="utf-8")
+    outcome = calibkit("fit", path, "--data", campaign, "--serial", "F", "--out", tmp_path / "r", "--json")
+    assert outcome.json["uncertainty"] == run[0].document["uncertainty"]
+
+
+# along a log
+
+
+def rows_of(path):
+    """Rows of a CSV file."""
+    with path.open(encoding="utf-8", newline="") as lines:
+        return list(csv.DictReader(lines))
+
+
+def test_apply_adds_the_uncertainty_where_it_is_asked_for(run, calibkit, campaign, tmp_path):
+    """Without the key the columns are those of the log; with it one more, which the type B terms are in."""
+    log, runs = campaign / "withheld/ramp_heating_03.csv", run[1]
+    for name, more in (("plain", []), ("more", ["--set", "output.rate_uncertainty=true"])):
+        done = calibkit("apply", "F", "--runs", runs, "--data", log, "--out", tmp_path / f"{name}.csv", *more)
+        assert done.code == 0
+    plain, more = rows_of(tmp_path / "plain.csv"), rows_of(tmp_path / "more.csv")
+    assert list(plain[0]) == list(rows_of(log)[0])
+    assert list(more[0]) == [*plain[0], "gyro_standard_uncertainty_dph"]
+    assert [row["gyro_dph"] for row in plain] == [row["gyro_dph"] for row in more]
+    u = np.array([float(row["gyro_standard_uncertainty_dph"]) for row in more])
+    assert np.all((u > 0.003 / math.sqrt(3.0)) & (u < 0.1))
+    assert u.max() > 1.3 * u.min()
+
+
+def test_apply_refuses_an_uncertainty_that_nobody_knows(calibkit, campaign, tmp_path):
+    """The published scheme has no model error on other rates: exit 2, said in a sentence."""
+    assert calibkit(
+        "fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path / "r", "--set", "drift.order=2"
+    ).code in (0, 1)
+    done = calibkit(
+        "apply",
+        "F",
+        "--runs",
+        tmp_path / "r",
+        "--data",
+        campaign / "withheld/ramp_heating_03.csv",
+        "--out",
+        tmp_path / "a.csv",
+        "--set",
+        "output.rate_uncertainty=true",
+    )
+    assert done.code == 2
+    assert "gradient_rate" in done.err
+
+
+# validation
+
+
+def test_a_validation_says_how_many_means_are_as_near_as_stated(run, calibkit, campaign, tmp_path):
+    """Two withheld ramps: at least 85 % of the 100 s means within the uncertainty, and the limit is tested."""
+    done = calibkit(
+        "validate", "F", "--runs", run[1], "--data", campaign / "withheld", "--out", tmp_path / "v.json", "--json"
+    )
+    assert done.code == 0
+    stated = [log["uncertainty"] for log in done.json["logs"]]
+    assert all(entry["share_within_expanded_uncertainty"] > 0.85 for entry in stated)
+    assert json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["logs"][0]["uncertainty"] == stated[0]
+
+
+def test_a_limit_on_the_share_within_the_uncertainty_is_held(calibkit, campaign, tmp_path):
+    """A limit above what noise allows, 0.9999, fails a validation with exit code 1 and is named."""
+    limit = "acceptance.min_share_within_uncertainty=0.9999"
+    fitted = calibkit(
+        "fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path / "r", "--set", limit
+    )
+    assert fitted.code == 0
+    done = calibkit(
+        "validate", "F", "--runs", tmp_path / "r", "--data", campaign / "withheld", "--out", tmp_path / "v.json"
+    )
+    assert done.code == 1
+    assert "within their uncertainty" in done.out
