@@ -408,6 +408,25 @@ def test_gamma_beyond_one_by_noise_is_clamped_and_flagged(tmp_path, calibkit, lo
     assert np.isfinite([f.standard_uncertainty for f in found.values()]).all()
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_a_scale_factor_from_rates_as_small_as_the_noise_is_flagged(tmp_path, calibkit, log_writer):
+    """±0.1 °/s under 300 counts noise: K is known to some percent only and the run says so; at 100 °/s it says nothing."""
+    case = {"K_A": 10000.0, "K_B": 10000.0, "K_Ba": 100.0, "gamma": 0.01}
+    rng = np.random.default_rng(2)
+    for scale, known in ((1e-2, False), (10.0, True)):
+        folder = tmp_path / f"{scale}"
+        folder.mkdir()
+        exact_pair(folder, case, log_writer, rates=(scale * 10.0, scale * 5.0, scale * -10.0, scale * -5.0))
+        for path in folder.iterdir():
+            header, rows = rows_of(path)
+            columns = dict(zip(header, np.array(rows, dtype=float).T, strict=True))
+            noisy = {n: columns[n] + rng.normal(0.0, 300.0, len(rows)) for n in ("gyro_a_lsb", "gyro_b_lsb")}
+            log_writer(path, **(columns | noisy))
+        run = fit(calibkit, "gyro_pair", folder, tmp_path / f"runs{scale}", "acceptance={}")
+        said = [flag for flag in run.document["flags"] if "a_about_a: K is known to" in flag]
+        assert bool(said) is not known
+
+
 def test_the_same_input_gives_the_same_bytes(pair, tmp_path):
     """A second fit of the same logs, recipe and date is byte for byte the first, report included."""
     root, _ = pair

@@ -10,6 +10,7 @@ import numpy as np
 
 from calibkit.errors import FitError, RecipeError
 from calibkit.numeric import gyro_scale, gyro_triad
+from calibkit.stages.gyro_results import UNCERTAIN
 from calibkit.stages.gyro_runs import vertical_rate_dps
 
 if TYPE_CHECKING:
@@ -108,8 +109,18 @@ def fit(spec: GyroTriadRecipe, runs: Mapping[str, tuple[TableRun, ...]]) -> Axes
     over = gyro_triad.over_temperature([one.triad for one in sets], temperature) if several else None
     bias_over = _bias_over(sets, temperature) if several else ()
     flags += [f"{_at(one)}{flag}" for one in sets for flag in one.triad.flags]
-    flags += _bias_flags(spec, sets)
+    flags += [*_uncertain(sets, spec.gyros), *_bias_flags(spec, sets)]
     return AxesFit(spec.gyros, runs, sets, reference, over, bias_over, tuple(dict.fromkeys(flags)))
+
+
+def _uncertain(sets: Sequence[AxesSet], gyros: Sequence[str]) -> list[str]:
+    """Flags for gyros whose scale factor hardly is one."""
+    return [
+        f"{_at(one)}{gyro}: the scale factor is known to {100.0 * u / size:.2g} % only: hold faster rates, or longer"
+        for one in sets
+        for gyro, size, u in zip(gyros, one.triad.magnitude, one.triad.magnitude_uncertainty, strict=True)
+        if not u < UNCERTAIN * size
+    ]
 
 
 def _at(one: AxesSet) -> str:

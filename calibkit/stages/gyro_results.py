@@ -35,6 +35,8 @@ OPPOSITE = 20.0
 """Standard uncertainties apart, while their sum is within as many, that make two gammas equal and opposite."""
 ONE_TEMPERATURE_DEGC = 2.0
 """Difference of the two runs of a pair from which gamma carries the temperature of K."""
+UNCERTAIN = 1e-3
+"""Relative standard uncertainty from which a scale factor is flagged."""
 PPM = 1e6
 DPH_PER_DPS = 3600.0
 PAIR_UNITS = {"N": "1", "epsilon": "1", "gamma": "1", "alpha_deg": "deg"}
@@ -86,7 +88,8 @@ def pair_fit(about_a: TableRun, about_b: TableRun) -> PairFit:
     apart = about_a.temp_degc - about_b.temp_degc
     if abs(apart) > ONE_TEMPERATURE_DEGC:
         notes = (*notes, f"the two runs are {abs(apart):.1f} °C apart: gamma carries the change of K_B between them")
-    flags = (*about_a.flags, *about_b.flags, *found.flags, *notes)
+    own = uncertain([("a_about_a", about_a.scale("a")), ("b_about_b", about_b.scale("b"))])
+    flags = (*about_a.flags, *about_b.flags, *found.flags, *notes, *own)
     return PairFit({"a": about_a, "b": about_b}, found, (gamma, uncertainty), tuple(dict.fromkeys(flags)))
 
 
@@ -145,6 +148,16 @@ def orthogonality_result(fitted: PairFit, spec: GyroRecipe) -> StageResult:
         Figure("gamma_from_a_about_b", *_with_unit(fitted.gamma_from_a, "1")),
     )
     return StageResult("gyro_orthogonality", (model,), figures, fitted.flags, conditions(spec))
+
+
+def uncertain(lines: Sequence[tuple[str, ScaleFactor]]) -> list[str]:
+    """Flags for scale factors about a gyro's own axis that hardly are any: too slow, too short or too noisy a run."""
+    return [
+        f"{name}: K is known to {100.0 * u / abs(line.K):.2g} % only: hold faster rates, or hold them longer"
+        for name, line in lines
+        for u in [float(line.standard_uncertainty[0])]
+        if not u < UNCERTAIN * abs(line.K)
+    ]
 
 
 def _with_unit(pair: tuple[float, float], unit: str) -> tuple[float, str, float]:
@@ -355,7 +368,9 @@ def _propagated(function: Callable[[Array], float], values: Array, uncertainty: 
 def run_flags(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> list[str]:
     """What a reader of figures over several runs must know."""
     temperature = np.array([run.temp_degc for run in gyros[0].runs])
-    flags = []
+    flags = uncertain(
+        [(f"gyro_{one.gyro} in {run.log.file}", run.scale(one.gyro)) for one in gyros for run in one.runs]
+    )
     if len(temperature) > 1 and np.isnan(temperature).any():
         flags.append("temperature is not logged in every run: nothing is fitted over it, all runs count as repeated")
     elif not (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC).any() and np.isfinite(temperature).all():

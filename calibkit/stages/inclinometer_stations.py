@@ -29,6 +29,8 @@ TEMPERATURE = "temp_case_degc"
 REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
 """Largest indication of a tool at rest, bias included: beyond it the log's unit is another."""
+NORMAL_95 = 1.959963984540054
+"""Quantile of the normal distribution that 95 % lie within."""
 CONTRADICTED = 1e-6
 """Probability of closures so much smaller or larger than the known noise, below which they have a noise of their own."""
 
@@ -249,8 +251,8 @@ def stations(rows: Rows, spec: InclinometerRecipe, known: Mapping[Sensor, Noise]
     parts, noises, status = {}, {}, {}
     for axis in spec.axes:
         own = pair(rows, axis, spec, None)[1]
-        noise = _decided(own, None if known is None else known[axis], rows.resolution[axis], spec, axis)
-        parts[axis], noises[axis], status[axis] = pair(rows, axis, spec, noise)
+        noises[axis] = _decided(own, None if known is None else known[axis], rows.resolution[axis], spec, axis)
+        parts[axis], _, status[axis] = pair(rows, axis, spec, _widened(noises[axis], spec))
     first = np.unique(rows.station, return_index=True)[1]
     time = rows.time[first]
     reference = [
@@ -336,6 +338,18 @@ def _decided(
         else:
             found.append(max(_pooled(mine, own.dof, calibrated, before.dof), digit / np.sqrt(12.0)))
     return Noise(float(found[0]), float(found[1]), own.dof + before.dof)
+
+
+def _widened(noise: Noise, spec: InclinometerRecipe) -> Noise:
+    """Noise for propagation: one known from few degrees of freedom is raised by Student's t, so that k = 2 still means 95 %."""
+    if not noise.dof:
+        return noise
+    from scipy.special import stdtrit
+
+    factor = float(stdtrit(noise.dof, 0.975)) / NORMAL_95
+    given = spec.stations.accel_noise_g != "auto", spec.stations.gyro_noise_dph != "auto"
+    accel, gyro = (1.0 if stated else factor for stated in given)
+    return Noise(accel * noise.accel_g, gyro * noise.gyro_dph, noise.dof)
 
 
 def _pooled(own: float, own_dof: int, known: float, known_dof: int) -> float:
