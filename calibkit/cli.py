@@ -16,6 +16,7 @@ from calibkit.errors import CalibkitError, FrameError, UsageError
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Sequence
 
+    from calibkit.certificate.words import Lang
     from calibkit.report.summary import Summary
 
 RECIPE = click.argument("recipe")
@@ -162,6 +163,58 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, as_json: bool) -> i
         _print_summary(summary)
         click.echo(f"{out}")
     return 0 if summary.accepted else 1
+
+
+@cli.command()
+@RUN
+@click.option("--out", required=True, type=click.Path(path_type=Path), help="PDF file to write")
+@click.option("--profile", type=click.Path(path_type=Path), help="laboratory profile; without one: a DRAFT")
+@click.option("--validation", type=click.Path(path_type=Path), help="as found and as left, from calibkit validate")
+@click.option("--date", default=None, metavar="YYYY-MM-DD", help="date of issue (default: today)")
+@click.option("--lang", type=click.Choice(["en", "zh", "both"]), default="en", show_default=True)
+@click.option("--set", "overrides", multiple=True, metavar="table.key=value", help="override a key of the profile")
+@RUNS
+@JSON
+def certify(
+    run: str,
+    out: Path,
+    profile: Path | None,
+    validation: Path | None,
+    date: str | None,
+    lang: Lang,
+    overrides: tuple[str, ...],
+    runs: Path,
+    *,
+    as_json: bool,
+) -> int:
+    """Write the calibration certificate of a run as PDF/A-3; what is missing makes it a DRAFT.
+
+    \b
+    calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf
+    calibkit certify FOG-0001 --profile lab.toml --validation validation.json --lang both --out certificate.pdf
+    """
+    day = _date(date)
+    from calibkit import store
+    from calibkit.certificate import certify as certificates
+
+    issued = certificates.certify(
+        store.find(run, runs),
+        out,
+        date=day,
+        profile_path=profile,
+        validation=validation,
+        lang=lang,
+        overrides=overrides,
+    )
+    if as_json:
+        _print_json({"ok": True, **certificates.said(issued)})
+        return 0
+    if issued.missing:
+        click.echo("DRAFT: not a calibration certificate; missing:", err=True)
+    for item in issued.missing:
+        click.echo(f"  {item.key}: {item.what.en}", err=True)
+    click.echo("\n".join(map(str, issued.files)))
+    return 0
 
 
 @cli.command()

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Figure, Model, Record
 
 TEMPERATURE = "temp_case_degc"
-STEPS = (1.0, 2.0, 2.5, 5.0, 10.0)
+STEPS = (1.0, 2.0, 2.5, 5.0, 10.0, 20.0, 25.0)
 MOST_TEMPERATURES = 8
 """Temperatures that values are stated at where the profile names none."""
 COEFFICIENTS = Words("Coefficients", "系数")

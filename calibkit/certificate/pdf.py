@@ -1,0 +1,162 @@
+"""A certificate as PDF/A-3b: typst sets the sheet, which travels as JSON; the files are attached."""
+
+from __future__ import annotations
+
+import datetime as dt
+import json
+import re
+import shutil
+import tempfile
+import unicodedata
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calibkit.certificate.sheet import sheet
+from calibkit.certificate.words import Words
+from calibkit.errors import OutputError, RecipeError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from calibkit.certificate.content import Attachment, Certificate
+    from calibkit.certificate.words import Lang
+
+TEMPLATE = Path(__file__).with_name("certificate.typ")
+LONGEST_WORD = 36
+"""Characters without a space, behind which a line may break."""
+JOINERS = "\u00ad\u200b\u200c\u200d\u200e\u200f\u2060"
+"""Invisible characters that text may hold: hyphenation, joiners, and marks of direction that reorder nothing."""
+_UNSHOWN = re.compile(r'the text `"(.*?)"` could not be displayed', re.DOTALL)
+_ESCAPE = re.compile(r"\\u\{([0-9a-f]+)\}")
+
+
+def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = (), more: Sequence[Attachment] = ()) -> bytes:
+    """PDF/A-3b bytes of a certificate, the same for the same input; `more` is attached beside its own files.
+
+    Raises UsageError for Chinese without a font that has it, or for a font that is none; OutputError without typst.
+    """
+    if lang != "en" and not fonts:
+        raise UsageError(
+            f"--lang {lang} needs a font with Chinese", hint='name one in the profile: [certificate] fonts = ["…"]'
+        )
+    document = _cleaned(sheet(certificate, lang))
+    attached = [
+        {
+            "name": a.name,
+            "text": a.content.decode("utf-8"),
+            "type": a.media_type,
+            "relationship": a.relationship,
+            "description": a.description,
+        }
+        for a in (*certificate.attachments, *more)
+    ]
+    with tempfile.TemporaryDirectory(prefix="calibkit-") as folder:
+        families = _families(fonts, Path(folder))
+        extra = {"families": families, "attachments": attached}
+        issued = dt.datetime.combine(certificate.issued, dt.time(), dt.UTC)
+
+        def compiled(data: dict[str, Any]) -> bytes:
+            return _compiled(data | extra, folder if fonts else "", issued)
+
+        return _shown(document, compiled, lang)
+
+
+def _shown(document: dict[str, Any], compiled: Callable[[dict[str, Any]], bytes], lang: Lang) -> bytes:
+    """Compile; characters that no font has are printed by their numbers and make a DRAFT."""
+    import typst
+
+    try:
+        return compiled(document)
+    except typst.TypstError as error:
+        unshown = set(_unshown(error.diagnostic))
+        if not unshown:
+            raise OutputError(f"typst: {error.message}", hint="this is a bug") from error
+    if lang != "en" and any(ord(character) > 0x2E80 for character in unshown):
+        listed = "".join(sorted(unshown)[:10])
+        raise UsageError(f"no font has {listed}", hint="name a font with Chinese in [certificate] fonts")
+    what = Words("characters that no font has: ").of(lang) + " ".join(_code(c) for c in sorted(unshown))
+    document = _mapped(document, lambda text: "".join(_code(c) if c in unshown else c for c in text))
+    document |= {"draft": True, "missing": [*document["missing"], ["certificate.fonts", what]]}
+    return compiled(document)
+
+
+def _unshown(diagnostic: str) -> list[str]:
+    """Characters that a typst diagnostic says no font has."""
+    texts = (_ESCAPE.sub(lambda m: chr(int(m.group(1), 16)), text) for text in _UNSHOWN.findall(diagnostic))
+    return [character for text in texts for character in text]
+
+
+def _compiled(data: dict[str, Any], font_folder: str, issued: dt.datetime) -> bytes:
+    """Run typst; data goes in as JSON, never as source."""
+    try:
+        import typst
+    except ImportError:
+        raise OutputError("certificates need typst", hint="pip install 'calibkit[pdf]'") from None
+    made: bytes = typst.compile(
+        str(TEMPLATE),
+        sys_inputs={"sheet": json.dumps(data, ensure_ascii=False)},
+        font_paths=[font_folder] if font_folder else [],
+        ignore_system_fonts=True,
+        pdf_standards=["a-3b"],
+        timestamp=issued,
+    )
+    return made if made.endswith(b"\n") else made + b"\n"
+
+
+def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
+    """Families of the named font files, copied where nothing else lies, so that no other font is ever taken."""
+    if not fonts:
+        return []
+    try:
+        import typst
+    except ImportError:
+        raise OutputError("certificates need typst", hint="pip install 'calibkit[pdf]'") from None
+    for k, font in enumerate(fonts):
+        try:
+            shutil.copyfile(font, folder / f"{k:03d}{font.suffix}")
+        except OSError as error:
+            raise RecipeError(f"certificate.fonts: {font}: {error.strerror}", hint="name a font file") from None
+    found = typst.Fonts(include_system_fonts=False, include_embedded_fonts=False, font_paths=[str(folder)])
+    families = sorted({font.family for font in found.fonts()})
+    if not families:
+        listed = ", ".join(str(font) for font in fonts)
+        raise RecipeError(f"certificate.fonts: no font in {listed}", hint="name .ttf, .otf or .ttc files")
+    return families
+
+
+def _cleaned(document: dict[str, Any]) -> dict[str, Any]:
+    """The sheet without control characters and overrides of direction, long words with places to break."""
+    cleaned: dict[str, Any] = _mapped(document, lambda text: _breakable("".join(map(_safe, text))))
+    return cleaned
+
+
+def _safe(character: str) -> str:
+    """A character, or its number where it would not show or would reorder what stands beside it."""
+    if (
+        character in "\n\t"
+        or character in JOINERS
+        or unicodedata.category(character) not in {"Cc", "Cf", "Cs", "Co", "Cn"}
+    ):
+        return character
+    return _code(character)
+
+
+def _code(character: str) -> str:
+    """A character by its number."""
+    return f"[U+{ord(character):04X}]"
+
+
+def _breakable(text: str) -> str:
+    """Text whose long words may be broken."""
+    return re.sub(rf"\S{{{LONGEST_WORD}}}(?=\S)", lambda m: m.group() + "\u200b", text)
+
+
+def _mapped(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 (walks a JSON value)
+    """A JSON value with every text changed; keys stay."""
+    if isinstance(value, str):
+        return change(value)
+    if isinstance(value, list):
+        return [_mapped(item, change) for item in value]
+    if isinstance(value, dict):
+        return {key: _mapped(item, change) for key, item in value.items()}
+    return value

@@ -1,0 +1,192 @@
+"""Tables of results → rows of text: value and U with two significant digits, one coverage factor a table or one a row."""
+
+from __future__ import annotations
+
+import math
+from typing import TYPE_CHECKING, Any
+
+from calibkit.certificate.results import GridTable, ListTable, descriptor, printed
+from calibkit.certificate.words import POWERS, Words, unit_mark
+from calibkit.numeric import gum
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from calibkit.certificate.results import Result, Uncertainty
+    from calibkit.certificate.words import Lang
+
+MOST_COLUMNS = 3
+"""Quantities side by side, each with value and U."""
+ABSENT = "—"
+VALUE, U = Words("value", "值"), Words("U")
+
+
+def number(text: str, exponent: int = 0) -> str:
+    """A decimal number with a true minus sign, and a power of ten behind it."""
+    power = "" if exponent == 0 else " × 10" + str(exponent).replace("-", "⁻").translate(POWERS)
+    return text.replace("-", "−") + power
+
+
+def cells(result: Result | None) -> tuple[str, str]:
+    """Value and U, or the coverage interval of a magnitude, as printed."""
+    if result is None:
+        return ABSENT, ""
+    if result.uncertainty is None:
+        shown = descriptor(result.value)
+        return number(shown.value, shown.exponent), ""
+    expanded = result.uncertainty.expanded_uncertainty
+    shown = printed(result.value, expanded)
+    if result.interval is None:
+        return number(shown.value, shown.exponent), number(shown.uncertainty, shown.exponent)
+    ends = " … ".join(number(printed(end, expanded).value) for end in result.interval)
+    if shown.exponent:
+        ends = " … ".join(f"{end:.2g}".replace("-", "−") for end in result.interval)
+    return number(shown.value, shown.exponent), f"[{ends}]"
+
+
+def plain(value: float | None, digits: int = 4) -> str:
+    """A number without an uncertainty, in a few significant digits; a dash for none, ∞ for infinity."""
+    if value is None:
+        return ABSENT
+    if math.isinf(value):
+        return "∞" if value > 0.0 else "−∞"
+    mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
+    return number(mantissa, int(exponent or 0))
+
+
+def of_list(table: ListTable, lang: Lang) -> dict[str, Any]:
+    """A list as rows of symbol, name, value, U, unit."""
+    named = any(result.name.en for result in table.results)
+    coverage = factor_words(table.results)
+    rows = []
+    for result in table.results:
+        value, expanded = cells(result)
+        name = result.name.of(lang) + (f" ({result.standard})" if result.standard else "")
+        head = [result.symbol, name] if named else [result.symbol]
+        rows.append([*head, value, expanded, unit_mark(result.unit) or "1"])
+    head = ["", ""] if named else [""]
+    heads = [*head, VALUE.of(lang), U.of(lang), Words("unit", "单位").of(lang)]
+    align = ["left"] * len(head) + ["right", "right", "left"]
+    return _table(table.title, [], heads, align, rows, (table.note, coverage), lang)
+
+
+def of_grid(table: GridTable, lang: Lang) -> list[dict[str, Any]]:
+    """A grid as tables of at most three quantities side by side, each with value and U."""
+    starts = range(0, len(table.heads), MOST_COLUMNS)
+    return [_part(table, start, lang, last=start == starts[-1]) for start in starts]
+
+
+def _part(table: GridTable, start: int, lang: Lang, *, last: bool) -> dict[str, Any]:
+    """Some columns of a grid; notes stand under the last of them."""
+    chosen = slice(start, start + MOST_COLUMNS)
+    part = [row[chosen] for row in table.cells]
+    certain = [any(r is not None and r.uncertainty is not None for r in column) for column in zip(*part, strict=True)]
+    groups: list[list[Any]] = [["", 1]]
+    heads, align = [table.row_head.of(lang)], ["left"]
+    for k, (head, has_u) in enumerate(zip(table.heads[chosen], certain, strict=True)):
+        unit = "" if table.by_row else f" [{unit_mark(table.units[chosen][k]) or 1}]"
+        groups.append([head.of(lang) + unit, 2 if has_u else 1])
+        heads += [VALUE.of(lang), U.of(lang)] if has_u else [VALUE.of(lang)]
+        align += ["right", "right"] if has_u else ["right"]
+    rows = []
+    for k, (label, row) in enumerate(zip(table.labels, part, strict=True)):
+        shown = [text for r, has_u in zip(row, certain, strict=True) for text in cells(r)[: 2 if has_u else 1]]
+        last_cell = [unit_mark(table.units[k]) or "1"] if table.by_row else []
+        rows.append([label.replace("-", "−") if _is_number(label) else label, *shown, *last_cell])
+    if table.by_row:
+        groups.append(["", 1])
+        heads.append(Words("unit", "单位").of(lang))
+        align.append("left")
+    every = [r for row in table.cells for r in row if r is not None]
+    notes = (table.note, factor_words(every)) if last else ()
+    return _table(table.title, groups, heads, align, rows, notes, lang)
+
+
+def _is_number(text: str) -> bool:
+    """Whether a label is a number, whose hyphen is a minus."""
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _table(
+    title: Words,
+    groups: list[list[Any]],
+    heads: list[str],
+    align: list[str],
+    rows: list[list[str]],
+    notes: Iterable[Words | None],
+    lang: Lang,
+) -> dict[str, Any]:
+    """JSON object of a table."""
+    said = [note.of(lang) for note in notes if note is not None]
+    return {"title": title.of(lang), "groups": groups, "heads": heads, "align": align, "rows": rows, "notes": said}
+
+
+def factor_words(results: Sequence[Result]) -> Words | None:
+    """What U is in a table: its coverage factor and degrees of freedom, or the range of them."""
+    found = [r.uncertainty for r in results if r.uncertainty is not None]
+    if not found:
+        return None
+    factors = sorted({f"{one.coverage_factor:.2f}" for one in found})
+    k = factors[0].removesuffix(".00") if len(factors) == 1 else f"{factors[0]} … {factors[-1]}"
+    dof = [one.effective_dof for one in found if one.effective_dof < gum.FEW_DOF]
+    few = _few(dof)
+    words = Words(
+        f"U = k·u with k = {k}{few.en}, coverage probability about 95 %.",
+        f"U = k·u，k = {k}{few.zh}，包含概率约 95 %。",
+    )
+    if any(r.interval is not None for r in results):
+        words += Words(
+            " Brackets hold the coverage interval of a quantity that cannot be negative (Monte Carlo).",
+            "方括号内为非负量的包含区间（蒙特卡洛法）。",
+        )
+    return words
+
+
+def _few(dof: Sequence[float]) -> Words:
+    """Fewest effective degrees of freedom, where Student's distribution gives k."""
+    if not dof:
+        return Words("", "")
+    low, high = math.floor(min(dof)), math.floor(max(dof))
+    span = f"{low}" if low == high else f"{low} … {high}"
+    return Words(f" (Student, ν_eff = {span})", f"（t 分布，ν_eff = {span}）")
+
+
+def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, Any]:
+    """Budget of one result: a row a contribution, and the sum."""
+    unit = unit_mark(result.unit)
+    rows = [
+        [
+            part.name,
+            part.kind,
+            part.distribution,
+            f"{plain(part.standard_uncertainty, 2)} {unit_mark(part.unit) if part.quantity else unit}".strip(),
+            plain(part.sensitivity, 3),
+            plain(part.contribution, 2),
+            plain(part.dof if math.isinf(part.dof) else math.floor(part.dof), 5),
+        ]
+        for part in uncertainty.contributions
+    ]
+    value, expanded = cells(result)
+    dof = uncertainty.effective_dof
+    k = f"{uncertainty.coverage_factor:.2f}".removesuffix(".00")
+    return {
+        "title": describe(result, lang),
+        "value": f"{value} {unit}".strip(),
+        "rows": rows,
+        "sum": [
+            f"u_c = {plain(uncertainty.standard_uncertainty, 2)} {unit}".strip(),
+            f"ν_eff = {plain(dof if math.isinf(dof) else float(math.floor(dof)), 5)}",
+            f"k = {k}",
+            f"U = {expanded} {unit}".strip(),
+        ],
+    }
+
+
+def describe(result: Result, lang: Lang) -> str:
+    """A result by its key, with its name."""
+    name = result.name.of(lang)
+    return f"{result.key} ({name})" if name and name != result.symbol else result.key
