@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
@@ -65,15 +65,37 @@ class Log:
         return f"{self.file}:{index + 2}"
 
 
+Severity = Literal["refuse", "warn", "note"]
+"""What a finding does to a fit: stops it, is carried along as a flag, or is only told by `check`."""
+
+
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something a check found in a log: where, what, what was expected, what to do; refused or only flagged."""
+    """Something a check found in a log: where, what, what was expected, what to do; its name, line, time and figure."""
 
     place: str
     found: str
     expected: str
     advice: str
-    refused: bool = True
+    severity: Severity = "refuse"
+    name: str = "unusable"
+    """Kind of finding, in a word that scripts can rely on."""
+    line: int | None = None
+    """Line of the file, where there is one."""
+    time_s: float | None = None
+    """Time since the start of the log [s], where there is one."""
+    figure: float | None = None
+    """The number that was judged, in the unit that `found` states."""
+
+    @property
+    def refused(self) -> bool:
+        """Whether a fit refuses the log."""
+        return self.severity == "refuse"
+
+    @property
+    def flagged(self) -> bool:
+        """Whether a fit goes on and says so."""
+        return self.severity == "warn"
 
     @classmethod
     def of(cls, error: CalibkitError) -> Finding:

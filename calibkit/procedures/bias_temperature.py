@@ -5,6 +5,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from calibkit import check as checks
+from calibkit import units
 from calibkit.coefficients import Input
 from calibkit.errors import UsageError
 from calibkit.frame import Finding, refuse
@@ -41,12 +42,17 @@ def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     if any(finding.refused for finding in early):
         return early
     timed = "time_s" in log.frame.columns
-    return [
+    found = [
         *early,
         *(checks.monotonic(log) if timed else ()),
         *(checks.gaps(log, spec.polynomials.max_gap_s) if timed else ()),
         *checks.varying(log, [spec.polynomials.abscissa]),
     ]
+    if any(finding.refused for finding in found):
+        return found
+    for entry in spec.polynomials.bias:
+        found += checks.series.indication(log, entry.indication, units.column_unit(entry.indication))
+    return [*found, *checks.magnitude.compensated(log, spec, [entry.indication for entry in spec.polynomials.bias])]
 
 
 def check(spec: BiasTemperatureRecipe, data: Path, file: str) -> list[Finding]:
@@ -62,7 +68,7 @@ def fit(spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress:
         found = _findings(spec, log)
         refuse(found)
         logs.append(log)
-        flags += [f"{log.file}: {note}" for note in log.notes] + [str(finding) for finding in found]
+        flags += [f"{log.file}: {note}" for note in log.notes] + [str(finding) for finding in found if finding.flagged]
     fits = bias.fit(logs, spec.polynomials)
     result = bias.result(fits, flags)
     inputs = tuple(Input.of(log) for log in logs)

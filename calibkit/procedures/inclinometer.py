@@ -55,10 +55,12 @@ def check(spec: InclinometerRecipe, data: Path, file: str) -> list[Finding]:
 def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit s(T) of each gyro to the stations of all logs together."""
     logs = [_read(spec, data, file) for file in progress(files, "reading")]
-    refuse(finding for log in logs for finding in inclinometer_stations.findings(log, spec))
+    found = [finding for log in logs for finding in inclinometer_stations.findings(log, spec)]
+    refuse(found)
     stations = inclinometer_stations.stations(inclinometer_stations.gather(logs, _on_site(spec)), spec)
     fits, seen = inclinometer_solve.fit(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
+    notes += [str(finding) for finding in found if finding.flagged]
     result = inclinometer_results.result(fits, stations, seen, notes, spec, accel_fit.local_gravity(spec.site))
     return Fitted(
         (result,),

@@ -77,6 +77,21 @@ def findings(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
         found += check.plausible_temperature(log, [TEMPERATURE])
     if spec.reference.kind == "attitude":
         found += [*_beyond(log, ["inclination_deg"], 180.0, "deg"), *_beyond(log, ["toolface_deg"], 360.0, "deg")]
+    if any(finding.refused for finding in found):
+        return found
+    return [*found, *_suspicious(log, spec)]
+
+
+def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
+    """Units and signs that the numbers give away; of a continuous log also its gaps, which end a dwell."""
+    found = [*check.magnitude.gravity(log, AXES), *check.magnitude.compensated(log, spec, AXES)]
+    if spec.dwells.mode == "series":
+        found += check.gaps(log, float("inf"))
+        if TEMPERATURE in log.frame.columns:
+            found += check.series.temperature(log, TEMPERATURE)
+    if all(column in log.frame.columns for column in ATTITUDE) and not found:
+        reference = attitude.gravity_vector(*(values(log.frame, column) for column in ATTITUDE))
+        found += check.magnitude.sense(log, AXES, attitude.gravity_positive(reference, spec.reference.convention))
     return found
 
 
@@ -87,22 +102,21 @@ def _beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[F
         data = values(log.frame, column)
         bad = np.flatnonzero(np.abs(data) > limit)
         if bad.size:
-            found.append(
-                Finding(
-                    f"{log.file}:{check.line(log, int(bad[0]))}: column '{column}'",
-                    f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})",
-                    f"at most {limit:g} {unit}",
-                    f"state the log's unit in [columns.{column}]",
-                )
-            )
+            what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
+            advice = f"state the log's unit in [columns.{column}]"
+            expected = f"at most {limit:g} {unit}"
+            found.append(check.at_row(log, int(bad[0]), column, what, expected, advice, "range"))
     return found
 
 
 def collect(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
     """Check every log and gather its dwells; raises FrameError or FitError naming the log."""
     parts = []
+    flags = []
     for log in logs:
-        refuse(findings(log, spec))
+        found = findings(log, spec)
+        refuse(found)
+        flags += [str(finding) for finding in found if finding.flagged]
         parts.append(_rows(log, spec) if spec.dwells.mode == "rows" else _held(log, spec))
     return DwellSet(
         np.concatenate([part.indication for part in parts]),
@@ -112,7 +126,7 @@ def collect(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
         np.concatenate([part.noise for part in parts]),
         np.concatenate([np.full(len(part.place), number, dtype=np.int64) for number, part in enumerate(parts)]),
         tuple(place for part in parts for place in part.place),
-        tuple(flag for part in parts for flag in part.flags),
+        (*(flag for part in parts for flag in part.flags), *flags),
     )
 
 

@@ -57,10 +57,18 @@ def findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     found = usable(log, recipe.checks.min_rows)
     if any(finding.refused for finding in found):
         return found
+    case, air = "temp_case_degc", "temp_env_degc"
+    found += [*check.gaps(log, recipe.checks.max_gap_s), *check.varying(log, [case, air, "gyro_dph"])]
+    if any(finding.refused for finding in found):
+        return found
     return [
         *found,
-        *check.gaps(log, recipe.checks.max_gap_s),
-        *check.varying(log, ["temp_case_degc", "temp_env_degc", "gyro_dph"]),
+        *check.magnitude.clock(log, air),
+        *check.magnitude.thermometers(log, case, air),
+        *check.magnitude.gyro(log, "gyro_dph"),
+        *check.magnitude.compensated(log, recipe, ["gyro_dph"]),
+        *check.series.temperatures(log, case, air),
+        *check.series.indication(log, "gyro_dph", "deg/h"),
     ]
 
 
@@ -107,7 +115,7 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
         _ramps(log, cuts, index, env),
         noise,
         tuple(f"{log.file}: {note}" for note in (*log.notes, *flags))
-        + tuple(str(finding) for finding in found if not finding.refused),
+        + tuple(str(finding) for finding in found if finding.flagged),
     )
     leading(prepared)
     return prepared

@@ -95,7 +95,7 @@ def run_of(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> TableRun:
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     notes = (f"{log.file}: {note}" for note in (*log.notes, *held.flags))
-    return TableRun(log, tuple(gyros), held, scales, (*notes, *map(str, found)))
+    return TableRun(log, tuple(gyros), held, scales, (*notes, *(str(finding) for finding in found if finding.flagged)))
 
 
 def _examined(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> tuple[list[Finding], Plateaus | None]:
@@ -114,8 +114,23 @@ def _examined(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> tuple[list[Fi
         held = _held(log, gyros, spec)
     except FitError as error:
         advice = error.hint or "check the table's columns and [plateaus] in the recipe"
-        return [*early, Finding(log.file, error.message, "held rates of the table", advice)], None
-    return [*early, *_few_rates(log, held, spec), *_two_tables(log, held)], held
+        finding = Finding(log.file, error.message, "held rates of the table", advice, name="held_rates")
+        return [*early, finding], None
+    found = [*early, *_few_rates(log, held, spec), *_two_tables(log, held)]
+    if not any(finding.refused for finding in found):
+        found += _suspicious(log, gyros, spec)
+    return found, held
+
+
+def _suspicious(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
+    """What a sensor or its logger did, and signs: a fit goes on and says so."""
+    found = check.series.temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
+    for gyro in gyros:
+        found += check.series.driven(log, column(gyro), RATE, "1/s")
+    # a gyro across the table axis answers with its misalignment, of either sign
+    along = max(gyros, key=lambda gyro: float(np.ptp(values(log.frame, column(gyro)))))
+    found += check.magnitude.rotation(log, column(along), RATE)
+    return [*found, *check.magnitude.compensated(log, spec, [column(gyro) for gyro in gyros])]
 
 
 def _held(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Plateaus:
@@ -144,14 +159,9 @@ def _too_fast(log: Log) -> list[Finding]:
     bad = np.flatnonzero(np.abs(rate) > FASTEST_DPS)
     if not bad.size:
         return []
-    return [
-        Finding(
-            f"{log.file}:{check.line(log, int(bad[0]))}: column '{RATE}'",
-            f"{rate[bad[0]]:g} °/s ({bad.size} such row{'s' if bad.size > 1 else ''})",
-            f"at most {FASTEST_DPS:g} °/s",
-            f"state the log's unit in [columns.{RATE}]",
-        )
-    ]
+    what = f"{rate[bad[0]]:g} °/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
+    advice = f"state the log's unit in [columns.{RATE}]"
+    return [check.at_row(log, int(bad[0]), RATE, what, f"at most {FASTEST_DPS:g} °/s", advice, "range")]
 
 
 def distinct(rate_dps: Array, spec: GyroRecipe) -> Array:
@@ -169,7 +179,11 @@ def _few_rates(log: Log, held: Plateaus, spec: GyroRecipe) -> list[Finding]:
     there = ", ".join(f"{rate:.4g}" for rate in rates)
     found = f"{rates.size} held rate{'s' if rates.size > 1 else ''} ({there} °/s) on {held.rate_dps.size} plateaus"
     expected = f"at least {spec.plateaus.min_rates} different ones"
-    return [Finding(log.file, found, expected, "hold more rates, or allow shorter ones: plateaus.shortest_s")]
+    return [
+        Finding(
+            log.file, found, expected, "hold more rates, or allow shorter ones: plateaus.shortest_s", name="held_rates"
+        )
+    ]
 
 
 def _two_tables(log: Log, held: Plateaus) -> list[Finding]:
@@ -181,4 +195,6 @@ def _two_tables(log: Log, held: Plateaus) -> list[Finding]:
         return []
     found = f"it turns {ratio:.4g} times as fast as '{RATE}' says"
     advice = f"state unit and sign in [columns.{ANGLE}] or [columns.{RATE}]"
-    return [Finding(f"{log.file}: column '{ANGLE}'", found, "the same rate from both", advice)]
+    return [
+        Finding(f"{log.file}: column '{ANGLE}'", found, "the same rate from both", advice, name="unit", figure=ratio)
+    ]

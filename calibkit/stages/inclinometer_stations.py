@@ -103,6 +103,10 @@ def findings(log: Log, spec: InclinometerRecipe) -> list[Finding]:
     found = [*early, *unusable(log, spec)]
     if spec.stations.method == "four_differences":
         found += _positions(log)
+    gyros = [f"gyro_{axis}_dph" for axis in spec.axes]
+    if not any(finding.refused for finding in found):
+        found += [finding for gyro in gyros for finding in check.magnitude.gyro(log, gyro)]
+        found += check.magnitude.compensated(log, spec, gyros)
     return found
 
 
@@ -126,13 +130,10 @@ def _implausible(log: Log, column: str, limit: float, unit: str) -> list[Finding
     bad = np.flatnonzero(np.abs(data) > limit)
     if not bad.size:
         return []
+    what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
+    expected = f"at most {limit:g} {unit} of a tool at rest"
     return [
-        Finding(
-            f"{log.file}:{check.line(log, int(bad[0]))}: column '{column}'",
-            f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})",
-            f"at most {limit:g} {unit} of a tool at rest",
-            f"state the log's unit in [columns.{column}]",
-        )
+        check.at_row(log, int(bad[0]), column, what, expected, f"state the log's unit in [columns.{column}]", "range")
     ]
 
 
@@ -153,6 +154,8 @@ def _positions(log: Log) -> list[Finding]:
                     what,
                     "one row at each of 0°, 90°, 180°, 270°",
                     "repair or remove the station, or set stations.method = 'least_squares'",
+                    name="positions",
+                    line=line,
                 )
             )
     return found

@@ -1,0 +1,172 @@
+"""What a log must hold before anything can be said of it: rows, finite numbers, a clock that runs, plausible values."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.frame import Finding, Log, values
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.frame import Severity
+
+LARGEST_RATE_DPH = 1e7
+"""Indication [°/h] beyond which a log is not a gyro's: some 2800 °/s."""
+COLDEST_DEGC, HOTTEST_DEGC = -100.0, 250.0
+"""Temperatures that no chamber of this field leaves."""
+GAP = 2.5
+"""Sampling intervals, in medians, that are a gap."""
+
+
+def line(log: Log, row: int) -> int:
+    """Line of the file that a row of the frame came from, in the part of a split log that holds it."""
+    return int(log.place(row).rsplit(":", 1)[1])
+
+
+def at_row(
+    log: Log,
+    row: int,
+    column: str,
+    found: str,
+    expected: str,
+    advice: str,
+    name: str,
+    *,
+    severity: Severity = "refuse",
+    figure: float | None = None,
+) -> Finding:
+    """Finding at a row of a log: its place names file, line and column, and it carries the row's time where there is one."""
+    timed = "time_s" in log.frame.columns
+    time = float(log.frame["time_s"].iloc[row]) if timed else None
+    place = f"{log.place(row)}: column '{column}'"
+    return Finding(place, found, expected, advice, severity, name, line(log, row), time, figure)
+
+
+def rows(log: Log, minimum: int) -> list[Finding]:
+    """Too few rows."""
+    count = len(log.frame)
+    if count >= minimum:
+        return []
+    advice = "log longer, or lower min_rows in the recipe"
+    return [Finding(log.file, f"{count} rows", f"at least {minimum}", advice, name="rows", figure=float(count))]
+
+
+def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
+    """Missing or infinite values in columns that are needed."""
+    findings = []
+    for column in columns:
+        bad = np.flatnonzero(~np.isfinite(values(log.frame, column)))
+        if bad.size:
+            found = f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on"
+            advice = "leave the range out with [[exclude]], or repair the log"
+            expected = "a number in every row"
+            findings.append(
+                at_row(log, int(bad[0]), column, found, expected, advice, "missing", figure=float(bad.size))
+            )
+    return findings
+
+
+def monotonic(log: Log) -> list[Finding]:
+    """Time that stands still or runs backwards."""
+    time = values(log.frame, "time_s")
+    back = np.flatnonzero(np.diff(time) <= 0.0)
+    if not back.size:
+        return []
+    k = int(back[0])
+    word = "stands still" if time[k + 1] == time[k] else "runs backwards"
+    rows = f"({back.size} such row{'s' if back.size > 1 else ''})"
+    found = f"time {word} at {time[k]:.10g} s → {time[k + 1]:.10g} s {rows}"
+    advice = "sort or split the log, or leave the rows out with [[exclude]]"
+    return [at_row(log, k + 1, "time_s", found, "strictly increasing time", advice, "clock", figure=float(back.size))]
+
+
+def gaps(log: Log, limit_s: float) -> list[Finding]:
+    """Gaps in time: refused above the limit, flagged where samples are missing at all.
+
+    A gap that an [[exclude]] table made is called that.
+    """
+    time = values(log.frame, "time_s")
+    step = np.diff(time)
+    if not step.size or (step <= 0.0).any():
+        return []
+    usual = float(np.median(step))
+    long = np.flatnonzero(step > max(limit_s, GAP * usual)).tolist()
+    missing = np.flatnonzero((step > GAP * usual) & (step <= limit_s))
+    return [*(_long_gap(log, k, step, limit_s) for k in long), *_short_gaps(log, missing, step, usual)]
+
+
+def _long_gap(log: Log, k: int, step: NDArray[np.float64], limit_s: float) -> Finding:
+    """A gap that is refused."""
+    found = f"a gap of {step[k]:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
+    advice = "split the log at the gap, or raise max_gap_s in the recipe"
+    left_out = int(log.frame.index[k + 1]) - int(log.frame.index[k]) - 1
+    if left_out > 0 and any("excluded by" in note for note in log.notes):
+        found += f", made by [[exclude]], which leaves out {left_out} rows"
+        advice = "exclude from the log's start or to its end, split the log there, or raise max_gap_s in the recipe"
+    return at_row(log, k + 1, "time_s", found, f"at most {limit_s:g} s", advice, "gap", figure=float(step[k]))
+
+
+def _short_gaps(log: Log, missing: NDArray[np.int64], step: NDArray[np.float64], usual: float) -> list[Finding]:
+    """Gaps that are allowed, told in one finding."""
+    if not missing.size:
+        return []
+    k = int(missing[0])
+    first = f"the first of {step[k]:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
+    found = f"{missing.size} short gap{'s' if missing.size > 1 else ''}, {first}"
+    advice = "see that no row was lost; what lies between them is not known"
+    largest = float(step[missing].max())
+    every = f"a row every {usual:g} s"
+    return [at_row(log, k + 1, "time_s", found, every, advice, "gap", severity="warn", figure=largest)]
+
+
+def bridged(log: Log) -> list[str]:
+    """Flags for the gaps that a compensation runs across: what happened in them it does not know."""
+    return [
+        f"{finding.place}: {finding.found}: the compensation runs across it and knows nothing of what happened there"
+        for finding in gaps(log, float("inf"))
+    ]
+
+
+def varying(log: Log, columns: Sequence[str]) -> list[Finding]:
+    """Columns that the model needs to vary and that are constant."""
+    findings = []
+    for column in columns:
+        data = values(log.frame, column)
+        if data.size and np.ptp(data) == 0.0:
+            found = f"constant at {data[0]:g} over {data.size} rows"
+            advice = "check the sensor and the column mapping"
+            place = f"{log.file}: column '{column}'"
+            findings.append(Finding(place, found, "a column that varies", advice, name="constant"))
+    return findings
+
+
+def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
+    """Temperatures that no chamber reaches: a wrong unit, or a sentinel of an open sensor."""
+    findings = []
+    for column in columns:
+        data = values(log.frame, column)
+        bad = np.flatnonzero((data < COLDEST_DEGC) | (data > HOTTEST_DEGC))
+        if bad.size:
+            found = f"{data[bad[0]]:g} °C ({bad.size} such row{'s' if bad.size > 1 else ''})"
+            advice = f"state the log's unit in [columns.{column}], or leave the rows out with [[exclude]]"
+            expected = f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} °C"
+            figure = float(data[bad[0]])
+            findings.append(at_row(log, int(bad[0]), column, found, expected, advice, "range", figure=figure))
+    return findings
+
+
+def plausible_rate(log: Log, column: str) -> list[Finding]:
+    """Rates that no gyro on a bench indicates: a sentinel, or another unit."""
+    data = values(log.frame, column)
+    wild = np.flatnonzero(np.abs(data) > LARGEST_RATE_DPH)
+    if not wild.size:
+        return []
+    found = f"{data[wild[0]]:g} deg/h ({wild.size} such row{'s' if wild.size > 1 else ''})"
+    advice = f"state the log's unit in [columns.{column}], or leave the rows out with [[exclude]]"
+    expected = f"at most {LARGEST_RATE_DPH:g} deg/h"
+    return [at_row(log, int(wild[0]), column, found, expected, advice, "range", figure=float(data[wild[0]]))]

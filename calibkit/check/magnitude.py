@@ -1,0 +1,175 @@
+"""Units and signs that the size of the numbers gives away, and indications that were compensated before."""
+
+from __future__ import annotations
+
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.check.content import at_row
+from calibkit.frame import Finding, Log, values
+from calibkit.numeric import segments
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.recipe import Recipe
+
+    Array = NDArray[np.float64]
+
+QUIETEST_DPH = 0.02
+"""Span [°/h] that the indication of no logged gyro stays within: its white noise alone is wider."""
+FASTEST_DPH = 36_000.0
+"""Bias [°/h] that no gyro at rest has: 10 °/s."""
+SPAN_DEGC = 5.0
+"""Change of temperature from which rates and slopes tell units apart."""
+APART_DEGC = 20.0
+"""Difference [°C] of case and air that no self-heating keeps up in a soak."""
+STILL_DEGC = 0.3
+"""Change [°C] within a fiftieth of a log below which a temperature stands still."""
+SLOWEST_DEGC_MIN, FASTEST_DEGC_MIN = 0.03, 100.0
+"""Rates at which chambers do not change."""
+G_OF_UNIT = {"m/s^2": 9.80665, "mg": 1000.0, "ug": 1e6}
+"""Length of gravity in units that are taken for g."""
+COMPENSATED = re.compile(r"comp(?!are|ass|ute|onent|lete)|correct|补偿|修正|校正|kompens|korrig", re.IGNORECASE)
+"""Words in a column's name that say it was corrected before."""
+
+
+def gyro(log: Log, column: str) -> list[Finding]:
+    """A gyro at rest whose indication is too small or too large for °/h."""
+    data = values(log.frame, column)
+    span, level = float(np.ptp(data)), float(np.median(np.abs(data)))
+    if 0.0 < span < QUIETEST_DPH:
+        what = f"all {data.size} rows lie within {span:.2g} deg/h"
+        advice = f'the log looks like deg/s or rad/s: state it, [columns.{column}] unit = "deg/s"'
+        expected = "the noise of a gyro"
+    elif level > FASTEST_DPH:
+        what = f"an indication of {level:.3g} deg/h at rest"
+        advice = f"state the log's unit in [columns.{column}]: counts are not deg/h"
+        expected = f"a bias below {FASTEST_DPH:g} deg/h"
+    else:
+        return []
+    return [at_row(log, 0, column, what, expected, advice, "unit", severity="warn", figure=span)]
+
+
+def thermometers(log: Log, case: str, air: str) -> list[Finding]:
+    """Case and chamber air that do not move together, or do not meet in a soak, as one unit and sign do."""
+    a, b = values(log.frame, case), values(log.frame, air)
+    if np.ptp(b) < 2.0 * SPAN_DEGC or np.ptp(a) < SPAN_DEGC:
+        return []
+    together = float(np.corrcoef(a, b)[0, 1])
+    if together < -0.5:
+        advice = f"a sign is wrong: state sign = -1 in [columns.{case}] or [columns.{air}], or see to the wiring"
+        return [
+            _warn(log, case, "it falls while the chamber air rises", "both to rise together", advice, "sign", together)
+        ]
+    for of_case, of_air in _soaked(a, b):
+        if abs(of_case - of_air) > APART_DEGC:
+            found = f"{of_case:.4g} °C in a soak at {of_air:.4g} °C of '{air}'"
+            advice = _fahrenheit(case, air, of_case, of_air)
+            return [
+                _warn(log, case, found, "a case that comes to the air's temperature", advice, "unit", of_case - of_air)
+            ]
+    return []
+
+
+def _soaked(case: Array, air: Array) -> list[tuple[float, float]]:
+    """Means of case and air at the ends of a log where both stand still."""
+    rows = max(20, case.size // 50)
+    ends = (slice(0, rows), slice(case.size - rows, None))
+    still = [end for end in ends if max(abs(_creep(case[end])), abs(_creep(air[end]))) < STILL_DEGC]
+    return [(float(case[end].mean()), float(air[end].mean())) for end in still]
+
+
+def _creep(values: Array) -> float:
+    """Change of the mean from the first to the second half."""
+    half = values.size // 2
+    return float(values[half:].mean() - values[:half].mean())
+
+
+def _fahrenheit(case: str, air: str, of_case: float, of_air: float) -> str:
+    """Advice that names the column whose values are the other's in °F."""
+    for column, value, other in ((case, of_case, of_air), (air, of_air, of_case)):
+        if abs((value - 32.0) / 1.8 - other) < APART_DEGC / 2.0:
+            return f'it looks like °F: state it, [columns.{column}] unit = "degF"'
+    return f"one of them is in another unit or belongs to another sensor: see [columns.{case}] and [columns.{air}]"
+
+
+def clock(log: Log, air: str) -> list[Finding]:
+    """A clock whose unit makes the chamber change at a rate that no chamber has."""
+    time, data = values(log.frame, "time_s"), values(log.frame, air)
+    if time.size < 100 or np.ptp(data) < 2.0 * SPAN_DEGC:
+        return []
+    window = float(time[-1] - time[0]) / 50.0
+    fastest = float(np.quantile(np.abs(segments.causal_slope(time, data, window)), 0.98))
+    if fastest > FASTEST_DEGC_MIN:
+        advice = 'time looks like minutes or hours: state it, [columns.time_s] unit = "min"'
+    elif fastest < SLOWEST_DEGC_MIN:
+        advice = 'time looks like milliseconds: state it, [columns.time_s] unit = "ms"'
+    else:
+        return []
+    what = f"the chamber air changes by {np.ptp(data):.3g} °C at up to {fastest:.2g} °C/min"
+    expected = f"{SLOWEST_DEGC_MIN:g} to {FASTEST_DEGC_MIN:g} °C/min"
+    return [_warn(log, "time_s", what, expected, advice, "unit", fastest)]
+
+
+def gravity(log: Log, axes: Sequence[str]) -> list[Finding]:
+    """A triad whose length is not one g in most rows: another unit."""
+    length = np.sqrt(np.sum(np.column_stack([values(log.frame, axis) for axis in axes]) ** 2, axis=1))
+    usual = float(np.median(length))
+    if len(axes) < 3 or 0.8 < usual < 1.25:
+        return []
+    unit = next((unit for unit, g in G_OF_UNIT.items() if 0.8 < usual / g < 1.25), None)
+    advice = f'it looks like {unit}: state it, [columns.{axes[0]}] unit = "{unit}"' if unit else "state the log's unit"
+    what = f"the three axes have a length of {usual:.4g} g in most rows"
+    return [_warn(log, axes[0], what, "1 g", advice, "unit", usual)]
+
+
+def sense(log: Log, axes: Sequence[str], expected: Array) -> list[Finding]:
+    """A triad [n, 3] that has the opposite sign of what its attitude lets expect [n, 3]."""
+    shown = np.column_stack([values(log.frame, axis) for axis in axes])
+    agreement = float(np.sum(shown * expected) / np.sqrt(np.sum(shown**2) * np.sum(expected**2)))
+    if agreement > -0.5:
+        return []
+    what = f"the triad is opposite to its attitude (correlation {agreement:.2f})"
+    advice = 'set reference.convention to the other of "gravity" and "specific_force", or sign = -1 in [columns]'
+    return [_warn(log, axes[0], what, "indications along the convention of the recipe", advice, "sign", agreement)]
+
+
+def rotation(log: Log, column: str, rate: str) -> list[Finding]:
+    """A gyro whose counts fall while the table turns faster."""
+    data, turned = values(log.frame, column), values(log.frame, rate)
+    if np.ptp(data) == 0.0 or np.ptp(turned) == 0.0:
+        return []
+    together = float(np.corrcoef(data, turned)[0, 1])
+    if together > -0.9:
+        return []
+    what = f"its counts fall while the table rate rises (correlation {together:.3f})"
+    advice = f"state sign = -1 in [columns.{column}] or [columns.{rate}] where that is not the gyro's own sense"
+    finding = _warn(log, column, what, "counts that rise with the rate", advice, "sign", together)
+    return [finding]
+
+
+def compensated(log: Log, recipe: Recipe, columns: Sequence[str]) -> list[Finding]:
+    """Indications whose own name in the log says that they were corrected before: never compensate twice."""
+    found = []
+    for column in columns:
+        source = recipe.columns[column].source if column in recipe.columns else column
+        if COMPENSATED.search(source):
+            what = f"its column in the log is called '{source}'"
+            advice = "map the column that was not compensated; a log that was must not be compensated twice"
+            found.append(
+                Finding(
+                    f"{log.file}:1: column '{column}'", what, "an indication as it was measured", advice, "warn",
+                    "double_compensation", 1,
+                )
+            )  # fmt: skip
+    return found
+
+
+def _warn(log: Log, column: str, what: str, expected: str, advice: str, name: str, figure: float) -> Finding:
+    """Warning about a column as a whole."""
+    return Finding(f"{log.file}: column '{column}'", what, expected, advice, "warn", name, None, None, figure)

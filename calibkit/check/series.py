@@ -1,0 +1,217 @@
+"""What a sensor or its logger did to a column that physics did not, as findings with their places.
+
+A column is judged in pieces of at most PIECE rows, so that a log of any length is judged alike, whether it is read whole
+or a piece at a time.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.check.content import at_row
+from calibkit.frame import Finding, Log, values
+from calibkit.numeric import anomalies
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Rows = NDArray[np.int64]
+
+SPIKE_DEGC = 0.5
+"""Departure from its neighbours [°C] below which a temperature is no spike: air is turbulent."""
+LEAD_DEGC = 5.0
+"""Change of the chamber air [°C] that every case thermometer answers."""
+UNEVEN = 1e-4
+"""Share of an indication's span that the unevenness of a table may move it by."""
+COARSE = 4.0
+"""Resolution in standard deviations of the noise above which an indication is quantised."""
+LEVELS = 16
+"""Distinct values of a quantised indication, at most."""
+
+
+def indication(log: Log, column: str, unit: str) -> list[Finding]:
+    """Spikes, stuck and clipped values, jumps of the bias, start-up rows and coarse steps of a static indication."""
+    data = values(log.frame, column)
+    early = start_up(log, column, data, unit)
+    stuck = anomalies.stuck(data)
+    steps = coarse(log, column, data, unit)
+    return [
+        *early,
+        *spikes(log, column, data, unit),
+        *stuck_runs(log, column, data, stuck, unit),
+        *(() if len(stuck) else clipped(log, column, data, unit)),
+        *(() if steps else jumps(log, column, anomalies.despiked(data), unit)),
+        *steps,
+    ]
+
+
+def temperatures(log: Log, case: str, air: str) -> list[Finding]:
+    """Spikes and stuck thermometers of a case and the chamber air around it."""
+    found = []
+    of_case, of_air = values(log.frame, case), values(log.frame, air)
+    for column, data in ((case, of_case), (air, of_air)):
+        found += spikes(log, column, data, "°C", least=SPIKE_DEGC)
+    moved = max(LEAD_DEGC, 5.0 * anomalies.resolution(of_case))
+    frozen = (anomalies.stuck_against(of_case, of_air, moved), anomalies.frozen(of_case, SPIKE_DEGC))
+    found += stuck_runs(log, case, of_case, np.unique(np.concatenate(frozen), axis=0), "°C")
+    # a case comes to meet the air that stands still; a case that leaves it was driven by air that the log does not show
+    runs = anomalies.equal_runs(of_air, anomalies.SHORTEST_RUN)
+    away = np.abs(of_case - of_air)
+    left = [k for k, (a, b) in enumerate(runs.tolist()) if float(away[b - 1] - away[a]) > moved]
+    frozen = (runs[left], anomalies.frozen(of_air, SPIKE_DEGC))
+    return [*found, *stuck_runs(log, air, of_air, np.unique(np.concatenate(frozen), axis=0), "°C")]
+
+
+def temperature(log: Log, column: str) -> list[Finding]:
+    """Spikes of one thermometer."""
+    return spikes(log, column, values(log.frame, column), "°C", least=SPIKE_DEGC)
+
+
+def driven(log: Log, column: str, driver: str, unit: str) -> list[Finding]:
+    """Stuck or clipped values of an indication: it stands still while what drives it moves by a hundredth of its span."""
+    data, cause = values(log.frame, column), values(log.frame, driver)
+    runs = anomalies.stuck_against(data, cause, 0.01 * float(np.ptp(cause)))
+    noisy = anomalies.stuck(data)
+    # an indication of held rates may be coarser than its noise: only values at an extreme are called clipped then
+    at_end = [k for k, (a, _) in enumerate(noisy.tolist()) if data[a] in (data.max(), data.min())]
+    joined = np.unique(np.concatenate((runs, noisy[at_end])), axis=0)
+    return [*stuck_runs(log, column, data, joined, unit), *_held_spikes(log, column, data, cause, unit)]
+
+
+def _held_spikes(log: Log, column: str, data: Array, cause: Array, unit: str) -> list[Finding]:
+    """Spikes of an indication while what drives it is held, each hold by its own scatter: an acceleration is no spike."""
+    moving = np.abs(np.diff(cause, prepend=cause[0])) > 1e-3 * float(np.ptp(cause))
+    bounds = [0, *np.flatnonzero(moving).tolist(), data.size]
+    held = [(a + 3, b - 3) for a, b in pairwise(bounds) if b - a - 6 >= 8 * anomalies.WIDTH]
+    least = UNEVEN * float(np.ptp(data))
+    found = [anomalies.spikes(data[a:b], least=least) + a for a, b in held]
+    return _told(log, column, data, np.concatenate(found), unit) if found else []
+
+
+def spikes(log: Log, column: str, data: Array, unit: str, *, least: float = 0.0) -> list[Finding]:
+    """Single rows far from their neighbours, told in one finding at the worst."""
+    return _told(log, column, data, _pieces(data, lambda part: anomalies.spikes(part, least=least)), unit)
+
+
+def _told(log: Log, column: str, data: Array, found: Rows, unit: str) -> list[Finding]:
+    """Spikes at the rows found, told in one finding at the worst."""
+    if not found.size:
+        return []
+    around = np.clip(found[:, None] + np.arange(-3, 4), 0, data.size - 1)
+    off = np.abs(data[found] - np.median(data[around], axis=1))
+    worst = int(found[np.argmax(off)])
+    count = int(np.sum(np.diff(found, prepend=-2) > 1))
+    before, after = data[max(worst - 1, 0)], data[min(worst + 1, data.size - 1)]
+    what = f"a spike: {data[worst]:g} {unit} between {before:g} and {after:g} ({count} in the log, this the largest)"
+    advice = "leave spikes out with [[exclude]]; only the models on levels are robust against them"
+    expected = "samples that scatter alike"
+    return [at_row(log, worst, column, what, expected, advice, "spike", severity="warn", figure=float(off.max()))]
+
+
+PIECE = 1 << 20
+"""Rows of a column that are judged at once."""
+
+
+def _pieces(data: Array, look: Callable[[Array], Rows]) -> Rows:
+    """Rows that a search finds in pieces of a long series."""
+    parts = [look(data[start : start + PIECE]) + start for start in range(0, data.size, PIECE)]
+    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
+
+
+def stuck_runs(log: Log, column: str, data: Array, runs: Rows, unit: str) -> list[Finding]:
+    """Values that stand still: saturated where they stand at the column's extreme, else stuck."""
+    if not len(runs):
+        return []
+    length = runs[:, 1] - runs[:, 0]
+    first, stop = runs[int(np.argmax(length))].tolist()
+    value = float(data[first])
+    at_end = value in (float(data.max()), float(data.min()))
+    word = "saturated" if at_end and column_is_indication(column) else "stuck"
+    span = f" ({_seconds(log, first, stop)})" if "time_s" in log.frame.columns else ""
+    others = f", the longest of {len(runs)} such runs" if len(runs) > 1 else ""
+    what = f"{word} at {value:g} {unit} for {stop - first} rows{span}{others}"
+    advice = "leave the range out with [[exclude]], and see to the sensor"
+    if word == "saturated":
+        advice = "the range of the sensor or its logger ended there: leave the rows out with [[exclude]] or log again"
+    name = word
+    return [at_row(log, first, column, what, "values that move", advice, name, severity="warn", figure=value)]
+
+
+def column_is_indication(column: str) -> bool:
+    """Whether a column is what an instrument under calibration indicates, not a reference."""
+    return column.startswith(("gyro", "accel"))
+
+
+def _seconds(log: Log, first: int, stop: int) -> str:
+    """Time that rows first … stop − 1 span, as words."""
+    time = values(log.frame, "time_s")
+    return f"{time[first]:g} s to {time[stop - 1]:g} s"
+
+
+def clipped(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+    """Values that pile up at the largest or smallest."""
+    pile = anomalies.clipped(data)
+    if pile is None:
+        return []
+    count, value = pile
+    what = f"saturated: {count} rows at the extreme value {value:g} {unit}"
+    advice = "the range of the sensor or its logger ended there: leave the rows out with [[exclude]] or log again"
+    row = int(np.flatnonzero(data == value)[0])
+    expected = "extremes that few rows reach"
+    return [at_row(log, row, column, what, expected, advice, "saturated", severity="warn", figure=value)]
+
+
+def jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+    """Sudden changes of the bias that stay, told in one finding at the largest."""
+    window = int(np.clip(data.size // 50, 20, 2000))
+    rows, change = anomalies.jumps(data, window)
+    if not rows.size:
+        return []
+    k = int(np.argmax(np.abs(change)))
+    others = f", the largest of {rows.size}" if rows.size > 1 else ""
+    what = f"the bias jumps by {change[k]:+.3g} {unit} and stays{others}"
+    advice = (
+        "split the log there or leave the part behind it out with [[exclude]]; see that nothing was moved or restarted"
+    )
+    expected = "a bias that drifts"
+    figure = float(change[k])
+    return [at_row(log, int(rows[k]), column, what, expected, advice, "jump", severity="warn", figure=figure)]
+
+
+def start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+    """Rows at the head of a log that were written before the instrument ran."""
+    count = anomalies.start_up(data)
+    if not count:
+        return []
+    after = float(np.median(data[count : count + 100]))
+    what = f"{count} start-up row{'s' if count > 1 else ''}: {data[0]:g} {unit} at first, {after:g} {unit} behind them"
+    advice = "leave them out with [[exclude]]"
+    if "time_s" in log.frame.columns and count < len(data):
+        advice += f": to_s = {float(log.frame['time_s'].iloc[count - 1]):g}"
+    expected = "a log that begins with the instrument running"
+    return [at_row(log, 0, column, what, expected, advice, "start_up", severity="warn", figure=float(count))]
+
+
+def coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+    """An indication whose steps hide its noise."""
+    step = anomalies.resolution(data)
+    distinct = int(np.unique(data[: 4 * PIECE]).size)
+    if data.size < 100 or step == 0.0 or distinct > LEVELS or anomalies.repeats(data) < anomalies.NOISY:
+        return []
+    if step < COARSE * anomalies.scatter(data) and distinct > 4:
+        return []
+    what = f"{distinct} distinct values in {data.size} rows, {step:g} {unit} apart"
+    advice = "log with a finer resolution: what is smaller than a step is not seen, and noise does not average out"
+    expected = "steps smaller than the noise"
+    return [at_row(log, 0, column, what, expected, advice, "quantisation", severity="warn", figure=step)]
+
+
+def each(log: Log, columns: Sequence[str], unit: str) -> list[Finding]:
+    """Findings of several static indications of one unit."""
+    return [finding for column in columns for finding in indication(log, column, unit)]

@@ -1,0 +1,243 @@
+"""What a sensor or its logger did to a series that physics did not: spikes, stuck and clipped values, jumps, start-up rows.
+
+The thresholds are wide on purpose: a false alarm in a healthy log costs more trust than a spike of six standard deviations.
+"""
+
+from __future__ import annotations
+
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Rows = NDArray[np.int64]
+
+MAD_TO_SIGMA = 1.0 / 0.6744897501960817
+"""Standard deviation of normal noise over its median absolute deviation."""
+HIGH = 0.85
+"""Share of deviations that are ordinary, whatever the rest holds."""
+HIGH_TO_SIGMA = 1.0 / 1.4395314709384563
+"""Standard deviation of normal noise over that quantile of its absolute values."""
+BLOCK = 512
+"""Rows over which the scatter of a series is taken as one."""
+SPIKE = 10.0
+"""Standard deviations from the median of seven neighbours that make a spike."""
+SMALL = 0.01
+"""Share of a series' span below which nothing is called a spike."""
+QUIET = 1e-4
+"""Noise, as a share of the span, below which a series is not one of noise: a smooth one may stand still."""
+WIDTH = 3
+"""Rows on each side of a sample that its median is taken of: a spike is at most this wide."""
+SHORTEST_RUN = 10
+"""Equal values in a row that may be called stuck."""
+CHANCE = 1e-9
+"""Probability that a healthy series has an equal run of that length."""
+NOISY = 0.5
+"""Share of repeated values up to which a series is one of noise: a quantised thermometer repeats most of its values."""
+PILE = 10
+"""Rows at the extreme value from which clipping is looked for."""
+PILED = 5.0
+"""How many times as many rows the extreme value has as its neighbour where a series is clipped."""
+JUMP = 8.0
+"""Standard deviations that a change of level must have."""
+SUDDEN = 0.6
+"""Share of a change of level that must happen within an eighth of the window: drift is not sudden."""
+START_UP = 10.0
+"""Standard deviations from the line through the rows behind them that make rows start-up rows."""
+
+
+def scatter(values: Array) -> float:
+    """Standard deviation of the noise of a series [n], from second differences; 0 where most of them are 0."""
+    if values.size < 3:
+        return 0.0
+    second = np.abs(values[:-2] - 2.0 * values[1:-1] + values[2:])
+    return MAD_TO_SIGMA * float(np.median(second)) / float(np.sqrt(6.0))
+
+
+def resolution(values: Array, rows: int = 20_000) -> float:
+    """Smallest step between the distinct values of a series [n], of its first rows; 0 where there is one value."""
+    distinct = np.unique(values[:rows])
+    steps = np.diff(distinct)
+    steps = steps[steps > 1e-9 * max(abs(float(distinct[0])), abs(float(distinct[-1])))] if steps.size else steps
+    return float(steps.min()) if steps.size else 0.0
+
+
+def span(values: Array) -> float:
+    """Span of a series [n] without its outermost hundredths, from at most 20,000 of its rows."""
+    low, high = np.quantile(values[:: max(1, values.size // 20_000)], (0.01, 0.99)).tolist()
+    return float(high - low)
+
+
+def repeats(values: Array) -> float:
+    """Share [1] of a series' values that equal the value before them."""
+    return float(np.mean(values[1:] == values[:-1])) if values.size > 1 else 0.0
+
+
+def spikes(values: Array, *, least: float = 0.0) -> Rows:
+    """Rows of a series [n] that stand out of their neighbours and are gone after at most three rows.
+
+    A row is a spike when it is farther than ten standard deviations, five resolutions and `least` [unit of the series]
+    from the median of the seven rows around it: steps and bends keep their medians. The scatter is that of 512 rows, or
+    that of the whole series where that is larger.
+    """
+    if values.size < 8 * WIDTH:
+        return np.zeros(0, dtype=np.int64)
+    off = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
+    sigma = _local(off)
+    floor = max(least, 5.0 * resolution(values), SMALL * span(values))
+    # half of a spike two rows wide is seen here: only such rows are looked at closer
+    near = np.flatnonzero(off > np.maximum(SPIKE / 3.0 * sigma, floor / 3.0)) + 1
+    near = np.unique(np.clip(near[:, None] + np.arange(-1, 2), 0, values.size - 1))
+    around = values[np.clip(near[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)]
+    from_median = np.abs(values[near] - np.median(around, axis=1))
+    limit = np.maximum(SPIKE * sigma[np.clip(near - 1, 0, sigma.size - 1)], floor)
+    return np.asarray(near[from_median > limit], dtype=np.int64)
+
+
+def _local(deviation: Array) -> Array:
+    """Standard deviation [n] of the noise about each row, from deviations [n] from the neighbours' mean."""
+    blocks = max(1, deviation.size // BLOCK)
+    edges = np.linspace(0, deviation.size, blocks + 1).astype(np.int64)
+    thinned = max(1, BLOCK // 128)
+    # a high quantile: most rows of a coarse series do not differ at all
+    own = np.array([np.quantile(deviation[a:b:thinned], HIGH) for a, b in pairwise(edges)])
+    sigma = HIGH_TO_SIGMA * np.maximum(own, np.median(own)) / np.sqrt(1.5)
+    return np.repeat(sigma, np.diff(edges))
+
+
+def equal_runs(values: Array, shortest: int) -> Rows:
+    """First row and the row after the last [m, 2] of the runs of at least `shortest` equal values in a series [n]."""
+    same = np.concatenate(([0], (values[1:] == values[:-1]).astype(np.int8), [0]))
+    edges = np.flatnonzero(np.diff(same))
+    runs = np.column_stack((edges[0::2], edges[1::2] + 1))
+    return np.asarray(runs[runs[:, 1] - runs[:, 0] >= shortest], dtype=np.int64)
+
+
+def stuck(values: Array) -> Rows:
+    """Runs [m, 2] of equal values that chance does not give a series [n] of noise; none in a series that mostly repeats.
+
+    Where a share p of the values repeats, a run of L equal ones comes with probability n p^(L−1).
+    """
+    runs = equal_runs(values, SHORTEST_RUN)
+    if not len(runs):
+        return runs
+    inside = int(np.sum(runs[:, 1] - runs[:, 0] - 1))
+    others = max(values.size - 1 - inside, 1)
+    share = (repeats(values) * (values.size - 1) - inside) / others
+    if share > NOISY or others < values.size // 4 or scatter(values) < QUIET * span(values):
+        return runs[:0]
+    shortest = SHORTEST_RUN
+    if share > 0.0:
+        shortest = max(shortest, 1 + int(np.ceil(np.log(CHANCE / values.size) / np.log(share))))
+    return np.asarray(runs[runs[:, 1] - runs[:, 0] >= shortest], dtype=np.int64)
+
+
+def stuck_against(values: Array, driver: Array, moved: float) -> Rows:
+    """Runs [m, 2] of equal values of a series [n] during which what drives it [n] moves by more than `moved`."""
+    runs = equal_runs(values, SHORTEST_RUN)
+    kept = [k for k, (a, b) in enumerate(runs.tolist()) if np.ptp(driver[a:b]) > moved]
+    return np.asarray(runs[kept], dtype=np.int64)
+
+
+def frozen(values: Array, least: float) -> Rows:
+    """Runs [m, 2] of equal values of a smooth series [n] that ends in a leap: what it did meanwhile was not logged.
+
+    The leap exceeds twenty of the series' usual steps and `least` [unit of the series].
+    """
+    runs = equal_runs(values, SHORTEST_RUN)
+    step = np.abs(np.diff(values))
+    if not len(runs) or not step.any():
+        return runs[:0]
+    limit = max(20.0 * float(np.median(step[step > 0.0])), least)
+    leaps = [bool(b < values.size and step[b - 1] > limit) for _, b in runs.tolist()]
+    return np.asarray(runs[leaps], dtype=np.int64)
+
+
+def despiked(values: Array) -> Array:
+    """The series [n] with its spikes replaced by the median of their seven neighbours."""
+    rows = spikes(values)
+    if not rows.size:
+        return values
+    clean = values.copy()
+    around = np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
+    clean[rows] = np.median(values[around], axis=1)
+    return clean
+
+
+def clipped(values: Array) -> tuple[int, float] | None:
+    """Rows at the largest or smallest value of a noisy series [n], and the value, where they pile up there; else none."""
+    if values.size < 10 * PILE or repeats(values) > NOISY or scatter(values) < QUIET * span(values):
+        return None
+    for end, sense in ((float(values.max()), 1.0), (float(values.min()), -1.0)):
+        at = int(np.sum(values == end))
+        if at < PILE:
+            continue
+        others = values[values != end]
+        if not others.size:
+            return None
+        nearest = float((sense * others).max()) * sense
+        if at > PILED * int(np.sum(values == nearest)):
+            return at, end
+    return None
+
+
+def jumps(values: Array, window: int) -> tuple[Rows, Array]:
+    """Rows [m] at which the level of a series [n] changes suddenly and stays, and the changes [m] in its unit.
+
+    The change between the means of the windows before and after a row, less the change that the windows farther out
+    let expect, must exceed eight standard deviations and happen within an eighth of a window: drift does not.
+    """
+    none = np.zeros(0, dtype=np.int64), np.zeros(0)
+    short = max(window // 8, 3)
+    if values.size < 5 * window:
+        return none
+    noise = scatter(values)
+    calm = np.clip(values, *_reach(values, noise))
+    total = np.concatenate(([0.0], np.cumsum(calm - calm.mean())))
+    means = (total[window:] - total[:-window]) / window
+    a, b, c, d = (means[k * window : means.size - (3 - k) * window] for k in range(4))
+    change = (c - b) - ((b - a) + (d - c)) / 2.0
+    row = np.arange(change.size) + 2 * window
+    brief = (total[row + short] - 2.0 * total[row] + total[row - short]) / short
+    limit = JUMP * max(noise * np.sqrt(5.0 / window), MAD_TO_SIGMA * float(np.median(np.abs(change))))
+    sure = (np.abs(change) > limit) & (brief * change > 0.0) & (np.abs(brief) > SUDDEN * np.abs(change))
+    sure &= np.abs(brief) > JUMP * noise * np.sqrt(2.0 / short)
+    sure &= np.abs(change) > max(2.0 * resolution(values), 2.0 * SMALL * span(values))
+    return _peaks(row[sure], change[sure], 2 * window)
+
+
+def _reach(values: Array, noise: float) -> tuple[float, float]:
+    """Limits of a series without its wildest values, which must not pass for a level."""
+    low, high = np.quantile(values, (0.001, 0.999)).tolist()
+    return low - 3.0 * noise, high + 3.0 * noise
+
+
+def _peaks(row: Rows, change: Array, apart: int) -> tuple[Rows, Array]:
+    """The row of the largest change of each group of rows that are closer than `apart`."""
+    groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
+    tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]
+    kept: list[int] = []
+    for k in sorted(tops, key=lambda k: -abs(float(change[k]))):
+        if all(abs(int(row[k] - row[j])) >= apart for j in kept):
+            kept.append(k)
+    kept.sort(key=lambda k: int(row[k]))
+    return row[kept], change[kept]
+
+
+def start_up(values: Array, window: int = 100) -> int:
+    """Count the rows at the head of a series [n] that lie off the line through the rows that follow them.
+
+    The line is that of the medians of two windows behind the first; 0 where the head is like the rest.
+    """
+    if values.size < 10 * window:
+        return 0
+    first, second = (float(np.median(values[k * window : (k + 1) * window])) for k in (1, 2))
+    line = first + (np.arange(window) - 1.5 * window) * (second - first) / window
+    sigma = max(scatter(values[window : 10 * window]), resolution(values) / np.sqrt(12.0))
+    off = np.abs(values[:window] - line) > START_UP * sigma + 2.0 * abs(second - first)
+    inside = np.flatnonzero(~off)
+    return int(inside[0]) if inside.size else window
