@@ -25,6 +25,7 @@ SAMPLES = {
     "gyro_triad": "TRIAD-0001",
     "rate_table": "GYRO-0001",
     "inclinometer": "INC-0001",
+    "gyro_noise": "FOG-0001",
 }
 """Procedure, which is also the name of its sample logs and of its recipe → serial number in the report."""
 SHOWN = ("ramp_heating_05.csv", "ramp_cooling_05.csv", "withheld/ramp_heating_03.csv", "withheld/ramp_cooling_03.csv")

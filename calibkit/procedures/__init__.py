@@ -77,6 +77,7 @@ NAMES = (
     "accelerometer",
     "bias_temperature",
     "fog_thermal",
+    "gyro_noise",
     "gyro_pair",
     "gyro_triad",
     "inclinometer",

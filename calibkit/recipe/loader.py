@@ -18,6 +18,7 @@ from calibkit.recipe.accelerometer import AccelerometerRecipe
 from calibkit.recipe.bias_temperature import BiasTemperatureRecipe
 from calibkit.recipe.fog_thermal import FogThermalRecipe
 from calibkit.recipe.gyro import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
+from calibkit.recipe.gyro_noise import GyroNoiseRecipe
 from calibkit.recipe.inclinometer import InclinometerRecipe
 
 if TYPE_CHECKING:
@@ -30,6 +31,7 @@ PROCEDURES: dict[str, type[Recipe]] = {
     "bias_temperature": BiasTemperatureRecipe,
     "fog_thermal": FogThermalRecipe,
     "inclinometer": InclinometerRecipe,
+    "gyro_noise": GyroNoiseRecipe,
     "gyro_pair": GyroPairRecipe,
     "gyro_triad": GyroTriadRecipe,
     "rate_table": RateTableRecipe,

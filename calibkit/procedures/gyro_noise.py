@@ -1,0 +1,111 @@
+"""Noise of gyros at rest: records → Allan deviation, noise terms, bias stability → gyro_noise.json."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from calibkit.coefficients import Input
+from calibkit.errors import FitError, UsageError
+from calibkit.frame import Finding, refuse
+from calibkit.procedures import Fitted
+from calibkit.report import figures as drawing
+from calibkit.report import gyro_noise as pages
+from calibkit.report.summary import Summary
+from calibkit.report.summary import text as plain
+from calibkit.stages import gyro_noise, ingest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Log
+    from calibkit.procedures import Progress
+    from calibkit.recipe.gyro_noise import GyroNoiseRecipe
+    from calibkit.stages.gyro_noise import NoiseFigures
+
+
+def _read(spec: GyroNoiseRecipe, data: Path, file: str) -> Log:
+    """One log in canonical columns."""
+    return ingest.read_log(spec, data / file, file, ("time_s", *spec.noise.columns))
+
+
+def check(spec: GyroNoiseRecipe, data: Path, file: str) -> list[Finding]:
+    """Find what is wrong with one log."""
+    log = _read(spec, data, file)
+    found = gyro_noise.findings(log, spec)
+    if not any(finding.refused for finding in found):
+        try:
+            gyro_noise.records(log, spec.noise.columns)
+        except FitError as error:
+            found.append(Finding.of(error))
+    return found
+
+
+def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[str]]:
+    """Figures of every record in a log, and what was noted on the way."""
+    found = gyro_noise.findings(log, spec)
+    refuse(found)
+    flags = [f"{log.file}: {note}" for note in log.notes] + [str(finding) for finding in found]
+    return [gyro_noise.figures_of(record, spec) for record in gyro_noise.records(log, spec.noise.columns)], flags
+
+
+def fit(spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Estimate the noise of every record."""
+    inputs, figures, flags = [], [], []
+    for file in progress(files, "reading and averaging"):
+        log = _read(spec, data, file)
+        found, noted = _figures(spec, log)
+        inputs.append(Input.of(log))
+        figures += found
+        flags += [*noted, *(flag for one in found for flag in one.flags)]
+    result = gyro_noise.result(figures, flags)
+    summary = Summary(
+        spec.title, gyro_noise.tables(figures), tuple(flags), gyro_noise.criteria(figures, spec.acceptance)
+    )
+    return Fitted((result,), tuple(inputs), summary, gyro_noise.drawing(figures))
+
+
+def apply(
+    spec: GyroNoiseRecipe,
+    records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
+    data: Path,  # noqa: ARG001 (the same)
+) -> tuple[bytes, tuple[str, ...]]:
+    """Refuse: noise is stated, not compensated."""
+    raise UsageError(f"a run of {spec.procedure} holds nothing to compensate with", hint="apply a run of fog_thermal")
+
+
+def validate(
+    spec: GyroNoiseRecipe,
+    records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
+    data: Path,
+    files: Sequence[str],
+    progress: Progress,
+) -> tuple[dict[str, Any], Summary]:
+    """Noise of records that were not fitted, held against the recipe's limits."""
+    entries, figures, flags = [], [], []
+    for file in progress(files, "validating"):
+        log = _read(spec, data, file)
+        found, noted = _figures(spec, log)
+        entries.append(
+            {
+                "name": file,
+                "sha256": log.sha256,
+                "rows": log.rows,
+                "records": [gyro_noise.json_of(one) for one in found],
+            }
+        )
+        figures += found
+        flags += [*noted, *(flag for one in found for flag in one.flags)]
+    criteria = gyro_noise.criteria(figures, spec.acceptance)
+    return {"logs": entries}, Summary("", gyro_noise.tables(figures), tuple(flags), criteria)
+
+
+def report(title: str, fitted: Fitted) -> dict[str, bytes]:
+    """Figures as report.pdf and the summary as report.txt."""
+    if not isinstance(fitted.drawing, pages.NoiseReport):
+        raise UsageError("not a fit of gyro_noise")
+    return {
+        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
+        "report.txt": plain(fitted.summary).encode(),
+    }

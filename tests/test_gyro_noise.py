@@ -1,0 +1,194 @@
+"""Noise of gyros at rest by the command line: figures, gaps, what is not observable, limits, logs that cannot be used."""
+
+import allantools
+import numpy as np
+import pytest
+
+from calibkit import store
+from calibkit.numeric import allan, allan_fit
+from calibkit.simulate import gyro_noise as simulate
+from calibkit.simulate import noise
+
+HOURS = 2.0
+
+
+@pytest.fixture(scope="module")
+def white(tmp_path_factory):
+    """Return a folder with one record of white noise of 0.01 °/√h at 2 Hz, and its rate."""
+    from conftest import write_log
+
+    folder = tmp_path_factory.mktemp("white")
+    rate = 8.0 + noise.angle_random_walk(0.01, 8000, np.random.default_rng(5), interval_s=0.5)
+    write_log(folder / "still.csv", time_s=np.arange(8000) * 0.5, gyro_dph=rate)
+    return folder, rate
+
+
+def fitted(calibkit, folder, out, *more):
+    """Run of a fit, its outcome."""
+    outcome = calibkit("fit", "gyro_noise", "--data", folder, "--serial", "G", "--out", out, *more)
+    return outcome, (store.load(out / "G" / "r001") if outcome.code in (0, 1) else None)
+
+
+def figures(run):
+    """Figures of the run by name."""
+    return {figure.name: figure for figure in run.records["gyro_noise.json"].figures}
+
+
+def test_the_deviations_in_the_file_are_those_of_the_peer(calibkit, white, tmp_path):
+    """Overlapping Allan deviation at every averaging time equals allantools' to 1e-9 relative."""
+    folder, rate = white
+    outcome, run = fitted(calibkit, folder, tmp_path)
+    assert outcome.code == 0, outcome.err
+    found = {float(n.split("_")[2]): f.value for n, f in figures(run).items() if n.startswith("allan_deviation")}
+    taus, peer, _, _ = allantools.oadev(rate, rate=2.0, data_type="freq", taus=np.array(sorted(found)))
+    assert taus.tolist() == sorted(found)
+    assert [found[tau] for tau in taus] == pytest.approx(peer, rel=1e-9)
+
+
+def test_white_noise_shows_its_angle_random_walk_and_nothing_else(calibkit, white, tmp_path):
+    """N is 0.01 °/√h within three of its standard uncertainties; B, K, R, Q are said not to be observable, without a number."""
+    outcome, run = fitted(calibkit, white[0], tmp_path)
+    found = figures(run)
+    walk = found["angle_random_walk.still"]
+    assert abs(walk.value - 0.01) < 3.0 * walk.standard_uncertainty < 0.0005
+    for name in ("bias_instability", "rate_random_walk", "rate_ramp", "quantization"):
+        assert not any(figure.startswith(name) for figure in found)
+        assert any(name in flag and "not observable" in flag for flag in run.records["gyro_noise.json"].flags)
+    assert outcome.out.count("not observable") >= 4
+
+
+def test_both_bias_stabilities_of_gjb_stand_beside_the_allan_deviation(calibkit, white, tmp_path):
+    """The 10 s and 100 s figures are the standard deviations of block means."""
+    _, run = fitted(calibkit, white[0], tmp_path)
+    for block_s in (10, 100):
+        means = white[1].reshape(-1, block_s * 2).mean(axis=1)
+        assert figures(run)[f"bias_stability_{block_s}_s.still"].value == pytest.approx(means.std(ddof=1), rel=1e-12)
+
+
+def test_a_gap_in_time_and_a_missing_rate_are_gaps(calibkit, white, tmp_path, log_writer):
+    """Rows left out, or empty, are counted and the curve is that of the record with holes; nothing is closed up."""
+    rate, time = white[1].copy(), np.arange(8000) * 0.5
+    kept = np.ones(8000, dtype=bool)
+    kept[3000:3100] = False
+    path = log_writer(tmp_path / "d/still.csv", time_s=time[kept], gyro_dph=rate[kept])
+    lines = path.read_text(encoding="utf-8").splitlines()
+    lines[101] = lines[101].split(",")[0] + ","
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    outcome, run = fitted(calibkit, tmp_path / "d", tmp_path)
+    assert outcome.code == 0, outcome.err
+    rate[3000:3100] = np.nan
+    rate[100] = np.nan
+    expected = allan.overlapping(rate, 0.5)
+    found = [f.value for n, f in figures(run).items() if n.startswith("allan_deviation")]
+    assert found == pytest.approx(expected.deviation_dph, rel=1e-9)
+    assert any("101 of 8000 samples are missing" in flag for flag in run.document["flags"])
+
+
+def test_a_limit_on_a_term_that_is_not_observable_is_held_against_what_it_can_be_at_most(calibkit, white, tmp_path):
+    """Of white noise the rate random walk is bounded by the curve: a limit above the bound passes, one below fails."""
+    folder, rate = white
+    bound = allan.overlapping(rate, 0.5)
+    law = next(law for law in allan_fit.LAWS if law.symbol == "K")
+    most = float(np.min(law.scale * bound.upper_dph / np.sqrt(bound.tau_s)))
+    for limit, code in ((1.01 * most, 0), (0.99 * most, 1)):
+        outcome, _ = fitted(
+            calibkit, folder, tmp_path / str(code), "--set", f"acceptance.max_rate_random_walk={limit!r}"
+        )
+        assert outcome.code == code
+    assert "(not observable: at most)" in outcome.out
+
+
+def test_columns_of_several_gyros_in_other_units_are_told_apart(calibkit, white, tmp_path, log_writer):
+    """Two gyros in °/s and °/h in one log: figures carry the column, and the same noise gives the same N."""
+    rate = white[1]
+    log_writer(tmp_path / "d/still.csv", time_s=np.arange(8000) * 0.5, gx=rate / 3600.0, gyro_y_dph=rate)
+    outcome, run = fitted(
+        calibkit,
+        tmp_path / "d",
+        tmp_path,
+        "--set",
+        'noise.columns=["gyro_x_dph", "gyro_y_dph"]',
+        "--set",
+        'columns.gyro_x_dph={from="gx", unit="deg/s"}',
+    )
+    assert outcome.code == 0, outcome.err
+    found = figures(run)
+    x, y = (found[f"angle_random_walk.gyro_{axis}_dph.still"].value for axis in "xy")
+    assert x == pytest.approx(y, rel=1e-9)
+
+
+def test_validation_states_the_noise_of_other_records_against_the_limits(calibkit, white, tmp_path):
+    """A limit of 0.009 °/√h was not met by the fit, nor by another record of 0.01 °/√h: exit 1, with the curve in the JSON."""
+    from conftest import write_log
+
+    limit = ("--set", "acceptance.max_angle_random_walk=0.009")
+    outcome, _ = fitted(calibkit, white[0], tmp_path / "runs", *limit)
+    assert outcome.code == 1
+    rate = noise.angle_random_walk(0.01, 4000, np.random.default_rng(6))
+    write_log(tmp_path / "other/later.csv", time_s=np.arange(4000.0), gyro_dph=rate)
+    done = calibkit(
+        "validate",
+        "G",
+        "--runs",
+        tmp_path / "runs",
+        "--data",
+        tmp_path / "other",
+        "--out",
+        tmp_path / "v.json",
+        "--json",
+    )
+    assert done.code == 1
+    (record,) = done.json["logs"][0]["records"]
+    assert record["allan_deviation"]["deviation"] == pytest.approx(allan.overlapping(rate, 1.0).deviation_dph, rel=1e-9)
+    assert record["wavelet_deviation"]["estimator"] == "wavelet db2"
+
+
+def test_a_noise_run_compensates_nothing(calibkit, white, tmp_path):
+    """Apply of a noise run is refused with exit 2 and a word on what to apply."""
+    fitted(calibkit, white[0], tmp_path)
+    done = calibkit("apply", "G", "--runs", tmp_path, "--data", white[0] / "still.csv", "--out", tmp_path / "a.csv")
+    assert (done.code, "nothing to compensate with" in done.err) == (2, True)
+
+
+@pytest.mark.parametrize(
+    ("change", "said"),
+    [
+        ("uneven", "still.csv:502: a step of 0.7 s, expected a multiple of 0.5 s"),
+        ("short", "200 rows"),
+        ("constant", "gyro_dph"),
+        ("backwards", "runs backwards"),
+        ("infinite", "some infinite"),
+    ],
+)
+def test_a_record_that_has_no_deviation_is_refused_with_its_place(calibkit, white, tmp_path, log_writer, change, said):
+    """Uneven sampling, too few rows, a rate that never changes, time that runs backwards, infinite rates: exit 3."""
+    time, rate = np.arange(8000) * 0.5, white[1].copy()
+    if change == "uneven":
+        time[500:] += 0.2
+    if change == "short":
+        time, rate = time[:200], rate[:200]
+    if change == "constant":
+        rate[:] = 8.0
+    if change == "backwards":
+        time[500] = 10.0
+    if change == "infinite":
+        rate[7] = np.inf
+    log_writer(tmp_path / "d/still.csv", time_s=time, gyro_dph=rate)
+    outcome, _ = fitted(calibkit, tmp_path / "d", tmp_path)
+    assert (outcome.code, said in outcome.err) == (3, True), outcome.err
+    assert calibkit("check", "gyro_noise", "--data", tmp_path / "d").code == 3
+
+
+def test_the_simulated_record_shows_its_noise_terms(calibkit, tmp_path):
+    """Of the simulated gyro N and B are within three standard uncertainties of the truth, the gap notwithstanding."""
+    made = simulate.campaign(3)
+    path = tmp_path / "d" / "static.csv"
+    path.parent.mkdir()
+    path.write_bytes(made.files()["static.csv"])
+    outcome, run = fitted(calibkit, tmp_path / "d", tmp_path)
+    assert outcome.code == 0, outcome.err
+    terms = made.truth["terms"]
+    for symbol, name in (("N", "angle_random_walk"), ("B", "bias_instability")):
+        figure = figures(run)[f"{name}.static"]
+        assert abs(figure.value - terms[symbol]) < 3.0 * figure.standard_uncertainty < 0.3 * terms[symbol]
+    assert (run.folder / "report.pdf").read_bytes().startswith(b"%PDF")
