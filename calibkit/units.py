@@ -33,6 +33,11 @@ class Unit:
     divisor: float = 1.0
     shift: float = 0.0
 
+    @property
+    def size(self) -> float:
+        """A difference of one in this unit, in the base unit."""
+        return self.factor / self.divisor
+
 
 _PI = math.pi
 

@@ -525,14 +525,15 @@ def test_an_unusable_log_is_refused_by_check_and_fit(name, tmp_path, calibkit, l
     assert not (tmp_path / "runs").exists()
 
 
-def test_text_in_a_number_is_refused(tmp_path, calibkit, log_writer):
-    """A word among the counts is named with its line; exit code 3."""
+@pytest.mark.parametrize(("word", "named"), [("turned", "found 'turned'"), ("overflow", "1 missing or infinite value")])
+def test_text_in_a_number_is_refused(tmp_path, calibkit, log_writer, word, named):
+    """A word among the counts is named with its line, one that loggers write for a missing value too; exit code 3."""
     path = log_writer(tmp_path / "logs" / "run.csv", **healthy())
     lines = path.read_text(encoding="utf-8").splitlines()
-    path.write_text("\n".join([*lines[:5], "4.0,1.0,overflow", *lines[6:]]) + "\n", encoding="utf-8")
+    path.write_text("\n".join([*lines[:5], f"4.0,1.0,{word}", *lines[6:]]) + "\n", encoding="utf-8")
     outcome = calibkit("fit", "rate_table", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
     assert outcome.code == 3
-    assert "run.csv:6: column 'gyro_x_lsb': found 'overflow'" in outcome.err
+    assert f"run.csv:6: column 'gyro_x_lsb': {named}" in outcome.err
 
 
 @pytest.mark.parametrize(

@@ -124,11 +124,11 @@ def step(source: str, target: str) -> float:
     """Factor from a difference in one unit to one in another; of temperatures the scales' zeros do not matter."""
     a, b = units.TABLE[units.known(source)], units.TABLE[units.known(target)]
     if a.dimension == b.dimension:
-        return a.factor / b.factor
+        return a.size / b.size
     if {a.dimension, b.dimension} == {"acceleration", "acceleration in SI"}:  # half a percent of an uncertainty
         return (
-            a.factor
-            / b.factor
+            a.size
+            / b.size
             * (units.STANDARD_GRAVITY_MPS2 if a.dimension == "acceleration" else 1.0 / units.STANDARD_GRAVITY_MPS2)
         )
     raise RecipeError(f"'{source}' is a {a.dimension}, '{target}' a {b.dimension}", hint="state a unit of the quantity")
