@@ -85,33 +85,26 @@ def fit(
 @cli.command()
 @RECIPE
 @DATA
+@click.option("--figure", default=None, type=click.Path(path_type=Path), help="PDF to write, one page a log")
 @SET
 @JSON
-def check(recipe: str, data: Path, overrides: tuple[str, ...], *, as_json: bool) -> int:
+def check(recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ...], *, as_json: bool) -> int:
     """Say what would be read and what is wrong with it; nothing is fitted.
 
     \b
     calibkit check fog_thermal --data logs
-    calibkit check my_recipe.toml --data logs --json
+    calibkit check my_recipe.toml --data logs --json --figure logs.pdf
     """
-    from dataclasses import asdict
-
     from calibkit import pipeline
+    from calibkit.check.report import document, lines
     from calibkit.recipe import find
 
-    found = pipeline.check(find(recipe, overrides), data)
-    refused = any(finding.refused for findings in found.values() for finding in findings)
+    reports = pipeline.check(find(recipe, overrides), data, figure)
     if as_json:
-        logs = [
-            {"log": file, "findings": [asdict(finding) for finding in findings]} for file, findings in found.items()
-        ]
-        _print_json({"ok": not refused, "logs": logs})
+        _print_json(document(reports))
     else:
-        for file, findings in found.items():
-            click.echo(f"{file}: ok" if not findings else file)
-            for finding in findings:
-                click.echo(f"  {'REFUSED' if finding.refused else 'flagged'} {finding}")
-    return FrameError.exit_code if refused else 0
+        click.echo("\n".join(line for report in reports for line in lines(report)))
+    return FrameError.exit_code if any(report.refused for report in reports) else 0
 
 
 @cli.command()

@@ -65,6 +65,27 @@ class Log:
         return f"{self.file}:{index + 2}"
 
 
+@dataclass(frozen=True, slots=True)
+class Held:
+    """A held condition of a log: rows start … stop − 1, its kind, its level and the level's unit."""
+
+    kind: Literal["soak", "ramp", "rate", "dwell", "station"]
+    start: int
+    stop: int
+    level: float
+    unit: str
+    pinned: bool = False
+    """Whether the recipe says so, rather than the log."""
+
+
+@dataclass(frozen=True, slots=True)
+class Examined:
+    """What a procedure says of a log before anything is fitted to it: the findings and the held conditions."""
+
+    findings: tuple[Finding, ...]
+    held: tuple[Held, ...] = ()
+
+
 Severity = Literal["refuse", "warn", "note"]
 """What a finding does to a fit: stops it, is carried along as a flag, or is only told by `check`."""
 

@@ -17,7 +17,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.frame import Finding
+    from calibkit.check.report import LogReport
     from calibkit.procedures import Fitted, Progress
     from calibkit.report.summary import Summary
 
@@ -135,11 +135,31 @@ def _run_document(
     }
 
 
-def check(source: recipe.Source, data: Path) -> dict[str, list[Finding]]:
-    """Everything that is wrong with each log that a recipe would read; nothing is fitted."""
+def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tuple[LogReport, ...]:
+    """What each log that a recipe would read holds and what is wrong with it; nothing is fitted.
+
+    A figure (PDF, one page a log) is written where a path for it is given.
+    """
+    from calibkit.stages import examination
+
+    if figure is not None:
+        store.refuse_existing(figure)
     spec = recipe.parse(source)
     procedure = procedures.of(spec)
-    return {file: procedure.check(spec, data, file) for file in ingest.find_logs(spec, data)}
+    outcomes = [examination.of(procedure, spec, data, file) for file in ingest.find_logs(spec, data)]
+    reports = [outcome.report for outcome in outcomes]
+    for file, copy in examination.copies(reports):
+        reports = [
+            replace(report, findings=(*report.findings, copy)) if report.file == file else report for report in reports
+        ]
+    if figure is not None:
+        from calibkit.report import figures, logs
+
+        drawn = [outcome.figure for outcome in outcomes if outcome.figure is not None]
+        if not drawn:
+            raise FrameError(f"{data}: no log could be read, nothing to draw", hint="see check without --figure")
+        store.write_new(figure, figures.pdf(logs.pages(drawn)))
+    return tuple(reports)
 
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:

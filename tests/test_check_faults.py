@@ -33,12 +33,13 @@ def healthy():
     return logs
 
 
-def findings(procedure, columns, tmp_path, log_writer, overrides=()):
+def findings(name, columns, tmp_path, log_writer, overrides=()):
     """Return what the procedure's check says of one log."""
-    file = ALLOWED[procedure]
+    file = ALLOWED[name]
     log_writer(tmp_path / file, **columns)
-    spec = recipe.parse(recipe.find(procedure, overrides))
-    return procedures.of(spec).check(spec, tmp_path, file)
+    spec = recipe.parse(recipe.find(name, overrides))
+    procedure = procedures.of(spec)
+    return list(procedure.examine(spec, procedure.read(spec, tmp_path, file)).findings)
 
 
 def put(column, rows, value):

@@ -81,12 +81,14 @@ def means(
     table_angle_deg: Array | None = None,
     temp_degc: Array | None = None,
     rules: Rules = DEFAULT_RULES,
+    held: Counts | None = None,
 ) -> Plateaus:
     """Average each held rate of a rate-table log over whole revolutions of the table.
 
     Parameters
     ----------
     time_s, table_rate_dps, table_angle_deg, rules : as for `find`.
+    held : [p, 2], rows of the held rates where they are known; found by `find` otherwise.
     indication : [n, m], one column a gyro; each row is the mean rate over the interval that ends at it.
     temp_degc : [n] [°C].
 
@@ -107,7 +109,7 @@ def means(
         row = int(np.flatnonzero(~np.isfinite(signals).all(axis=1))[0])
         raise FitError(f"the indication in row {row} is not finite", hint="exclude the rows that hold it")
     turn = turn_of(time_s, table_rate_dps, table_angle_deg)
-    found = find(time_s, table_rate_dps, table_angle_deg=table_angle_deg, rules=rules)
+    found = find(time_s, table_rate_dps, table_angle_deg=table_angle_deg, rules=rules) if held is None else held
     parts = [_whole_revolutions(turn, first, stop) for first, stop in found]
     wave = _modulation(turn, table_rate_dps, signals, parts)
     parts, left_out = _without_rest(turn, parts, determined=wave.earth)

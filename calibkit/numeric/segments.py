@@ -63,6 +63,19 @@ def segments(slope: Array, temperature: Array, *, ramp_min: float, min_span: flo
     return _with_soaks(ramps, slope)
 
 
+def pinned(time: Array, temperature: Array, slope: Array, ramps: list[tuple[int, int]]) -> list[Segment]:
+    """Segments of a log [n] whose ramps are known as first row and row after the last; all else is soak.
+
+    The rate of a ramp is the slope [°C/min] of the straight line through its temperatures [°C] over time [s].
+    """
+    moving = []
+    for start, stop in ramps:
+        minutes = (time[start:stop] - time[start]) / 60.0
+        rate = float(np.polyfit(minutes - minutes.mean(), temperature[start:stop], 1)[0])
+        moving.append(Segment("ramp", start, stop, rate))
+    return _with_soaks(moving, slope)
+
+
 def _runs(sign: Array) -> list[tuple[int, int, float]]:
     """Start, stop and value of each run of equal values."""
     edges = np.flatnonzero(np.diff(sign)) + 1

@@ -1,4 +1,4 @@
-"""The procedures that calibkit knows: one module each, with the five functions that a command can ask of it."""
+"""The procedures that calibkit knows: one module each, with the six functions that a command can ask of it."""
 
 from __future__ import annotations
 
@@ -13,7 +13,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Input, Record, StageResult
-    from calibkit.frame import Finding
+    from calibkit.frame import Examined, Log
     from calibkit.recipe import Recipe
     from calibkit.report.summary import Summary
 
@@ -53,8 +53,11 @@ class Procedure(Protocol):
     def fit(self, spec: Any, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
         """Fit the logs."""
 
-    def check(self, spec: Any, data: Path, file: str) -> list[Finding]:
-        """Find what is wrong with a log."""
+    def read(self, spec: Any, data: Path, file: str) -> Log:
+        """Read one log in canonical columns."""
+
+    def examine(self, spec: Any, log: Log) -> Examined:
+        """Find what is wrong with a log, and its held conditions."""
 
     def apply(self, spec: Any, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
         """Compensate a log: the new file's bytes and the flags."""

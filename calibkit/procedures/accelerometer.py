@@ -22,12 +22,12 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Record
-    from calibkit.frame import Finding, Log
+    from calibkit.frame import Examined, Log
     from calibkit.procedures import Progress
     from calibkit.recipe.accelerometer import AccelerometerRecipe
 
 
-def _read(spec: AccelerometerRecipe, data: Path, file: str) -> Log:
+def read(spec: AccelerometerRecipe, data: Path, file: str) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = accel_dwells.needed(spec)
     return ingest.read_log(_on_site(spec), data / file, file, columns, optional)
@@ -39,14 +39,14 @@ def _on_site(spec: AccelerometerRecipe) -> AccelerometerRecipe:
     return spec.model_copy(update={"site": spec.site.model_copy(update={"gravity_mps2": gravity})})
 
 
-def check(spec: AccelerometerRecipe, data: Path, file: str) -> list[Finding]:
-    """Find what is wrong with one log."""
-    return accel_dwells.findings(_read(spec, data, file), spec)
+def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log, and its dwells."""
+    return accel_dwells.examine(log, spec)
 
 
 def fit(spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
-    logs = [_read(spec, data, file) for file in progress(files, "reading")]
+    logs = [read(spec, data, file) for file in progress(files, "reading")]
     dwells = accel_dwells.collect(logs, spec)
     fitted = accel_fit.fit(dwells, spec)
     corrections = []
@@ -69,7 +69,7 @@ def fit(spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: P
 def apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
     """Correct every row of a log, in the log's own unit and sign, and add inclination and toolface."""
     rowwise = spec.model_copy(update={"reference": spec.reference.model_copy(update={"kind": "magnitude"})})
-    log = _read(
+    log = read(
         rowwise.model_copy(update={"dwells": spec.dwells.model_copy(update={"mode": "rows"})}), data.parent, data.name
     )
     refuse(accel_dwells.findings(log, rowwise))
@@ -103,7 +103,7 @@ def validate(
     flags: list[str] = []
     criteria: list[Criterion] = []
     for file in progress(files, "validating"):
-        log = _read(spec, data, file)
+        log = read(spec, data, file)
         dwells = accel_dwells.collect([log], spec)
         stands = accel_attitude.before_after(dwells, [("corrected", correction)], spec)
         entries.append(accel_attitude.entry(file, log.sha256, log.rows, stands))

@@ -8,7 +8,7 @@ from calibkit import check as checks
 from calibkit import units
 from calibkit.coefficients import Input
 from calibkit.errors import UsageError
-from calibkit.frame import Finding, refuse
+from calibkit.frame import Examined, Finding, refuse
 from calibkit.procedures import Fitted
 from calibkit.report import bias_temperature as pages
 from calibkit.report import figures as drawing
@@ -31,7 +31,7 @@ def _columns(spec: BiasTemperatureRecipe) -> tuple[str, ...]:
     return tuple(dict.fromkeys((spec.polynomials.abscissa, *(entry.indication for entry in spec.polynomials.bias))))
 
 
-def _read(spec: BiasTemperatureRecipe, data: Path, file: str) -> Log:
+def read(spec: BiasTemperatureRecipe, data: Path, file: str) -> Log:
     """One log in the recipe's columns; time is read where the log has it."""
     return ingest.read_log(spec, data / file, file, _columns(spec), optional=("time_s",))
 
@@ -55,16 +55,16 @@ def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     return [*found, *checks.magnitude.compensated(log, spec, [entry.indication for entry in spec.polynomials.bias])]
 
 
-def check(spec: BiasTemperatureRecipe, data: Path, file: str) -> list[Finding]:
+def examine(spec: BiasTemperatureRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
-    return _findings(spec, _read(spec, data, file))
+    return Examined(tuple(_findings(spec, log)))
 
 
 def fit(spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
     for file in progress(files, "reading"):
-        log = _read(spec, data, file)
+        log = read(spec, data, file)
         found = _findings(spec, log)
         refuse(found)
         logs.append(log)
@@ -77,7 +77,7 @@ def fit(spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress:
 
 def apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
     """Take each channel's polynomial, zero at the reference, out of every row."""
-    log = _read(spec, data.parent, data.name)
+    log = read(spec, data.parent, data.name)
     refuse(_findings(spec, log))
     columns, flags = bias.compensated(log, records["bias.json"], spec)
     return write_back.replaced(spec, data, columns), flags
@@ -93,7 +93,7 @@ def validate(
     """Standard deviation of each channel before and after, of logs that were not fitted."""
     entries = []
     for file in progress(files, "validating"):
-        log = _read(spec, data, file)
+        log = read(spec, data, file)
         refuse(_findings(spec, log))
         entries.append(bias.validation_entry(log, records["bias.json"], spec))
     return {"logs": entries}, bias.validation_summary(entries)

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.coefficients import Criterion
-from calibkit.errors import CoefficientError, FitError, FrameError
-from calibkit.frame import Finding, refuse, values
+from calibkit.errors import CoefficientError
+from calibkit.frame import refuse, values
 from calibkit.numeric import drift
 from calibkit.procedures import Fitted
 from calibkit.report import figures as drawing
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Record
-    from calibkit.frame import Log
+    from calibkit.frame import Examined, Log
     from calibkit.procedures import Progress
     from calibkit.recipe import FogThermalRecipe
 
@@ -42,7 +42,7 @@ if TYPE_CHECKING:
 def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
     _known_rates(spec, files)
-    prepared = [fog_ramps.prepare(_read(spec, data, file), spec) for file in progress(files, "reading and denoising")]
+    prepared = [fog_ramps.prepare(read(spec, data, file), spec) for file in progress(files, "reading and denoising")]
     ramps = fog_drift.fit_ramps(prepared, spec.drift)
     choices = fog_drift.choose(ramps, spec.drift)
     levels = fog_levels.choose(prepared, spec.drift)
@@ -65,7 +65,7 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     return Fitted(results, sources, summary, report, tuple(fog_uncertainty.document(stated)))
 
 
-def _read(spec: FogThermalRecipe, data: Path, file: str) -> Log:
+def read(spec: FogThermalRecipe, data: Path, file: str) -> Log:
     """One log in canonical columns."""
     return ingest.read_log(spec, data / file, file, fog_ramps.COLUMNS)
 
@@ -112,16 +112,9 @@ def _common_criteria(
     return tuple(criteria)
 
 
-def check(spec: FogThermalRecipe, data: Path, file: str) -> list[Finding]:
-    """Find what is wrong with one log: all that would stop a fit, up to the ramps themselves."""
-    log = _read(spec, data, file)
-    found = fog_ramps.findings(log, spec)
-    if not any(finding.refused for finding in found):
-        try:
-            fog_ramps.prepare(log, spec)
-        except (FitError, FrameError) as error:
-            found.append(Finding.of(error))
-    return found
+def examine(spec: FogThermalRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log, all that would stop a fit, and its soaks and ramps."""
+    return fog_ramps.examine(log, spec)
 
 
 def _model(spec: FogThermalRecipe, records: Mapping[str, Record]) -> fog_compensate.DriftModel:
@@ -150,10 +143,10 @@ def validate(
     model = _model(spec, records)
     figures, logs = [], []
     for file in progress(files, "validating"):
-        log = _read(spec, data, file)
+        log = read(spec, data, file)
         refuse(fog_ramps.usable(log))
         time, case, env, gyro = (values(log.frame, column) for column in fog_ramps.COLUMNS)
-        _, slope = fog_ramps.cut(log.name, time, env, spec)
+        _, slope = fog_ramps.cut(log, spec)
         blocks = drift.blocks(time, case, env, gyro, slope, model.interval_s)
         found = fog_compensate.figures_of(log.name, blocks, model)
         figures.append(found)

@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Record
-    from calibkit.frame import Finding
+    from calibkit.frame import Examined, Log
     from calibkit.numeric.gyro_pair import GyroPair
     from calibkit.procedures import Progress
     from calibkit.recipe.gyro import GyroPairRecipe
@@ -27,9 +27,14 @@ if TYPE_CHECKING:
 GYROS = ("a", "b")
 
 
-def check(spec: GyroPairRecipe, data: Path, file: str) -> list[Finding]:
-    """Find what is wrong with one log."""
-    return gyro_runs.findings(gyro_runs.read(spec, data, file, GYROS), GYROS, spec)
+def read(spec: GyroPairRecipe, data: Path, file: str) -> Log:
+    """One log of the table in canonical columns."""
+    return gyro_runs.read(spec, data, file, GYROS)
+
+
+def examine(spec: GyroPairRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log, and its held rates."""
+    return gyro_runs.examine(log, GYROS, spec)
 
 
 def _axes(spec: GyroPairRecipe, files: Sequence[str]) -> dict[str, str]:

@@ -26,15 +26,20 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Record
-    from calibkit.frame import Finding
+    from calibkit.frame import Examined, Log
     from calibkit.procedures import Progress
     from calibkit.recipe.gyro import GyroTriadRecipe
     from calibkit.stages.gyro_runs import TableRun
 
 
-def check(spec: GyroTriadRecipe, data: Path, file: str) -> list[Finding]:
-    """Find what is wrong with one log."""
-    return gyro_runs.findings(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
+def read(spec: GyroTriadRecipe, data: Path, file: str) -> Log:
+    """One log of the table in canonical columns."""
+    return gyro_runs.read(spec, data, file, spec.gyros)
+
+
+def examine(spec: GyroTriadRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log, and its held rates."""
+    return gyro_runs.examine(log, spec.gyros, spec)
 
 
 def _run(spec: GyroTriadRecipe, data: Path, file: str) -> TableRun:

@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Record
-    from calibkit.frame import Finding, Log
+    from calibkit.frame import Examined, Log
     from calibkit.procedures import Progress
     from calibkit.recipe.inclinometer import InclinometerRecipe
 
@@ -41,20 +41,20 @@ def _on_site(spec: InclinometerRecipe) -> InclinometerRecipe:
     return spec.model_copy(update={"site": spec.site.model_copy(update={"gravity_mps2": gravity})})
 
 
-def _read(spec: InclinometerRecipe, data: Path, file: str) -> Log:
+def read(spec: InclinometerRecipe, data: Path, file: str) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = inclinometer_stations.needed(spec)
     return ingest.read_log(_on_site(spec), data / file, file, columns, optional)
 
 
-def check(spec: InclinometerRecipe, data: Path, file: str) -> list[Finding]:
-    """Find what is wrong with one log."""
-    return inclinometer_stations.findings(_read(spec, data, file), spec)
+def examine(spec: InclinometerRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log, and its stations."""
+    return inclinometer_stations.examine(log, spec)
 
 
 def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit s(T) of each gyro to the stations of all logs together."""
-    logs = [_read(spec, data, file) for file in progress(files, "reading")]
+    logs = [read(spec, data, file) for file in progress(files, "reading")]
     found = [finding for log in logs for finding in inclinometer_stations.findings(log, spec)]
     refuse(found)
     stations = inclinometer_stations.stations(inclinometer_stations.gather(logs, _on_site(spec)), spec)
@@ -85,7 +85,7 @@ def _seek(
 
 def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
     """Correct the rates of every row, in the log's own unit, and add each station's angles to its rows."""
-    log = _read(spec, data.parent, data.name)
+    log = read(spec, data.parent, data.name)
     refuse(inclinometer_stations.unusable(log, spec))
     stations, seen, flags = _seek(spec, records, log)
     columns = {}
@@ -111,7 +111,7 @@ def validate(
     """Angle errors before and after on stations that were not fitted."""
     entries, flags, tables, parts = [], [], [], []
     for file in progress(files, "validating"):
-        log = _read(spec, data, file)
+        log = read(spec, data, file)
         refuse(inclinometer_stations.findings(log, spec))
         stations, seen, found = _seek(spec, records, log)
         errors = inclinometer_azimuth.errors(stations, seen)

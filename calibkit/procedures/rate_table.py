@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Figure, Record
-    from calibkit.frame import Finding
+    from calibkit.frame import Examined, Log
     from calibkit.procedures import Progress
     from calibkit.recipe.gyro import RateTableRecipe
     from calibkit.report.summary import SummaryTable
@@ -29,9 +29,14 @@ COLUMNS = 3
 """Runs beside each other in a table of the summary."""
 
 
-def check(spec: RateTableRecipe, data: Path, file: str) -> list[Finding]:
-    """Find what is wrong with one log."""
-    return gyro_runs.findings(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
+def read(spec: RateTableRecipe, data: Path, file: str) -> Log:
+    """One log of the table in canonical columns."""
+    return gyro_runs.read(spec, data, file, spec.gyros)
+
+
+def examine(spec: RateTableRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log, and its held rates."""
+    return gyro_runs.examine(log, spec.gyros, spec)
 
 
 def fit(spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:

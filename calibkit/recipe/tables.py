@@ -12,7 +12,7 @@ from calibkit.recipe.logs import Logs
 from calibkit.recipe.strict import NonNegative, Positive, Table
 from calibkit.recipe.type_b import TypeB
 
-__all__ = ["Column", "Exclude", "Logs", "NonNegative", "Positive", "Recipe", "Site", "Table", "TypeB"]
+__all__ = ["Column", "Exclude", "Logs", "NonNegative", "Pin", "Positive", "Recipe", "Site", "Table", "TypeB"]
 
 
 class Column(Table):
@@ -73,6 +73,21 @@ class Exclude(Table):
         return self
 
 
+class Pin(Table):
+    """A held condition that the recipe states, in place of those found in the log."""
+
+    log: Annotated[str, Field(min_length=1)]
+    kind: Literal["soak", "ramp", "rate", "dwell"]
+    from_s: float
+    to_s: float
+
+    @model_validator(mode="after")
+    def _ordered(self) -> Pin:
+        if self.to_s <= self.from_s:
+            raise ValueError(f"to_s = {self.to_s:g} is not after from_s = {self.from_s:g}")
+        return self
+
+
 class Recipe(Table):
     """What every recipe says, whatever the procedure."""
 
@@ -84,6 +99,7 @@ class Recipe(Table):
     columns: dict[str, Column] = {}
     site: Site = Site()
     exclude: Annotated[tuple[Exclude, ...], Field(strict=False)] = ()
+    segment: Annotated[tuple[Pin, ...], Field(strict=False)] = ()
     type_b: Annotated[tuple[TypeB, ...], Field(strict=False)] = ()
 
     @field_validator("type_b")
@@ -94,6 +110,15 @@ class Recipe(Table):
         if twice is not None:
             raise ValueError(f"type_b '{twice}' stands twice: one effect would count twice")
         return terms
+
+    @field_validator("segment")
+    @classmethod
+    def _apart(cls, pins: tuple[Pin, ...]) -> tuple[Pin, ...]:
+        for k, pin in enumerate(pins):
+            for other in pins[:k]:
+                if pin.log == other.log and pin.from_s < other.to_s and other.from_s < pin.to_s:
+                    raise ValueError(f"two segments of {pin.log} overlap at {max(pin.from_s, other.from_s):g} s")
+        return pins
 
     def own_columns(self) -> tuple[str, ...]:
         """Columns that a recipe names itself, beyond the canonical ones."""

@@ -10,8 +10,9 @@ import numpy as np
 
 from calibkit import check
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Finding, Log, refuse, values
+from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.numeric import attitude, dwells
+from calibkit.stages import pins
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -165,16 +166,8 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     """Dwells found in a continuous log by its stillness, cut at gaps, in pieces where the recipe asks for them."""
     time = values(log.frame, "time_s")
     step = float(np.median(np.diff(time)))
-    window = max(4, round(spec.dwells.window_s / step))
     triad = indication(log, spec)
-    bounds = [0, *(np.flatnonzero(np.diff(time) > max(spec.dwells.max_gap_s, 2.5 * step)) + 1).tolist(), time.size]
-    found = []
-    for start, stop in pairwise(bounds):
-        if stop - start >= 4 * window:
-            found.append(start + _still(log, triad[start:stop], window, step, spec))
-    if not found:
-        raise FrameError(f"{log.file}: too short for dwells of {spec.dwells.window_s:g} s", hint="log longer")
-    intervals = np.concatenate(found)
+    intervals = held_rows(log, triad, time, step, spec)
     if spec.dwells.piece_s is not None:
         intervals = dwells.pieces(intervals, max(2, round(spec.dwells.piece_s / step)))
     means = dwells.averages(np.column_stack([triad, _temperature(log)]), intervals)
@@ -189,6 +182,37 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
         tuple(f"{log.file}:{check.line(log, a)}-{check.line(log, b - 1)}" for a, b in intervals.tolist()),
         (*(f"{log.file}: {note}" for note in log.notes), f"{log.file}: {len(intervals)} dwells found"),
     )
+
+
+def held_rows(log: Log, triad: Array, time: Array, step: float, spec: AccelerometerRecipe) -> NDArray[np.int64]:
+    """Rows [m, 2] of the dwells: those that the recipe pins, or those found by stillness between the gaps of the log."""
+    pinned = pins.rows(log, spec, ["dwell"])
+    if pinned is not None:
+        return pinned
+    window = max(4, round(spec.dwells.window_s / step))
+    bounds = [0, *(np.flatnonzero(np.diff(time) > max(spec.dwells.max_gap_s, 2.5 * step)) + 1).tolist(), time.size]
+    found = []
+    for start, stop in pairwise(bounds):
+        if stop - start >= 4 * window:
+            found.append(start + _still(log, triad[start:stop], window, step, spec))
+    if not found:
+        raise FrameError(f"{log.file}: too short for dwells of {spec.dwells.window_s:g} s", hint="log longer")
+    return np.concatenate(found)
+
+
+def examine(log: Log, spec: AccelerometerRecipe) -> Examined:
+    """Findings of a log, and the dwells of a continuous one."""
+    found = findings(log, spec)
+    if any(finding.refused for finding in found) or spec.dwells.mode == "rows":
+        return Examined(tuple(found))
+    time, triad = values(log.frame, "time_s"), indication(log, spec)
+    try:
+        rows = held_rows(log, triad, time, float(np.median(np.diff(time))), spec).tolist()
+        pinned = pins.rows(log, spec, ["dwell"]) is not None
+    except (FitError, FrameError) as error:
+        return Examined((*found, Finding.of(error)))
+    held = (Held("dwell", a, b, float(np.linalg.norm(triad[a:b].mean(axis=0))), "g", pinned) for a, b in rows)
+    return Examined(tuple(found), tuple(held))
 
 
 def _still(log: Log, triad: Array, window: int, step: float, spec: AccelerometerRecipe) -> NDArray[np.int64]:

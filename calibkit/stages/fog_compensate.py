@@ -154,7 +154,7 @@ def compensated(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> tuple[
     time, case, env, gyro = (values(log.frame, column) for column in fog_ramps.COLUMNS)
     if not model.exported:
         return gyro, ("no drift term: the indication is returned as it is",)
-    _, slope = fog_ramps.cut(log.name, time, env, recipe)
+    _, slope = fog_ramps.cut(log, recipe)
     blocks = drift.blocks(time, case, env, gyro, slope, model.interval_s)
     along = model.along(blocks)
     flags = _flags(log.file, along)

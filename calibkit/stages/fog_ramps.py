@@ -10,8 +10,9 @@ import numpy as np
 from calibkit import check
 from calibkit.coefficients import Figure, Input, StageResult
 from calibkit.errors import FitError, FrameError
-from calibkit.frame import Finding, Log, refuse, values
+from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.numeric import denoise, drift, segments, thermal_fit
+from calibkit.stages import pins
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -102,7 +103,7 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
         index = drift.block_index(time, recipe.drift.interval_s)
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    cuts, slope = cut(log.name, time, env, recipe)
+    cuts, slope = cut(log, recipe)
     smooth, noise, flags = _denoised(log, gyro, cuts, recipe)
     raw = drift.blocks(time, case, env, gyro, slope, recipe.drift.interval_s)
     clean = drift.blocks(time, case, env, smooth, slope, recipe.drift.interval_s)
@@ -129,16 +130,48 @@ def _part(cuts: Sequence[segments.Segment], rows: int) -> NDArray[np.int64]:
     return np.cumsum(begins)
 
 
-def cut(name: str, time: Array, env: Array, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
-    """Segments of a log and the causal slope [°C/min] of its chamber air; a rate given in the recipe replaces both."""
-    given = recipe.drift.rates_degc_min.get(name)
+def cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
+    """Segments of a log and the causal slope [°C/min] of its chamber air; a rate given in the recipe replaces both.
+
+    Segments that the recipe pins replace those found.
+    """
+    time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
+    given = recipe.drift.rates_degc_min.get(log.name)
     if given is not None:
         return [segments.Segment("ramp", 0, time.size, given)], np.full(time.size, given)
     slope = segments.causal_slope(time, env, recipe.segments.slope_window_s)
+    pinned = pins.rows(log, recipe, ["soak", "ramp"])
+    if pinned is not None:
+        ramps = [
+            (a, b) for (a, b), kind in zip(pinned.tolist(), pins.kinds(log, recipe), strict=True) if kind == "ramp"
+        ]
+        return segments.pinned(time, env, slope, ramps), slope
     step = float(np.median(np.diff(time)))
     merge = round(recipe.segments.slope_window_s / step)
     limits = {"ramp_min": recipe.segments.ramp_min_degc_min, "min_span": recipe.segments.ramp_min_span_degc}
     return segments.segments(slope, env, **limits, merge=merge), slope
+
+
+def examine(log: Log, recipe: FogThermalRecipe) -> Examined:
+    """Findings of a log, all that would stop a fit, and its soaks and ramps."""
+    found = findings(log, recipe)
+    if any(finding.refused for finding in found):
+        return Examined(tuple(found))
+    env = values(log.frame, "temp_env_degc")
+    held: tuple[Held, ...] = ()
+    try:
+        cuts, _ = cut(log, recipe)
+        pinned = pins.rows(log, recipe, ["soak", "ramp"]) is not None
+        held = tuple(
+            Held("ramp", piece.start, piece.stop, piece.rate, "°C/min", pinned)
+            if piece.kind == "ramp"
+            else Held("soak", piece.start, piece.stop, float(np.median(env[piece.start : piece.stop])), "°C", pinned)
+            for piece in cuts
+        )
+        prepare(log, recipe)
+    except (FitError, FrameError) as error:
+        found.append(Finding.of(error))
+    return Examined(tuple(found), held)
 
 
 def _denoised(

@@ -9,9 +9,9 @@ import numpy as np
 
 from calibkit import check
 from calibkit.errors import FitError
-from calibkit.frame import Finding, Log, refuse, values
+from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.numeric import earth, gyro_scale, plateau_means, plateaus
-from calibkit.stages import ingest
+from calibkit.stages import ingest, pins
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -84,6 +84,14 @@ def findings(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
     return _examined(log, gyros, spec)[0]
 
 
+def examine(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Examined:
+    """Findings and held rates of a log."""
+    found, held = _examined(log, gyros, spec)
+    pinned = pins.rows(log, spec, ["rate"]) is not None if held is not None else False
+    spans = zip(held.span.tolist(), held.rate_dps.tolist(), strict=True) if held is not None else ()
+    return Examined(tuple(found), tuple(Held("rate", a, b, rate, "°/s", pinned) for (a, b), rate in spans))
+
+
 def run_of(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> TableRun:
     """Held rates and scale factors of one log; raises FrameError or FitError that names it."""
     found, held = _examined(log, gyros, spec)
@@ -150,6 +158,7 @@ def _held(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Plateaus:
         table_angle_deg=values(log.frame, ANGLE) if ANGLE in present else None,
         temp_degc=values(log.frame, TEMPERATURE) if TEMPERATURE in present else None,
         rules=rules,
+        held=pins.rows(log, spec, ["rate"]),
     )
 
 

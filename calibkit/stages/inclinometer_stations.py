@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import check
 from calibkit.errors import FitError
-from calibkit.frame import Finding, Log, values
+from calibkit.frame import Examined, Finding, Held, Log, values
 from calibkit.numeric import northseek, northseek_fit
 from calibkit.stages.ingest import unmapped
 
@@ -108,6 +109,17 @@ def findings(log: Log, spec: InclinometerRecipe) -> list[Finding]:
         found += [finding for gyro in gyros for finding in check.magnitude.gyro(log, gyro)]
         found += check.magnitude.compensated(log, spec, gyros)
     return found
+
+
+def examine(log: Log, spec: InclinometerRecipe) -> Examined:
+    """Findings of a log, and its stations: the rows of one station number that follow each other."""
+    found = findings(log, spec)
+    if any(finding.refused for finding in found):
+        return Examined(tuple(found))
+    station = values(log.frame, "station")
+    bounds = [0, *(np.flatnonzero(np.diff(station)) + 1).tolist(), station.size]
+    held = tuple(Held("station", a, b, float(b - a), "positions") for a, b in pairwise(bounds))
+    return Examined(tuple(found), held)
 
 
 def unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:

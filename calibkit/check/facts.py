@@ -1,0 +1,102 @@
+"""What a log holds, as numbers: rows, duration, sampling, span and resolution of every column, temperature occupancy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import units
+from calibkit.frame import Log, values
+from calibkit.numeric import anomalies
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+BIN_DEGC = 10.0
+"""Width of a temperature bin of the occupancy."""
+GAP = 2.5
+"""Sampling intervals, in medians, that are a gap."""
+
+
+@dataclass(frozen=True, slots=True)
+class ColumnFacts:
+    """One column: unit, smallest and largest value, resolution, standard deviation of its noise, missing values."""
+
+    name: str
+    unit: str
+    low: float
+    high: float
+    resolution: float
+    noise: float
+    missing: int
+
+
+@dataclass(frozen=True, slots=True)
+class Occupancy:
+    """Share of a log's rows that lie in a bin of a temperature [°C], low ≤ T < high."""
+
+    low: float
+    high: float
+    share: float
+
+
+@dataclass(frozen=True, slots=True)
+class Facts:
+    """One log: rows, duration [s], rows a second, relative spread of the sampling interval, gaps, columns, occupancy."""
+
+    rows: int
+    duration_s: float
+    rate_hz: float
+    irregularity: float
+    gaps: int
+    columns: tuple[ColumnFacts, ...]
+    occupancy: tuple[Occupancy, ...]
+
+
+def of(log: Log) -> Facts:
+    """Facts of a log that was read."""
+    frame = log.frame
+    names = [name for name in frame.columns if name not in ("run", "time_s")]
+    columns = tuple(_column(name, values(frame, name)) for name in names)
+    temperature = next((name for name in names if name.endswith("_degc")), "")
+    occupancy = occupied(values(frame, temperature)) if temperature else ()
+    if "time_s" not in frame.columns or len(frame) < 2:
+        return Facts(len(frame), 0.0, 0.0, 0.0, 0, columns, occupancy)
+    time = values(frame, "time_s")
+    step = np.diff(time)
+    usual = float(np.median(step))
+    ordinary = step[np.abs(step) < GAP * abs(usual)] if usual else step
+    spread = float(np.std(ordinary) / usual) if usual and ordinary.size else 0.0
+    gaps = int(np.sum(step > GAP * usual)) if usual > 0.0 else 0
+    rate = 1.0 / usual if usual > 0.0 else 0.0
+    return Facts(len(frame), float(time[-1] - time[0]), rate, spread, gaps, columns, occupancy)
+
+
+def _column(name: str, data: Array) -> ColumnFacts:
+    """Facts of a column."""
+    good = data[np.isfinite(data)]
+    unit = units.column_unit(name)
+    if not good.size:
+        return ColumnFacts(name, unit, 0.0, 0.0, 0.0, 0.0, data.size)
+    low, high = float(good.min()), float(good.max())
+    missing = int(data.size - good.size)
+    return ColumnFacts(name, unit, low, high, anomalies.resolution(good), anomalies.scatter(good), missing)
+
+
+def occupied(temperature: Array) -> tuple[Occupancy, ...]:
+    """Occupancy of a temperature [n, °C] in bins of ten degrees, from the coldest to the hottest."""
+    good = temperature[np.isfinite(temperature)]
+    if not good.size:
+        return ()
+    first = int(np.floor(good.min() / BIN_DEGC))
+    number = np.floor(good / BIN_DEGC).astype(np.int64) - first
+    if number.max() > 1000:
+        return ()
+    share = np.bincount(number) / good.size
+    return tuple(
+        Occupancy((first + k) * BIN_DEGC, (first + k + 1) * BIN_DEGC, float(part)) for k, part in enumerate(share)
+    )

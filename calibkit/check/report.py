@@ -1,0 +1,104 @@
+"""What `calibkit check` says of the logs of a folder: as a document for scripts, and as lines for people."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibkit.check.facts import Facts
+    from calibkit.frame import Finding
+
+WORDS = {"refuse": "REFUSED", "warn": "flagged", "note": "note   "}
+"""Severity → the word that begins a line."""
+MOST_HELD = 12
+"""Held conditions that are listed; the rest are counted."""
+
+
+@dataclass(frozen=True, slots=True)
+class HeldCondition:
+    """A held condition by time [s] where the log has it, else by row."""
+
+    kind: str
+    first: float
+    last: float
+    level: float
+    unit: str
+    rows: int
+    pinned: bool
+
+    def __str__(self) -> str:
+        sign = "+" if self.unit == "°C/min" else ""
+        level = f"{self.level:{sign}.4g} {self.unit}"
+        return f"{self.kind} {level} from {self.first:g} to {self.last:g}{' (pinned)' if self.pinned else ''}"
+
+
+@dataclass(frozen=True, slots=True)
+class LogReport:
+    """One log: how it was read, what it holds, what was found. Facts are absent where it could not be read."""
+
+    file: str
+    sha256: str
+    reading: tuple[str, ...]
+    notes: tuple[str, ...]
+    facts: Facts | None
+    held: tuple[HeldCondition, ...]
+    findings: tuple[Finding, ...]
+
+    @property
+    def refused(self) -> bool:
+        """Whether a fit refuses the log."""
+        return any(finding.refused for finding in self.findings)
+
+
+def document(reports: Sequence[LogReport]) -> dict[str, Any]:
+    """JSON document of a check: `ok` where a fit would go on, then each log."""
+    return {"ok": not any(report.refused for report in reports), "logs": [_entry(report) for report in reports]}
+
+
+def _entry(report: LogReport) -> dict[str, Any]:
+    """JSON object of one log."""
+    return {
+        "log": report.file,
+        "sha256": report.sha256,
+        "reading": list(report.reading),
+        "notes": list(report.notes),
+        "facts": asdict(report.facts) if report.facts else None,
+        "held": [asdict(held) for held in report.held],
+        "findings": [asdict(finding) | {"refused": finding.refused} for finding in report.findings],
+    }
+
+
+def lines(report: LogReport) -> list[str]:
+    """Lines about one log: what it holds, then what was found, the worst first."""
+    said = [f"{report.file}: ok" if not report.findings else report.file]
+    if report.facts:
+        said += [f"  {line}" for line in _facts(report.facts)]
+    said += [f"  {note}" for note in (*report.reading, *report.notes)]
+    said += [f"  {held}" for held in report.held[:MOST_HELD]]
+    if len(report.held) > MOST_HELD:
+        said.append(f"  … and {len(report.held) - MOST_HELD} more {report.held[-1].kind}s")
+    order = list(WORDS)
+    ranked = sorted(report.findings, key=lambda finding: order.index(finding.severity))
+    return said + [f"  {WORDS[finding.severity]} {finding}" for finding in ranked]
+
+
+def _facts(facts: Facts) -> list[str]:
+    """Lines about what a log holds."""
+    said = [f"{facts.rows:,} rows"]
+    if facts.rate_hz:
+        said[0] += f" over {facts.duration_s:,.6g} s at {facts.rate_hz:.4g} Hz"
+        if facts.irregularity > 0.01:
+            said[0] += f", intervals vary by {facts.irregularity:.0%}"
+        if facts.gaps:
+            said[0] += f", {facts.gaps} gap{'s' if facts.gaps > 1 else ''}"
+    for column in facts.columns:
+        unit = "" if column.unit == "1" else f" {column.unit}"
+        step = f", steps of {column.resolution:.3g}" if column.resolution else ", constant"
+        said.append(f"{column.name}: {column.low:.6g} to {column.high:.6g}{unit}{step}")
+    if len(facts.occupancy) > 1:
+        shares = ", ".join(f"{part.low:g}: {part.share:.0%}" for part in facts.occupancy)
+        said.append(f"share of the rows from each 10 °C: {shares}")
+    return said

@@ -1,0 +1,112 @@
+"""Figure of a log as it was read: every column, its held conditions shaded, its findings marked, its occupancy."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.report.figures import ALERT, DENOISED, INK, MUTED, RAW, page
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+POINTS = 2000
+"""Points of a curve's envelope: more than a page shows."""
+SHADES = {"soak": "#bbccee", "ramp": "#ffcccc", "rate": "#ccddaa", "dwell": "#eeeebb", "station": "#cceeff"}
+"""Kind of held condition → its shade (after Tol, pale scheme)."""
+
+
+@dataclass(frozen=True, slots=True)
+class Curve:
+    """Envelope of a column: where along the log [m], smallest and largest value there [m]."""
+
+    name: str
+    along: Array
+    low: Array
+    high: Array
+
+
+@dataclass(frozen=True, slots=True)
+class LogFigure:
+    """All that the figure of one log shows."""
+
+    file: str
+    axis: str
+    curves: tuple[Curve, ...]
+    held: tuple[tuple[str, float, float], ...]
+    marks: tuple[tuple[float, str, str], ...]
+    occupancy: tuple[tuple[float, float, float], ...]
+
+
+def envelope(along: Array, values: Array) -> tuple[Array, Array, Array]:
+    """Smallest and largest of values [n] in at most 2000 pieces: along [m], low [m], high [m]; missing values are left out."""
+    good = np.isfinite(values) & np.isfinite(along)
+    along, values = along[good], values[good]
+    if values.size <= POINTS:
+        return along, values, values
+    first = np.linspace(0, values.size, POINTS + 1)[:-1].astype(np.int64)
+    return along[first], np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
+
+
+def pages(figures: Sequence[LogFigure]) -> list[Figure]:
+    """One page a log."""
+    return [_page(figure) for figure in figures]
+
+
+def _page(log: LogFigure) -> Figure:
+    """Panels of the columns below each other, and the temperature occupancy where there is one."""
+    shown = log.curves[:9]
+    count = max(1, len(shown)) + (1 if len(log.occupancy) > 1 else 0)
+    figure, axes = page(count, 1, title=log.file, height=1.0 + 1.7 * count)
+    for ax, curve in zip(axes, shown, strict=False):
+        _panel(ax, log, curve)
+    if shown:
+        axes[len(shown) - 1].set_xlabel(log.axis)
+        _key(axes[0], log)
+    if len(log.occupancy) > 1:
+        _occupancy(axes[-1], log)
+    return figure
+
+
+def _panel(ax: Axes, log: LogFigure, curve: Curve) -> None:
+    """One column, with shaded conditions and marked findings."""
+    for kind, first, last in log.held:
+        ax.axvspan(first, last, color=SHADES.get(kind, "#dddddd"), lw=0, alpha=0.6)
+    if curve.along.size <= 400:
+        ax.plot(curve.along, curve.low, ".", ms=3, color=INK)
+    else:
+        ax.fill_between(curve.along, curve.low, curve.high, color=RAW, lw=0)
+        ax.plot(curve.along, (curve.low + curve.high) / 2.0, color=DENOISED, lw=0.7)
+    for number, (at, _, severity) in enumerate(log.marks, start=1):
+        colour = ALERT if severity == "refuse" else MUTED
+        ax.axvline(at, color=colour, lw=1.0, ls="--")
+        ax.annotate(str(number), (at, 1.0), xycoords=("data", "axes fraction"), fontsize=7, color=colour)
+    ax.set_ylabel(curve.name, fontsize=7)
+
+
+def _key(ax: Axes, log: LogFigure) -> None:
+    """Legend of the shades, and the names of the marks."""
+    kinds = list(dict.fromkeys(kind for kind, _, _ in log.held))
+    handles = [ax.axvspan(np.nan, np.nan, color=SHADES.get(kind, "#dddddd"), label=kind) for kind in kinds]
+    if handles:
+        ax.legend(handles=handles, loc="upper right", ncols=len(handles))
+    if log.marks:
+        said = ", ".join(f"{number} {name}" for number, (_, name, _) in enumerate(log.marks, start=1))
+        ax.set_title(said, fontsize=8, color=ALERT)
+
+
+def _occupancy(ax: Axes, log: LogFigure) -> None:
+    """Share of the rows over temperature."""
+    low = [part[0] for part in log.occupancy]
+    width = [part[1] - part[0] for part in log.occupancy]
+    ax.bar(low, [100.0 * part[2] for part in log.occupancy], width=width, align="edge", color=RAW, edgecolor="white")
+    ax.set_xlabel("temperature [°C]")
+    ax.set_ylabel("share of rows [%]", fontsize=7)

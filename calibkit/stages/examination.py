@@ -1,0 +1,98 @@
+"""A folder of logs → what `calibkit check` says of each: facts, held conditions, findings, and the curves of the figure."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from calibkit.check import facts
+from calibkit.check.report import HeldCondition, LogReport
+from calibkit.errors import FitError, FrameError, LogFormatError
+from calibkit.frame import Finding, values
+from calibkit.report.logs import Curve, LogFigure, envelope
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from calibkit.frame import Examined, Held, Log
+
+
+class Examiner(Protocol):
+    """The part of a procedure that looks at logs."""
+
+    def read(self, spec: Any, data: Path, file: str) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
+        """Read one log in canonical columns."""
+
+    def examine(self, spec: Any, log: Log) -> Examined:  # noqa: ANN401 (the same)
+        """Find what is wrong with a log, and its held conditions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What was found in a log, and its figure where it could be read."""
+
+    report: LogReport
+    figure: LogFigure | None
+
+
+def of(procedure: Examiner, spec: object, data: Path, file: str) -> Outcome:
+    """Read and examine one log; one that cannot be read or used is a refused finding."""
+    try:
+        log = procedure.read(spec, data, file)
+    except (LogFormatError, FrameError) as error:
+        return Outcome(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
+    try:
+        examined = procedure.examine(spec, log)
+        findings, found = examined.findings, examined.held
+    except (FrameError, FitError) as error:
+        findings, found = (Finding.of(error),), ()
+    held = tuple(_condition(log, part) for part in found)
+    report = LogReport(file, log.sha256, log.reading, log.notes, facts.of(log), held, findings)
+    return Outcome(report, _figure(log, held, findings))
+
+
+def _unreadable(error: LogFormatError | FrameError) -> Finding:
+    """Finding that says why a log could not be read."""
+    finding = Finding.of(error)
+    return Finding(finding.place, finding.found, "a log that can be read", finding.advice, name="unreadable")
+
+
+def copies(reports: Sequence[LogReport]) -> list[tuple[str, Finding]]:
+    """Logs that came in twice under two names, with the finding of each: one would vouch for the other."""
+    first: dict[str, str] = {}
+    found = []
+    for report in reports:
+        if report.sha256 and report.sha256 in first:
+            what = f"the same bytes as {first[report.sha256]}"
+            found.append(
+                (report.file, Finding(report.file, what, "another log", "keep one of the two logs", name="copy"))
+            )
+        first.setdefault(report.sha256, report.file)
+    return found
+
+
+def _condition(log: Log, held: Held) -> HeldCondition:
+    """A held condition by its time."""
+    first, last = float(held.start), float(held.stop - 1)
+    if "time_s" in log.frame.columns:
+        time = log.frame["time_s"]
+        first, last = float(time.iloc[held.start]), float(time.iloc[held.stop - 1])
+    return HeldCondition(held.kind, first, last, held.level, held.unit, held.stop - held.start, held.pinned)
+
+
+def _figure(log: Log, held: Sequence[HeldCondition], findings: Sequence[Finding]) -> LogFigure:
+    """Curves of every column over time or row, thinned to their envelope."""
+    frame = log.frame
+    along = values(frame, "time_s") if "time_s" in frame.columns else np.arange(float(len(frame)))
+    names = [name for name in frame.columns if name not in ("run", "time_s")]
+    curves = tuple(Curve(name, *envelope(along, values(frame, name))) for name in names)
+    marks = tuple(
+        (finding.time_s, finding.name, finding.severity) for finding in findings if finding.time_s is not None
+    )
+    spans = tuple((part.kind, part.first, part.last) for part in held)
+    occupancy = tuple((part.low, part.high, part.share) for part in facts.of(log).occupancy)
+    axis = "time [s]" if "time_s" in frame.columns else "row"
+    return LogFigure(log.file, axis, curves, spans, marks, occupancy)
