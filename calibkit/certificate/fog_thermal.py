@@ -128,7 +128,7 @@ def _zero(record: Record, model: Model, t: float) -> Result:
     """The drift at the reference, which is zero by definition."""
     key = f"{record.stage}.{model.name}.drift@{t:g}"
     words = Words("zero by definition", "定义为零")
-    return Result(key, f"{record.stage}.json", "D", words, 0.0, "deg/h", at=((TEMPERATURE, t, "degC"),))
+    return Result(key, f"{record.stage}.json", "D", words, 0.0, "deg/h", at=((TEMPERATURE, t, "degC"),), exact=True)
 
 
 def _model_error(model: Model) -> tuple[tuple[str, float], ...]:

@@ -59,8 +59,6 @@ MAGNITUDES = {
     "repeatability",
 }
 """Figures that cannot be negative."""
-COLUMNS = 3
-"""Models side by side in one table of figures."""
 
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
@@ -81,7 +79,8 @@ def _scale(stated: Stated, record: Record) -> Block:
     figures: list[Figure] = []
     notes: list[Words] = []
     for model in others:
-        tables.append(stated.coefficients(record, model, Words(f"{model.name}: coefficients", f"{model.name}：系数")))
+        title = Words(f"{model.name}: coefficients", f"{model.name}：系数")
+        tables.append(stated.coefficients(record, model, title, _rates if ".K_" in model.name else None))
         notes += [range_words(model), *stated.left_out(model)]
         if model.form == "polynomial/1" and (table := _curve(stated, record, model)) is not None:
             tables.append(table)
@@ -93,11 +92,18 @@ def _scale(stated: Stated, record: Record) -> Block:
     return Block(record.stage, f"{record.stage}.json", title, equations, tuple(tables), tuple(figures), tuple(notes))
 
 
-def _rates(model: Model, value: float) -> dict[str, tuple[float, float]]:
-    """Sensitivity of K to the table's rate at full scale and to the time base (estimate 1 s: ppm of it count)."""
-    largest = max((abs(rate) for rate in model.valid.get("table_rate_dps", (0.0, 0.0))), default=0.0)
-    rate = {"table_rate_dps": (largest, -value / largest)} if largest else {}
-    return rate | {"time_s": (1.0, value)}
+FULL_SCALE = 100.0
+"""Table rate [°/s] that shares of it are taken of where a model does not name its own."""
+
+
+def _rates(value: float, largest: float = FULL_SCALE) -> dict[str, tuple[float, float]]:
+    """Sensitivity of K, and of what is proportional to it, to the table rate at full scale and to the time base (of 1 s)."""
+    return {"table_rate_dps": (largest, -value / largest), "time_s": (1.0, value)}
+
+
+def _full_scale(model: Model) -> float:
+    """Largest table rate [°/s] of a line."""
+    return max(map(abs, model.valid.get("table_rate_dps", ())), default=0.0) or FULL_SCALE
 
 
 def _lines(stated: Stated, record: Record, models: Sequence[Model]) -> GridTable:
@@ -111,7 +117,7 @@ def _lines(stated: Stated, record: Record, models: Sequence[Model]) -> GridTable
             Words("scale factor", "标度因数"),
             {"K": 1.0},
             "1/deg",
-            sensitivities=_rates(model, model.value("K")),
+            sensitivities=_rates(model.value("K"), _full_scale(model)),
             principal=model.name in _principal(models),
         )
         F0 = stated.linear(record, model, "F0", Words("zero-rate indication", "零速率示值"), {"F0": 1.0}, "1/s")
@@ -143,7 +149,7 @@ def _curve(stated: Stated, record: Record, model: Model) -> GridTable | None:
     def at(t: float) -> Result:
         weights, slope = powers("p", model, t)
         value = sum(weights[c.name] * c.value for c in model.coefficients)
-        known = {"table_rate_dps": (100.0, -value / 100.0), "time_s": (1.0, value)} if letter == "K" else {}
+        known = _rates(value) if letter == "K" else {}
         return stated.linear(
             record,
             model,
@@ -186,16 +192,25 @@ def _figures(stated: Stated, record: Record, names: Sequence[str]) -> list[ListT
     for figure in record.figures:
         what, standard, model = _parts(figure)
         words = NAMES.get(what, Words(what.replace("_", " ")))
+        sign = -1.0 if standard.startswith("IEEE") else 1.0  # a rate per count is the reciprocal of a count per rate
         found = stated.figure(
-            record, figure, words, _dof(record, what, model), standard=standard, magnitude=what in MAGNITUDES
+            record,
+            figure,
+            words,
+            _dof(record, what, model),
+            standard=standard,
+            magnitude=what in MAGNITUDES,
+            sensitivities=_rates(sign * figure.value) if what == "scale_factor" else None,
         )
         kinds.setdefault((what, standard, figure.unit), {})[model] = found
     tables: list[ListTable | GridTable] = []
     columns = [name for name in names if any(name in row for row in kinds.values())]
-    groups = [columns[start : start + COLUMNS] for start in range(0, len(columns), COLUMNS)]
-    for group in groups:
+    alike: dict[tuple[object, ...], list[str]] = {}
+    for name in columns:  # models with the same figures stand side by side
+        alike.setdefault(tuple(kind for kind, row in kinds.items() if name in row), []).append(name)
+    for group in alike.values():
         rows = [(kind, row) for kind, row in kinds.items() if any(name in row for name in group)]
-        labels = tuple(f"{NAMES.get(w, Words(w)).en} {s}".strip() for (w, s, _), _ in rows)
+        labels = tuple(NAMES.get(w, Words(w)) + Words(f" {s}" if s else "") for (w, s, _), _ in rows)
         tables.append(
             GridTable(
                 Words("Figures of the scale factor", "标度因数特征量"),
@@ -229,6 +244,14 @@ def _dof(record: Record, what: str, name: str) -> float:
     return float(model.dof)
 
 
+def _by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
+    """Sensitivity of γ = cos α and ε = N γ to the angle, which type B terms on alpha_deg reach them by."""
+    alpha = model.value("alpha_deg")
+    slope = -math.sin(math.radians(alpha)) * math.pi / 180.0
+    derivatives = {"gamma": slope, "epsilon": model.value("N") * slope, "orthogonality_error_deg": -1.0}
+    return {"alpha_deg": (alpha, derivatives[name])} if name in derivatives else {}
+
+
 def _pair(stated: Stated, record: Record) -> Block:
     """N, ε, γ, α; the table's rate and the time base cancel in them."""
     model = record.model("pair")
@@ -241,13 +264,22 @@ def _pair(stated: Stated, record: Record) -> Block:
     }
     results = [
         stated.linear(
-            record, model, name, word, {name: 1.0}, model.coefficients[k].unit, symbol=symbol.en, principal=True
+            record,
+            model,
+            name,
+            word,
+            {name: 1.0},
+            model.coefficients[k].unit,
+            symbol=symbol.en,
+            sensitivities=_by_angle(model, name),
+            principal=True,
         )
         for k, (name, (symbol, word)) in enumerate(words.items())
     ]
     results[3] = _bounded(results[3], figures["alpha_low_95_deg"].value, figures["alpha_high_95_deg"].value)
     error = figures["orthogonality_error_deg"]
-    off = stated.figure(record, error, Words("orthogonality error 90° − α", "正交误差 90° − α"), model.dof)
+    words_off = Words("orthogonality error 90° − α", "正交误差 90° − α")
+    off = stated.figure(record, error, words_off, model.dof, sensitivities=_by_angle(model, error.name))
     title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
     side = Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。")
     if figures["side"].value < 0.0:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
 from calibkit.certificate.results import Block, Equation, Figure, GridTable, ListTable, Result, Series
@@ -36,7 +37,12 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     if record is None:
         return ()
     tables: list[ListTable | GridTable] = [
-        stated.coefficients(record, model, Words(f"Coefficients of gyro {model.name}", f"{model.name} 陀螺系数"))
+        stated.coefficients(
+            record,
+            model,
+            Words(f"Coefficients of gyro {model.name}", f"{model.name} 陀螺系数"),
+            partial(_latitude, record),
+        )
         for model in record.models
     ]
     figures: list[Figure] = []
@@ -50,7 +56,13 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
         tables.append(table)
         figures.append(_plot(table))
     results = tuple(
-        stated.figure(record, figure, FIGURES.get(figure.name, Words(figure.name)), record.models[0].dof)
+        stated.figure(
+            record,
+            figure,
+            FIGURES.get(figure.name, Words(figure.name)),
+            record.models[0].dof,
+            sensitivities=_latitude(record, figure.value) if figure.name.startswith("s_") else None,
+        )
         for figure in record.figures
         if figure.name in FIGURES
     )
@@ -61,20 +73,23 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     return (Block(record.stage, f"{record.stage}.json", title, (SCALE,), tuple(tables), tuple(figures), tuple(notes)),)
 
 
+def _latitude(record: Record, value: float) -> dict[str, tuple[float, float]]:
+    """Sensitivity of s, and of what is proportional to it, to the latitude α: −s tan α, that of a vertical tool."""
+    found = next((c for c in record.conditions if c.name == "latitude"), None)
+    if found is None:
+        return {}
+    return {"latitude_deg": (found.value, -value * math.tan(math.radians(found.value)) * math.pi / 180.0)}
+
+
 def _column(stated: Stated, record: Record, model: Model) -> tuple[Words, str, Callable[[float], Result | None]]:
-    """s(T) of one gyro; in a latitude that is off by dα, s of a vertical tool is off by −s tan α dα."""
-    latitude = next((c for c in record.conditions if c.name == "latitude"), None)
+    """s(T) of one gyro."""
 
     def at(t: float) -> Result | None:
         low, high = model.valid.get("temp_case_degc", (t, t))
         if not low <= t <= high:
             return None
         weights, slope = powers("s", model, t)
-        known = {}
-        if latitude is not None:
-            value = sum(weights[c.name] * c.value for c in model.coefficients if c.name in weights)
-            tangent = math.tan(math.radians(latitude.value))
-            known = {"latitude_deg": (latitude.value, -value * tangent * math.pi / 180.0)}
+        value = sum(weights[c.name] * c.value for c in model.coefficients if c.name in weights)
         words = Words(f"s of gyro {model.name}", f"{model.name} 陀螺 s")
         return stated.linear(
             record,
@@ -85,7 +100,7 @@ def _column(stated: Stated, record: Record, model: Model) -> tuple[Words, str, C
             "1",
             at=t,
             slope=slope,
-            sensitivities=known,
+            sensitivities=_latitude(record, value),
             principal=t == stated.reference_degc,
         )
 

@@ -72,6 +72,8 @@ class Result:
     """Standard whose definition is meant where several define the same word."""
     principal: bool = False
     """Whether its budget is printed in full."""
+    exact: bool = False
+    """Whether the value is one by definition, which no uncertainty belongs to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -94,7 +96,7 @@ class GridTable:
     row_head: Words
     heads: tuple[Words, ...]
     units: tuple[str, ...]
-    labels: tuple[str, ...]
+    labels: tuple[str | Words, ...]
     cells: tuple[tuple[Result | None, ...], ...]
     note: Words | None = None
     by_row: bool = False

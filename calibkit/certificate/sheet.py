@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 from calibkit.certificate import conformity, plots, tables
 from calibkit.certificate.results import ListTable
 from calibkit.certificate.words import Words, unit_mark
+from calibkit.numeric import gum
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -220,13 +221,22 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     ]
     for name, value, limit, unit, passed in found.criteria:
         verdict = Words("held", "满足") if passed else Words("NOT held", "不满足")
-        text = f"{name}: {tables.plain(value)} {unit_mark(unit)} / {tables.plain(limit)} {unit_mark(unit)}: "
-        notes.append(Words("Limit of the recipe: ", "配方限值：") + Words(text) + verdict)
+        notes.append(Words(_criterion(name, value, limit, unit, verdict, lang)))
     notes += [Words(flag) for flag in found.flags]
     shown = [_before_after(found.rows, Words("Validation on logs that were not fitted", "未参与拟合数据的验证"), lang)]
     if found.check_points:
         shown.append(_before_after(found.check_points, Words("Check points", "检验点"), lang))
     return {"statement": statement, "tables": shown, "notes": [note.of(lang) for note in notes]}
+
+
+def _criterion(name: str, value: float, limit: float, unit: str, verdict: Words, lang: Lang) -> str:
+    """An acceptance limit of the recipe, and how the result stands against it."""
+    head = Words("Limit of the recipe, ", "配方限值，").of(lang)
+    against = Words(" against ", " / ").of(lang)
+    return (
+        f"{head}{name}: {tables.plain(value)}{against}{tables.plain(limit)} {unit_mark(unit)}".strip()
+        + f": {verdict.of(lang)}"
+    )
 
 
 def _before_after(rows: Iterable[BeforeAfter], title: Words, lang: Lang) -> dict[str, Any]:
@@ -243,15 +253,12 @@ def _before_after(rows: Iterable[BeforeAfter], title: Words, lang: Lang) -> dict
     for row in listed:
         unit = unit_mark(row.unit) or "1"
         before, after = tables.plain(row.found, 3), tables.plain(row.left, 3)
-        u = []
-        if certain:
-            u = [""]
-            if row.left_u and row.left is not None:
-                from calibkit.certificate.results import printed
-
-                place = printed(row.left, row.left_u)
-                after = tables.number(place.value, place.exponent)
-                u = [tables.number(place.uncertainty, place.exponent)]
+        u = [""] if certain else []
+        if row.left_u and row.left is not None:
+            after, expanded = (tables.number(text) for text in gum.rounded(row.left, row.left_u))
+            u = [expanded]
+            if row.found is not None:
+                before = tables.number(gum.rounded(row.found, row.left_u)[0])
         shown.append([row.log, row.what.of(lang), before, after, *u, unit])
     align = ["left", "left", "right", "right", *(["right"] if certain else []), "left"]
     labels = ["", "", *(head.of(lang) for head in heads)]
@@ -281,11 +288,19 @@ def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         verdict = conformity.VERDICTS[s.verdict].of(lang) + (f": {s.reason.of(lang)}" if s.reason.en else "")
         named = " ".join(filter(None, (s.name, s.source)))
         limits = f"{_limits(s.lower, s.upper)} {unit}".strip()
-        rows.append([s.result.key, named, value, U, limits, _limits(*s.acceptance), s.rule.replace("_", "-"), verdict])
-    rules = [
-        f"{rule.replace('_', '-')}: {conformity.RULES[rule].of(lang)}."
-        for rule in sorted({s.rule for s in certificate.statements})
-    ]
+        rows.append(
+            [
+                tables.breakable(s.result.key),
+                named,
+                value,
+                U,
+                limits,
+                _limits(*s.acceptance),
+                s.rule.replace("_", "-"),
+                verdict,
+            ]
+        )
+    rules = [f"{conformity.RULES[rule].of(lang)}." for rule in sorted({s.rule for s in certificate.statements})]
     text = Words("Compared without rounding, in the unit of the limits.", "以未修约数值比较，单位同限值。")
     align = ["left", "left", "right", "right", "left", "left", "left", "left"]
     table = {"title": "", "groups": [], "heads": [h.of(lang) for h in heads], "align": align, "rows": rows, "notes": []}
@@ -295,10 +310,10 @@ def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 def _limits(lower: float | None, upper: float | None) -> str:
     """Limits as an interval, or as one bound."""
     if lower is None:
-        return f"≤ {tables.plain(upper, 7)}"
+        return f"≤ {tables.plain(upper, 5)}"
     if upper is None:
-        return f"≥ {tables.plain(lower, 7)}"
-    return f"{tables.plain(lower, 7)} … {tables.plain(upper, 7)}"
+        return f"≥ {tables.plain(lower, 5)}"
+    return f"{tables.plain(lower, 5)} … {tables.plain(upper, 5)}"
 
 
 def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
@@ -343,8 +358,7 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     ]
     for name, value, limit, unit, passed in run.criteria:
         verdict = Words("held", "满足") if passed else Words("NOT held", "不满足")
-        text = f"{name}: {tables.plain(value)} / {tables.plain(limit)} {unit_mark(unit)}".strip()
-        notes.append(f"{Words('Acceptance limit of the recipe', '配方验收限').of(lang)}: {text}: {verdict.of(lang)}")
+        notes.append(_criterion(name, value, limit, unit, verdict, lang))
     heads = [Words("file", "文件"), Words("content", "内容"), Words("SHA-256")]
     log_heads = [Words("log", "数据"), Words("rows", "行数"), Words("SHA-256")]
     return {

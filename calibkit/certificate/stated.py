@@ -84,7 +84,7 @@ class Stated:
         more: tuple[tuple[str, float], ...] = (),
     ) -> Result:
         """Result with its expanded uncertainty; `called` are other names that type B terms may use, `more` is type A too."""
-        found = self.source.uncertainty((key, *called), value, ((TYPE_A, type_a), *more), dof, sensitivities)
+        found = self.source.uncertainty((key, *called), value, unit, ((TYPE_A, type_a), *more), dof, sensitivities)
         interval = magnitude_interval(value, found) if magnitude and found is not None else None
         return Result(key, file, symbol, name, value, unit, found, interval, at, standard, principal)
 
@@ -128,7 +128,15 @@ class Stated:
         )
 
     def figure(
-        self, record: Record, figure: Figure, words: Words, dof: float, *, standard: str = "", magnitude: bool = False
+        self,
+        record: Record,
+        figure: Figure,
+        words: Words,
+        dof: float,
+        *,
+        standard: str = "",
+        magnitude: bool = False,
+        sensitivities: Mapping[str, tuple[float, float]] | None = None,
     ) -> Result:
         """A figure of a coefficient file; one whose uncertainty was not determined is a descriptor."""
         return self.result(
@@ -141,14 +149,29 @@ class Stated:
             type_a=figure.standard_uncertainty,
             dof=dof,
             called=(figure.name,),
+            sensitivities=sensitivities,
             standard=standard,
             magnitude=magnitude,
         )
 
-    def coefficients(self, record: Record, model: Model, title: Words = COEFFICIENTS) -> ListTable:
-        """Every fitted coefficient of a model."""
+    def coefficients(
+        self,
+        record: Record,
+        model: Model,
+        title: Words = COEFFICIENTS,
+        sensitivities: Callable[[float], Mapping[str, tuple[float, float]]] | None = None,
+    ) -> ListTable:
+        """Every fitted coefficient of a model; sensitivities of one by its value where an influence scales them all."""
         results = tuple(
-            self.linear(record, model, c.name, Words(""), {c.name: 1.0}, c.unit)
+            self.linear(
+                record,
+                model,
+                c.name,
+                Words(""),
+                {c.name: 1.0},
+                c.unit,
+                sensitivities=None if sensitivities is None else sensitivities(c.value),
+            )
             for c in model.coefficients
             if c.value or c.standard_uncertainty
         )
@@ -206,8 +229,28 @@ def round_numbers(low: float, high: float) -> list[float]:
 
 def range_words(model: Model) -> Words:
     """Ranges that a model holds in."""
-    parts = [f"{column} {low:.4g} … {high:.4g}" for column, (low, high) in model.valid.items()]
-    return Words(f"Calibrated range: {'; '.join(parts)}.", f"校准范围：{'；'.join(parts)}。")
+    parts = [_range(column, low, high) for column, (low, high) in model.valid.items()]
+    return Words(
+        f"{model.name} holds for {'; '.join(part.en for part in parts)}.",
+        f"{model.name} 适用范围：{'；'.join(part.zh or part.en for part in parts)}。",
+    )
+
+
+QUANTITIES = {
+    "temp_case_degc": (Words("case temperature", "壳温"), "°C"),
+    "temp_rate_degc_min": (Words("temperature rate", "温变速率"), "°C/min"),
+    "gradient_degc": (Words("temperature difference", "温差"), "K"),
+    "gradient_rate_degc_min": (Words("rate of the temperature difference", "温差变化率"), "K/min"),
+    "table_rate_dps": (Words("table rate", "转台角速率"), "°/s"),
+}
+"""Columns of ranges in words, with their units."""
+
+
+def _range(column: str, low: float, high: float) -> Words:
+    """A range in words."""
+    words, unit = QUANTITIES.get(column, (Words(column), ""))
+    ends = f"{low:.4g}".replace("-", "−"), f"{high:.4g}".replace("-", "−")
+    return words + Words(f" {ends[0]} … {ends[1]} {unit}".rstrip())
 
 
 def residual_words(model: Model) -> Words:

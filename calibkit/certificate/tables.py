@@ -15,8 +15,11 @@ if TYPE_CHECKING:
     from calibkit.certificate.results import Result, Uncertainty
     from calibkit.certificate.words import Lang
 
-MOST_COLUMNS = 3
-"""Quantities side by side, each with value and U."""
+WIDEST = 124
+"""Characters that stand side by side in a table."""
+COLUMN_GAP = 3
+MANY = 10_000.0
+"""Degrees of freedom that are printed as infinite."""
 ABSENT = "—"
 VALUE, U = Words("value", "值"), Words("U")
 
@@ -31,6 +34,8 @@ def cells(result: Result | None) -> tuple[str, str]:
     """Value and U, or the coverage interval of a magnitude, as printed."""
     if result is None:
         return ABSENT, ""
+    if result.exact:
+        return plain(result.value), ""
     if result.uncertainty is None:
         shown = descriptor(result.value)
         return number(shown.value, shown.exponent), ""
@@ -54,6 +59,14 @@ def plain(value: float | None, digits: int = 4) -> str:
     return number(mantissa, int(exponent or 0))
 
 
+def significant(value: float) -> str:
+    """A standard uncertainty with two significant digits, a trailing zero kept."""
+    if not value:
+        return "0"
+    shown = printed(value, value)
+    return number(shown.uncertainty, shown.exponent)
+
+
 def of_list(table: ListTable, lang: Lang) -> dict[str, Any]:
     """A list as rows of symbol, name, value, U, unit."""
     named = any(result.name.en for result in table.results)
@@ -71,14 +84,30 @@ def of_list(table: ListTable, lang: Lang) -> dict[str, Any]:
 
 
 def of_grid(table: GridTable, lang: Lang) -> list[dict[str, Any]]:
-    """A grid as tables of at most three quantities side by side, each with value and U."""
-    starts = range(0, len(table.heads), MOST_COLUMNS)
-    return [_part(table, start, lang, last=start == starts[-1]) for start in starts]
+    """A grid as tables of as many quantities side by side as fit, each with value and U."""
+    shown: list[dict[str, Any]] = []
+    start = 0
+    while start < len(table.heads):
+        end = _fitting(table, start, lang)
+        shown.append(_part(table, slice(start, end), lang, last=end == len(table.heads)))
+        start = end
+    return shown
 
 
-def _part(table: GridTable, start: int, lang: Lang, *, last: bool) -> dict[str, Any]:
+def _fitting(table: GridTable, start: int, lang: Lang) -> int:
+    """End of the columns from `start` that fit side by side: one at least."""
+    room = WIDEST - max((len(_label(label, lang)) for label in table.labels), default=0) - (14 if table.by_row else 0)
+    for k in range(start, len(table.heads)):
+        pairs = [cells(row[k]) for row in table.cells]
+        value, expanded = (max((len(pair[i]) for pair in pairs), default=0) for i in (0, 1))
+        room -= max(value + expanded + 2 * COLUMN_GAP, len(table.heads[k].of(lang)) + 8)
+        if room < 0 and k > start:
+            return k
+    return len(table.heads)
+
+
+def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[str, Any]:
     """Some columns of a grid; notes stand under the last of them."""
-    chosen = slice(start, start + MOST_COLUMNS)
     part = [row[chosen] for row in table.cells]
     certain = [any(r is not None and r.uncertainty is not None for r in column) for column in zip(*part, strict=True)]
     groups: list[list[Any]] = [["", 1]]
@@ -92,7 +121,7 @@ def _part(table: GridTable, start: int, lang: Lang, *, last: bool) -> dict[str, 
     for k, (label, row) in enumerate(zip(table.labels, part, strict=True)):
         shown = [text for r, has_u in zip(row, certain, strict=True) for text in cells(r)[: 2 if has_u else 1]]
         last_cell = [unit_mark(table.units[k]) or "1"] if table.by_row else []
-        rows.append([label.replace("-", "−") if _is_number(label) else label, *shown, *last_cell])
+        rows.append([_label(label, lang), *shown, *last_cell])
     if table.by_row:
         groups.append(["", 1])
         heads.append(Words("unit", "单位").of(lang))
@@ -102,13 +131,15 @@ def _part(table: GridTable, start: int, lang: Lang, *, last: bool) -> dict[str, 
     return _table(table.title, groups, heads, align, rows, notes, lang)
 
 
-def _is_number(text: str) -> bool:
-    """Whether a label is a number, whose hyphen is a minus."""
+def _label(label: str | Words, lang: Lang) -> str:
+    """Label of a row; the hyphen of a number is a minus."""
+    if not isinstance(label, str):
+        return label.of(lang)
     try:
-        float(text)
+        float(label)
     except ValueError:
-        return False
-    return True
+        return label
+    return label.replace("-", "−")
 
 
 def _table(
@@ -163,30 +194,39 @@ def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, An
             part.name,
             part.kind,
             part.distribution,
-            f"{plain(part.standard_uncertainty, 2)} {unit_mark(part.unit) if part.quantity else unit}".strip(),
+            f"{significant(part.standard_uncertainty)} {unit_mark(part.unit) if part.quantity else unit}".strip(),
             plain(part.sensitivity, 3),
-            plain(part.contribution, 2),
-            plain(part.dof if math.isinf(part.dof) else math.floor(part.dof), 5),
+            significant(part.contribution),
+            _dof(part.dof),
         ]
         for part in uncertainty.contributions
     ]
     value, expanded = cells(result)
-    dof = uncertainty.effective_dof
     k = f"{uncertainty.coverage_factor:.2f}".removesuffix(".00")
     return {
         "title": describe(result, lang),
         "value": f"{value} {unit}".strip(),
         "rows": rows,
         "sum": [
-            f"u_c = {plain(uncertainty.standard_uncertainty, 2)} {unit}".strip(),
-            f"ν_eff = {plain(dof if math.isinf(dof) else float(math.floor(dof)), 5)}",
+            f"u_c = {significant(uncertainty.standard_uncertainty)} {unit}".strip(),
+            f"ν_eff = {_dof(uncertainty.effective_dof)}",
             f"k = {k}",
             f"U = {expanded} {unit}".strip(),
         ],
     }
 
 
+def _dof(dof: float) -> str:
+    """Degrees of freedom, rounded down; from ten thousand on they are many."""
+    return "∞" if dof >= MANY else f"{math.floor(dof + 1e-9)}"
+
+
 def describe(result: Result, lang: Lang) -> str:
     """A result by its key, with its name."""
-    name = result.name.of(lang)
-    return f"{result.key} ({name})" if name and name != result.symbol else result.key
+    name, key = result.name.of(lang), breakable(result.key)
+    return f"{key} ({name})" if name and name != result.symbol else key
+
+
+def breakable(key: str) -> str:
+    """A key that may be broken behind its dots and underscores."""
+    return key.replace(".", ".\u200b").replace("_", "_\u200b")

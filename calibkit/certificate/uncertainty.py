@@ -8,7 +8,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit import units
 from calibkit.certificate.results import Contribution, Uncertainty
+from calibkit.errors import RecipeError
 from calibkit.numeric import gum
 from calibkit.recipe import type_b
 
@@ -39,6 +41,7 @@ class Source:
         self,
         names: Sequence[str],
         estimate: float,
+        unit: str,
         type_a: Sequence[tuple[str, float]],
         dof: float,
         sensitivities: Mapping[str, tuple[float, float]] | None = None,
@@ -50,11 +53,14 @@ class Source:
         """
         components = [gum.Component(name, estimate, u, "A", 1.0, dof) for name, u in type_a if u > 0.0 and dof >= 1.0]
         quantities = [("", "")] * len(components)
-        for term in self.terms:
+        for stated in self.terms:
+            if not {stated.quantity, stated.result} & {*names, *(sensitivities or ())}:
+                continue
+            term = _in_base(stated, unit if stated.quantity in names else None)
             called = next((name for name in names if name in (term.quantity, term.result)), names[0])
             applied = type_b.terms_of((term,), called, estimate, sensitivities).components
             components += applied
-            quantities += [(term.quantity, type_b.quantity_unit(term.quantity) or "")] * len(applied)
+            quantities += [(term.quantity, _unit(term, unit if term.quantity in names else None))] * len(applied)
         if not components:
             return None
         expanded = gum.combine(components)
@@ -67,6 +73,31 @@ class Source:
             expanded.expanded_uncertainty,
             expanded.probability,
         )
+
+
+def _unit(term: TypeB, result_unit: str | None) -> str:
+    """Unit that a component of the term is in: of a stated sensitivity the term's own, else the quantity's."""
+    if term.sensitivity is not None:
+        return term.unit
+    return type_b.quantity_unit(term.quantity) or result_unit or units.column_unit(term.quantity)
+
+
+def _in_base(term: TypeB, result_unit: str | None) -> TypeB:
+    """The term in the unit of the result that it is stated of; RecipeError where the unit is of another dimension."""
+    if term.sensitivity is not None or term.unit in type_b.RELATIVE or type_b.quantity_unit(term.quantity) is not None:
+        return term
+    target = result_unit or units.column_unit(term.quantity)
+    if term.unit == target:
+        return term
+    if term.unit not in units.TABLE or target not in units.TABLE:
+        raise RecipeError(
+            f"[[type_b]] '{term.name}' is in '{term.unit}', {term.quantity} in '{target}'",
+            hint="state it in the unit of the result, in ppm or in %",
+        )
+    factor = type_b.step(term.unit, target)
+    stated = ("standard_uncertainty", "half_width", "expanded_uncertainty")
+    scaled = {key: value * factor for key in stated if (value := getattr(term, key)) is not None}
+    return term.model_copy(update={"unit": target, **scaled})
 
 
 def _line(part: gum.Component, quantity: str, unit: str) -> Contribution:
