@@ -234,7 +234,7 @@ def _curve(table: GridTable) -> Figure:
             )
         )
     unit = "ppm" if table.units[0] == "1" else "µg"
-    low = str(table.labels[0]) if table.labels else ""
+    low = str(table.labels[0]).replace("-", "−") if table.labels else ""
     title = table.title + Words(f": change from {low} °C", f"：相对 {low} °C 的变化")
     return Figure(
         title, Words("case temperature [°C]", "壳温 [°C]"), Words(f"change [{unit}]", f"变化 [{unit}]"), tuple(series)

@@ -169,6 +169,10 @@ PLAIN = range(-5, 7)
 """Decimal exponents of the larger of value and uncertainty for which no power of ten is printed."""
 
 
+COUNTS = 100_000
+"""Whole numbers below this are printed as they are."""
+
+
 def printed(value: float, uncertainty: float) -> Printed:
     """Value and uncertainty with two significant digits of the uncertainty, the value to the same place (JCGM 100 7.2.6)."""
     shown, u = gum.rounded(value, uncertainty)
@@ -179,7 +183,9 @@ def printed(value: float, uncertainty: float) -> Printed:
 
 
 def descriptor(value: float) -> Printed:
-    """A number without an uncertainty, to three significant digits."""
+    """A number without an uncertainty: a count as it is, anything else to three significant digits."""
+    if value == int(value) and abs(value) < COUNTS:
+        return Printed(f"{int(value)}", "")
     exact = Decimal(f"{value:.2e}")
     if not exact or exact.adjusted() in PLAIN:
         return Printed(f"{exact:f}", "")

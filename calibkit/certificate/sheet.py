@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.as_found import BeforeAfter
     from calibkit.certificate.content import Certificate
     from calibkit.certificate.profile import Party, Profile
-    from calibkit.certificate.results import Block
+    from calibkit.certificate.results import Block, Result
     from calibkit.certificate.words import Lang
 
 Rows = list[list[str]]
@@ -40,9 +40,7 @@ SENTENCES = {
     "draft": Words("DRAFT", "草稿"),
     "draft_line": Words("DRAFT: not a calibration certificate", "草稿：非正式校准证书"),
     "number": Words("Certificate number", "证书编号"),
-    "page": Words("Page", "第"),
-    "of": Words("of", "页，共"),
-    "page_end": Words("", "页"),
+    "page": Words("Page {n} of {N}", "第 {n} 页，共 {N} 页"),
     "end": Words("End of certificate", "证书结束"),
     "signature": Words("Signature", "签名"),
     "only_item": Words(
@@ -219,9 +217,9 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
             "调整前：未使用本证书系数；调整后：使用本证书系数。所用数据与拟合数据不同。",
         )
     ]
-    for name, value, limit, unit, passed in found.criteria:
-        verdict = Words("held", "满足") if passed else Words("NOT held", "不满足")
-        notes.append(Words(_criterion(name, value, limit, unit, verdict, lang)))
+    notes += [
+        _criterion(name, value, limit, unit, passed=passed) for name, value, limit, unit, passed in found.criteria
+    ]
     notes += [Words(flag) for flag in found.flags]
     shown = [_before_after(found.rows, Words("Validation on logs that were not fitted", "未参与拟合数据的验证"), lang)]
     if found.check_points:
@@ -229,13 +227,12 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     return {"statement": statement, "tables": shown, "notes": [note.of(lang) for note in notes]}
 
 
-def _criterion(name: str, value: float, limit: float, unit: str, verdict: Words, lang: Lang) -> str:
+def _criterion(name: str, value: float, limit: float, unit: str, *, passed: bool) -> Words:
     """An acceptance limit of the recipe, and how the result stands against it."""
-    head = Words("Limit of the recipe, ", "配方限值，").of(lang)
-    against = Words(" against ", " / ").of(lang)
-    return (
-        f"{head}{name}: {tables.plain(value)}{against}{tables.plain(limit)} {unit_mark(unit)}".strip()
-        + f": {verdict.of(lang)}"
+    shown, bound = tables.plain(value), f"{tables.plain(limit)} {unit_mark(unit)}".strip()
+    return Words(
+        f"Limit of the recipe: {name} {shown} against {bound}: {'held' if passed else 'NOT held'}.",
+        f"配方限值：{name} {shown}，限值 {bound}：{'满足' if passed else '不满足'}。",
     )
 
 
@@ -317,9 +314,10 @@ def _limits(lower: float | None, upper: float | None) -> str:
 
 
 def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
-    """Budgets of the principal results and of those that a statement of conformity rests on."""
-    judged = {s.result.key for s in certificate.statements}
-    chosen = [r for r in certificate.results if r.principal or r.key in judged]
+    """Budgets of the principal results and of the kinds that statements of conformity rest on, one condition of each."""
+    chosen = {_kind(r): r for r in certificate.results if r.principal}
+    for statement in certificate.statements:
+        chosen.setdefault(_kind(statement.result), statement.result)
     notes = []
     if certificate.unused_terms:
         listed = ", ".join(certificate.unused_terms)
@@ -339,9 +337,14 @@ def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
             "|c|·u(x)",
             "ν",
         ],
-        "budgets": [tables.budget(r, r.uncertainty, lang) for r in chosen if r.uncertainty is not None],
+        "budgets": [tables.budget(r, r.uncertainty, lang) for r in chosen.values() if r.uncertainty is not None],
         "notes": notes,
     }
+
+
+def _kind(result: Result) -> str:
+    """A result's key without the condition that it holds at."""
+    return result.key.partition("@")[0]
 
 
 def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
@@ -357,8 +360,7 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         Words("Coefficients hold from ", "系数生效日期 ").of(lang) + run.effective_from,
     ]
     for name, value, limit, unit, passed in run.criteria:
-        verdict = Words("held", "满足") if passed else Words("NOT held", "不满足")
-        notes.append(_criterion(name, value, limit, unit, verdict, lang))
+        notes.append(_criterion(name, value, limit, unit, passed=passed).of(lang))
     heads = [Words("file", "文件"), Words("content", "内容"), Words("SHA-256")]
     log_heads = [Words("log", "数据"), Words("rows", "行数"), Words("SHA-256")]
     return {

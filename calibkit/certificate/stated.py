@@ -231,8 +231,8 @@ def range_words(model: Model) -> Words:
     """Ranges that a model holds in."""
     parts = [_range(column, low, high) for column, (low, high) in model.valid.items()]
     return Words(
-        f"{model.name} holds for {'; '.join(part.en for part in parts)}.",
-        f"{model.name} 适用范围：{'；'.join(part.zh or part.en for part in parts)}。",
+        f"Model {model.name} holds for {'; '.join(part.en for part in parts)}.",
+        f"模型 {model.name} 适用范围：{'；'.join(part.zh or part.en for part in parts)}。",
     )
 
 
@@ -257,6 +257,7 @@ def residual_words(model: Model) -> Words:
     """What the fit left, called by its name."""
     rms, unit = f"{model.residual_rms:.2g}", unit_mark(model.residual_unit)
     return Words(
-        f"{model.name}: residual rms of the fit {rms} {unit}, {model.dof} degrees of freedom (a descriptor, not an uncertainty).",
-        f"{model.name}：拟合残差均方根 {rms} {unit}，自由度 {model.dof}（仅为描述量，并非不确定度）。",
+        f"Model {model.name}: residual rms of the fit {f'{rms} {unit}'.strip()}, {model.dof} degrees of freedom "
+        "(a descriptor, not an uncertainty).",
+        f"模型 {model.name}：拟合残差均方根 {rms} {unit}，自由度 {model.dof}（仅为描述量，并非不确定度）。",
     )

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
 WIDEST = 124
 """Characters that stand side by side in a table."""
 COLUMN_GAP = 3
+LONGEST = 12
+"""Rows of a list of coefficients above which it is set in two or three parts side by side."""
 MANY = 10_000.0
 """Degrees of freedom that are printed as infinite."""
 ABSENT = "—"
@@ -28,6 +30,18 @@ def number(text: str, exponent: int = 0) -> str:
     """A decimal number with a true minus sign, and a power of ten behind it."""
     power = "" if exponent == 0 else " × 10" + str(exponent).replace("-", "⁻").translate(POWERS)
     return text.replace("-", "−") + power
+
+
+TERMS = {
+    "fit to the logs": Words("fit to the logs", "对数据的拟合"),
+    "model error on ramps left out": Words("model error on ramps left out", "留出温变的模型误差"),
+    "normal": Words("normal", "正态"),
+    "rectangular": Words("rectangular", "均匀"),
+    "triangular": Words("triangular", "三角"),
+    "arcsine": Words("arcsine", "反正弦"),
+    "t": Words("t"),
+}
+"""Words of a budget that calibkit chose itself."""
 
 
 def cells(result: Result | None) -> tuple[str, str]:
@@ -78,20 +92,28 @@ def of_list(table: ListTable, lang: Lang) -> dict[str, Any]:
         head = [result.symbol, name] if named else [result.symbol]
         rows.append([*head, value, expanded, unit_mark(result.unit) or "1"])
     head = ["", ""] if named else [""]
+    parts = 1 if named else min(3, -(-len(rows) // LONGEST))
+    rows = _beside(rows, parts)
     heads = [*head, VALUE.of(lang), U.of(lang), Words("unit", "单位").of(lang)]
     align = ["left"] * len(head) + ["right", "right", "left"]
-    return _table(table.title, [], heads, align, rows, (table.note, coverage), lang)
+    return _table(table.title, [], heads * parts, align * parts, rows, (table.note, coverage), lang)
+
+
+def _beside(rows: list[list[str]], parts: int) -> list[list[str]]:
+    """A long list of rows as parts that stand side by side."""
+    height = -(-len(rows) // parts) if rows else 0
+    filled = rows + [[""] * len(rows[0])] * (height * parts - len(rows)) if rows else []
+    return [[cell for part in range(parts) for cell in filled[part * height + k]] for k in range(height)]
 
 
 def of_grid(table: GridTable, lang: Lang) -> list[dict[str, Any]]:
     """A grid as tables of as many quantities side by side as fit, each with value and U."""
-    shown: list[dict[str, Any]] = []
-    start = 0
-    while start < len(table.heads):
-        end = _fitting(table, start, lang)
-        shown.append(_part(table, slice(start, end), lang, last=end == len(table.heads)))
-        start = end
-    return shown
+    ends, total = [0], len(table.heads)
+    while ends[-1] < total:
+        ends.append(_fitting(table, ends[-1], lang))
+    each = -(-total // max(len(ends) - 1, 1))  # as many in the last part as in the others
+    starts = range(0, total, each)
+    return [_part(table, slice(start, start + each), lang, last=start == starts[-1]) for start in starts]
 
 
 def _fitting(table: GridTable, start: int, lang: Lang) -> int:
@@ -191,9 +213,9 @@ def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, An
     unit = unit_mark(result.unit)
     rows = [
         [
-            part.name,
+            TERMS.get(part.name, Words(part.name)).of(lang),
             part.kind,
-            part.distribution,
+            TERMS.get(part.distribution, Words(part.distribution)).of(lang),
             f"{significant(part.standard_uncertainty)} {unit_mark(part.unit) if part.quantity else unit}".strip(),
             plain(part.sensitivity, 3),
             significant(part.contribution),

@@ -59,6 +59,7 @@ class Source:
             term = _in_base(stated, unit if stated.quantity in names else None)
             called = next((name for name in names if name in (term.quantity, term.result)), names[0])
             applied = type_b.terms_of((term,), called, estimate, sensitivities).components
+            applied = tuple(part for part in applied if part.sensitivity)
             components += applied
             quantities += [(term.quantity, _unit(term, unit if term.quantity in names else None))] * len(applied)
         if not components:
