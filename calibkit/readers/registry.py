@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, cast
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited
+from calibkit.readers import clean, delimited
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -50,7 +50,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     if logs.format == "auto":
         return _recognised(path, file, logs, needed)
     if logs.format == "csv":
-        return delimited.read(path, file, needed)
+        return clean.read(path, file) or delimited.read(path, file, needed)
     return _reader(logs.format).read(path, file, logs, needed)
 
 
@@ -76,6 +76,8 @@ def signature(head: bytes) -> str:
 
 def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a log whose format the recipe leaves open: clean CSV strictly, anything else as what it shows itself to be."""
+    if not logs.names and (table := clean.read(path, file)) is not None:
+        return table
     data = delimited.load(path, file)
     found = signature(data[:32])
     if found:
