@@ -44,7 +44,7 @@ PATTERNS = (r"gyro_[a-z0-9]+_dph", r"gyro_[a-z0-9]+_lsb", r"accel_[a-z0-9]+_g", 
 class Log:
     """One log as it was read: its file, the digest of its bytes, its rows, what was noted, how it was read, the tidy frame.
 
-    The frame's index counts lines of the file (minus 2); `parts` are the files of a split log with their first index.
+    The frame's index counts lines of the file (minus 2); `parts` are the files of a split log with their offset in it.
     """
 
     name: str
@@ -59,9 +59,9 @@ class Log:
     def place(self, row: int) -> str:
         """file:line that a row of the frame came from, in the part of a split log that holds it."""
         index = int(self.frame.index[row])
-        for file, first in reversed(self.parts):
-            if index >= first:
-                return f"{file}:{index - first + 2}"
+        for file, offset in reversed(self.parts):
+            if index >= offset - 1:
+                return f"{file}:{index - offset + 2}"
         return f"{self.file}:{index + 2}"
 
 

@@ -175,6 +175,8 @@ def apply(run: store.Run, data: Path, out: Path, overrides: tuple[str, ...]) -> 
     spec = run_recipe(run, overrides)
     if not data.is_file():
         raise UsageError(f"--data {data}: no such file", hint="name one log")
+    # every row is written: one file as it is, none of its rows left out
+    spec = spec.model_copy(update={"logs": spec.logs.model_copy(update={"split": False, "missing": "refuse"})})
     content, flags = procedures.of(spec).apply(spec, run.records, data)
     store.write_new(out, content)
     return flags
@@ -186,7 +188,7 @@ def validate(run: store.Run, data: Path, out: Path, progress: Progress) -> tuple
     spec = run_recipe(run, ())
     files = ingest.find_logs(spec, data)
     fitted = {entry["sha256"] for entry in run.document["inputs"]}
-    digests = {file: hashlib.sha256((data / file).read_bytes()).hexdigest() for file in files}
+    digests = {file: ingest.digest(spec, data, file) for file in files}
     unseen = [file for file in files if digests[file] not in fitted]
     seen = [file for file in files if file not in unseen]
     if not unseen:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import importlib
+import re
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Protocol, cast
 
@@ -79,11 +80,20 @@ def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> T
     if not logs.names and (table := clean.read(path, file)) is not None:
         return table
     data = delimited.load(path, file)
-    found = signature(data[:32])
+    found = signature(data[:32]) or _shown(data)
     if found:
         table = _reader(found).read(path, file, logs, needed)
         return replace(table, reading=(f"format = '{found}' (guessed)", *table.reading))
     return _text(data, file, logs, needed)
+
+
+def _shown(data: bytes) -> str:
+    """A text format that shows in the first lines of a log."""
+    head = data[:4096].replace(b"\0", b"")  # UTF-16 too
+    first = head.splitlines()[0] if head.splitlines() else b""
+    if b"$01I" in first:
+        return "chamber"
+    return "keysight" if re.search(rb"(?m)^(Sweep #|Scan)[,;\t]Time[,;\t]", head) else ""
 
 
 def _text(data: bytes, file: str, logs: Logs, needed: Collection[str]) -> Table:

@@ -20,7 +20,7 @@ class Table:
 
     The frame's index is the line (or record) of the file minus 2, so that every row can be found again; `units` holds
     what the log itself says of a column's unit; `reading` is how the file was read, guesses named as such; `parts`
-    are the files of a split log, each with the index of its first line.
+    are the files of a split log, each with what its own index was raised by.
     """
 
     file: str

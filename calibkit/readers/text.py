@@ -1,12 +1,13 @@
 """Reader of delimited text in any dialect.
 
-Format: text in UTF-8, UTF-16, GB18030 or Windows-1252; lines above the header; a line of names, with or without a line of
-units below it, or none where the recipe lists the columns; then one row a line, fields parted by commas, semicolons,
-tabs, bars, blanks, or of fixed widths; decimal points or commas; quotes around fields; a blank after a sign; words for
-missing values (`OVLD`, `LLLL`, `----`, `#N/A`). What the recipe's [logs.text] does not pin is guessed from the head
-(`sniff`) and said; the whole file is then held against it. Every line is accounted for: header, preamble, blank lines at
-the end and footer are counted, all others are rows with as many fields as the header or the file is refused.
-Uncertainty of reading: numbers are converted to the nearest float64; nothing is rounded, resampled or dropped.
+Format: text in UTF-8, UTF-16, GB18030 or Windows-1252; lines above the header; a line of names, with or without a
+line of units below it, or none where the recipe lists the columns; then one row a line, fields parted by commas,
+semicolons, tabs, bars, blanks, or of fixed widths; decimal points or commas; quotes around fields; a blank after a
+sign; words for missing values (`OVLD`, `LLLL`, `----`, `#N/A`). What the recipe's [logs.text] does not pin is guessed
+from the head (`sniff`) and said; the whole file is then held against it. Every line is accounted for: header,
+preamble, blank lines at the end and footer are counted, all others are rows with as many fields as the header or the
+file is refused. Uncertainty of reading: numbers are converted to the nearest float64; nothing is rounded, resampled
+or dropped.
 """
 
 from __future__ import annotations

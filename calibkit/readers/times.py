@@ -1,11 +1,11 @@
 """Times as loggers write them → seconds since the first row.
 
 Forms: dates and times of day in any of the orders and separators that are listed in `FORMS`, times of day alone
-(midnight is passed without a word), elapsed `h:m:s`, days since 1899-12-30 as spreadsheets count them, decimal seconds of
-any length. Uncertainty: a time is taken as the instant that it names, to the last digit written; spreadsheet days are
-rounded to the microsecond, which is what their float64 resolves. Time zones are taken into account where they are
-written. Where day and month could be either, the order that makes the log run forwards is taken, and none where both do
-and would give different seconds.
+(midnight is passed without a word), elapsed `h:m:s`, days since 1899-12-30 as spreadsheets count them, decimal
+seconds of any length. Uncertainty: a time is taken as the instant that it names, to the last digit written;
+spreadsheet days are rounded to the microsecond, which is what their float64 resolves. Time zones are taken into
+account where they are written. Where day and month could be either, the order that makes the log run forwards is
+taken, and none where both do and would give different seconds.
 """
 
 from __future__ import annotations

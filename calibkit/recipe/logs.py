@@ -6,6 +6,7 @@ from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 
+from calibkit import units
 from calibkit.recipe.strict import Positive, Table
 
 Count = Annotated[int, Field(ge=0)]
@@ -25,7 +26,7 @@ Format = Literal[
     "chamber",
     "binary",
 ]
-TEXT_FORMATS = ("auto", "text", "keysight", "lvm", "chamber")
+TEXT_FORMATS = ("auto", "text", "keysight", "lvm", "chamber", "excel")
 """Formats that a [logs.text] table can describe."""
 
 
@@ -69,6 +70,14 @@ class BinarySpec(Table):
     header_bytes: Count = 0
     fields: Annotated[tuple[FieldSpec, ...], Field(min_length=1, strict=False)]
     sync: str = ""
+
+    @field_validator("fields")
+    @classmethod
+    def _known_units(cls, fields: tuple[FieldSpec, ...]) -> tuple[FieldSpec, ...]:
+        for field in fields:
+            if field.unit and not units.of_text(field.unit):
+                raise ValueError(f"field '{field.name}': unknown unit '{field.unit}'")
+        return fields
 
     @field_validator("sync")
     @classmethod

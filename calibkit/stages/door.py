@@ -36,6 +36,7 @@ class Mapped:
     column: Array
     notes: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
+    since_row_before: bool = False
 
 
 def resolved(source: str, table: Table) -> str | None:
@@ -134,17 +135,19 @@ def value(table: Table, source: str, column: Column | None, name: str, recipe: R
         notes += more
     if column and column.accumulated:
         raw = np.concatenate([[np.nan], np.diff(raw)])
-        notes += (f"column '{source}': accumulated counts, so the first row has no rate",)
         unit = "1/sample" if unit == "1" else unit
     scale, offset, sign = (column.scale, column.offset, column.sign) if column else (1.0, 0.0, 1)
     values = units.scaled(raw, scale) if scale != 1.0 else raw
     values = values + offset if offset else values
-    if unit == "1/sample":
+    per_sample = unit == "1/sample"
+    if per_sample:
         values = values / _interval(column, seconds, name, table)
         unit = "1/s"
     values = units.convert(values, unit, target, gravity_mps2=recipe.site.gravity_mps2)
     said = () if unit == target or (column and column.unit) else (f"column '{source}': {unit}, as the log states",)
-    return Mapped(values if sign == 1 else -values, notes, said)
+    first_lost = column is not None and column.accumulated
+    first_lost |= per_sample and (column is None or column.interval_s is None)
+    return Mapped(values if sign == 1 else -values, notes, said, first_lost)
 
 
 def _interval(column: Column | None, seconds: Array | None, name: str, table: Table) -> Array | float:

@@ -10,7 +10,7 @@ import numpy as np
 from calibkit import units
 from calibkit.errors import FrameError, RecipeError, UsageError
 from calibkit.frame import Log, is_canonical, require
-from calibkit.readers import registry
+from calibkit.readers import parts, registry
 from calibkit.stages import door
 
 if TYPE_CHECKING:
@@ -40,6 +40,8 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
                 hint="check --data, or [logs] files in the recipe",
             )
         found += [match for match in matches if match not in found]
+    if recipe.logs.split:
+        found = [log[0] for log in parts.group(found)]
     skipped = {exclude.log for exclude in recipe.exclude if exclude.from_s is None and exclude.to_s is None}
     _known_exclusions(recipe, found)
     kept = [name for name in found if not skipped & {name, log_name(name)}]
@@ -74,7 +76,7 @@ def read_log(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optio
     timed = recipe.columns.get("time_s")
     written = {timed.source} if timed and (timed.time_format or timed.date) else set()
     wanted = {sources.get(name, name) for name in (*needed, *optional)} - written
-    table = registry.read(path, file, recipe.logs, wanted)
+    table = (parts.read if recipe.logs.split else registry.read)(path, file, recipe.logs, wanted)
     own = _own_names(recipe, table, sources, needed, optional)
     mapped = _canonical(recipe, table, own)
     frame = table.frame[[]].assign(
@@ -82,11 +84,25 @@ def read_log(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optio
     )
     require(file, frame.columns, needed)
     frame = frame[[name for name in (*needed, *optional) if name in frame.columns]]
+    frame, begun = _from_second_row(frame, mapped)
     frame, dropped = door.complete(frame, needed, recipe)
     frame, excluded = _without_exclusions(frame, recipe.exclude, file)
-    notes = (*table.notes, *(note for column in mapped.values() for note in column.notes), *dropped, *excluded)
+    notes = (*table.notes, *(note for column in mapped.values() for note in column.notes), *begun, *dropped, *excluded)
     reading = (*table.reading, *(said for column in mapped.values() for said in column.reading))
     return Log(log_name(file), file, table.sha256, len(table.frame), frame, notes, reading, table.parts)
+
+
+def _from_second_row(frame: pd.DataFrame, mapped: Mapping[str, door.Mapped]) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """The frame without its first row where counts since the row before are read: it has none before."""
+    counted = [name for name, column in mapped.items() if column.since_row_before]
+    if not counted:
+        return frame, ()
+    return frame.iloc[1:], (f"the first row removed: {', '.join(counted)} are counts since the row before",)
+
+
+def digest(recipe: Recipe, data: Path, file: str) -> str:
+    """SHA-256 of a log's bytes, of all its parts where it is split."""
+    return parts.digest(data / file, file, split=recipe.logs.split)
 
 
 def _own_names(

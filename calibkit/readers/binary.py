@@ -1,0 +1,85 @@
+"""Reader of raw binary records that the recipe describes.
+
+Format ([logs.binary]): `header_bytes` that are skipped, then records of one length to the end of the file, each the
+listed fields without gaps: integers of 1, 2, 4, 8 bytes, signed (i) or not (u), IEEE floats (f4, f8), `skip` for
+bytes without meaning; `byte_order` of the record, or of a field of its own; `sync`, bytes that every record must
+begin with (part of the first fields, or skipped). value = scale · stored + offset. Uncertainty: stored values
+exactly, scaled to the nearest float64, integers above 2⁵³ rounded. A file that is not a whole number of records is
+refused: it is cut off, or described wrongly.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import units
+from calibkit.errors import LogFormatError
+from calibkit.readers import arrays, delimited
+from calibkit.readers.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from calibkit.recipe.logs import BinarySpec, FieldSpec, Logs
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
+    """Read raw records whole, or raise LogFormatError that names the record."""
+    assert logs.binary is not None  # noqa: S101 (the recipe's own check: format = 'binary' has [logs.binary])
+    spec = logs.binary
+    data = delimited.load(path, file)
+    layout = _layout(spec)
+    body = len(data) - spec.header_bytes
+    if body <= 0 or body % layout.itemsize:
+        raise LogFormatError(
+            f"{file}: {body} bytes behind the header, expected records of {layout.itemsize} bytes "
+            f"({body // layout.itemsize} and {body % layout.itemsize} bytes over)",
+            hint="the file is cut off, or [logs.binary] describes it wrongly",
+        )
+    records = np.frombuffer(data, layout, offset=spec.header_bytes)
+    _in_step(data, spec, layout.itemsize, file)
+    kept = [field for field in spec.fields if field.type != "skip"]
+    frame = arrays.framed({field.name: _scaled(records[field.name], field) for field in kept})
+    stated = {field.name: units.of_text(field.unit) for field in kept if field.unit}
+    said = (f"binary records of {layout.itemsize} bytes, {len(frame)} rows",)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, stated)
+
+
+def _layout(spec: BinarySpec) -> np.dtype[np.void]:
+    """A record as numpy describes it."""
+    marks = {"little": "<", "big": ">"}
+    fields = []
+    for number, field in enumerate(spec.fields):
+        order = spec.byte_order if field.byte_order == "record" else field.byte_order
+        kind = f"V{field.bytes}" if field.type == "skip" else marks[order] + field.type
+        fields.append((f"skipped {number}" if field.type == "skip" else field.name, kind))
+    return np.dtype(fields)
+
+
+def _scaled(stored: NDArray[np.generic], field: FieldSpec) -> NDArray[np.float64]:
+    """Values of a field."""
+    values = stored.astype(np.float64)
+    values = units.scaled(values, field.scale) if field.scale != 1.0 else values
+    return values + field.offset if field.offset else values
+
+
+def _in_step(data: bytes, spec: BinarySpec, size: int, file: str) -> None:
+    """Refuse the first record that does not begin with the sync bytes: from there on every field is another."""
+    sync = np.frombuffer(bytes.fromhex(spec.sync), np.uint8)
+    if not sync.size:
+        return
+    begins = np.frombuffer(data, np.uint8, offset=spec.header_bytes).reshape(-1, size)[:, : sync.size]
+    wrong = np.flatnonzero((begins != sync).any(axis=1))
+    if wrong.size:
+        record = int(wrong[0])
+        raise LogFormatError(
+            f"{file}:{record + 1}: record {record + 1} begins with {begins[record].tobytes().hex()}, "
+            f"expected {spec.sync.lower()}",
+            hint="bytes were lost or added before it; copy the file again",
+        )

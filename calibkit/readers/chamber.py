@@ -1,0 +1,89 @@
+"""Reader of recorded replies of Vötsch and Weiss chambers to `$01I` (ASCII-2 protocol of SIMPAC and MINCON controllers).
+
+Format: one line a reply: a time written by the recording program (any form of `times`, or seconds), then, with or
+without the echo `$01I`, 12 or 14 fields of `%06.1f` parted by blanks (`0023.0 -040.1`), then 16 or 32 digits 0 and 1
+of digital channels, which are not kept. The fields go in pairs of set value and actual value; the first pair is the
+temperature [°C], the second, in climatic chambers, the relative humidity [%]. No header; replies come every 5 to 136
+s as the program asks. Columns: `time`, `set 1`, `actual 1`, `set 2`, …; [logs] names renames them. Uncertainty: 0.1
+in each field; what the pairs beyond the first mean, and that the set value stands first, depends on the chamber's
+configuration: the recipe says which column is which.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import LogFormatError
+from calibkit.readers import delimited, times
+from calibkit.readers import encoding as encodings
+from calibkit.readers.table import FIRST_ROW, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from calibkit.recipe.logs import Logs
+
+_REPLY = re.compile(
+    r"(?P<time>.*?)[\s,;]*(?:\$\d\dI[\s,;]*)?"
+    r"(?P<fields>(?:[+-]?\d{3,4}\.\d ){11,13}[+-]?\d{3,4}\.\d)(?: +(?P<bits>[01]{16,32}))?\s*"
+)
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
+    """Read recorded replies whole, or raise LogFormatError that names the line."""
+    import pandas as pd
+
+    data = delimited.load(path, file)
+    content, encoding = encodings.decode(data, file, logs.text.encoding)
+    lines = content.rstrip("\n").split("\n")
+    replies = [_reply(line, number, file) for number, line in enumerate(lines, start=1)]
+    width = len(replies[0]["fields"].split())
+    for number, reply in enumerate(replies, start=1):
+        _refuse_other(reply, replies[0], width, number, file)
+    names = ["time", *(f"{word} {k + 1}" for k in range(width // 2) for word in ("set", "actual"))]
+    if logs.names and len(logs.names) != len(names):
+        raise LogFormatError(
+            f"{file}:1: {len(names)} columns with the time, the recipe names {len(logs.names)}",
+            hint="correct [logs] names",
+        )
+    values = np.array([[float(field) for field in reply["fields"].split()] for reply in replies])
+    written = [reply["time"].strip() for reply in replies]
+    plain = all(times.is_decimal(field) for field in written)
+    frame = pd.DataFrame(values, columns=names[1:])
+    frame.insert(0, "time", [float(field) for field in written] if plain else written)
+    frame.columns = list(logs.names) or names
+    frame.index = frame.index + 1 - FIRST_ROW
+    said = (
+        f"chamber replies of {width} fields, {encoding}, {len(frame)} rows",
+        "set value before actual value (assumed)",
+    )
+    first = {str(name): "degC" for name in list(frame.columns)[1:3]}
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, first)
+
+
+def _reply(line: str, number: int, file: str) -> re.Match[str]:
+    """Parts of one line."""
+    found = _REPLY.fullmatch(line)
+    if found is None:
+        raise LogFormatError(
+            f"{file}:{number}: found '{line[:60]}', expected a time and 12 or 14 fields as 0023.0",
+            hint="the reply is cut short or has other fields; repair or remove the line",
+        )
+    return found
+
+
+def _refuse_other(reply: re.Match[str], first: re.Match[str], width: int, number: int, file: str) -> None:
+    """Refuse a reply that has another number of fields or digital channels than the first: it is cut, or of another chamber."""
+    if len(reply["fields"].split()) != width or len(reply["bits"] or "") != len(first["bits"] or ""):
+        raise LogFormatError(
+            f"{file}:{number}: {len(reply['fields'].split())} fields and {len(reply['bits'] or '')} digital channels, "
+            f"expected {width} and {len(first['bits'] or '')}",
+            hint="the reply is cut short; repair or remove the line",
+        )
+    if width % 2:
+        raise LogFormatError(f"{file}:{number}: {width} fields, expected 12 or 14", hint="the reply is cut short")

@@ -1,0 +1,73 @@
+"""Reader of Excel workbooks (.xlsx, .xlsm, .xlsb, .xls, .ods), by python-calamine.
+
+Format: one sheet is one log ([logs] table, needed where several sheets hold cells): lines above the header, a row of
+names, with or without a row of units below it, then one row an instant; found as in delimited text, and pinned by
+[logs.text] skip_lines and header_lines. Rows are counted as the sheet numbers them. Uncertainty: numbers as stored
+(float64); cells formatted as dates are instants to the microsecond, which is what their float64 resolves; formulas
+give their saved values; error cells (`#N/A`) have no value.
+"""
+
+from __future__ import annotations
+
+import datetime as dt
+import hashlib
+import io
+from typing import TYPE_CHECKING, Any
+
+from calibkit.errors import LogFormatError
+from calibkit.readers import delimited, optional, sniff, text
+from calibkit.recipe.logs import TextSpec
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from calibkit.readers.table import Table
+    from calibkit.recipe.logs import Logs
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read one sheet of a workbook, or raise LogFormatError."""
+    calamine = optional.library("python_calamine", "excel", file)
+    data = delimited.load(path, file)
+    with optional.damaged(file, "Excel"):
+        book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
+        sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names}
+    name, how = _sheet(sheets, file, logs.table)
+    content = "".join("\t".join(map(_text, row)) + "\n" for row in sheets[name])
+    if not content.strip():
+        raise LogFormatError(f"{file}: sheet '{name}' is empty", hint="check the workbook")
+    spec = TextSpec(delimiter="\t", decimal=".", skip_lines=logs.text.skip_lines, header_lines=logs.text.header_lines)
+    found = sniff.dialect(content, "utf-8", file, spec, logs.names)
+    table = text.table(content, hashlib.sha256(data).hexdigest(), file, found, spec, needed)
+    said = tuple(line for line in found.lines() if line.startswith(("skip", "header", "column")))
+    return type(table)(file, table.sha256, table.frame, table.notes, (f"sheet '{name}'", *how, *said), table.units)
+
+
+def _sheet(sheets: dict[str, list[list[Any]]], file: str, table: str) -> tuple[str, tuple[str, ...]]:
+    """Name of the sheet that the recipe names, or of the only one that holds cells."""
+    filled = [name for name, rows in sheets.items() if any(cell != "" for row in rows for cell in row)]
+    if table:
+        if table not in filled:
+            raise LogFormatError(f"{file}: no sheet '{table}' with cells", hint=f"there are: {', '.join(filled)}")
+        return table, ()
+    if len(filled) != 1:
+        raise LogFormatError(
+            f"{file}: {len(filled)} sheets hold cells: {', '.join(filled)}",
+            hint="name one in [logs] table of the recipe",
+        )
+    return filled[0], (f"table = '{filled[0]}' (guessed)",)
+
+
+def _text(cell: Any) -> str:  # noqa: ANN401 (a cell holds a number, a text, an instant or nothing)
+    """A cell as the characters that read back to it."""
+    if isinstance(cell, bool):
+        return str(int(cell))
+    if isinstance(cell, float):
+        return repr(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
+    if isinstance(cell, dt.datetime):
+        return cell.strftime("%Y-%m-%d %H:%M:%S.%f")
+    if isinstance(cell, dt.timedelta):
+        seconds = cell / dt.timedelta(microseconds=1)
+        return f"{int(seconds // 3600e6)}:{int(seconds // 60e6) % 60:02d}:{seconds % 60e6 / 1e6:09.6f}"
+    return " ".join(str(cell).replace('"', "").split())

@@ -1,0 +1,50 @@
+"""Reader of HDF5 files, MATLAB v7.3 among them, by h5py.
+
+Format: named datasets in groups. One group is one log ([logs] table, needed where several groups hold numbers): its
+vectors are columns, with an attribute `units` or `unit` as their unit; a single matrix needs the recipe's `names`; a
+compound dataset is a table, its fields the columns. Uncertainty: values as stored, integers above 2⁵³ rounded to
+float64; several instants of writing cannot be told apart.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from typing import TYPE_CHECKING, Any
+
+from calibkit import units
+from calibkit.readers import arrays, delimited, optional
+from calibkit.readers.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from calibkit.recipe.logs import Logs
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read one group of an HDF5 file, or raise LogFormatError."""
+    h5py = optional.library("h5py", "hdf5", file)
+    data = delimited.load(path, file)
+    found: dict[str, Any] = {}
+    stated: dict[str, str] = {}
+
+    def collect(name: str, node: Any) -> None:  # noqa: ANN401 (h5py's callback)
+        if not isinstance(node, h5py.Dataset) or node.shape is None or name.startswith("#refs#"):
+            return
+        said = node.attrs.get("units", node.attrs.get("unit", ""))
+        unit = units.of_text(said.decode(errors="replace") if isinstance(said, bytes) else str(said))
+        if node.dtype.names:
+            whole = node[()]
+            found.update({f"{name}/{field}": whole[field] for field in node.dtype.names})
+        elif node.dtype.kind in "fiub":
+            found[name] = node[()]
+        if unit:
+            stated[name.rpartition("/")[2]] = unit
+
+    with optional.damaged(file, "HDF5"), h5py.File(io.BytesIO(data), "r") as opened:
+        opened.visititems(collect)
+    frame, how = arrays.frame(found, file, logs, needed)
+    said = (f"HDF5, {len(frame)} rows", *how)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, stated)

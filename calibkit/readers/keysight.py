@@ -1,0 +1,92 @@
+"""Reader of Keysight 34970A, 34972A and DAQ970A scans, as the instrument or BenchLink Data Logger writes them.
+
+Format: lines about the instrument and its channels (none in the instrument's own dat00001.csv), then a header that
+begins with `Sweep #`, `Scan` or `Sweep` and `Time`, then one line a scan: number, time (`01/26/2009 08:07:12:237`),
+and for each channel its value and its alarm (`Chan 101 (VDC),Alarm,…` or `101 (C),Alarm 101,…`). UTF-8, UTF-16 or a
+Windows code page; commas, semicolons or tabs. A log is split after 65,535 scans ([logs] split), the scan number going
+on. Uncertainty: times to 1 ms, of the start of a scan: channels are read one after another within it. 9.9E+37 is an
+overload, an alarm other than 0 a limit that was passed; both are counted and said. Day and month can be either way
+round (the instrument writes month first, BenchLink what Windows is set to): the order that runs forwards is taken, or
+the recipe's time_format.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import LogFormatError
+from calibkit.readers import delimited, sniff, text, tokens
+from calibkit.readers import encoding as encodings
+from calibkit.readers.table import FIRST_ROW, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    import pandas as pd
+
+    from calibkit.recipe.logs import Logs
+
+NUMBERED = ("sweep #", "sweep", "scan", "scan #", "scan number")
+MOST_LINES = 400
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read a scan log whole, or raise LogFormatError that names the line."""
+    data = delimited.load(path, file)
+    content, encoding = encodings.decode(data, file, logs.text.encoding)
+    line, delimiter = _header(content, file)
+    spec = logs.text.model_copy(update={"skip_lines": line, "header_lines": 1, "delimiter": delimiter})
+    found = sniff.dialect(content, encoding, file, spec, ())
+    scan = found.names[0]
+    table = text.table(content, hashlib.sha256(data).hexdigest(), file, found, spec, {*needed, scan, *_alarms(found)})
+    notes = (*table.notes, *_alarmed(table.frame, _alarms(found)), *_skipped(table.frame, scan))
+    return replace(table, notes=notes)
+
+
+def _header(content: str, file: str) -> tuple[int, str]:
+    """Lines above the header, and the delimiter."""
+    for number, line in enumerate(content.split("\n", MOST_LINES)[:MOST_LINES]):
+        for delimiter in (",", ";", "\t"):
+            fields = tokens.split(line, delimiter)
+            if len(fields) > 2 and fields[0].lower() in NUMBERED and fields[1].lower().startswith("time"):
+                return number, delimiter
+    raise LogFormatError(
+        f"{file}: no header 'Sweep #, Time, …' or 'Scan, Time, …' in the first {MOST_LINES} lines",
+        hint="the log is not a scan of this instrument; try format = 'text'",
+    )
+
+
+def _alarms(found: sniff.Dialect) -> tuple[str, ...]:
+    """Names of the alarm columns."""
+    return tuple(name for name in found.names if name.lower().startswith("alarm"))
+
+
+def _alarmed(frame: pd.DataFrame, alarms: Collection[str]) -> tuple[str, ...]:
+    """One note a channel whose alarm was raised."""
+    names = list(frame.columns)
+    said = []
+    for alarm in alarms:
+        raised = np.flatnonzero(np.nan_to_num(frame[alarm].to_numpy(dtype=np.float64)) != 0.0)
+        if raised.size:
+            line = int(frame.index[int(raised[0])]) + FIRST_ROW
+            channel = names[names.index(alarm) - 1]
+            said.append(f"column '{channel}': alarm in {raised.size} scans, the first in line {line}")
+    return tuple(said)
+
+
+def _skipped(frame: pd.DataFrame, scan: str) -> tuple[str, ...]:
+    """A note where scan numbers do not go on by one."""
+    number = frame[scan].to_numpy(dtype=np.float64)
+    jumps = np.flatnonzero(np.diff(number) != 1.0)
+    if not jumps.size:
+        return ()
+    row = int(jumps[0])
+    line = int(frame.index[row + 1]) + FIRST_ROW
+    return (
+        f"scan numbers jump at {jumps.size} places, the first from {number[row]:g} to {number[row + 1]:g} in line {line}",
+    )

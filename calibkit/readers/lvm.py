@@ -1,0 +1,184 @@
+"""Reader of LabVIEW measurement files (.lvm).
+
+Format: text; a file header of `key<separator>value` lines from `LabVIEW Measurement` to `***End_of_Header***`
+(Separator, Decimal_Separator, X_Columns, Time_Pref, Date, Time), then one or more segments: a header (Channels,
+Samples, Y_Unit_Label, X0, Delta_X) to `***End_of_Header***`, a line of names (`X_Value`, one name a channel,
+`Comment`), and one line a sample. With X_Columns `No` the first field is empty and the time is X0 + k·Delta_X; with
+`Multi` every channel has its own X column, which must agree. The time column is called `X_Value` [s]. Segments follow
+each other where their channels are the same. Uncertainty: X_Value to the digits written; a computed time is the
+float64 nearest to X0 + k·Delta_X.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import units
+from calibkit.errors import LogFormatError
+from calibkit.readers import delimited, tokens
+from calibkit.readers import encoding as encodings
+from calibkit.readers.table import FIRST_ROW, Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from calibkit.recipe.logs import Logs
+
+END = "***End_of_Header***"
+TIME = "X_Value"
+
+
+@dataclass(frozen=True, slots=True)
+class _Segment:
+    """Names, units and rows of one segment; `lines` are the lines of the file that the rows [n, k] stand in."""
+
+    names: tuple[str, ...]
+    units: dict[str, str]
+    lines: NDArray[np.int64]
+    rows: NDArray[np.float64]
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (every column holds numbers)
+    """Read a measurement file whole, or raise LogFormatError that names line and column."""
+    import pandas as pd
+
+    data = delimited.load(path, file)
+    content, encoding = encodings.decode(data, file, logs.text.encoding)
+    lines = content.rstrip("\n").split("\n")
+    if not lines[0].startswith("LabVIEW Measurement"):
+        raise LogFormatError(f"{file}:1: no 'LabVIEW Measurement'", hint="the log is no .lvm file")
+    separator = {"tab": "\t", "comma": ","}.get(_value(lines, "Separator", "Tab").lower(), "\t")
+    decimal = _value(lines, "Decimal_Separator", ".")[:1] or "."
+    segments = list(_segments(lines, separator, decimal, file))
+    first = segments[0]
+    for segment in segments[1:]:
+        if segment.names != first.names:
+            raise LogFormatError(
+                f"{file}:{segment.lines[0] - 1}: a segment of other channels: {', '.join(segment.names[1:])}",
+                hint="save segments of different channels in files of their own",
+            )
+    frame = pd.DataFrame(np.vstack([segment.rows for segment in segments]), columns=list(first.names))
+    frame.index = pd.Index(np.concatenate([segment.lines for segment in segments]) - FIRST_ROW)
+    _refuse_cut(content, frame.shape[1], lines[-1], separator, file)
+    said = (f"LabVIEW measurement file, {encoding}, {len(segments)} segments, {len(frame)} rows",)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, first.units)
+
+
+def _value(lines: Sequence[str], key: str, default: str) -> str:
+    """Value of a key of the file's header."""
+    for line in lines:
+        if line.startswith(END):
+            break
+        if line.startswith(key) and len(line) > len(key) and line[len(key)] in "\t,":
+            return line[len(key) + 1 :].split("\t")[0].strip() or default
+    return default
+
+
+def _segments(lines: Sequence[str], separator: str, decimal: str, file: str) -> list[_Segment]:
+    """Segments of a file in order."""
+    ends = [number for number, line in enumerate(lines) if line.startswith(END)]
+    if len(ends) < 2:
+        raise LogFormatError(f"{file}: {len(ends)} × '{END}', expected two or more", hint="the file is cut off")
+    made = []
+    for k, end in enumerate(ends[1:]):
+        start = ends[k] + 1
+        if k > 0:  # the header of a later segment begins behind the rows of the one before
+            start = next((n for n in range(ends[k], end) if lines[n].startswith("Channels")), end)
+        stop = len(lines)
+        if k + 2 < len(ends):
+            stop = next((n for n in range(end, ends[k + 2]) if lines[n].startswith("Channels")), ends[k + 2])
+        made.append(_segment(lines, start, end, stop, separator, decimal, file))
+    return made
+
+
+def _segment(
+    lines: Sequence[str], start: int, end: int, stop: int, separator: str, decimal: str, file: str
+) -> _Segment:
+    """One segment: header lines start … end − 1, names at end + 1, rows to stop − 1."""
+    header = {line.split(separator)[0]: line.split(separator)[1:] for line in lines[start:end] if line.strip()}
+    if end + 1 >= stop:
+        raise LogFormatError(f"{file}:{end + 1}: no names below '{END}'", hint="the file is cut off")
+    names = [name.strip() for name in lines[end + 1].split(separator)]
+    while names and names[-1] in {"", "Comment"}:
+        names.pop()
+    if len(names) < 2 or names[0] != TIME:
+        raise LogFormatError(f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{TIME}' and channels")
+    numbers = [n for n in range(end + 2, stop) if lines[n].strip()]
+    if not numbers:
+        raise LogFormatError(f"{file}:{end + 2}: names but no rows", hint="remove the segment or copy the file again")
+    rows = np.array([_row(lines[n], names, separator, decimal, n + 1, file) for n in numbers])
+    _refuse_lost(header.get("Samples", []), len(numbers), numbers[-1] + 1, file)
+    unit = [entry.strip() for entry in header.get("Y_Unit_Label", [])]
+    channels = [name for name in names if name != TIME]
+    stated = {name: units.of_text(label) for name, label in zip(channels, unit, strict=False) if units.of_text(label)}
+    made, names = _timed(rows, names, header, file, numbers[0] + 1)
+    return _Segment(tuple(names), {TIME: "s", **stated}, np.array(numbers, dtype=np.int64) + 1, made)
+
+
+def _row(line: str, names: Sequence[str], separator: str, decimal: str, number: int, file: str) -> list[float]:
+    """Numbers of a line; a comment may stand behind them."""
+    fields = line.split(separator)
+    if len(fields) < len(names) or len(fields) > len(names) + 1:
+        raise LogFormatError(
+            f"{file}:{number}: {len(fields)} fields, expected {len(names)} and a comment",
+            hint="the row is cut short or holds an extra separator; repair or remove it",
+        )
+    made = []
+    for name, field in zip(names, fields, strict=False):
+        plain = field.strip()
+        if not plain or tokens.is_sentinel(plain):
+            made.append(np.nan)
+        elif tokens.NUMBER[decimal].fullmatch(plain):
+            made.append(float(plain.replace(decimal, ".").replace(" ", "")))
+        else:
+            raise LogFormatError(
+                f"{file}:{number}: column '{name}': found '{plain[:40]}', expected a number",
+                hint="repair the row, or leave the range out with [[exclude]]",
+            )
+    return made
+
+
+def _refuse_lost(samples: Sequence[str], rows: int, line: int, file: str) -> None:
+    """Refuse a segment that has fewer or more rows than its header says."""
+    stated = {int(entry) for entry in samples if entry.strip().isdigit()}
+    if len(stated) == 1 and rows not in stated:
+        raise LogFormatError(
+            f"{file}:{line}: {rows} rows, the segment's header says {next(iter(stated))} samples",
+            hint="the file is cut off or was written on; copy it again",
+        )
+
+
+def _timed(
+    rows: NDArray[np.float64], names: Sequence[str], header: dict[str, list[str]], file: str, line: int
+) -> tuple[NDArray[np.float64], list[str]]:
+    """Rows with one time column in front: written, computed from X0 and Delta_X, or one of several that agree."""
+    at = [k for k, name in enumerate(names) if name == TIME]
+    for k in at[1:]:
+        if not np.array_equal(rows[:, k], rows[:, 0], equal_nan=True):
+            raise LogFormatError(f"{file}:{line}: channels with times of their own", hint="save them with one X column")
+    keep = [k for k in range(len(names)) if k not in at]
+    time = rows[:, 0]
+    if np.isnan(time).all():
+        starts, steps = (
+            [float(e.replace(",", ".")) for e in header.get(key, []) if e.strip()] for key in ("X0", "Delta_X")
+        )
+        if len(set(starts)) != 1 or len(set(steps)) != 1:
+            raise LogFormatError(
+                f"{file}:{line}: no X column, and no single X0 and Delta_X", hint="save with an X column"
+            )
+        time = starts[0] + units.scaled(np.arange(len(rows), dtype=np.float64), steps[0])
+    return np.column_stack([time, rows[:, keep]]), [TIME, *(names[k] for k in keep)]
+
+
+def _refuse_cut(content: str, width: int, last: str, separator: str, file: str) -> None:
+    """Refuse a last line that ends without a line end inside its last number."""
+    if not content.endswith("\n") and len(last.split(separator)) <= width:
+        line = content.count("\n") + 1
+        raise LogFormatError(f"{file}:{line}: the last line has no end", hint="the file is cut off; copy it again")

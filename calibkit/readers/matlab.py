@@ -1,0 +1,57 @@
+"""Reader of MATLAB MAT-files: v4 to v7 by scipy, v7.3 (HDF5) by h5py.
+
+Format: named variables; structs hold fields. The vectors of one struct, or of the top level, are the columns of one
+log ([logs] table names the struct, or the matrix whose columns [logs] names lists). Uncertainty: values as stored in
+float64; text, cells and objects are not read.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.errors import LogFormatError
+from calibkit.readers import arrays, delimited, hdf5, optional
+from calibkit.readers.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Mapping
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from calibkit.recipe.logs import Logs
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read one struct, or one matrix, of a MAT-file, or raise LogFormatError."""
+    data = delimited.load(path, file)
+    if data[:20].startswith((b"MATLAB 7.3", b"\x89HDF")):
+        return hdf5.read(path, file, logs, needed)
+    if not data.startswith(b"MATLAB 5.0") and data[:4] not in {b"\0\0\0\0", b"\x0a\0\0\0"}:
+        raise LogFormatError(
+            f"{file}: not a MATLAB file; it begins with {data[:12]!r}",
+            hint="a text of that name is read with format = 'text'",
+        )
+    from scipy import io as scipy_io
+
+    with optional.damaged(file, "MATLAB"):
+        variables = scipy_io.loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type] # files are read too
+    frame, how = arrays.frame(_flat(variables), file, logs, needed)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), (f"MATLAB, {len(frame)} rows", *how))
+
+
+def _flat(variables: Mapping[str, Any], above: str = "") -> dict[str, NDArray[np.generic]]:
+    """Arrays of all variables and of the fields of all structs, by their paths."""
+    made: dict[str, NDArray[np.generic]] = {}
+    for name, value in variables.items():
+        if name.startswith("__"):
+            continue
+        if isinstance(value, dict):
+            made |= _flat(value, f"{above}{name}/")
+        elif isinstance(value, np.ndarray):
+            made[f"{above}{name}"] = value
+    return made

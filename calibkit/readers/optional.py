@@ -1,0 +1,38 @@
+"""Libraries that only some formats need, and what is done with whatever they raise on a damaged file."""
+
+from __future__ import annotations
+
+import importlib
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, Any
+
+from calibkit.errors import CalibkitError, LogFormatError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+
+def library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (a module of a library that may be absent)
+    """A library by its module's name, or UsageError with the command that installs it."""
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        package = module.partition(".")[0]
+        raise UsageError(
+            f"{file}: reading this format needs {package}", hint=f"install it: pip install 'calibkit[{extra}]'"
+        ) from None
+
+
+@contextmanager
+def damaged(file: str, what: str) -> Iterator[None]:
+    """Turn whatever a library raises on a damaged file into a LogFormatError that names the file."""
+    try:
+        yield
+    except CalibkitError:
+        raise
+    except Exception as error:  # noqa: BLE001 (a parser of a foreign format raises anything on damaged bytes)
+        said = " ".join(str(error).split())[:120]
+        raise LogFormatError(
+            f"{file}: not a whole {what} file: {type(error).__name__}: {said}",
+            hint="the file is damaged or cut off, or has another format; copy it again",
+        ) from None

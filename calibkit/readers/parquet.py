@@ -1,0 +1,60 @@
+"""Reader of Apache Parquet files, by pyarrow.
+
+Format: columns of one length; a column's field metadata `unit` or `units` is its unit. Columns of instants become
+seconds since their first. Uncertainty: values as stored, integers above 2⁵³ rounded to float64; nulls have no value.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit import units
+from calibkit.errors import LogFormatError
+from calibkit.readers import arrays, delimited, optional
+from calibkit.readers.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from calibkit.recipe.logs import Logs
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
+    """Read a Parquet file, or raise LogFormatError."""
+    pyarrow = optional.library("pyarrow", "parquet", file)
+    parquet = optional.library("pyarrow.parquet", "parquet", file)
+    data = delimited.load(path, file)
+    columns, stated = {}, {}
+    with optional.damaged(file, "Parquet"):
+        table = parquet.ParquetFile(io.BytesIO(data)).read()
+        for field in table.schema:
+            column = _numbers(table.column(field.name), field.type, pyarrow)
+            if column is not None:
+                columns[field.name] = column
+            said = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
+            stated[field.name] = units.of_text(said.get("units", said.get("unit", "")))
+    if len(set(table.schema.names)) != len(table.schema.names):
+        raise LogFormatError(f"{file}: a column stands twice", hint="give each column its own name")
+    frame = arrays.vectors(columns, file, needed)
+    said_units = {name: unit for name, unit in stated.items() if unit}
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), (f"Parquet, {len(frame)} rows",), said_units)
+
+
+def _numbers(column: Any, kind: Any, pyarrow: Any) -> NDArray[np.float64] | None:  # noqa: ANN401 (pyarrow ships no types)
+    """A column as float64, instants as seconds since the first, nulls as NaN; None for text."""
+    types = pyarrow.types
+    if types.is_timestamp(kind):
+        values = column.to_pandas().to_numpy()
+        there = values[~np.isnat(values)]
+        start = there[0] if there.size else np.datetime64(0, "ns")
+        return np.asarray((values - start) / np.timedelta64(1, "ns"), dtype=np.float64) / 1e9
+    if types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind):
+        return np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=np.float64)
+    return None

@@ -1,0 +1,109 @@
+"""Logs that are split over numbered files: dat00001.csv, dat00002.csv, … are one log.
+
+Format: files whose names differ only in the digits before the suffix, in the order of that number and without a gap;
+each in the same format with the same columns. The digest of a split log is that of its files' bytes one after
+another.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import re
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import LogFormatError
+from calibkit.readers import registry
+from calibkit.readers.keysight import NUMBERED
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+    from pathlib import Path
+
+    from calibkit.readers.table import Table
+    from calibkit.recipe.logs import Logs
+
+_NUMBERED = re.compile(r"(?P<stem>.*?)(?P<number>\d+)(?P<suffix>\.[^.]*)?")
+BLOCK = 1 << 20
+
+
+def group(files: Sequence[str]) -> list[list[str]]:
+    """Files grouped into logs, each in the order of its numbers; a file without a number is a log by itself."""
+    logs: dict[tuple[str, str], list[tuple[int, str]]] = {}
+    for file in files:
+        found = _NUMBERED.fullmatch(file)
+        key = (found["stem"], found["suffix"] or "") if found else (file, "")
+        logs.setdefault(key, []).append((int(found["number"]) if found else 0, file))
+    return [[file for _, file in sorted(parts)] for parts in logs.values()]
+
+
+def of(path: Path, file: str) -> list[str]:
+    """Files of the split log whose first part is given; raises LogFormatError where one in between is missing."""
+    above = file.rpartition("/")[0]
+    siblings = [f"{above}/{p.name}" if above else p.name for p in path.parent.iterdir() if p.is_file()]
+    parts = next((parts for parts in group(sorted(siblings)) if file in parts), [file])
+    numbers = [int(found["number"]) for part in parts if (found := _NUMBERED.fullmatch(part))]
+    for (number, part), after in zip(zip(numbers, parts, strict=False), numbers[1:], strict=False):
+        if after != number + 1:
+            raise LogFormatError(
+                f"{part}: the next part of this log is number {after}, expected {number + 1}",
+                hint="a part of the log is missing; add it, or set [logs] split = false",
+            )
+    return parts
+
+
+def digest(path: Path, file: str, *, split: bool) -> str:
+    """SHA-256 of a log's bytes, of all parts one after another where it is split."""
+    parts = of(path, file) if split else [file]
+    made = hashlib.sha256()
+    for part in parts:
+        with (path.parent / part.rpartition("/")[2]).open("rb") as stream:
+            while block := stream.read(BLOCK):
+                made.update(block)
+    return made.hexdigest()
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read all parts of a split log as one table, or raise LogFormatError that names the part and the line."""
+    import pandas as pd
+
+    parts = of(path, file)
+    tables = [registry.read(path.parent / part.rpartition("/")[2], part, logs, needed) for part in parts]
+    if len(tables) == 1:
+        return tables[0]
+    first, frames, begins, offset = tables[0], [], [], 0
+    for table in tables:
+        if list(table.frame.columns) != list(first.frame.columns):
+            raise LogFormatError(
+                f"{table.file}: columns {', '.join(map(str, table.frame.columns[:8]))}, expected those of {first.file}",
+                hint="parts of one log have the same columns; set [logs] split = false for logs of their own",
+            )
+        frames.append(table.frame.set_axis(table.frame.index + offset))
+        begins.append((table.file, offset))
+        offset = int(frames[-1].index[-1]) + 2
+    return replace(
+        first,
+        sha256=digest(path, file, split=True),
+        frame=pd.concat(frames),
+        notes=(*(f"{table.file}: {note}" for table in tables for note in table.notes), *_joints(tables)),
+        reading=(
+            f"{len(parts)} parts, {parts[0]} to {parts[-1]}",
+            *dict.fromkeys(s for t in tables for s in t.reading),
+        ),
+        parts=tuple(begins),
+    )
+
+
+def _joints(tables: Sequence[Table]) -> tuple[str, ...]:
+    """A note where scan numbers do not go on from one part to the next."""
+    said = []
+    for before, after in itertools.pairwise(tables):
+        name = str(before.frame.columns[0])
+        if name.lower() in NUMBERED and before.frame[name].dtype.kind == "f" == after.frame[name].dtype.kind:
+            last, first = float(before.frame[name].iloc[-1]), float(after.frame[name].iloc[0])
+            if first != last + 1 and np.isfinite(first + last):
+                said.append(f"scan numbers jump from {last:g} in {before.file} to {first:g} in {after.file}")
+    return tuple(said)

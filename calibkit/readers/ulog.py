@@ -1,0 +1,75 @@
+"""Reader of PX4 ULog files, by pyulog.
+
+Format: magic bytes, definitions, then messages of 2 bytes length, 1 byte type and content; each topic has one
+instance a sensor. One topic is one log: [logs] table is its name, with the instance behind a colon where that is not
+0 (`sensor_gyro:1`). Columns are the topic's fields, `timestamp` in µs (uint64). Uncertainty: fields as stored,
+float32 as they are, the timestamp exact to 2⁵³ µs; dropouts of the logger are counted and said. A file that ends
+inside a message is refused.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import struct
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.errors import LogFormatError
+from calibkit.readers import arrays, delimited, optional
+from calibkit.readers.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection, Sequence
+    from pathlib import Path
+
+    from calibkit.recipe.logs import Logs
+
+MAGIC = b"ULog\x01\x12\x35"
+HEADER_BYTES = 16
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read one topic of a ULog file, or raise LogFormatError."""
+    pyulog = optional.library("pyulog", "ulog", file)
+    data = delimited.load(path, file)
+    _refuse_cut(data, file)
+    with optional.damaged(file, "ULog"):
+        log = pyulog.ULog(io.BytesIO(data))
+        topic, how = _topic(log.data_list, file, logs.table)
+        columns = {name: np.asarray(values, dtype=np.float64) for name, values in topic.data.items()}
+        dropouts = [int(dropout.duration) for dropout in log.dropouts]
+        if log.file_corruption:
+            raise LogFormatError(f"{file}: the file is corrupt", hint="copy it again from the logger")
+    frame = arrays.vectors(columns, file, needed)
+    notes = (f"{len(dropouts)} dropouts of the logger, {sum(dropouts)} ms in all",) if dropouts else ()
+    said = (f"ULog, topic '{topic.name}:{topic.multi_id}', {len(frame)} rows", *how)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, notes, said, {"timestamp": "us"})
+
+
+def _refuse_cut(data: bytes, file: str) -> None:
+    """Refuse a file whose messages do not end where it ends."""
+    if not data.startswith(MAGIC) or len(data) < HEADER_BYTES:
+        raise LogFormatError(f"{file}: not a ULog file; it begins with {data[:8]!r}", hint="check [logs] format")
+    position = HEADER_BYTES
+    while position + 3 <= len(data):
+        position += 3 + int(struct.unpack_from("<H", data, position)[0])
+    if position != len(data):
+        raise LogFormatError(
+            f"{file}: the file ends inside a message, at byte {len(data)}",
+            hint="it is cut off or damaged; copy it again",
+        )
+
+
+def _topic(topics: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
+    """The topic that the recipe names, or the only one."""
+    name, _, instance = table.partition(":")
+    named = [t for t in topics if t.name == name and (not instance or str(t.multi_id) == instance)] if table else topics
+    if len(named) != 1:
+        there = ", ".join(sorted(f"{topic.name}:{topic.multi_id}" for topic in topics)[:12]) or "none"
+        raise LogFormatError(
+            f"{file}: {f'no single topic {table!r}' if table else f'{len(topics)} topics'}",
+            hint=f"name one in [logs] table of the recipe; there are: {there}",
+        )
+    return named[0], (() if table else (f"table = '{named[0].name}' (guessed)",))
