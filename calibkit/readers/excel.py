@@ -39,7 +39,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         raise LogFormatError(f"{file}: sheet '{name}' is empty", hint="check the workbook")
     spec = TextSpec(delimiter="\t", decimal=".", skip_lines=logs.text.skip_lines, header_lines=logs.text.header_lines)
     found = sniff.dialect(content, "utf-8", file, spec, logs.names)
-    table = text.table(content, hashlib.sha256(data).hexdigest(), file, found, spec, needed)
+    table = text.table(
+        content, hashlib.sha256(data).hexdigest(), file, found, logs.model_copy(update={"text": spec}), needed
+    )
     said = tuple(line for line in found.lines() if line.startswith(("skip", "header", "column")))
     return type(table)(file, table.sha256, table.frame, table.notes, (f"sheet '{name}'", *how, *said), table.units)
 
@@ -65,8 +67,10 @@ def _text(cell: Any) -> str:  # noqa: ANN401 (a cell holds a number, a text, an 
         return str(int(cell))
     if isinstance(cell, float):
         return repr(int(cell)) if cell.is_integer() and abs(cell) < 1e15 else repr(cell)
-    if isinstance(cell, dt.datetime):
+    if isinstance(cell, dt.date):  # an instant at midnight comes as a date
         return cell.strftime("%Y-%m-%d %H:%M:%S.%f")
+    if isinstance(cell, dt.time):
+        return cell.strftime("%H:%M:%S.%f")
     if isinstance(cell, dt.timedelta):
         seconds = cell / dt.timedelta(microseconds=1)
         return f"{int(seconds // 3600e6)}:{int(seconds // 60e6) % 60:02d}:{seconds % 60e6 / 1e6:09.6f}"

@@ -43,7 +43,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     spec = logs.text.model_copy(update={"skip_lines": line, "header_lines": 1, "delimiter": delimiter})
     found = sniff.dialect(content, encoding, file, spec, ())
     scan = found.names[0]
-    table = text.table(content, hashlib.sha256(data).hexdigest(), file, found, spec, {*needed, scan, *_alarms(found)})
+    table = text.table(content, hashlib.sha256(data).hexdigest(), file, found, logs, {*needed, scan, *_alarms(found)})
     notes = (*table.notes, *_alarmed(table.frame, _alarms(found)), *_skipped(table.frame, scan))
     return replace(table, notes=notes)
 

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import clean, delimited
+from calibkit.recipe.logs import TextSpec
 
 if TYPE_CHECKING:
     from collections.abc import Collection
@@ -77,14 +78,15 @@ def signature(head: bytes) -> str:
 
 def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a log whose format the recipe leaves open: clean CSV strictly, anything else as what it shows itself to be."""
-    if not logs.names and (table := clean.read(path, file)) is not None:
+    described = bool(logs.names) or logs.text != TextSpec()
+    if not described and (table := clean.read(path, file)) is not None:
         return table
     data = delimited.load(path, file)
     found = signature(data[:32]) or _shown(data)
     if found:
         table = _reader(found).read(path, file, logs, needed)
         return replace(table, reading=(f"format = '{found}' (guessed)", *table.reading))
-    return _text(data, file, logs, needed)
+    return _text(data, file, logs, needed, described=described)
 
 
 def _shown(data: bytes) -> str:
@@ -96,18 +98,18 @@ def _shown(data: bytes) -> str:
     return "keysight" if re.search(rb"(?m)^(Sweep #|Scan)[,;\t]Time[,;\t]", head) else ""
 
 
-def _text(data: bytes, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def _text(data: bytes, file: str, logs: Logs, needed: Collection[str], *, described: bool) -> Table:
     """Read text: strictly where it is clean CSV but for a fault, in its dialect where it is another."""
     from calibkit.readers import text
 
-    if not logs.names and delimited.looks_clean(data):
+    if not described and delimited.looks_clean(data):
         try:
             return delimited.parse(data, file, needed)
         except LogFormatError as strict:
             try:
-                table = text.parse(data, file, logs.text, logs.names, needed)
+                table = text.parse(data, file, logs, needed)
             except LogFormatError:
                 raise strict from None
     else:
-        table = text.parse(data, file, logs.text, logs.names, needed)
+        table = text.parse(data, file, logs, needed)
     return replace(table, reading=("format = 'text' (guessed)", *table.reading))

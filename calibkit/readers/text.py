@@ -30,7 +30,7 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from calibkit.readers.sniff import Dialect
-    from calibkit.recipe.logs import Logs, TextSpec
+    from calibkit.recipe.logs import Logs
 
 SEPARATOR = "\x1f"
 """Unit separator: parts fields once a log has been cut; no instrument writes it."""
@@ -39,34 +39,36 @@ SEPARATOR = "\x1f"
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a log in any dialect; columns that nobody needs may hold text. Raises LogFormatError."""
     data = delimited.load(path, file)
-    return parse(data, file, logs.text, logs.names, needed)
+    return parse(data, file, logs, needed)
 
 
-def parse(data: bytes, file: str, spec: TextSpec, names: Sequence[str], needed: Collection[str]) -> Table:
+def parse(data: bytes, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """The table of a log's bytes; raises LogFormatError that names line and column of what cannot be read."""
+    spec = logs.text
     text, encoding = encodings.decode(data, file, spec.encoding)
     if SEPARATOR in text:
         line = text.count("\n", 0, text.index(SEPARATOR)) + 1
         raise LogFormatError(f"{file}:{line}: a control character in text", hint="the copy is damaged; copy it again")
-    found = sniff.dialect(text, encoding, file, spec, names)
-    return table(text, hashlib.sha256(data).hexdigest(), file, found, spec, needed)
+    found = sniff.dialect(text, encoding, file, spec, logs.names)
+    return table(text, hashlib.sha256(data).hexdigest(), file, found, logs, needed)
 
 
-def table(text: str, sha256: str, file: str, found: Dialect, spec: TextSpec, needed: Collection[str]) -> Table:
+def table(text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed: Collection[str]) -> Table:
     """The table of a log's characters in a known dialect."""
-    lines, accounts = _rows(text, file, found, spec)
+    lines, accounts = _rows(text, file, found, logs.text.footer_lines)
     body, separator = _cut(lines, found)
-    body = body if text.endswith("\n") or spec.footer_lines else body.removesuffix(b"\n")
+    body = body if text.endswith("\n") or logs.text.footer_lines else body.removesuffix(b"\n")
     first = found.first_line
     delimited.count_fields(body, len(found.columns), file, separator.encode(), first)
     kinds = {number: _stored(column, needed) for number, column in enumerate(found.columns)}
-    frame, words = _numbers(body, kinds, found, file, separator)
+    missing = tokens.SENTINELS | {word.strip().lower() for word in logs.sentinels if isinstance(word, str)}
+    frame, words = _numbers(body, kinds, found, file, separator, missing)
     frame.columns = list(found.names)
     frame.index = frame.index + first - FIRST_ROW
     if len(frame) != len(lines):
         raise LogFormatError(f"{file}: {len(lines)} lines gave {len(frame)} rows", hint="report this log as a fault")
     units = {column.name: column.unit for column in found.columns if column.unit}
-    notes = (*_missing_words(frame, words), *delimited.last_line(body, file, separator, found.decimal, first))
+    notes = (*_missing_words(frame, words, missing), *delimited.last_line(body, file, separator, found.decimal, first))
     return Table(file, sha256, frame, notes, (*found.lines(), *accounts), units)
 
 
@@ -75,7 +77,7 @@ def _stored(column: sniff.ColumnGuess, needed: Collection[str]) -> str:
     return "float64" if delimited.wanted(column.name, needed) and column.kind != "time" else "str"
 
 
-def _rows(text: str, file: str, found: Dialect, spec: TextSpec) -> tuple[list[str], tuple[str, ...]]:
+def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[list[str], tuple[str, ...]]:
     """Lines of the rows, and what the other lines are."""
     lines = text.split("\n")
     total = len(lines) - (lines[-1] == "")
@@ -83,7 +85,6 @@ def _rows(text: str, file: str, found: Dialect, spec: TextSpec) -> tuple[list[st
     while last and not lines[last - 1].strip():
         last -= 1
     blank = total - last
-    footer = spec.footer_lines
     rows = lines[found.first_line - 1 : last - footer]
     if not rows:
         raise LogFormatError(
@@ -111,7 +112,7 @@ def _cut(lines: Sequence[str], found: Dialect) -> tuple[bytes, str]:
 
 
 def _numbers(
-    body: bytes, kinds: dict[int, str], found: Dialect, file: str, separator: str
+    body: bytes, kinds: dict[int, str], found: Dialect, file: str, separator: str, missing: Collection[str]
 ) -> tuple[pd.DataFrame, pd.DataFrame | None]:
     """Numbers and texts of the rows; where words for missing values stand among numbers, the texts of those too."""
     try:
@@ -121,7 +122,7 @@ def _numbers(
     frame = texts.copy()
     for number, kind in kinds.items():
         if kind == "float64":
-            frame[number] = _column(texts[number], found, number, file)
+            frame[number] = _column(texts[number], found, number, file, missing)
     return frame, texts[[number for number, kind in kinds.items() if kind == "float64"]]
 
 
@@ -144,14 +145,14 @@ def _parsed(body: bytes, kinds: dict[int, str], found: Dialect, separator: str) 
     )
 
 
-def _column(texts: pd.Series, found: Dialect, number: int, file: str) -> pd.Series:
+def _column(texts: pd.Series, found: Dialect, number: int, file: str, words: Collection[str]) -> pd.Series:
     """Numbers of a column in which words stand; a word that is none of those for missing values refuses the file."""
     import numpy as np
     import pandas as pd
 
     column = found.columns[number].name
     plain = texts.fillna("").str.strip()
-    missing = (plain == "") | plain.str.lower().isin(tokens.SENTINELS)
+    missing = (plain == "") | plain.str.lower().isin(words)
     numeric = plain.str.fullmatch(tokens.NUMBER[found.decimal].pattern, flags=re.ASCII).astype(bool)
     wrong = np.flatnonzero((~missing & ~numeric).to_numpy())
     if wrong.size:
@@ -164,14 +165,14 @@ def _column(texts: pd.Series, found: Dialect, number: int, file: str) -> pd.Seri
     return pd.Series(np.array([float(value) for value in values]), index=texts.index)
 
 
-def _missing_words(frame: pd.DataFrame, words: pd.DataFrame | None) -> tuple[str, ...]:
+def _missing_words(frame: pd.DataFrame, words: pd.DataFrame | None, missing: Collection[str]) -> tuple[str, ...]:
     """One note a column in which words stand for missing values: how many, the first of them, and where."""
     if words is None:
         return ()
     said = []
     for number in map(int, words.columns):
         texts = words[number].fillna("").str.strip()
-        hits = texts[(texts != "") & texts.str.lower().isin(tokens.SENTINELS)]
+        hits = texts[(texts != "") & texts.str.lower().isin(missing)]
         if len(hits):
             line = int(frame.index[hits.index[0]]) + FIRST_ROW
             name = list(frame.columns)[number]

@@ -199,7 +199,7 @@ def _day_or_month(texts: pd.Series, missing: NDArray[np.bool_], form: str, place
     if not clocks:
         raise refused
     forwards = {name: clock for name, clock in clocks.items() if np.all(np.diff(clock.seconds[~missing]) > 0.0)}
-    left = list((forwards or clocks).values())
+    left = _unbroken(list((forwards or clocks).values()), missing)
     if len(left) == 2 and not np.array_equal(left[0].seconds, left[1].seconds, equal_nan=True):
         file, _, column = place.partition(": ")
         raise LogFormatError(
@@ -210,6 +210,15 @@ def _day_or_month(texts: pd.Series, missing: NDArray[np.bool_], form: str, place
     if len(left) == 2:
         return Clock(left[0].seconds, ("dates: day and month could be either, the seconds are the same",))
     return left[0]
+
+
+def _unbroken(clocks: list[Clock], missing: NDArray[np.bool_]) -> list[Clock]:
+    """The clock that runs on at midnight where the other leaps by weeks; both where neither shows."""
+    day = 86_400.0
+    largest = [float(np.abs(np.diff(clock.seconds[~missing])).max(initial=0.0)) for clock in clocks]
+    if len(clocks) == 2 and min(largest) < day and max(largest) > 20.0 * day:
+        return [clocks[largest.index(min(largest))]]
+    return clocks
 
 
 def _past_midnight(

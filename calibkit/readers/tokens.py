@@ -30,9 +30,6 @@ SENTINELS = frozenset(
         "-ovld",
         "ovrld",
         "overload",
-        "overflow",
-        "over",
-        "under",
         "ol",
         "+ol",
         "-ol",
@@ -60,7 +57,7 @@ SENTINELS = frozenset(
         "-inf",
     }
 )
-"""Words, in lower case, that instruments write where they have no value."""
+"""Words, in lower case, that instruments write where they have no value; a recipe can name more."""
 
 
 def split(line: str, delimiter: str, widths: Sequence[int] = ()) -> list[str]:

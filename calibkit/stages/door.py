@@ -130,9 +130,9 @@ def value(table: Table, source: str, column: Column | None, name: str, recipe: R
     unit = stated_unit(table, source, column, name)
     target = units.column_unit(name)
     raw, notes = _without_sentinels(raw, recipe, unit, source, table)
+    said: tuple[str, ...] = ()
     if column and column.wraps_at is not None:
-        raw, more = unwrapped(raw, column.wraps_at, source)
-        notes += more
+        raw, said = unwrapped(raw, column.wraps_at, source)
     if column and column.accumulated:
         raw = np.concatenate([[np.nan], np.diff(raw)])
         unit = "1/sample" if unit == "1" else unit
@@ -144,7 +144,8 @@ def value(table: Table, source: str, column: Column | None, name: str, recipe: R
         values = values / _interval(column, seconds, name, table)
         unit = "1/s"
     values = units.convert(values, unit, target, gravity_mps2=recipe.site.gravity_mps2)
-    said = () if unit == target or (column and column.unit) else (f"column '{source}': {unit}, as the log states",)
+    if unit != target and not (column and column.unit):
+        said += (f"column '{source}': {unit}, as the log states",)
     first_lost = column is not None and column.accumulated
     first_lost |= per_sample and (column is None or column.interval_s is None)
     return Mapped(values if sign == 1 else -values, notes, said, first_lost)
