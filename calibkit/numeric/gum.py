@@ -176,8 +176,6 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
 
     Degrees of freedom are truncated to a whole number (JCGM 100 G.4.1, table G.2; EA-4/02 annex E), below one refused.
     """
-    from scipy.stats import norm, t
-
     whole = np.floor(effective_dof + 1e-9)  # one less a rounding error is one
     if not whole >= 1.0:
         raise FitError(f"{effective_dof:.2g} effective degrees of freedom", hint="repeat the measurement more often")
@@ -185,10 +183,10 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
         raise FitError(f"coverage probability {probability!r}", hint="expected a number between 0 and 1")
     if whole >= FEW_DOF and probability == TWO_SIGMA:
         return 2.0
+    from scipy.special import ndtri, stdtrit  # scipy.stats has the same quantiles and takes a second to import
+
     quantile = (1.0 + probability) / 2.0
-    if np.isinf(effective_dof):
-        return float(norm.ppf(quantile))
-    return float(t.ppf(quantile, whole))
+    return float(ndtri(quantile) if np.isinf(effective_dof) else stdtrit(whole, quantile))
 
 
 def expand_along(contributions: Array, dof: Array, *, probability: float = TWO_SIGMA) -> tuple[Array, Array, Array]:
