@@ -124,6 +124,7 @@ def _run_document(
             entry.identity() | ({"reading": list(entry.reading)} if entry.reading else {}) for entry in identity.inputs
         ],
         "excluded": [entry.model_dump() for entry in spec.exclude],
+        **({"corrections": [entry.model_dump() for entry in spec.correction]} if spec.correction else {}),
         "type_b": type_b.dumps(spec.type_b),
         "accepted": fitted.summary.accepted,
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],

@@ -73,6 +73,70 @@ class Exclude(Table):
         return self
 
 
+class SecondLogger(Logs):
+    """A second logger, mostly the chamber's: which columns come from it, and how its clock is related to the log's.
+
+    In `files`, "{log}" stands for the name of the log that a file belongs to.
+    """
+
+    provides: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
+    columns: dict[str, Column] = {}
+    clock: Literal["estimate", "stated", "same"]
+    shared: str = ""
+    log_column: Column | None = None
+    drift: bool = True
+    offset_s: float = 0.0
+    drift_ppm: float = 0.0
+    standard_uncertainty_s: NonNegative | None = None
+    search_s: Positive = 120.0
+    max_uncertainty_s: Positive = 1.0
+
+    @model_validator(mode="after")
+    def _of_the_clock(self) -> SecondLogger:
+        if "time_s" in self.provides:
+            raise ValueError("provides = ['time_s']: the log's own clock is kept")
+        if self.clock == "estimate" and (not self.shared or self.log_column is None):
+            raise ValueError(
+                "clock = 'estimate' needs a quantity that both loggers measured: shared = a column of this logger, "
+                "log_column = { from = the log's own column of the same quantity }"
+            )
+        if self.clock == "stated" and self.standard_uncertainty_s is None:
+            raise ValueError("clock = 'stated' needs standard_uncertainty_s beside offset_s and drift_ppm")
+        if self.clock == "same" and (self.offset_s or self.drift_ppm):
+            raise ValueError("clock = 'same' with an offset or a drift contradicts itself; say clock = 'stated'")
+        return self
+
+
+CORRECTED = ("temp_", "table_", "inclination_", "toolface_", "azimuth_", "position_")
+"""Beginnings of the columns that reference instruments write: only they have certificates of their own."""
+
+
+class Correction(Table):
+    """Corrections of a reference instrument from its own certificate: reference = indication + correction.
+
+    Between the points of the certificate corrections are interpolated linearly, in the unit of the column.
+    """
+
+    column: str
+    certificate: Annotated[str, Field(min_length=1)]
+    instrument: str = ""
+    indication: Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
+    correction: Annotated[tuple[float, ...], Field(min_length=1, strict=False)]
+    beyond: Literal["refuse", "hold"] = "refuse"
+
+    @model_validator(mode="after")
+    def _of_a_reference(self) -> Correction:
+        if not self.column.startswith(CORRECTED):
+            raise ValueError(
+                f"column = '{self.column}' is no reference instrument's: what is calibrated is not corrected"
+            )
+        if len(self.indication) != len(self.correction):
+            raise ValueError(f"{len(self.indication)} indications and {len(self.correction)} corrections")
+        if any(b <= a for a, b in zip(self.indication, self.indication[1:], strict=False)):
+            raise ValueError("the indications of a certificate must ascend")
+        return self
+
+
 class Pin(Table):
     """A held condition that the recipe states, in place of those found in the log."""
 
@@ -99,6 +163,8 @@ class Recipe(Table):
     columns: dict[str, Column] = {}
     site: Site = Site()
     exclude: Annotated[tuple[Exclude, ...], Field(strict=False)] = ()
+    chamber: SecondLogger | None = None
+    correction: Annotated[tuple[Correction, ...], Field(strict=False)] = ()
     segment: Annotated[tuple[Pin, ...], Field(strict=False)] = ()
     type_b: Annotated[tuple[TypeB, ...], Field(strict=False)] = ()
 
@@ -110,6 +176,15 @@ class Recipe(Table):
         if twice is not None:
             raise ValueError(f"type_b '{twice}' stands twice: one effect would count twice")
         return terms
+
+    @field_validator("correction")
+    @classmethod
+    def _corrected_once(cls, corrections: tuple[Correction, ...]) -> tuple[Correction, ...]:
+        columns = [entry.column for entry in corrections]
+        twice = next((column for column in columns if columns.count(column) > 1), None)
+        if twice is not None:
+            raise ValueError(f"'{twice}' is corrected twice")
+        return corrections
 
     @field_validator("segment")
     @classmethod

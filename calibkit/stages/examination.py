@@ -42,7 +42,7 @@ def of(procedure: Examiner, spec: object, data: Path, file: str) -> Outcome:
     """Read and examine one log; one that cannot be read or used is a refused finding."""
     try:
         log = procedure.read(spec, data, file)
-    except (LogFormatError, FrameError) as error:
+    except (LogFormatError, FrameError, FitError) as error:
         return Outcome(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
     try:
         examined = procedure.examine(spec, log)
@@ -54,7 +54,7 @@ def of(procedure: Examiner, spec: object, data: Path, file: str) -> Outcome:
     return Outcome(report, _figure(log, held, findings))
 
 
-def _unreadable(error: LogFormatError | FrameError) -> Finding:
+def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:
     """Finding that says why a log could not be read."""
     finding = Finding.of(error)
     return Finding(finding.place, finding.found, "a log that can be read", finding.advice, name="unreadable")

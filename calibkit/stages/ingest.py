@@ -11,7 +11,7 @@ from calibkit import units
 from calibkit.errors import FrameError, RecipeError, UsageError
 from calibkit.frame import Log, is_canonical, require
 from calibkit.readers import parts, registry
-from calibkit.stages import door
+from calibkit.stages import certificates, door
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -42,6 +42,10 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
         found += [match for match in matches if match not in found]
     if recipe.logs.split:
         found = [log[0] for log in parts.group(found)]
+    if recipe.chamber is not None:
+        from calibkit.stages import loggers
+
+        found = loggers.without(recipe.chamber, found, folder)
     skipped = {exclude.log for exclude in recipe.exclude if exclude.from_s is None and exclude.to_s is None}
     _known_exclusions(recipe, found)
     kept = [name for name in found if not skipped & {name, log_name(name)}]
@@ -53,6 +57,7 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
 def _known_exclusions(recipe: Recipe, found: Sequence[str]) -> None:
     """Refuse an exclusion of a log that is not there."""
     known_logs("[[exclude]] log", [exclude.log for exclude in recipe.exclude], found)
+    known_logs("[[segment]] log", [pin.log for pin in recipe.segment], found)
 
 
 def known_logs(where: str, names: Iterable[str], found: Sequence[str]) -> None:
@@ -71,7 +76,19 @@ def log_name(file: str) -> str:
 
 
 def read_log(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Log:
-    """Read one log and map it to canonical columns; raises LogFormatError, FrameError or RecipeError."""
+    """Read one log, joined with the recipe's second logger where it has one, and map it to canonical columns.
+
+    Raises LogFormatError, FrameError, RecipeError, or FitError where two clocks cannot be related.
+    """
+    if recipe.chamber is None:
+        return read_one(recipe, path, file, needed, optional)
+    from calibkit.stages import loggers
+
+    return loggers.joined(recipe, recipe.chamber, path, file, needed, optional)
+
+
+def read_one(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Log:
+    """Read one file and map it to canonical columns; raises LogFormatError, FrameError or RecipeError."""
     sources = {name: column.source for name, column in recipe.columns.items()}
     timed = recipe.columns.get("time_s")
     written = {timed.source} if timed and (timed.time_format or timed.date) else set()
@@ -85,10 +102,11 @@ def read_log(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optio
     require(file, frame.columns, needed)
     frame = frame[[name for name in (*needed, *optional) if name in frame.columns]]
     frame, begun = _from_second_row(frame, mapped)
+    frame, corrected = certificates.corrected(frame, recipe.correction, file)
     frame, dropped = door.complete(frame, needed, recipe)
     frame, excluded = _without_exclusions(frame, recipe.exclude, file)
     notes = (*table.notes, *(note for column in mapped.values() for note in column.notes), *begun, *dropped, *excluded)
-    reading = (*table.reading, *(said for column in mapped.values() for said in column.reading))
+    reading = (*table.reading, *(said for column in mapped.values() for said in column.reading), *corrected)
     return Log(log_name(file), file, table.sha256, len(table.frame), frame, notes, reading, table.parts)
 
 
