@@ -15,6 +15,8 @@ from calibkit.errors import LogFormatError
 
 WESTERN = frozenset("°µ²³±·äöüÄÖÜßéèàâçñΩ".encode("cp1252", errors="ignore"))
 """Bytes that western instruments write, in Windows-1252."""
+CONTROL = re.compile(r"[\x00-\x08\x0b\x0c\x0e-\x1f\x7f]")
+"""Characters that no log is written in."""
 MARKS = (
     (codecs.BOM_UTF8, "utf-8"),
     (codecs.BOM_UTF16_LE, "utf-16-le"),
@@ -45,6 +47,12 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
         raise LogFormatError(f"{file}:{line}: a NUL byte in text", hint="the copy is damaged; copy the log again")
+    if control := CONTROL.search(text):
+        line = text.count("\n", 0, control.start()) + 1
+        raise LogFormatError(
+            f"{file}:{line}: a control character (0x{ord(control.group()):02x}) in text",
+            hint="the copy is damaged; copy the log again",
+        )
     return text.replace("\r\n", "\n").replace("\r", "\n"), encoding
 
 

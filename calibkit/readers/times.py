@@ -72,7 +72,8 @@ def form_of(fields: Sequence[str]) -> str:
         return ""
     with_fraction = [form for form in forms if "%f" in form]
     usual = max(set(with_fraction or forms), key=(with_fraction or forms).count)
-    if usual.startswith("%H") and any(int(field.strip().split(":")[0]) > 23 for field in fields if ":" in field):
+    hours = [int(found["h"]) for field in fields if (found := _TIME.fullmatch(field.strip()))]
+    if usual.startswith("%H") and max(hours, default=0) > 23:
         return ELAPSED
     return usual
 

@@ -28,13 +28,16 @@ if TYPE_CHECKING:
 
 MAGIC = b"ULog\x01\x12\x35"
 HEADER_BYTES = 16
+KINDS = frozenset(b"BFIMPQARDLCSO")
+"""Types of messages that the format defines."""
+DATA = ord("D")
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one topic of a ULog file, or raise LogFormatError."""
     pyulog = optional.library("pyulog", "ulog", file)
     data = delimited.load(path, file)
-    _refuse_cut(data, file)
+    counted = _messages(data, file)
     with optional.damaged(file, "ULog"):
         log = pyulog.ULog(io.BytesIO(data))
         topic, how = _topic(log.data_list, file, logs.table)
@@ -43,23 +46,38 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         if log.file_corruption:
             raise LogFormatError(f"{file}: the file is corrupt", hint="copy it again from the logger")
     frame = arrays.vectors(columns, file, needed)
+    if counted.get(topic.msg_id) != len(frame):
+        raise LogFormatError(
+            f"{file}: {counted.get(topic.msg_id, 0)} messages of '{topic.name}' gave {len(frame)} rows",
+            hint="the file is damaged; copy it again",
+        )
     notes = (f"{len(dropouts)} dropouts of the logger, {sum(dropouts)} ms in all",) if dropouts else ()
     said = (f"ULog, topic '{topic.name}:{topic.multi_id}', {len(frame)} rows", *how)
     return Table(file, hashlib.sha256(data).hexdigest(), frame, notes, said, {"timestamp": "us"})
 
 
-def _refuse_cut(data: bytes, file: str) -> None:
-    """Refuse a file whose messages do not end where it ends."""
+def _messages(data: bytes, file: str) -> dict[int, int]:
+    """Message number of a topic → messages of data; refuses a file whose messages do not end where it ends."""
     if not data.startswith(MAGIC) or len(data) < HEADER_BYTES:
         raise LogFormatError(f"{file}: not a ULog file; it begins with {data[:8]!r}", hint="check [logs] format")
-    position = HEADER_BYTES
+    position, counted = HEADER_BYTES, dict[int, int]()
     while position + 3 <= len(data):
-        position += 3 + int(struct.unpack_from("<H", data, position)[0])
+        size, kind = struct.unpack_from("<HB", data, position)
+        if kind not in KINDS:
+            raise LogFormatError(
+                f"{file}: a message of unknown type {kind} at byte {position}",
+                hint="the file is damaged; copy it again",
+            )
+        if kind == DATA and position + 5 <= len(data):
+            number = int(struct.unpack_from("<H", data, position + 3)[0])
+            counted[number] = counted.get(number, 0) + 1
+        position += 3 + int(size)
     if position != len(data):
         raise LogFormatError(
             f"{file}: the file ends inside a message, at byte {len(data)}",
             hint="it is cut off or damaged; copy it again",
         )
+    return counted
 
 
 def _topic(topics: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
