@@ -179,7 +179,9 @@ def printed(value: float, uncertainty: float) -> Printed:
     exponent = max(Decimal(shown).adjusted() if Decimal(shown) else -999, Decimal(u).adjusted())
     if exponent in PLAIN:
         return Printed(shown, u)
-    return Printed(f"{Decimal(shown).scaleb(-exponent):f}", f"{Decimal(u).scaleb(-exponent):f}", exponent)
+    place = Decimal(1).scaleb(Decimal(u).adjusted() - 1 - exponent)  # zeros before the point are no digits behind it
+    scaled = (Decimal(text).scaleb(-exponent).quantize(place) for text in (shown, u))
+    return Printed(*(f"{number:f}" for number in scaled), exponent)
 
 
 def descriptor(value: float) -> Printed:

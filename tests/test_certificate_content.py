@@ -1,0 +1,368 @@
+"""What a certificate states: rounding, type A and B, decision rules, values from the covariance, the strict profile."""
+
+import datetime as dt
+import math
+from types import SimpleNamespace
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from scipy import stats
+
+from calibkit.certificate import checklist, conformity, profile, stated, tables, uncertainty
+from calibkit.certificate.results import Result, Uncertainty, descriptor, printed
+from calibkit.certificate.words import Words, unit_mark
+from calibkit.coefficients import Coefficient, Model, Record
+from calibkit.errors import RecipeError
+from calibkit.recipe import TypeB
+
+NO_TERMS = uncertainty.Source(())
+
+
+def result(value, expanded=None, *, unit="ppm", interval=None, exact=False):
+    """A result with an expanded uncertainty of k = 2."""
+    u = None if expanded is None else Uncertainty((), expanded / 2.0, math.inf, 2.0, expanded, 0.9545)
+    return Result("stage.model.name", "stage.json", "x", Words("x"), value, unit, u, interval, exact=exact)
+
+
+@pytest.mark.parametrize(
+    ("value", "u", "shown"),
+    [
+        (12.3456, 0.0996, ("12.35", "0.10", 0)),
+        (9958.6476, 0.0357, ("9958.648", "0.036", 0)),
+        (-9.1456e-11, 3.307e-10, ("-0.9", "3.3", -10)),
+        (1.23456789e8, 4.4e3, ("1.234568", "0.000044", 8)),
+        (-0.0004, 0.12, ("0.00", "0.12", 0)),
+        (0.0, 0.5, ("0.00", "0.50", 0)),
+    ],
+)
+def test_value_and_uncertainty_are_printed_to_the_same_place(value, u, shown):
+    """Two significant digits of U, the value to its place; one power of ten for both where they are far from 1."""
+    found = printed(value, u)
+    assert (found.value, found.uncertainty, found.exponent) == shown
+
+
+@given(st.floats(-1e12, 1e12), st.floats(1e-15, 1e9))
+def test_printed_numbers_read_back_within_half_of_their_last_digit(value, u):
+    """What stands on paper is the value to half a unit of the last place, which is at most a twentieth of U."""
+    found = printed(value, u)
+    back = float(found.value) * 10.0**found.exponent
+    assert abs(back - value) <= 0.0501 * u + 1e-12 * abs(value)
+
+
+def test_a_number_without_uncertainty_is_printed_to_three_digits_and_a_count_as_it_is():
+    """0.053625836 becomes 0.0536, 36 stays 36."""
+    assert descriptor(0.053625836).value == "0.0536"
+    assert descriptor(36.0).value == "36"
+    assert (descriptor(1.2345e-9).value, descriptor(1.2345e-9).exponent) == ("1.23", -9)
+
+
+def test_units_are_printed_as_the_field_writes_them():
+    """Degrees, powers and pure numbers."""
+    units = ("1/deg", "deg/h/degC^2", "g/degC3", "1", "m/s^2", "1/deg/degC")
+    assert [unit_mark(unit) for unit in units] == ["1/°", "°/h/°C²", "g/°C³", "", "m/s²", "1/°/°C"]
+
+
+def limits(lower, upper, rule="guarded", unit="ppm"):
+    """A specification of the result."""
+    return profile.Specification(result="stage.*", unit=unit, lower=lower, upper=upper, rule=rule)
+
+
+@pytest.mark.parametrize(
+    ("value", "guarded", "simple", "four_way"),
+    [
+        (7.0, "pass", "pass", "pass"),
+        (8.0, "pass", "pass", "pass"),
+        (8.0001, "fail", "pass", "conditional pass"),
+        (10.0, "fail", "pass", "conditional pass"),
+        (10.0001, "fail", "fail", "conditional fail"),
+        (12.0, "fail", "fail", "conditional fail"),
+        (12.0001, "fail", "fail", "fail"),
+        (-8.0, "pass", "pass", "pass"),
+        (-12.5, "fail", "fail", "fail"),
+    ],
+)
+def test_decision_rules_split_a_tolerance_of_ten_with_an_uncertainty_of_two(value, guarded, simple, four_way):
+    """Acceptance limit 8, tolerance limit 10, rejection limit 12; compared unrounded."""
+    for rule, verdict in (("guarded", guarded), ("simple", simple), ("four_way", four_way)):
+        assert conformity.judge(result(value, 2.0), -10.0, 10.0, rule)[0] == verdict, rule
+
+
+def test_no_statement_is_possible_where_the_uncertainty_exceeds_the_tolerance_or_is_unknown():
+    """U = 11 on ± 10, and a descriptor: whatever the value and the rule."""
+    for rule in ("guarded", "simple", "four_way"):
+        assert conformity.judge(result(0.0, 11.0), -10.0, 10.0, rule)[0] == "no statement possible"
+        assert conformity.judge(result(0.0), -10.0, 10.0, rule)[0] == "no statement possible"
+    assert conformity.judge(result(0.0, exact=True), -10.0, 10.0, "guarded")[0] == "pass"
+
+
+def test_a_magnitude_is_judged_by_the_upper_end_of_its_interval():
+    """[0, 3.1] against at most 3 is no guarded pass, against at most 3.2 it is; U above the limit: no statement."""
+    magnitude = result(1.5, 2.0, interval=(0.0, 3.1))
+    assert conformity.judge(magnitude, None, 3.0, "guarded")[0] == "fail"
+    assert conformity.judge(magnitude, None, 3.2, "guarded")[0] == "pass"
+    assert conformity.judge(magnitude, None, 1.4, "guarded")[0] == "no statement possible"
+
+
+def test_the_guarded_rule_is_the_default():
+    """A specification that names no rule is judged with the guard band."""
+    found = conformity.statements([limits(None, 10.0, rule=None)], [result(9.0, 2.0)], profile.Results().decision_rule)
+    assert (found[0].rule, found[0].verdict, found[0].acceptance) == ("guarded", "fail", (None, 8.0))
+
+
+def test_a_specification_of_no_result_or_in_another_unit_is_refused():
+    """With the closest key, and with both units."""
+    with pytest.raises(RecipeError, match=r"did you mean 'stage\.model\.name'"):
+        conformity.statements(
+            [profile.Specification(result="stage.model.nam", unit="ppm", upper=1.0)], [result(1.0)], "simple"
+        )
+    with pytest.raises(RecipeError, match=r"in 'deg', stage\.model\.name in 'ppm'"):
+        conformity.statements([limits(None, 1.0, unit="deg")], [result(1.0)], "simple")
+
+
+MODEL = Model(
+    "curve",
+    "polynomial/1",
+    (
+        Coefficient("p0", 100.0, "g", 0.5),
+        Coefficient("p1", -2.0, "g/degC", 0.03),
+        Coefficient("p2", 0.01, "g/degC^2", 0.001),
+    ),
+    ((0.25, -0.01, 0.0001), (-0.01, 0.0009, -0.00002), (0.0001, -0.00002, 0.000001)),
+    12,
+    0.1,
+    "g",
+    {"temp_case_degc": (-20.0, 60.0)},
+)
+RECORD = Record("bias", "S", 1, "", "2026-11-21", "calibkit", "0", (), (), (MODEL,))
+
+
+def at(temperature, *terms):
+    """Value of the curve at a temperature, as it is stated."""
+    context = stated.Stated({}, uncertainty.Source(terms), (), 25.0)
+    weights, slope = stated.powers("p", MODEL, temperature)
+    return context.linear(RECORD, MODEL, "value", Words("value"), weights, "g", at=temperature, slope=slope)
+
+
+@pytest.mark.parametrize("temperature", [-20.0, 0.0, 25.0, 60.0])
+def test_a_value_at_a_temperature_has_the_uncertainty_that_the_covariance_gives(temperature):
+    """Loop-only twin of u² = Σ_ij T^i T^j C_ij, expanded with Student's factor for 12 degrees of freedom."""
+    value = sum(c.value * temperature**k for k, c in enumerate(MODEL.coefficients))
+    variance = sum(temperature ** (i + j) * MODEL.covariance[i][j] for i in range(3) for j in range(3))
+    found = at(temperature)
+    assert found.value == pytest.approx(value, rel=1e-14)
+    assert found.uncertainty.standard_uncertainty == pytest.approx(math.sqrt(variance), rel=1e-12)
+    assert found.uncertainty.coverage_factor == pytest.approx(stats.t.ppf(0.97725, 12), rel=1e-12)
+
+
+def test_a_thermometer_enters_with_the_slope_of_the_curve_at_each_temperature():
+    """u_B = |dp/dT|·u(T), by a central difference of the curve; the type A part stays what it was."""
+    term = TypeB(name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=0.3)
+    for temperature in (-20.0, 10.0, 60.0):
+        slope = (at(temperature + 0.5).value - at(temperature - 0.5).value) / 1.0
+        found = at(temperature, term).uncertainty
+        assert found.type_b == pytest.approx(abs(slope) * 0.3, rel=1e-9)
+        assert found.type_a == pytest.approx(at(temperature).uncertainty.standard_uncertainty, rel=1e-12)
+        assert found.standard_uncertainty == pytest.approx(math.hypot(found.type_a, found.type_b), rel=1e-12)
+
+
+def test_a_term_on_a_result_is_converted_to_its_unit_and_another_dimension_is_refused():
+    """3″ half width on an angle in degrees is 3/3600/√3 degrees; kelvins on it are an error."""
+    term = TypeB(name="axes", quantity="alpha_deg", unit="arcsec", half_width=3.0)
+    found = uncertainty.Source((term,)).uncertainty(("x.alpha_deg", "alpha_deg"), 90.0, "deg", (("fit", 1e-9),), 20)
+    assert found.type_b == pytest.approx(3.0 / 3600.0 / math.sqrt(3.0), rel=1e-12)
+    wrong = TypeB(name="axes", quantity="alpha_deg", unit="K", half_width=3.0)
+    with pytest.raises(RecipeError):
+        uncertainty.Source((wrong,)).uncertainty(("alpha_deg",), 90.0, "deg", (("fit", 1e-9),), 20)
+
+
+def test_terms_of_the_profile_replace_those_of_the_recipe_by_name_and_unused_ones_are_named():
+    """One effect counts once; what enters no result is said to."""
+    old = TypeB(name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=9.0)
+    new = TypeB(name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=0.1)
+    idle = TypeB(name="table", quantity="table_rate_dps", unit="ppm", standard_uncertainty=1.0)
+    source = uncertainty.Source.of([old], [new, idle])
+    assert source.terms == (new, idle)
+    used = at(10.0, *source.terms).uncertainty
+    assert uncertainty.unused(source.terms, [used]) == ("table",)
+
+
+@pytest.mark.parametrize(("value", "u"), [(0.3, 0.5), (2.4, 0.44), (0.0, 1.0), (5.0, 0.1)])
+def test_interval_of_a_magnitude_covers_what_its_folded_distribution_says(value, u):
+    """The Monte Carlo interval holds 95.45 % of |N(value, u)|, by the exact distribution function, within 0.3 %."""
+    low, high = uncertainty.magnitude_interval(value, Uncertainty((), u, math.inf, 2.0, 2 * u, 0.9545))
+    folded = stats.foldnorm(abs(value) / u, scale=u)
+    assert low >= 0.0
+    assert folded.cdf(high) - folded.cdf(low) == pytest.approx(0.9545, abs=3e-3)
+
+
+def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
+    """Two degrees of freedom: far wider than the normal one."""
+    few = uncertainty.magnitude_interval(1.0, Uncertainty((), 0.1, 2.0, 4.5, 0.45, 0.9545))
+    many = uncertainty.magnitude_interval(1.0, Uncertainty((), 0.1, math.inf, 2.0, 0.2, 0.9545))
+    assert few[1] - few[0] > 2.0 * (many[1] - many[0])
+
+
+@given(st.floats(-200.0, 200.0), st.floats(0.5, 400.0))
+def test_default_temperatures_are_round_and_inside_the_range(low, width):
+    """Between two and eight numbers of at most three digits' step, none outside."""
+    found = stated.round_numbers(low, low + width)
+    assert 2 <= len(found) <= stated.MOST_TEMPERATURES
+    assert all(low <= t <= low + width for t in found)
+    assert len(set(np.round(np.diff(found), 9))) == 1
+
+
+def test_a_temperature_outside_the_range_is_left_out_and_named():
+    """Nothing is stated at 70 °C of a curve that holds to 60 °C."""
+    context = stated.Stated({}, NO_TERMS, (0.0, 70.0), 25.0)
+    assert context.grid(MODEL) == (0.0,)
+    assert "70 °C" in context.left_out(MODEL)[0].en
+
+
+def test_a_table_says_which_coverage_factor_its_uncertainties_have():
+    """The factor k, and the degrees of freedom where Student's distribution gave it."""
+    assert "k = 2.23 (Student, ν_eff = 12)" in tables.factor_words([at(0.0)]).en
+    assert tables.factor_words([result(1.0)]) is None
+
+
+WHOLE = """
+[certificate]
+number = "C-1"
+[laboratory]
+name = "L"
+address = "A"
+place_of_work = "P"
+[customer]
+name = "C"
+address = "D"
+[item]
+type = "T"
+maker = "M"
+model = "O"
+condition = "good"
+[dates]
+performed = 2026-11-12
+[method]
+name = "N"
+revision = "1"
+deviations = "none"
+external_providers = "none"
+[conditions]
+chamber = "c"
+laboratory_temperature = "t"
+local_gravity = "g"
+latitude = "l"
+earth_rate = "e"
+supply = "s"
+warm_up = "w"
+[[standard]]
+name = "S"
+certificate = "SC"
+date = 2026-01-01
+laboratory = "SL"
+[authorised_by]
+name = "X"
+role = "Y"
+[adjustment]
+statement = "none"
+"""
+
+
+def parsed(text, tmp_path, *overrides):
+    """Profile of a text."""
+    path = tmp_path / "lab.toml"
+    path.write_text(text, encoding="utf-8")
+    return profile.load(path, overrides)[0]
+
+
+def lacks(text, tmp_path, *overrides, issued=dt.date(2026, 11, 21), validated=False):
+    """Keys of what a profile lacks."""
+    found = checklist.missing(parsed(text, tmp_path, *overrides), issued, validated=validated)
+    return [item.key for item in found]
+
+
+def test_a_whole_profile_lacks_nothing_and_each_line_left_out_is_missed(tmp_path):
+    """Drop any one line of a complete profile and exactly that item is missing."""
+    assert lacks(WHOLE, tmp_path) == []
+    lines = WHOLE.strip().splitlines()
+    for k, line in enumerate(lines):
+        if "=" in line and line != 'name = "S"':
+            key = line.split(" = ")[0]
+            found = lacks("\n".join(lines[:k] + lines[k + 1 :]), tmp_path)
+            assert len(found) == 1, line
+            assert found[0].endswith(f".{key}"), line
+
+
+@pytest.mark.parametrize(
+    ("override", "key"),
+    [
+        ("dates.performed=2026-11-22", "dates.performed"),
+        ('standard=[{name="S", certificate="c", date=2026-11-20, laboratory="l"}]', "standard.date"),
+        (
+            'standard=[{name="S", certificate="c", date=2025-01-01, laboratory="l", valid_until=2026-01-01}]',
+            "standard.valid_until",
+        ),
+        ("standard=[]", "standard"),
+        ("certificate.amends=C-0", "certificate.changes"),
+        ("laboratory.name=   ", "laboratory.name"),
+    ],
+)
+def test_what_cannot_be_true_makes_a_draft(tmp_path, override, key):
+    """Issued before the work, a standard calibrated after it or expired, an amendment of nothing, blanks for a name."""
+    assert lacks(WHOLE, tmp_path, override) == [key]
+
+
+def test_a_validation_stands_for_the_statement_on_adjustment(tmp_path):
+    """As-found and as-left results are stated by the validation, or their absence is explained."""
+    assert lacks(WHOLE, tmp_path, "adjustment.statement=") == ["adjustment.statement"]
+    assert lacks(WHOLE, tmp_path, "adjustment.statement=", validated=True) == []
+
+
+@pytest.mark.parametrize(
+    ("line", "said"),
+    [
+        ("[laboratory]\nnmae = 'x'", "lab.toml:2: unknown key 'laboratory.nmae'"),
+        ("[dates]\nperformed = 'soon'", "lab.toml:2: dates.performed: 'soon' is not a date"),
+        ("[dates]\nreceived = 2026-02-02\nperformed = 2026-02-01", "out of order"),
+        ("[certificate]\nnumber = 'A'\namends = 'A'", "needs a number of its own"),
+        ("[[specification]]\nresult = 'x'\nunit = 'g'", "neither a lower nor an upper limit"),
+        ("[[specification]]\nresult = 'x'\nunit = 'g'\nlower = 2.0\nupper = 1.0", "is not below"),
+        ("[[specification]]\nresult = 'x'\nunit = 'g'\nupper = 1.0\nrule = 'gaurded'", "did you mean 'guarded'"),
+        ("[laboratory]\ncountry = 'Germany'", "laboratory.country"),
+        ("[[standard]]\ncertificate = 'x'", "missing key 'standard.0.name'"),
+        ("[item", "not TOML"),
+    ],
+)
+def test_a_fault_in_a_profile_is_named_with_its_line(tmp_path, line, said):
+    """Strict: unknown keys, ill-typed values and impossible combinations are errors, with file and line."""
+    with pytest.raises(RecipeError, match=said.replace("[", r"\[").replace(".", r"\.")):
+        parsed(line, tmp_path)
+
+
+def test_a_date_may_be_written_with_or_without_quotes(tmp_path):
+    """TOML dates and ISO texts are the same."""
+    for written in ("2026-11-12", '"2026-11-12"'):
+        assert parsed(f"[dates]\nperformed = {written}", tmp_path).dates.performed == dt.date(2026, 11, 12)
+
+
+def test_every_plain_field_of_the_checklist_is_a_field_of_the_profile():
+    """A misspelt key would never be missed."""
+    empty = profile.load(None)[0]
+    for key in checklist.FIELDS:
+        table, _, name = key.partition(".")
+        assert hasattr(getattr(empty, table), name), key
+
+
+def test_a_validation_of_another_run_is_refused(tmp_path):
+    """As-found and as-left results belong to the coefficients of the certificate."""
+    from calibkit import coefficients
+    from calibkit.certificate import as_found
+    from calibkit.errors import CoefficientError
+
+    document = {"format": "calibkit-validation/1", "serial": "S", "revision": 1, "run_sha256": "other", "logs": []}
+    path = tmp_path / "v.json"
+    path.write_text(coefficients.seal(document), encoding="utf-8")
+    run = SimpleNamespace(document={"sha256": "this"}, name="S@r001")
+    with pytest.raises(CoefficientError, match="not of S@r001 as it is here"):
+        as_found.load(path, run)
