@@ -16,13 +16,14 @@ from calibkit import coefficients
 from calibkit.errors import CoefficientError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
 RUN_FORMAT = "calibkit-run/1"
 RUN_FORMATS = (RUN_FORMAT,)
 RUN_FILE = "run.json"
 _SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 _REVISION = re.compile(r"r(\d{3,})")
+_DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 
 
 @dataclass(frozen=True, slots=True)
@@ -62,10 +63,12 @@ def revisions(serial_folder: Path) -> list[int]:
 def latest_digests(out: Path, serial: str) -> tuple[int, dict[str, str]]:
     """Newest revision number of a serial (0: none) and, per stage, the digest of its newest coefficient file."""
     numbers = revisions(out / serial)
-    if not numbers:
-        return 0, {}
-    run = load(out / serial / f"r{numbers[-1]:03d}")
-    return numbers[-1], {record.stage: _file_digest(run, name) for name, record in run.records.items()}
+    return (numbers[-1], stage_digests(load_revision(out, serial, numbers[-1]))) if numbers else (0, {})
+
+
+def stage_digests(run: Run) -> dict[str, str]:
+    """Stage → digest that its coefficient file states of itself."""
+    return {record.stage: _file_digest(run, name) for name, record in run.records.items()}
 
 
 def _file_digest(run: Run, name: str) -> str:
@@ -166,24 +169,69 @@ def _sync_folder(folder: Path) -> None:
             os.close(handle)
 
 
-def find(name: str, runs: Path) -> Path:
-    """Folder of RUN: a run folder, SERIAL (its newest revision) or SERIAL@r003 under runs; UsageError when there is none."""
+def find(name: str, runs: Path, date: str = "") -> Path:
+    """Folder of RUN under runs; UsageError when there is none, CoefficientError for a run that is another's.
+
+    RUN is a run folder, SERIAL (its newest revision, or the one in force on `date`), SERIAL@r003, or SERIAL@2026-05-01
+    (the one in force on that date).
+    """
+    serial, _, chosen = name.partition("@")
+    if date and (chosen or (Path(name) / RUN_FILE).is_file()):
+        raise UsageError(f"run '{name}' is one run, --date {date} chooses among several", hint="give the serial alone")
     if (Path(name) / RUN_FILE).is_file():
         return Path(name)
-    serial, _, revision = name.partition("@")
-    if _SERIAL.fullmatch(serial):
-        numbers = revisions(runs / serial)
-        if not revision and numbers:
-            return runs / serial / f"r{numbers[-1]:03d}"
-        if (match := _REVISION.fullmatch(revision)) and int(match.group(1)) in numbers:
-            return runs / serial / revision
-        if numbers:
-            there = ", ".join(f"r{number:03d}" for number in numbers)
-            raise UsageError(f"run '{name}': {serial} has no {revision}", hint=f"revisions there: {there}")
-    raise UsageError(
-        f"run '{name}' is neither a run folder nor a serial under {runs}",
-        hint="give --runs, or the folder that holds run.json",
-    )
+    numbers = revisions(runs / serial) if _SERIAL.fullmatch(serial) else []
+    if not numbers:
+        raise UsageError(
+            f"run '{name}' is neither a run folder nor a serial under {runs}",
+            hint="give --runs, or the folder that holds run.json",
+        )
+    if date or _DATE.fullmatch(chosen):
+        return _in_force_on(runs, serial, numbers, date or chosen)
+    match = _REVISION.fullmatch(chosen or f"r{numbers[-1]:03d}")
+    if not match or int(match.group(1)) not in numbers:
+        there = ", ".join(f"r{number:03d}" for number in numbers)
+        raise UsageError(f"run '{name}': {serial} has no {chosen}", hint=f"revisions there: {there}")
+    own_document(runs, serial, int(match.group(1)))
+    return _folder(runs, serial, int(match.group(1)))
+
+
+def _folder(runs: Path, serial: str, revision: int) -> Path:
+    """Folder of a revision."""
+    return runs / serial / f"r{revision:03d}"
+
+
+def _in_force_on(runs: Path, serial: str, numbers: Sequence[int], date: str) -> Path:
+    """Folder of the revision in force on a date; UsageError where none is."""
+    winners = in_force([own_document(runs, serial, number) for number in numbers])
+    if not (dates := [since for since in winners if since <= date]):
+        first = f"the first holds from {min(winners)}" if winners else "none was accepted"
+        raise UsageError(f"{serial} has no accepted run that holds on {date}", hint=first)
+    return _folder(runs, serial, winners[max(dates)])
+
+
+def in_force(documents: Sequence[Mapping[str, Any]]) -> dict[str, int]:
+    """Effective date → revision that holds from then on: of one date the newest; a run that was not accepted never."""
+    ordered = sorted(documents, key=lambda document: int(document["revision"]))
+    return {document["effective_from"]: document["revision"] for document in ordered if document["accepted"]}
+
+
+def own_document(runs: Path, serial: str, revision: int) -> dict[str, Any]:
+    """run.json of a revision that is found by serial; CoefficientError where it is the run of another."""
+    path = _folder(runs, serial, revision) / RUN_FILE
+    document = coefficients.unseal(_text(path), f"{path}", RUN_FORMATS)
+    if (document.get("serial"), document.get("revision")) != (serial, revision):
+        raise CoefficientError(
+            f"{path}: says {document.get('serial')} r{document.get('revision')}, expected {serial} r{revision:03d}",
+            hint="the folder was moved or renamed; do not use it as a run of this serial",
+        )
+    return document
+
+
+def load_revision(runs: Path, serial: str, revision: int) -> Run:
+    """Read a revision of a serial whole, or raise CoefficientError."""
+    own_document(runs, serial, revision)
+    return load(_folder(runs, serial, revision))
 
 
 def load(folder: Path) -> Run:

@@ -30,6 +30,8 @@ class Summary:
     tables: tuple[SummaryTable, ...]
     flags: tuple[str, ...]
     criteria: tuple[Criterion, ...]
+    conclusion: str = ""
+    """What is said at the end instead of the acceptance limits, where there is nothing to accept."""
 
     @property
     def accepted(self) -> bool:
@@ -39,6 +41,8 @@ class Summary:
     @property
     def verdict(self) -> str:
         """One sentence on the acceptance limits; without limits nothing is said to be accepted."""
+        if self.conclusion:
+            return self.conclusion
         if not self.criteria:
             return "no acceptance limits in the recipe: nothing was accepted or rejected"
         failed = [c for c in self.criteria if not c.passed]

@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import json
 import os
 import sys
 from pathlib import Path
@@ -11,30 +10,19 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from calibkit import __version__
-from calibkit.errors import CalibkitError, FrameError, UsageError
+from calibkit.cli import records
+from calibkit.cli.console import print_json, print_summary, progress
+from calibkit.cli.ending import guarded
+from calibkit.cli.options import DATA, JSON, RECIPE, RUN, RUNS, SET, Group, day_of
+from calibkit.errors import FrameError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Sequence
+    from collections.abc import Sequence
 
     from calibkit.certificate.words import Lang
-    from calibkit.report.summary import Summary
-
-RECIPE = click.argument("recipe")
-RUN = click.argument("run")
-DATA = click.option("--data", required=True, type=click.Path(path_type=Path), help="folder with the logs")
-RUNS = click.option("--runs", default="runs", show_default=True, type=click.Path(path_type=Path), help="where runs are")
-JSON = click.option("--json", "as_json", is_flag=True, help="one JSON document on stdout, also on failure")
-SET = click.option("--set", "overrides", multiple=True, metavar="table.key=value", help="override a recipe key")
 
 
-class _Group(click.Group):
-    """Commands in the order of the work, not of the alphabet."""
-
-    def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's signature)
-        return list(self.commands)
-
-
-@click.group(cls=_Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
 @click.version_option(__version__, prog_name="calibkit", message="%(prog)s %(version)s")
 def cli() -> None:
     """From laboratory logs to versioned coefficient files of gyros, accelerometers and inclinometers.
@@ -67,17 +55,17 @@ def fit(
     calibkit fit fog_thermal --data logs --serial FOG-0001
     calibkit fit my_recipe.toml --data logs --serial FOG-0001 --set drift.order=2 --json
     """
-    day = _date(date)
+    day = day_of(date)
     from calibkit import pipeline
     from calibkit.recipe import find
 
-    outcome = pipeline.fit(find(recipe, overrides), data, serial, out, day, _progress)
+    outcome = pipeline.fit(find(recipe, overrides), data, serial, out, day, progress)
     for guess in outcome.guesses:
         click.echo(f"? {guess}", err=True)
     if as_json:
-        _print_json({"ok": True, "run": outcome.name, "folder": str(outcome.folder), **_verdict(outcome.document)})
+        print_json({"ok": True, "run": outcome.name, "folder": str(outcome.folder), **_verdict(outcome.document)})
     else:
-        _print_summary(outcome.summary)
+        print_summary(outcome.summary)
         click.echo(f"{outcome.folder}")
     return 0 if outcome.summary.accepted else 1
 
@@ -101,7 +89,7 @@ def check(recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ..
 
     reports = pipeline.check(find(recipe, overrides), data, figure)
     if as_json:
-        _print_json(document(reports))
+        print_json(document(reports))
     else:
         click.echo("\n".join(line for report in reports for line in lines(report)))
     return FrameError.exit_code if any(report.refused for report in reports) else 0
@@ -126,7 +114,7 @@ def apply(run: str, data: Path, out: Path, overrides: tuple[str, ...], runs: Pat
     found = store.load(store.find(run, runs))
     flags = pipeline.apply(found, data, out, overrides)
     if as_json:
-        _print_json({"ok": True, "run": found.name, "out": str(out), "flags": list(flags)})
+        print_json({"ok": True, "run": found.name, "out": str(out), "flags": list(flags)})
     else:
         for flag in flags:
             click.echo(f"! {flag}", err=True)
@@ -149,11 +137,11 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, as_json: bool) -> i
     """
     from calibkit import pipeline, store
 
-    document, summary = pipeline.validate(store.load(store.find(run, runs)), data, out, _progress)
+    document, summary = pipeline.validate(store.load(store.find(run, runs)), data, out, progress)
     if as_json:
-        _print_json({"ok": True, **document})
+        print_json({"ok": True, **document})
     else:
-        _print_summary(summary)
+        print_summary(summary)
         click.echo(f"{out}")
     return 0 if summary.accepted else 1
 
@@ -186,7 +174,7 @@ def certify(
     calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf
     calibkit certify FOG-0001 --profile lab.toml --validation validation.json --lang both --out certificate.pdf
     """
-    day = _date(date)
+    day = day_of(date)
     from calibkit import store
     from calibkit.certificate import certify as certificates
 
@@ -200,7 +188,7 @@ def certify(
         overrides=overrides,
     )
     if as_json:
-        _print_json({"ok": True, **certificates.said(issued)})
+        print_json({"ok": True, **certificates.said(issued)})
         return 0
     if issued.missing:
         click.echo("DRAFT: not a calibration certificate; missing:", err=True)
@@ -210,58 +198,8 @@ def certify(
     return 0
 
 
-@cli.command()
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
-@JSON
-def verify(files: tuple[Path, ...], *, as_json: bool) -> int:
-    """Check the digests of coefficient files, validations and run folders.
-
-    \b
-    calibkit verify runs/FOG-0001/r001
-    calibkit verify drift_rate.json validation.json
-    """
-    from calibkit import pipeline
-
-    results, worst = [], 0
-    for path in files:
-        try:
-            results.append({"file": str(path), "ok": True, "what": pipeline.verify(path)})
-        except CalibkitError as error:
-            results.append({"file": str(path), "ok": False, "what": str(error)})
-            worst = max(worst, error.exit_code)
-    if as_json:
-        _print_json({"ok": worst == 0, "files": results})
-    else:
-        for result in results:
-            click.echo(
-                f"{'ok    ' if result['ok'] else 'FAILED'} {result['file']}: {result['what']}", err=not result["ok"]
-            )
-    return worst
-
-
-@cli.command()
-@RUN
-@RUNS
-@JSON
-def show(run: str, runs: Path, *, as_json: bool) -> int:
-    """Show the coefficients of a run with units and standard uncertainties.
-
-    \b
-    calibkit show FOG-0001
-    calibkit show runs/FOG-0001/r002 --json
-    """
-    from dataclasses import asdict
-
-    from calibkit import store
-    from calibkit.report.run import summary
-
-    found = store.load(store.find(run, runs))
-    if as_json:
-        records = {name: asdict(record) for name, record in found.records.items()}
-        _print_json({"ok": True, "run": dict(found.document), "records": records})
-    else:
-        _print_summary(summary(found.name, found.document, found.records))
-    return 0
+for kept in (records.verify, records.show, records.diff, records.history):
+    cli.add_command(kept)
 
 
 @cli.command()
@@ -280,47 +218,10 @@ def simulate(procedure: str, out: Path, seed: int, *, as_json: bool) -> int:
 
     written = pipeline.simulate(procedure, out, seed)
     if as_json:
-        _print_json({"ok": True, "files": written})
+        print_json({"ok": True, "files": written})
     else:
         click.echo("\n".join(written))
     return 0
-
-
-def _date(text: str | None) -> str:
-    """Effective date: as given, or today's, the only clock that calibkit reads."""
-    import datetime as dt
-
-    if text is None:
-        return dt.datetime.now().astimezone().date().isoformat()
-    try:
-        return dt.date.fromisoformat(text).isoformat()
-    except ValueError:
-        raise UsageError(f"--date {text}: not a date", hint="write YYYY-MM-DD") from None
-
-
-def _progress(items: Sequence[str], what: str) -> Iterable[str]:
-    """Items with a progress bar on stderr, on a terminal only."""
-    if not sys.stderr.isatty():
-        return items
-    from rich.console import Console
-    from rich.progress import track
-
-    return track(items, description=what, console=Console(stderr=True), transient=True)
-
-
-def _print_summary(summary: Summary) -> None:
-    """Print a summary on stdout."""
-    from rich.console import Console
-
-    from calibkit.report.summary import show as print_on
-
-    console = Console(highlight=False)
-    print_on(summary, console if console.is_terminal else Console(highlight=False, width=110))
-
-
-def _print_json(document: dict[str, Any]) -> None:
-    """Print one JSON document on stdout."""
-    click.echo(json.dumps(document, ensure_ascii=False, indent=1))
 
 
 def _verdict(document: Any) -> dict[str, Any]:  # noqa: ANN401 (a JSON object)
@@ -347,45 +248,4 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # one thread a factorisation: these are tall and narrow, threads only wait for each other, and the sums keep their order
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     argv = list(sys.argv[1:] if arguments is None else arguments)
-    sys.exit(_guarded(lambda: cli.main(argv, prog_name="calibkit", standalone_mode=False), as_json="--json" in argv))
-
-
-def _guarded(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 (one return a kind of ending)
-    """Exit code of a command; every failure becomes one message, and one JSON document where JSON was asked for."""
-    try:
-        code = run()
-    except CalibkitError as error:
-        return _fail(error.exit_code, error.code, error.message, error.hint, as_json=as_json)
-    except click.exceptions.NoArgsIsHelpError as error:
-        click.echo(error.format_message())
-        return 2
-    except click.ClickException as error:
-        context = getattr(error, "ctx", None)
-        hint = f"see {context.command_path} --help" if context else "see calibkit --help"
-        return _fail(2, "usage", error.format_message().rstrip("."), hint, as_json=as_json)
-    except (KeyboardInterrupt, click.Abort):
-        return _fail(130, "interrupted", "interrupted; nothing was written", "", as_json=as_json)
-    except BrokenPipeError:
-        sys.stderr.close()
-        return 0
-    except Exception as error:  # noqa: BLE001 (the last resort: a traceback helps nobody at the bench)
-        import traceback
-
-        if os.environ.get("CALIBKIT_DEBUG"):
-            traceback.print_exc()
-        message = f"internal error: {type(error).__name__}: {error}"
-        return _fail(70, "internal", message, "set CALIBKIT_DEBUG=1 and report what it prints", as_json=as_json)
-    return code if isinstance(code, int) else 0
-
-
-def _fail(exit_code: int, code: str, message: str, hint: str, *, as_json: bool) -> int:
-    """Say what went wrong, on stderr or as JSON, and return the exit code."""
-    if as_json:
-        _print_json({"ok": False, "error": {"code": code, "message": message, "hint": hint}})
-    else:
-        click.echo(f"calibkit: {message}{f'; {hint}' if hint else ''}", err=True)
-    return exit_code
-
-
-if __name__ == "__main__":
-    main()
+    sys.exit(guarded(lambda: cli.main(argv, prog_name="calibkit", standalone_mode=False), as_json="--json" in argv))

@@ -1,0 +1,142 @@
+"""Commands on what was kept: verify, show, diff, history."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import click
+
+from calibkit.cli.console import print_json, print_summary
+from calibkit.cli.options import CSV, JSON, RUN, RUNS, day_of
+from calibkit.errors import CalibkitError, CoefficientError, UsageError
+
+ON = click.option("--date", default=None, metavar="YYYY-MM-DD", help="of a SERIAL, the run in force on that date")
+
+
+@click.command()
+@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@JSON
+def verify(files: tuple[Path, ...], *, as_json: bool) -> int:
+    """Check the digests of coefficient files, validations and run folders.
+
+    \b
+    calibkit verify runs/FOG-0001/r001
+    calibkit verify drift_rate.json validation.json
+    """
+    from calibkit import pipeline
+
+    results, worst = [], 0
+    for path in files:
+        try:
+            results.append({"file": str(path), "ok": True, "what": pipeline.verify(path)})
+        except CalibkitError as error:
+            results.append({"file": str(path), "ok": False, "what": str(error)})
+            worst = max(worst, error.exit_code)
+    if as_json:
+        print_json({"ok": worst == 0, "files": results})
+    else:
+        for result in results:
+            click.echo(
+                f"{'ok    ' if result['ok'] else 'FAILED'} {result['file']}: {result['what']}", err=not result["ok"]
+            )
+    return worst
+
+
+@click.command()
+@RUN
+@RUNS
+@ON
+@CSV
+@JSON
+def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool) -> int:
+    """Show the coefficients of a run with units and standard uncertainties.
+
+    \b
+    calibkit show FOG-0001 --date 2026-05-01
+    calibkit show runs/FOG-0001/r002 --csv
+    """
+    from dataclasses import asdict
+
+    from calibkit import store
+    from calibkit.history import said
+    from calibkit.report.run import summary
+
+    _one_format(as_csv=as_csv, as_json=as_json)
+    found = store.load(store.find(run, runs, day_of(date) if date else ""))
+    if as_json:
+        records = {name: asdict(record) for name, record in found.records.items()}
+        print_json({"ok": True, "run": dict(found.document), "records": records})
+    elif as_csv:
+        click.echo(said.run_csv(found), nl=False)
+    else:
+        print_summary(summary(found.name, found.document, found.records))
+    return 0
+
+
+@click.command()
+@click.argument("before", metavar="RUN")
+@click.argument("after", metavar="RUN")
+@RUNS
+@CSV
+@JSON
+def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) -> int:
+    """Say what changed from one run to another, in units and in standard uncertainties of the difference.
+
+    \b
+    calibkit diff FOG-0001@r001 FOG-0001
+    calibkit diff FOG-0001@2024-05-01 FOG-0001@2026-05-01 --json
+
+    A coefficient has moved when it differs by more than two standard uncertainties (type A) of the difference.
+    """
+    from calibkit import store
+    from calibkit.history import difference, said
+
+    _one_format(as_csv=as_csv, as_json=as_json)
+    old, new = (store.load(store.find(run, runs)) for run in (before, after))
+    found = difference.between(old, new)
+    if as_json:
+        print_json({"ok": True, **said.difference_document(found)})
+    elif as_csv:
+        click.echo(said.difference_csv(found), nl=False)
+    else:
+        print_summary(said.difference_summary(found))
+    return 0
+
+
+@click.command()
+@click.argument("serial")
+@RUNS
+@click.option("--only", default="", metavar="PATTERN", help="coefficients and figures to follow, stage.model.name")
+@click.option("--figure", type=click.Path(path_type=Path), help="PDF or PNG to write: each quantity over time")
+@CSV
+@JSON
+def history(serial: str, runs: Path, only: str, figure: Path | None, *, as_csv: bool, as_json: bool) -> int:
+    """List all runs of a serial: which holds when, whether each supersedes the one before, how its numbers moved.
+
+    \b
+    calibkit history FOG-0001
+    calibkit history FOG-0001 --only 'gyro_scale.*.K' --figure drift.pdf
+
+    Exit code 4 where a revision is missing, cannot be trusted, or does not supersede the one before.
+    """
+    from calibkit import store
+    from calibkit.history import figure as drawing
+    from calibkit.history import said, timeline
+
+    _one_format(as_csv=as_csv, as_json=as_json)
+    found = timeline.of(serial, runs, only)
+    if figure is not None:
+        store.write_new(figure, drawing.render(found, figure.suffix))
+    if as_json:
+        print_json({"ok": found.sound, **said.timeline_document(found)})
+    elif as_csv:
+        click.echo(said.timeline_csv(found), nl=False)
+    else:
+        print_summary(said.timeline_summary(found))
+    return 0 if found.sound else CoefficientError.exit_code
+
+
+def _one_format(*, as_csv: bool, as_json: bool) -> None:
+    """Refuse two formats at once."""
+    if as_csv and as_json:
+        raise UsageError("--csv and --json are two formats", hint="ask for one")

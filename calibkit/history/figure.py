@@ -1,0 +1,95 @@
+"""Drift of a unit's coefficients over years: one panel a quantity, pages of twelve."""
+
+from __future__ import annotations
+
+import datetime as dt
+from typing import TYPE_CHECKING
+
+from calibkit.errors import UsageError
+from calibkit.history.timeline import YEAR_DAYS
+from calibkit.report.figures import ALERT, DENOISED, MUTED, page, pdf, png
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+    from calibkit.history.timeline import Series, Timeline
+
+ROWS, COLUMNS = 4, 3
+SUFFIXES = (".pdf", ".png")
+
+
+def render(found: Timeline, suffix: str) -> bytes:
+    """Figure of a timeline as PDF (as many pages as it needs) or PNG (the first twelve quantities)."""
+    if suffix not in SUFFIXES:
+        raise UsageError(f"--figure: a file ending in '{suffix}'", hint=f"name one ending in {' or '.join(SUFFIXES)}")
+    if not found.series:
+        raise UsageError(
+            f"{found.serial}: no quantity with an uncertainty was determined twice", hint="a figure needs two revisions"
+        )
+    step = ROWS * COLUMNS
+    blocks = [found.series[at : at + step] for at in range(0, len(found.series), step)]
+    if suffix == ".png":
+        return png(_page(found.serial, blocks[0]))
+    return pdf([_page(found.serial, block) for block in blocks])
+
+
+def _page(serial: str, block: Sequence[Series]) -> Figure:
+    """One page of panels."""
+    title = f"{serial}: coefficients over time, bars U (k = 2, type A), line: weighted slope where three dates or more"
+    rows = -(-len(block) // COLUMNS)
+    figure, axes = page(rows, COLUMNS, title=title, height=0.8 + 2.4 * rows)
+    for ax, series in zip(axes, block, strict=False):
+        _panel(ax, series)
+    for ax in axes[len(block) :]:
+        ax.set_visible(False)
+    return figure
+
+
+def _panel(ax: Axes, series: Series) -> None:
+    """One quantity: change from its first determination against date; rejected runs are hollow."""
+    first = series.points[0].value
+    for point in series.points:
+        date = dt.date.fromisoformat(point.effective_from)
+        ax.errorbar(
+            [date.toordinal()],
+            [point.value - first],
+            2.0 * point.standard_uncertainty,
+            fmt="o",
+            ms=4.5,
+            capsize=3,
+            color=DENOISED,
+            mfc=DENOISED if point.accepted else "none",
+        )
+        ax.annotate(f"r{point.revision:03d}", (date.toordinal(), point.value - first), (4, 4),
+                    textcoords="offset points", fontsize=6.5, color=MUTED)  # fmt: skip
+    _line(ax, series)
+    _dates(ax, series)
+    quantity = series.quantity
+    colour = ALERT if series.overall.verdict == "moved" else MUTED
+    name = ".".join(filter(None, (quantity.model, quantity.name)))
+    ax.set_title(f"{name}: {series.overall.in_u:+.3g} u", fontsize=8.5, color=colour)
+    ax.set_ylabel(f"change [{quantity.unit}]", fontsize=7.5)
+
+
+def _line(ax: Axes, series: Series) -> None:
+    """The weighted straight line through the accepted determinations."""
+    trend = series.trend
+    if trend is None:
+        return
+    import numpy as np
+
+    days = np.array([dt.date.fromisoformat(p.effective_from).toordinal() for p in series.points], dtype=np.float64)
+    line = trend.intercept + trend.slope * (days / YEAR_DAYS - trend.middle_year) - series.points[0].value
+    ax.plot(days, line, color=MUTED, lw=0.9, ls="--")
+
+
+def _dates(ax: Axes, series: Series) -> None:
+    """At most four dates on the abscissa, first and last among them."""
+    days = sorted({dt.date.fromisoformat(point.effective_from).toordinal() for point in series.points})
+    shown = days if len(days) <= 4 else [days[round(k * (len(days) - 1) / 3)] for k in range(4)]
+    ax.set_xticks(shown, [dt.date.fromordinal(day).isoformat() for day in shown], fontsize=6.5)
+    ax.margins(x=0.15)
+    ax.tick_params(axis="y", labelsize=7)

@@ -1,0 +1,255 @@
+"""All revisions of one serial: which holds when, whether each supersedes the one before, how its numbers moved."""
+
+from __future__ import annotations
+
+import datetime as dt
+import fnmatch
+import itertools
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import store
+from calibkit.coefficients import Coefficient
+from calibkit.errors import CoefficientError, UsageError
+from calibkit.history import difference
+from calibkit.numeric import change
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Model, Record
+    from calibkit.history.difference import Change
+    from calibkit.numeric.change import Trend
+    from calibkit.store import Run
+
+YEAR_DAYS = 365.25
+PER_RAMP = "fog-drift-gradient/1"
+"""A model a log, named by it: not a quantity of the unit that could be followed over years."""
+
+
+@dataclass(frozen=True, slots=True)
+class Refused:
+    """A revision that cannot be trusted, and why."""
+
+    revision: int
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class Holds:
+    """From when and, where another takes over, up to which date (exclusive) a revision is in force; empty: never."""
+
+    since: str
+    until: str
+
+
+@dataclass(frozen=True, slots=True)
+class Point:
+    """One determination of a number."""
+
+    revision: int
+    effective_from: str
+    value: float
+    standard_uncertainty: float
+    accepted: bool
+
+
+@dataclass(frozen=True, slots=True)
+class Quantity:
+    """A coefficient or figure that revisions share; `meaning` holds the chosen parameters that say what it is."""
+
+    stage: str
+    model: str
+    form: str
+    meaning: str
+    name: str
+    unit: str
+
+    @property
+    def label(self) -> str:
+        """stage.model.name."""
+        return ".".join(filter(None, (self.stage, self.model, self.name)))
+
+
+@dataclass(frozen=True, slots=True)
+class Series:
+    """One quantity over the revisions that determined it, in the order of their dates: first to last, neighbours, years."""
+
+    quantity: Quantity
+    points: tuple[Point, ...]
+    overall: Change
+    largest_step: float
+    """Largest change between neighbours in time, in standard uncertainties of that difference."""
+    trend: Trend | None
+
+
+@dataclass(frozen=True, slots=True)
+class Timeline:
+    """Every revision of a serial, the faults of its chain, and its numbers over time."""
+
+    serial: str
+    runs: tuple[Run, ...]
+    holds: Mapping[int, Holds]
+    refused: tuple[Refused, ...]
+    breaks: tuple[str, ...]
+    flags: tuple[str, ...]
+    series: tuple[Series, ...]
+
+    @property
+    def sound(self) -> bool:
+        """Whether every revision could be read and supersedes the one before."""
+        return not self.refused and not self.breaks
+
+
+def of(serial: str, runs_folder: Path, pattern: str = "") -> Timeline:
+    """Timeline of a serial under a folder of runs; UsageError where there is none, or no number matches the pattern.
+
+    Without a pattern the coefficients of models are followed; with one, every coefficient and figure whose
+    stage.model.name matches it.
+    """
+    numbers = store.revisions(runs_folder / store.check_serial(serial))
+    if not numbers:
+        raise UsageError(f"serial '{serial}': no run under {runs_folder}", hint="give --runs, or fit it first")
+    runs, refused = [], []
+    for number in numbers:
+        try:
+            runs.append(store.load_revision(runs_folder, serial, number))
+        except CoefficientError as error:
+            refused.append(Refused(number, str(error)))
+    series = tuple(entry for entry in _series(runs) if _wanted(entry.quantity, pattern))
+    if runs and not series and pattern:
+        raise UsageError(f"--only {pattern}: no coefficient or figure of {serial} matches", hint="try --only '*'")
+    return Timeline(
+        serial, tuple(runs), _holds(runs), tuple(refused), tuple(chain(runs, numbers)), _flags(runs), series
+    )
+
+
+def _wanted(quantity: Quantity, pattern: str) -> bool:
+    """Whether a quantity is followed."""
+    return fnmatch.fnmatchcase(quantity.label, pattern) if pattern else bool(quantity.form)
+
+
+def chain(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
+    """One line a fault of the chain: a revision that is missing, a file that does not supersede the one before it."""
+    for number in sorted(set(range(1, numbers[-1] + 1)) - set(numbers)):
+        yield f"r{number:03d} is missing"
+    readable = {run.document["revision"]: run for run in runs}
+    for run in runs:
+        number = run.document["revision"]
+        if number > 1 and number - 1 not in readable:
+            yield f"r{number:03d}: what it supersedes cannot be checked, r{number - 1:03d} is not here or not readable"
+            continue
+        before = store.stage_digests(readable[number - 1]) if number > 1 else {}
+        for record in run.records.values():
+            expected = before.get(record.stage, "")
+            if record.supersedes != expected:
+                yield _break(number, record, expected)
+
+
+def _break(number: int, record: Record, expected: str) -> str:
+    """One file that does not supersede the one before it."""
+    said = f"{record.supersedes[:12]}…" if record.supersedes else "nothing"
+    wanted = f"{expected[:12]}… of r{number - 1:03d}" if expected else f"nothing: r{number - 1:03d} has no such stage"
+    return f"r{number:03d}: {record.stage} supersedes {said}, expected {wanted}"
+
+
+def _holds(runs: Sequence[Run]) -> dict[int, Holds]:
+    """Revision → dates between which it is in force."""
+    winners = store.in_force([run.document for run in runs])
+    dates = sorted(winners)
+    until = dict(zip(dates, [*dates[1:], ""], strict=True))
+    held = {revision: Holds(date, until[date]) for date, revision in winners.items()}
+    return {run.document["revision"]: held.get(run.document["revision"], Holds("", "")) for run in runs}
+
+
+def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
+    """What a reader of a timeline must know."""
+    flags = [
+        f"{run.name} was not accepted: it is never in force by date" for run in runs if not run.document["accepted"]
+    ]
+    for older, newer in itertools.pairwise(runs):
+        dates = older.document["effective_from"], newer.document["effective_from"]
+        if dates[1] < dates[0]:
+            flags.append(
+                f"{newer.name} holds from {dates[1]}, before {older.name} which it supersedes holds ({dates[0]}): by date "
+                f"{older.name} stays in force from {dates[0]}"
+            )
+    flags += [
+        f"{newer.name} was fitted to logs of {older.name} as well: one determination, not two; slopes take the newer"
+        for k, newer in enumerate(runs)
+        for older in runs[:k]
+        if _logs(older) & _logs(newer)
+    ]
+    procedures = dict.fromkeys(run.document["procedure"] for run in runs)
+    if len(procedures) > 1:
+        flags.append(f"revisions of different procedures: {', '.join(procedures)}")
+    return tuple(flags)
+
+
+def _logs(run: Run) -> set[str]:
+    """Digests of the logs that a run was fitted to."""
+    return {entry["sha256"] for entry in run.document["inputs"]}
+
+
+def _independent(runs: Sequence[Run]) -> set[int]:
+    """Revisions that were accepted and share no log with a newer one of them."""
+    seen: set[str] = set()
+    kept = set()
+    for run in sorted(runs, key=lambda run: -int(run.document["revision"])):
+        if run.document["accepted"] and not _logs(run) & seen:
+            kept.add(int(run.document["revision"]))
+            seen |= _logs(run)
+    return kept
+
+
+def _series(runs: Sequence[Run]) -> Iterator[Series]:
+    """Quantities with an uncertainty that two runs or more determined, alike in form, unit and meaning."""
+    points: dict[Quantity, list[Point]] = {}
+    for run in sorted(runs, key=lambda run: (run.document["effective_from"], run.document["revision"])):
+        when = (run.document["revision"], run.document["effective_from"])
+        for quantity, number in _numbers(run):
+            if number.standard_uncertainty > 0.0:
+                point = Point(*when, number.value, number.standard_uncertainty, bool(run.document["accepted"]))
+                points.setdefault(quantity, []).append(point)
+    independent = _independent(runs)
+    for quantity, found in points.items():
+        if len(found) > 1:
+            yield _one(quantity, tuple(found), independent)
+
+
+def _numbers(run: Run) -> Iterator[tuple[Quantity, Coefficient]]:
+    """Every coefficient and figure of a run that belongs to the unit and not to one log."""
+    for record in run.records.values():
+        for model in record.models:
+            if model.form != PER_RAMP:
+                for c in model.coefficients:
+                    yield Quantity(record.stage, model.name, model.form, _meaning(model), c.name, c.unit), c
+        for figure in record.figures:
+            yield Quantity(record.stage, "", "", "", figure.name, figure.unit), figure
+
+
+def _meaning(model: Model) -> str:
+    """Chosen parameters that say what a model's coefficients are."""
+    names = difference.MEANING.get(model.form, ())
+    return ", ".join(f"{p.name} {p.value:g} {p.unit}" for p in model.parameters if p.name in names)
+
+
+def _one(quantity: Quantity, points: tuple[Point, ...], independent: set[int]) -> Series:
+    """A series with its change from first to last, its largest step and its straight line over years."""
+    steps = [_change(quantity, a, b).in_u for a, b in itertools.pairwise(points)]
+    taken = [point for point in points if point.revision in independent]
+    years = np.array([dt.date.fromisoformat(point.effective_from).toordinal() / YEAR_DAYS for point in taken])
+    values = np.array([point.value for point in taken])
+    u = np.array([point.standard_uncertainty for point in taken])
+    return Series(
+        quantity, points, _change(quantity, points[0], points[-1]), max(map(abs, steps)), change.trend(years, values, u)
+    )
+
+
+def _change(quantity: Quantity, a: Point, b: Point) -> Change:
+    """Change from one determination to another."""
+    old, new = (Coefficient(quantity.name, point.value, quantity.unit, point.standard_uncertainty) for point in (a, b))
+    return difference.numbers((old,), (new,))[0]

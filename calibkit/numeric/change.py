@@ -1,0 +1,81 @@
+"""Whether numbers that were determined twice, or year after year, have changed: differences against their uncertainties."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+SIGNIFICANT = 2.0
+"""Standard uncertainties of a difference beyond which a number has moved."""
+CHANCE = math.erfc(SIGNIFICANT / math.sqrt(2.0))
+"""Share of normal differences beyond SIGNIFICANT when nothing has moved: 4.6 %."""
+DETERMINED = 1e-10
+"""Eigenvalue of a correlation matrix, relative to the largest, below which a direction is one that was not determined."""
+
+
+@dataclass(frozen=True, slots=True)
+class Joint:
+    """All coefficients of a model together: squared distance in standard uncertainties, its rank, chance of a larger one."""
+
+    distance2: float
+    rank: int
+    probability: float
+
+
+@dataclass(frozen=True, slots=True)
+class Trend:
+    """Straight line through determinations over years: value at the middle, slope a year with its uncertainty, scatter in u."""
+
+    middle_year: float
+    intercept: float
+    slope: float
+    standard_uncertainty: float
+    birge_ratio: float
+
+
+def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:
+    """Hotelling's distance of a difference [p] from zero under its covariance [p, p]; None where that is zero.
+
+    Coefficients that determine each other (an angle and its sine) count once: directions without variance are left
+    out, `rank` of them are kept. The probability is that of F with (rank, dof) degrees of freedom; an infinite dof
+    stands for a known covariance. Units cancel: the matrix is scaled to correlations first.
+    """
+    from scipy import special
+
+    u = np.sqrt(np.diag(covariance))
+    if u.size == 0 or not np.isfinite(covariance).all() or not (u > 0.0).all():
+        return None
+    values, vectors = np.linalg.eigh(covariance / np.outer(u, u))
+    kept = values > DETERMINED * values[-1]
+    rank = int(kept.sum())
+    distance2 = float(np.sum((vectors[:, kept].T @ (difference / u)) ** 2 / values[kept]))
+    known = math.isinf(dof)
+    chance = special.chdtrc(rank, distance2) if known else special.fdtrc(rank, dof, distance2 / rank)
+    return Joint(distance2, rank, float(chance))
+
+
+def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | None:
+    """Weighted straight line through values [n] at years [n]; None for fewer than three dates or a zero uncertainty.
+
+    The slope's uncertainty is multiplied by the Birge ratio where the values scatter more about the line than their
+    uncertainties say (Birge 1932); it is never made smaller.
+    """
+    if np.unique(years).size < 3 or not (standard_uncertainty > 0.0).all():
+        return None
+    weight = (standard_uncertainty.min() / standard_uncertainty) ** 2
+    middle, mean = float(np.average(years, weights=weight)), float(np.average(values, weights=weight))
+    centred = years - middle
+    spread = float(np.sum(weight * centred**2))
+    slope = float(np.sum(weight * centred * (values - mean))) / spread
+    left = (values - mean - slope * centred) / standard_uncertainty
+    birge = math.sqrt(float(np.sum(left**2)) / (values.size - 2))
+    u = float(standard_uncertainty.min()) / math.sqrt(spread)
+    return Trend(middle, mean, slope, u * max(birge, 1.0), birge)

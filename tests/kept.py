@@ -1,0 +1,74 @@
+"""Runs of a made-up unit for the tests of what is kept: one stage, one model, coefficients as the test states them."""
+
+import hashlib
+
+from calibkit import coefficients, store
+from calibkit.coefficients import Coefficient, Identity, Input, Model, Parameter, StageResult
+
+RECIPE = 'procedure = "rate_table"\n'
+
+
+def model(values, *, name="gyro_x", form="gyro-scale/1", covariance=None, dof=20, parameters=()):
+    """Model of `name → (value, unit, u)`; covariance diagonal where none is given."""
+    entries = tuple(Coefficient(key, *rest) for key, rest in values.items())
+    if covariance is None:
+        covariance = [[c.standard_uncertainty**2 if c is d else 0.0 for d in entries] for c in entries]
+    return Model(
+        name,
+        form,
+        entries,
+        tuple(map(tuple, covariance)),
+        dof,
+        0.1,
+        "1/s",
+        {"temp_case_degc": (20.0, 30.0)},
+        tuple(Parameter(*parameter) for parameter in parameters),
+    )
+
+
+def keep(
+    out,
+    *models,
+    serial="S-1",
+    date="2024-01-01",
+    logs=(),
+    accepted=True,
+    figures=(),
+    stage="gyro_scale",
+    procedure="rate_table",
+    recipe=RECIPE,
+):
+    """Commit a run of these models and return its folder; without `logs` its log is its own."""
+
+    def build(revision, superseded):
+        inputs = tuple(Input(f"{log}.csv", log, 10) for log in logs or (f"{serial}-log-{revision}",))
+        identity = Identity(serial, revision, date, "calibkit 0", "00", inputs)
+        result = StageResult(stage, tuple(models), tuple(Coefficient(*figure) for figure in figures))
+        record = coefficients.record(result, identity, superseded.get(stage, ""))
+        contents = {f"{stage}.json": coefficients.dumps(record).encode(), "report.txt": b"hello\n"}
+        return {"run.json": coefficients.seal(document(identity, contents)).encode(), **contents}
+
+    def document(identity, contents):
+        return {
+            "format": store.RUN_FORMAT,
+            "serial": serial,
+            "revision": identity.revision,
+            "procedure": procedure,
+            "effective_from": date,
+            "software": "calibkit 0",
+            "python": "3.11.7",
+            "libraries": {"numpy": "2.1"},
+            "recipe": {"name": "x.toml", "sha256": "00", "overrides": [], "text": recipe},
+            "inputs": [entry.identity() for entry in identity.inputs],
+            "excluded": [],
+            "type_b": [],
+            "accepted": accepted,
+            "acceptance": [],
+            "uncertainty": [],
+            "flags": [],
+            "files": [
+                {"name": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in contents.items()
+            ],
+        }
+
+    return store.commit(out, serial, build)

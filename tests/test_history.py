@@ -1,0 +1,422 @@
+"""Records over time: what moved and by how much of its uncertainty, which run holds when, whether the chain is whole."""
+
+import csv
+import io
+import json
+import math
+import shutil
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from calibkit import store
+from calibkit.errors import CoefficientError, UsageError
+from calibkit.history import difference, figure, said, timeline
+from calibkit.numeric import change
+from kept import keep, model
+
+
+def runs_of(tmp_path, *units):
+    """Load one run a unit of keyword arguments, all of one serial."""
+    return [store.load(keep(tmp_path, *unit.pop("models"), **unit)) for unit in units]
+
+
+def between(tmp_path, old, new, **unit):
+    """Difference of two runs of one model each."""
+    return difference.between(*runs_of(tmp_path, {"models": [old], **unit}, {"models": [new], **unit}))
+
+
+def test_a_difference_is_stated_in_units_and_in_its_standard_uncertainty(tmp_path):
+    """10.0 ± 0.3 and 10.9 ± 0.4 differ by 0.9, which is 1.8 u; 1.1 is 2.2 u and has moved."""
+    old = model({"K": (10.0, "1/deg", 0.3), "F0": (1.0, "1/s", 0.3)})
+    new = model({"K": (10.9, "1/deg", 0.4), "F0": (2.1, "1/s", 0.4)})
+    found = between(tmp_path, old, new)
+    K, F0 = found.models[0].changes
+    assert (K.verdict, F0.verdict) == ("held", "moved")
+    assert K.difference == pytest.approx(0.9, abs=1e-12)
+    assert K.standard_uncertainty == pytest.approx(0.5, abs=1e-12)
+    assert (K.in_u, F0.in_u) == (pytest.approx(1.8, abs=1e-12), pytest.approx(2.2, abs=1e-12))
+
+
+def test_the_other_way_round_only_the_sign_changes(tmp_path):
+    """`diff A B` and `diff B A` give opposite differences and the same verdicts."""
+    a, b = runs_of(
+        tmp_path,
+        {"models": [model({"K": (10.0, "1/deg", 0.3), "F0": (1.0, "1/s", 0.3)})]},
+        {"models": [model({"K": (10.9, "1/deg", 0.4), "F0": (2.1, "1/s", 0.4)})]},
+    )
+    there, back = difference.between(a, b), difference.between(b, a)
+    pairs = zip(there.models[0].changes, back.models[0].changes, strict=True)
+    assert all((x.difference, x.verdict) == (-y.difference, y.verdict) for x, y in pairs)
+
+
+def test_what_cannot_be_judged_is_not_judged(tmp_path):
+    """Without an uncertainty, in another unit, or in one run only, a number gets no 2 u verdict."""
+    old = model({"a": (1.0, "1", 0.0), "b": (1.0, "1", 0.1), "c": (1.0, "1", 0.1), "e": (5.0, "1", 0.0)})
+    new = model({"a": (2.0, "1", 0.0), "b": (9.0, "ppm", 0.1), "d": (1.0, "1", 0.1), "e": (5.0, "1", 0.0)})
+    found = between(tmp_path, old, new)
+    verdicts = {entry.name: entry.verdict for entry in found.models[0].changes}
+    expected = {"a": "no uncertainty", "b": "not comparable", "c": "gone", "e": "equal", "d": "appeared"}
+    assert verdicts == expected
+    assert found.models[0].joint is None
+    assert "no coefficient could be compared" in said.verdict(found)
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "note"),
+    [
+        ({"form": "gyro-scale/1"}, {"form": "polynomial/1"}, "form gyro-scale/1 became polynomial/1"),
+        (
+            {"form": "accel-q/1", "parameters": [("temperature", 25.0, "degC")]},
+            {"form": "accel-q/1", "parameters": [("temperature", 20.0, "degC")]},
+            "temperature 25 became 20",
+        ),
+        (
+            {"form": "fog-drift-rate/1", "parameters": [("interval", 10.0, "s")]},
+            {"form": "fog-drift-rate/1"},
+            "interval 10 became nan",
+        ),
+    ],
+)
+def test_another_equation_or_another_chosen_parameter_is_another_quantity(tmp_path, old, new, note):
+    """Coefficients of another form, or per another interval, are listed but not held against each other."""
+    values = {"K": (10.0, "1", 0.1), "L": (10.0, "1", 0.1)}
+    found = between(tmp_path, model(values, **old), model(values, **new))
+    assert note in found.models[0].notes[0]
+    assert found.count("not comparable") == 2
+    assert found.models[0].joint is None
+
+
+def test_a_scale_factor_at_another_temperature_says_so(tmp_path):
+    """K found half a degree warmer may differ by its temperature coefficient alone; a millidegree is not worth a word."""
+    at = [
+        model({"K": (10.0, "1", 0.1)}, parameters=[("temp_case", celsius, "degC")]) for celsius in (25.0, 25.5, 25.501)
+    ]
+    first, second, third = runs_of(tmp_path, *({"models": [entry]} for entry in at))
+    assert "measured at temp_case 25 and 25.5" in difference.between(first, second).models[0].notes[0]
+    assert difference.between(second, third).models[0].notes == ()
+
+
+def test_coefficients_that_hold_one_by_one_can_have_moved_together(tmp_path):
+    """Two coefficients correlated by 0.999 move by 1 u each in opposite senses: together that is far outside."""
+    covariance = [[1.0, 0.999], [0.999, 1.0]]
+    u = 1.0
+    old = model({"p0": (0.0, "1", u), "p1": (0.0, "1", u)}, covariance=covariance)
+    new = model({"p0": (1.4, "1", u), "p1": (-1.4, "1", u)}, covariance=covariance)
+    found = between(tmp_path, old, new)
+    assert found.count("held") == 2
+    assert found.models[0].joint.distance2 == pytest.approx(1960.0, rel=1e-9)  # 2 · 1.4² / (2 · (1 − 0.999))
+    assert found.models[0].joint.probability < 1e-9
+
+
+def test_the_chance_of_a_joint_distance_is_uniform_when_nothing_moved():
+    """Differences of two fits of one truth, each covariance estimated with 20 degrees of freedom: p is uniform (KS test)."""
+    generator = np.random.default_rng(3)
+    spread = np.array([[2.0, 0.0], [1.5, 0.2]])
+    truth = spread @ spread.T
+    chances = []
+    for _ in range(2000):
+        scale = generator.chisquare(20) / 20.0
+        drawn = spread @ generator.standard_normal(2)
+        chances.append(change.joint(drawn, truth * scale, 20.0).probability)
+    assert stats.kstest(chances, "uniform").pvalue > 0.01
+
+
+def test_coefficients_that_determine_each_other_count_once():
+    """An angle in degrees beside the same angle in radians adds no second piece of evidence."""
+    u = math.radians(1.0)
+    covariance = np.array([[1.0, u], [u, u * u]])
+    alone = change.joint(np.array([3.0]), np.array([[1.0]]), math.inf)
+    both = change.joint(np.array([3.0, 3.0 * u]), covariance, math.inf)
+    assert both.rank == 1
+    assert both.distance2 == pytest.approx(alone.distance2, rel=1e-9)
+    assert alone.probability == pytest.approx(2 * stats.norm.sf(3.0), rel=1e-9)
+
+
+@pytest.mark.parametrize("covariance", [[[0.0]], [[np.nan]], np.zeros((0, 0))])
+def test_a_covariance_that_says_nothing_gives_no_joint_distance(covariance):
+    """A zero, undefined or empty covariance gives no distance rather than an infinite one."""
+    matrix = np.array(covariance, dtype=float).reshape(len(covariance), len(covariance))
+    assert change.joint(np.ones(len(covariance)), matrix, 5.0) is None
+
+
+def test_how_many_would_move_by_chance_is_said(tmp_path):
+    """Of 200 coefficients that did not change about 4.6 % lie beyond 2 u, and the verdict says that number."""
+    generator = np.random.default_rng(8)
+    old, new = (
+        model({f"c{k}": (float(value), "1", 1.0) for k, value in enumerate(generator.standard_normal(200))})
+        for _ in range(2)
+    )
+    found = between(tmp_path, old, new)
+    assert 2 <= found.count("moved") <= 18  # 9.1 expected, three standard deviations
+    assert "9.1 would by chance" in said.verdict(found)
+
+
+def test_shared_logs_two_instruments_and_a_rejected_run_are_flagged(tmp_path):
+    """What keeps a difference from being a change of the instrument stands above the numbers."""
+    first = store.load(keep(tmp_path, model({"K": (1.0, "1", 0.1)}), logs=("aa", "bb")))
+    second = store.load(keep(tmp_path, model({"K": (1.0, "1", 0.1)}), logs=("bb", "cc"), accepted=False))
+    other = store.load(keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="S-2"))
+    flags = difference.between(first, second).flags
+    assert flags[0].startswith("1 of 3 logs are in both runs")
+    assert flags[1] == "S-1@r002 was not accepted"
+    assert difference.between(first, other).flags == ("two instruments: S-1 and S-2",)
+
+
+def test_recipes_that_differ_are_shown_line_by_line(tmp_path):
+    """The recipe's changed line stands in both columns, comments are left out."""
+    values = model({"K": (1.0, "1", 0.1)})
+    old, new = runs_of(
+        tmp_path,
+        {"models": [values], "recipe": "# one\norder = 2\nsame = 1\n"},
+        {"models": [values], "recipe": "# two\norder = 3\nsame = 1\n"},
+    )
+    settings = difference.between(old, new).settings
+    assert [(s.what, s.before, s.after) for s in settings] == [
+        ("recipe", "order = 2", ""),
+        ("recipe", "", "order = 3"),
+    ]
+
+
+@pytest.fixture
+def three_years(tmp_path):
+    """Return a folder with three runs of S-1, a year apart, K falling by 0.1 a year."""
+    for year, K in ((2022, 10.0), (2023, 9.9), (2024, 9.8)):
+        values = {"K": (K, "1/deg", 0.02), "F0": (1.0, "1/s", 0.1)}
+        keep(tmp_path, model(values), date=f"{year}-01-01", figures=[("N", 3.0 + K, "1", 0.1)])
+    return tmp_path
+
+
+@pytest.mark.parametrize(
+    ("date", "expected"),
+    [("2022-01-01", "r001"), ("2022-12-31", "r001"), ("2023-01-01", "r002"), ("2099-01-01", "r003")],
+)
+def test_a_serial_at_a_date_is_the_run_in_force_then(three_years, date, expected):
+    """The newest effective date that has come decides, on the day itself too, however the date is given."""
+    assert store.find("S-1", three_years, date).name == expected
+    assert store.find(f"S-1@{date}", three_years).name == expected
+
+
+def test_before_the_first_run_nothing_is_in_force(three_years):
+    """A date before the first effective date is refused with that date."""
+    with pytest.raises(UsageError, match="no accepted run that holds on 2021-12-31; the first holds from 2022-01-01"):
+        store.find("S-1", three_years, "2021-12-31")
+
+
+@pytest.mark.parametrize("run", ["S-1@r001", "S-1@2022-05-01"])
+def test_a_date_beside_a_single_run_is_refused(three_years, run):
+    """--date chooses among revisions: with one run named there is nothing to choose."""
+    with pytest.raises(UsageError, match="is one run"):
+        store.find(run, three_years, "2023-05-01")
+
+
+def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replaces(tmp_path):
+    """Of two runs of a day the newer holds; a run that was not accepted never does."""
+    values = model({"K": (1.0, "1", 0.1)})
+    for date, accepted in (("2022-01-01", True), ("2022-01-01", True), ("2023-01-01", False)):
+        keep(tmp_path, values, date=date, accepted=accepted)
+    assert store.find("S-1", tmp_path, "2024-01-01").name == "r002"
+    found = timeline.of("S-1", tmp_path)
+    assert [found.holds[n].since for n in (1, 2, 3)] == ["", "2022-01-01", ""]
+    assert "S-1@r003 was not accepted: it is never in force by date" in found.flags
+
+
+def test_a_revision_that_holds_from_before_the_one_it_supersedes_is_flagged(tmp_path):
+    """A back-dated revision does not silently take the place of the newer date."""
+    values = model({"K": (1.0, "1", 0.1)})
+    keep(tmp_path, values, date="2024-01-01")
+    keep(tmp_path, values, date="2023-01-01")
+    assert store.find("S-1", tmp_path, "2024-06-01").name == "r001"
+    assert any("S-1@r002 holds from 2023-01-01, before" in flag for flag in timeline.of("S-1", tmp_path).flags)
+
+
+def test_a_whole_chain_is_sound(three_years):
+    """Three fits in a row supersede each other, and each holds until the next."""
+    found = timeline.of("S-1", three_years)
+    assert found.sound
+    assert [(found.holds[n].since, found.holds[n].until) for n in (1, 2, 3)] == [
+        ("2022-01-01", "2023-01-01"),
+        ("2023-01-01", "2024-01-01"),
+        ("2024-01-01", ""),
+    ]
+
+
+def test_a_missing_revision_breaks_the_chain(three_years, calibkit):
+    """With r002 gone its place is named, what r003 supersedes cannot be checked, and the exit code is 4."""
+    shutil.rmtree(three_years / "S-1" / "r002")
+    found = timeline.of("S-1", three_years)
+    assert not found.sound
+    assert found.breaks[0] == "r002 is missing"
+    assert found.breaks[1].startswith("r003: what it supersedes cannot be checked")
+    outcome = calibkit("history", "S-1", "--runs", three_years)
+    assert outcome.code == 4
+    assert "chain broken: r002 is missing" in outcome.out
+
+
+def test_an_exchanged_revision_breaks_the_chain(three_years, tmp_path_factory):
+    """r001 replaced by another whole run of the same serial and number no longer is what r002 supersedes."""
+    other = keep(tmp_path_factory.mktemp("other"), model({"K": (7.0, "1/deg", 0.02)}), date="2022-01-01")
+    shutil.rmtree(three_years / "S-1" / "r001")
+    shutil.copytree(other, three_years / "S-1" / "r001")
+    (fault,) = timeline.of("S-1", three_years).breaks
+    assert fault.startswith("r002: gyro_scale supersedes")
+    assert "of r001" in fault
+
+
+def test_a_damaged_revision_is_named_and_the_others_are_still_listed(three_years, calibkit):
+    """One changed byte in r001: it is refused by name, r002 and r003 are shown, the exit code is 4."""
+    path = three_years / "S-1" / "r001" / "gyro_scale.json"
+    path.write_bytes(path.read_bytes().replace(b"10.0", b"10.1"))
+    outcome = calibkit("history", "S-1", "--runs", three_years, "--json")
+    assert outcome.code == 4
+    assert outcome.json["ok"] is False
+    assert [entry["revision"] for entry in outcome.json["revisions"]] == [2, 3]
+    assert "gyro_scale.json: not the file that run.json lists" in outcome.json["refused"][0]["reason"]
+
+
+def test_the_run_of_another_unit_under_a_serial_is_refused(three_years, calibkit):
+    """A whole run folder of S-2 moved in as S-1's newest revision is not used as S-1's coefficients."""
+    moved = keep(three_years, model({"K": (5.0, "1/deg", 0.02)}), serial="S-2")
+    moved.rename(three_years / "S-1" / "r004")
+    with pytest.raises(CoefficientError, match="says S-2 r1, expected S-1 r004"):
+        store.find("S-1", three_years)
+    assert calibkit("show", "S-1", "--runs", three_years).code == 4
+    assert not timeline.of("S-1", three_years).sound
+    with pytest.raises(CoefficientError, match="says S-2"):
+        keep(three_years, model({"K": (5.0, "1/deg", 0.02)}))
+
+
+def test_a_series_follows_a_quantity_with_its_slope(three_years):
+    """K falls by 0.1 a year: −0.1 within the length of a leap year, −0.2 in all, which is 7.1 u."""
+    found = timeline.of("S-1", three_years)
+    K = next(series for series in found.series if series.quantity.name == "K")
+    assert [point.value for point in K.points] == [10.0, 9.9, 9.8]
+    assert K.trend.slope == pytest.approx(-0.1, abs=2e-4)
+    assert K.overall.in_u == pytest.approx(-0.2 / math.hypot(0.02, 0.02), rel=1e-9)
+    assert K.largest_step == pytest.approx(0.1 / math.hypot(0.02, 0.02), rel=1e-9)
+    assert {series.quantity.name for series in found.series} == {"K", "F0"}
+    only = timeline.of("S-1", three_years, "gyro_scale.N").series
+    assert [series.quantity.name for series in only] == ["N"]
+    with pytest.raises(UsageError, match="no coefficient or figure of S-1 matches"):
+        timeline.of("S-1", three_years, "nothing.*")
+
+
+def test_the_slope_is_that_of_weighted_least_squares():
+    """Slope and uncertainty agree with numpy's weighted polynomial fit, the latter widened by scatter, never narrowed."""
+    years = np.array([2020.0, 2021.5, 2022.1, 2024.0])
+    u = np.array([0.1, 0.2, 0.1, 0.3])
+    values = np.array([1.0, 1.4, 1.3, 2.2])
+    for size in (0.01, 10.0):
+        found = change.trend(years, size * values, u)
+        coefficients, covariance = np.polyfit(years - 2022.0, size * values, 1, w=1 / u, cov="unscaled")
+        left = (size * values - np.polyval(coefficients, years - 2022.0)) / u
+        birge = math.sqrt(float(left @ left) / 2)
+        assert found.slope == pytest.approx(coefficients[0], rel=1e-9)
+        assert found.birge_ratio == pytest.approx(birge, rel=1e-9)
+        expected = math.sqrt(covariance[0, 0]) * max(1.0, birge)
+        assert found.standard_uncertainty == pytest.approx(expected, rel=1e-9)
+
+
+@pytest.mark.parametrize(
+    ("years", "u"), [([1.0, 2.0], [1.0, 1.0]), ([1.0, 1.0, 2.0], [1.0] * 3), ([1, 2, 3], [1, 0, 1])]
+)
+def test_no_slope_is_stated_from_two_dates_or_without_uncertainty(years, u):
+    """Two dates always lie on a line, and a determination without uncertainty has no weight."""
+    assert change.trend(np.array(years), np.zeros(len(years)), np.array(u)) is None
+
+
+def test_runs_that_share_logs_are_one_determination(tmp_path):
+    """A refit of the same logs is flagged and enters the slope once, as the newer run."""
+    for revision, K in enumerate((10.0, 9.9, 9.8, 9.7), start=1):
+        logs = ("same",) if revision in (2, 3) else (f"log{revision}",)
+        keep(tmp_path, model({"K": (K, "1/deg", 0.02)}), date=f"202{revision}-01-01", logs=logs)
+    found = timeline.of("S-1", tmp_path)
+    assert found.flags == (
+        "S-1@r003 was fitted to logs of S-1@r002 as well: one determination, not two; slopes take the newer",
+    )
+    years = np.array([2021.0, 2023.0, 2024.0])
+    slope = np.polyfit(years, [10.0, 9.8, 9.7], 1)[0]
+    assert found.series[0].trend.slope == pytest.approx(slope, rel=2e-3)
+
+
+def test_the_figure_is_a_picture_and_the_same_bytes_twice(three_years, calibkit, tmp_path):
+    """The figure of `history` is a PDF or PNG, the same for the same runs, and never over another file."""
+    found = timeline.of("S-1", three_years)
+    assert figure.render(found, ".png").startswith(b"\x89PNG")
+    assert figure.render(found, ".pdf") == figure.render(found, ".pdf")
+    out = tmp_path / "drift.pdf"
+    assert calibkit("history", "S-1", "--runs", three_years, "--figure", out).code == 0
+    assert out.read_bytes().startswith(b"%PDF")
+    assert calibkit("history", "S-1", "--runs", three_years, "--figure", out).code == 4
+    assert calibkit("history", "S-1", "--runs", three_years, "--figure", tmp_path / "drift.bmp").code == 2
+
+
+def test_a_single_run_has_a_history_without_series(tmp_path, calibkit):
+    """One revision is listed; a figure over time is refused."""
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
+    assert calibkit("history", "S-1", "--runs", tmp_path).code == 0
+    refused = calibkit("history", "S-1", "--runs", tmp_path, "--figure", tmp_path / "x.pdf")
+    assert refused.code == 2
+    assert "two revisions" in refused.err
+
+
+def test_csv_numbers_read_back_to_the_same_values(three_years, calibkit):
+    """show, diff and history print CSV whose numbers are the file's own, one line a number."""
+    shown = rows(calibkit("show", "S-1", "--runs", three_years, "--csv").out)
+    record = store.load(store.find("S-1", three_years)).records["gyro_scale.json"]
+    by_name = {row["name"]: row for row in shown}
+    assert {row["kind"] for row in shown} == {"coefficient", "figure"}
+    for entry in (*record.models[0].coefficients, *record.figures):
+        assert float(by_name[entry.name]["value"]) == entry.value
+        assert float(by_name[entry.name]["standard_uncertainty"]) == entry.standard_uncertainty
+    changed = rows(calibkit("diff", "S-1@r001", "S-1", "--runs", three_years, "--csv").out)
+    assert [(row["name"], row["verdict"]) for row in changed] == [("K", "moved"), ("F0", "held"), ("N", "held")]
+    followed = rows(calibkit("history", "S-1", "--runs", three_years, "--csv").out)
+    assert [float(row["value"]) for row in followed if row["name"] == "K"] == [10.0, 9.9, 9.8]
+
+
+def rows(text):
+    """Rows of a CSV text as dictionaries."""
+    return list(csv.DictReader(io.StringIO(text)))
+
+
+def test_json_of_a_difference_is_strict_and_complete(tmp_path, calibkit):
+    """No NaN in the document; what appeared has null where the older run has nothing; what moved is listed by name."""
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
+    keep(tmp_path, model({"K": (2.0, "1", 0.1), "L": (1.0, "1", 0.1)}))
+    outcome = calibkit("diff", "S-1@r001", "S-1@r002", "--runs", tmp_path, "--json")
+    document = json.loads(outcome.out, parse_constant=pytest.fail)
+    assert document["moved"] == [{"stage": "gyro_scale", "model": "gyro_x", "name": "K"}]
+    appeared = document["models"][0]["changes"][1]
+    assert (appeared["before"], appeared["after"], appeared["verdict"]) == (None, 1.0, "appeared")
+    assert (document["before"]["name"], document["after"]["name"]) == ("S-1@r001", "S-1@r002")
+
+
+def test_the_summaries_say_what_moved_in_words(three_years, calibkit):
+    """A person reads the same verdicts: moved coefficients are marked, the chain is spoken of."""
+    outcome = calibkit("diff", "S-1@r001", "S-1@r003", "--runs", three_years)
+    assert "1 of 2 coefficients moved by more than 2 u" in outcome.out
+    assert next(line for line in outcome.out.splitlines() if line.startswith(" K ")).rstrip().endswith("moved")
+    assert "each revision supersedes the one before" in calibkit("history", "S-1", "--runs", three_years).out
+
+
+@pytest.mark.parametrize("arguments", [("diff", "S-1", "S-1"), ("show", "S-1"), ("history", "S-1")])
+def test_two_formats_at_once_are_refused(three_years, calibkit, arguments):
+    """--csv and --json together are usage."""
+    assert calibkit(*arguments, "--runs", three_years, "--csv", "--json").code == 2
+
+
+def test_runs_of_different_procedures_are_not_compared(tmp_path, calibkit):
+    """A gyro and an accelerometer have nothing to be held against each other: exit code 2."""
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="S-2", procedure="accelerometer")
+    outcome = calibkit("diff", "S-1", "S-2", "--runs", tmp_path)
+    assert outcome.code == 2
+    assert "compare runs of one procedure" in outcome.err
+
+
+def test_a_serial_without_runs_has_no_history(tmp_path, calibkit):
+    """An unknown serial, or none at all, is usage."""
+    assert calibkit("history", "S-9", "--runs", tmp_path).code == 2
+    assert calibkit("history", "../S-9", "--runs", tmp_path).code == 2
