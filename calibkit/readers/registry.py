@@ -39,6 +39,7 @@ FORMATS: dict[str, Format] = {
     "hdf5": Format("HDF5", "hdf5", (b"\x89HDF\r\n\x1a\n",)),
     "parquet": Format("Apache Parquet", "parquet", (b"PAR1",)),
     "ulog": Format("PX4 ULog", "ulog", (b"ULog\x01\x12\x35",)),
+    "json": Format("JSON arrays or records", "json_arrays"),
     "chamber": Format("Vötsch/Weiss chamber replies ($01I)", "chamber"),
     "binary": Format("raw binary records described in the recipe", "binary"),
 }

@@ -34,7 +34,8 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one group of a TDMS file, or raise LogFormatError."""
     nptdms = optional.library("nptdms", "tdms", file)
     data = delimited.load(path, file)
-    logging.getLogger("nptdms").setLevel(logging.ERROR)  # what it warns of is refused here
+    for name in [name for name in logging.root.manager.loggerDict if name.startswith("nptdms")]:
+        logging.getLogger(name).setLevel(logging.ERROR)  # what it warns of is refused here
     with optional.damaged(file, "TDMS"), nptdms.TdmsFile.open(io.BytesIO(data)) as opened:
         if opened.file_status.incomplete_final_segment:
             raise LogFormatError(f"{file}: the last segment is not finished", hint="the recording was cut off")

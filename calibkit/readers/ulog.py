@@ -12,6 +12,7 @@ from __future__ import annotations
 import hashlib
 import io
 import struct
+from contextlib import redirect_stdout
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -39,12 +40,15 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     data = delimited.load(path, file)
     counted = _messages(data, file)
     with optional.damaged(file, "ULog"):
-        log = pyulog.ULog(io.BytesIO(data))
+        said = io.StringIO()
+        with redirect_stdout(said):  # pyulog prints what it finds wrong
+            log = pyulog.ULog(io.BytesIO(data))
         topic, how = _topic(log.data_list, file, logs.table)
         columns = {name: np.asarray(values, dtype=np.float64) for name, values in topic.data.items()}
         dropouts = [int(dropout.duration) for dropout in log.dropouts]
-        if log.file_corruption:
-            raise LogFormatError(f"{file}: the file is corrupt", hint="copy it again from the logger")
+        if log.file_corruption or said.getvalue().strip():
+            found = " ".join(said.getvalue().split())[:100] or "it is marked as corrupt"
+            raise LogFormatError(f"{file}: {found}", hint="copy it again from the logger")
     frame = arrays.vectors(columns, file, needed)
     if counted.get(topic.msg_id) != len(frame):
         raise LogFormatError(
@@ -52,8 +56,8 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             hint="the file is damaged; copy it again",
         )
     notes = (f"{len(dropouts)} dropouts of the logger, {sum(dropouts)} ms in all",) if dropouts else ()
-    said = (f"ULog, topic '{topic.name}:{topic.multi_id}', {len(frame)} rows", *how)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, notes, said, {"timestamp": "us"})
+    how = (f"ULog, topic '{topic.name}:{topic.multi_id}', {len(frame)} rows", *how)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, notes, how, {"timestamp": "us"})
 
 
 def _messages(data: bytes, file: str) -> dict[int, int]:

@@ -23,6 +23,7 @@ Format = Literal[
     "hdf5",
     "parquet",
     "ulog",
+    "json",
     "chamber",
     "binary",
 ]
@@ -137,7 +138,7 @@ class Logs(Table):
             raise ValueError("format = 'binary' and a table [logs.binary] go together")
         if self.text != TextSpec() and self.format not in TEXT_FORMATS:
             raise ValueError(f"[logs.text] says nothing about format = '{self.format}'")
-        if self.table and self.format not in {"auto", "tdms", "excel", "matlab", "hdf5", "ulog"}:
+        if self.table and self.format not in {"auto", "tdms", "excel", "matlab", "hdf5", "ulog", "json"}:
             raise ValueError(f"table = '{self.table}' says nothing about format = '{self.format}'")
         if self.names and self.format in {"csv", "binary", "tdms", "parquet", "ulog", "keysight"}:
             raise ValueError(f"names = [...] says nothing about format = '{self.format}': its columns have names")

@@ -1,0 +1,71 @@
+"""Reader of JSON logs: named lists of numbers, or a list of records.
+
+Format: UTF-8 JSON (RFC 8259), an object whose members are lists of numbers or lists of lists of numbers (a matrix, whose
+columns the recipe's [logs] names lists), nested in objects or not; or a list of objects with the same keys, one a row.
+[logs] table names the member. Uncertainty: numbers are converted to the nearest float64; null has no value.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.errors import LogFormatError
+from calibkit.readers import arrays, delimited
+from calibkit.readers import encoding as encodings
+from calibkit.readers.table import Table
+
+if TYPE_CHECKING:
+    from collections.abc import Collection
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from calibkit.recipe.logs import Logs
+
+
+def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read one member of a JSON log, or raise LogFormatError that names the line."""
+    data = delimited.load(path, file)
+    text, _ = encodings.decode(data, file, "utf-8")
+    try:
+        document = json.loads(text)
+    except (json.JSONDecodeError, RecursionError) as error:
+        place = f"{file}:{error.lineno}" if isinstance(error, json.JSONDecodeError) else file
+        raise LogFormatError(f"{place}: not JSON: {error}", hint="the file is cut off or damaged") from None
+    frame, how = arrays.frame(_found(document, "", file), file, logs, needed)
+    said = (f"JSON, {len(frame)} rows", *how)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said)
+
+
+def _found(value: Any, path: str, file: str) -> dict[str, NDArray[np.float64]]:  # noqa: ANN401 (any JSON value)
+    """Arrays of a JSON value by their paths."""
+    if isinstance(value, dict):
+        made: dict[str, NDArray[np.float64]] = {}
+        for name, member in value.items():
+            made |= _found(member, f"{path}/{name}".lstrip("/"), file)
+        return made
+    if not isinstance(value, list) or not value:
+        return {}
+    if isinstance(value[0], dict):
+        return _records(value, path, file)
+    try:
+        array = np.array(value, dtype=np.float64)
+    except (ValueError, TypeError):
+        return {}  # text, or rows of several lengths: no numbers that could be meant as columns
+    return {path or "rows": array}
+
+
+def _records(rows: list[Any], path: str, file: str) -> dict[str, NDArray[np.float64]]:
+    """Columns of a list of objects."""
+    keys = set(rows[0])
+    other = next((k for k, row in enumerate(rows) if not isinstance(row, dict) or set(row) != keys), None)
+    if other is not None:
+        raise LogFormatError(f"{file}: record {other + 1} has other keys than the first", hint="repair the log")
+    made: dict[str, NDArray[np.float64]] = {}
+    for key in rows[0]:
+        made |= _found([row[key] for row in rows], f"{path}/{key}".lstrip("/"), file)
+    return made
