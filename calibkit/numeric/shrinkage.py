@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
 
 import numpy as np
@@ -56,14 +57,15 @@ def noise(details: Array) -> float:
     return float(median) / MAD_OF_UNIT_NORMAL
 
 
-def noise_gains(scheme: Scheme, levels: int) -> Array:
+@lru_cache(maxsize=64)
+def noise_gains(scheme: Scheme, levels: int) -> tuple[float, ...]:
     """Standard deviation of the details of unit white noise at each level [levels]."""
     low, high = (_interleaved(even, odd) for even, odd in polyphase(scheme))
     gains, cascade = [], np.ones(1)
     for level in range(levels):
-        gains.append(float(np.linalg.norm(np.convolve(cascade, _upsampled(high, 1 << level)))))
-        cascade = np.convolve(cascade, _upsampled(low, 1 << level))
-    return np.array(gains)
+        gains.append(float(np.linalg.norm(_convolved(cascade, high, 1 << level))))
+        cascade = _convolved(cascade, low, 1 << level)
+    return tuple(gains)
 
 
 def _interleaved(even: Laurent, odd: Laurent) -> Array:
@@ -75,10 +77,11 @@ def _interleaved(even: Laurent, odd: Laurent) -> Array:
     return taps
 
 
-def _upsampled(taps: Array, factor: int) -> Array:
-    """Taps with factor − 1 zeros between them."""
-    out = np.zeros((taps.size - 1) * factor + 1)
-    out[::factor] = taps
+def _convolved(signal: Array, taps: Array, spacing: int) -> Array:
+    """Convolution with taps that stand `spacing` samples apart, by its few terms: the zeros between would cost the square."""
+    out = np.zeros(signal.size + (taps.size - 1) * spacing)
+    for k, tap in enumerate(taps):
+        out[k * spacing : k * spacing + signal.size] += tap * signal
     return out
 
 
