@@ -163,6 +163,18 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
     return tuple(reports)
 
 
+def init(folder: Path) -> str:
+    """Text of a commented recipe for the logs of a folder, with what check finds in the first of them."""
+    from calibkit.stages import examination, proposal
+
+    text = proposal.proposed(folder)
+    spec = recipe.parse(recipe.Source("proposed recipe", text))
+    report = examination.of(procedures.of(spec), spec, folder, ingest.find_logs(spec, folder)[0]).report
+    said = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
+    lines = [f"# check of {report.file}: {line}" for part in said for line in part.splitlines()]
+    return "\n".join(lines) + "\n" + text
+
+
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     """Recipe of a run as it was fitted, changed by what is said of the place of use; nothing is excluded from now on."""
     text = run.document["recipe"]

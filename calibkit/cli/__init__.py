@@ -96,6 +96,26 @@ def check(recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ..
 
 
 @cli.command()
+@click.option("--from", "folder", required=True, type=click.Path(path_type=Path), help="folder with the logs")
+@JSON
+def init(folder: Path, *, as_json: bool) -> int:
+    """Propose a recipe for the logs of a folder, on stdout.
+
+    \b
+    calibkit init --from logs > my_recipe.toml
+    calibkit init --from logs --json
+    """
+    from calibkit import pipeline
+
+    text = pipeline.init(folder)
+    if as_json:
+        _print_json({"ok": True, "recipe": text})
+    else:
+        click.echo(text, nl=False)
+    return 0
+
+
+@cli.command()
 @RUN
 @click.option("--data", required=True, type=click.Path(path_type=Path), help="one log")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="file to write")

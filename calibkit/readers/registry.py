@@ -83,14 +83,14 @@ def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> T
     if not described and (table := clean.read(path, file)) is not None:
         return table
     data = delimited.load(path, file)
-    found = signature(data[:32]) or _shown(data)
+    found = signature(data[:32]) or shown(data)
     if found:
         table = _reader(found).read(path, file, logs, needed)
         return replace(table, reading=(f"format = '{found}' (guessed)", *table.reading))
     return _text(data, file, logs, needed, described=described)
 
 
-def _shown(data: bytes) -> str:
+def shown(data: bytes) -> str:
     """A text format that shows in the first lines of a log."""
     head = data[:4096].replace(b"\0", b"")  # UTF-16 too
     first = head.splitlines()[0] if head.splitlines() else b""
