@@ -88,6 +88,13 @@ def _distinct(inputs: tuple[coefficients.Input, ...]) -> None:
         first[entry.sha256] = entry.name
 
 
+def _uncertainty(fitted: Fitted, spec: recipe.Recipe) -> list[Mapping[str, Any]]:
+    """Combined uncertainties that the procedure states, then those of what type B terms name beside them."""
+    stated = {entry["result"] for entry in fitted.uncertainty}
+    named = budget.of_results(fitted.results, spec.type_b)
+    return [*fitted.uncertainty, *(entry for entry in named if entry["result"] not in stated)]
+
+
 def _results(fitted: Fitted) -> set[str]:
     """Names of all that a fit found: figures, and coefficients by themselves and as model.coefficient."""
     names = {figure.name for result in fitted.results for figure in result.figures}
@@ -128,7 +135,7 @@ def _run_document(
         "type_b": type_b.dumps(spec.type_b),
         "accepted": fitted.summary.accepted,
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
-        "uncertainty": [*fitted.uncertainty, *budget.of_results(fitted.results, spec.type_b)],
+        "uncertainty": _uncertainty(fitted, spec),
         "flags": list(fitted.summary.flags),
         "files": [
             {"name": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in sorted(contents.items())

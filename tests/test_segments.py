@@ -81,3 +81,48 @@ def test_a_ramp_that_pauses_briefly_is_one_ramp():
         slope = segments.causal_slope(np.arange(air.size, dtype=float), air, 60.0)
         cut = segments.segments(slope, air, ramp_min=0.3, min_span=5.0, merge=60)
         assert sum(piece.kind == "ramp" for piece in cut) == expected
+
+
+def coarse_ramp(rate, step, phase=0.0):
+    """Time [s], air of one ramp of 60 °C between soaks with a compressor's cycling, read in coarse steps, and where it ends."""
+    time = np.arange(0.0, 1200.0 + 60.0 / rate * 60.0 + 1800.0)
+    air = 20.0 + np.clip((time - 600.0) * rate / 60.0, 0.0, 60.0) + 0.15 * np.sin(2.0 * np.pi * time / 90.0)
+    return time, np.round((air + phase) / step) * step, 600.0 + 60.0 / rate * 60.0
+
+
+@pytest.mark.parametrize("rate", [0.5, 1.0, 3.0, 5.0, 10.0])
+@pytest.mark.parametrize("step", [0.5, 1.0])
+@pytest.mark.parametrize("phase", [0.0, 0.3, 0.7])
+def test_a_thermometer_of_one_degree_gives_the_rate_of_a_ramp(rate, step, phase):
+    """One ramp is found, at the set rate within 5 % (1 % of slow ones in steps of 1 °C), and over within 5 minutes."""
+    time, air, end = coarse_ramp(rate, step, phase)
+    slope = segments.measured_slope(time, air, 60.0)
+    (ramp,) = [s for s in segments.segments(slope, air, ramp_min=0.3, min_span=5.0, merge=60) if s.kind == "ramp"]
+    slow = step == 1.0 and rate <= 1.0
+    assert ramp.rate == pytest.approx(rate, rel=0.01 if slow else 0.05)
+    assert 500.0 < ramp.start < 950.0
+    assert ramp.stop < end + 300.0
+
+
+def test_the_plain_window_biases_the_rate_of_a_coarse_thermometer():
+    """What the longer windows are for: over a minute, steps of 1 °C make 14 % too much of 1 °C/min."""
+    time, air, _ = coarse_ramp(1.0, 1.0, 0.3)
+    plain = segments.causal_slope(time, air, 60.0)[1000:4000]
+    assert np.median(plain) > 1.1
+    assert np.median(segments.measured_slope(time, air, 60.0)[1000:4000]) == pytest.approx(1.0, abs=0.01)
+
+
+def test_a_fine_thermometer_is_left_to_its_window():
+    """In steps of 0.1 °C nothing changes, bit by bit."""
+    time, air, _ = coarse_ramp(3.0, 0.1)
+    assert segments.quantum(air) == pytest.approx(0.1, abs=1e-9)
+    assert np.array_equal(segments.measured_slope(time, air, 60.0), segments.causal_slope(time, air, 60.0))
+
+
+def test_the_slope_of_a_coarse_thermometer_does_not_look_ahead():
+    """Two logs that are equal up to an instant have equal slopes there, as long as both read in the same steps."""
+    time, air, _ = coarse_ramp(1.0, 1.0)
+    changed = air.copy()
+    changed[2000:] += 7.0
+    before, after = (segments.measured_slope(time, values, 60.0)[:2000] for values in (air, changed))
+    assert after == pytest.approx(before, abs=1e-9)

@@ -35,6 +35,16 @@ def north_east_down(latitude_deg: ArrayLike) -> Array:
     return np.stack((north, np.zeros_like(north), -up), axis=-1)
 
 
+def along_axis(latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike = 0.0) -> Array:
+    """Earth's rate [°/h] along an axis at an elevation above the horizontal and an azimuth from north [°].
+
+    ω_e (sin α sin el + cos α cos el cos az): vertical_rate for an axis that points up.
+    """
+    el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
+    along = vertical_rate(latitude_deg) * np.sin(el) + horizontal_rate(latitude_deg) * np.cos(el) * np.cos(az)
+    return np.asarray(along, dtype=np.float64)
+
+
 def two_position(up: ArrayLike, down: ArrayLike) -> tuple[Array, Array]:
     """Vertical input rate and bias from means with the input axis up and down, in the unit of the means.
 

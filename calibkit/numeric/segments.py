@@ -14,6 +14,16 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 
+COARSE_DEGC_MIN = 0.3
+"""Rate [°C/min] that one step of a thermometer within the window may amount to: what tells a ramp from a soak."""
+FINEST_DEGC_MIN = 0.1
+"""Rate [°C/min] that one step of a coarse thermometer amounts to in the longest window."""
+MOVED = 4.0
+"""Steps of a coarse thermometer that a window must hold: the slope of a staircase of so many is right within 5 %."""
+UNSEEN_STEPS = 2.0
+"""Steps that cannot pass unseen since the last change of a reading, noise about the next one included."""
+
+
 @dataclass(frozen=True, slots=True)
 class Segment:
     """A held condition: rows start … stop − 1, its kind and its measured temperature rate [°C/min]."""
@@ -39,6 +49,45 @@ def causal_slope(time: Array, temperature: Array, window_s: float) -> Array:
     started = (count >= 3) & (time - time[first] >= window_s / 2.0) & (spread > 0.0)
     slope = (count * stv - st * sv) / np.where(started, spread, 1.0)
     return np.asarray(np.where(started, slope, 0.0), dtype=np.float64)
+
+
+def quantum(temperature: Array) -> float:
+    """Step [°C] in which a thermometer reads [n, °C]: the smallest difference of two readings; 0 where all are alike."""
+    levels = np.unique(np.round(temperature, 6))
+    return float(np.min(np.diff(levels))) if levels.size > 1 else 0.0
+
+
+def coarse(temperature: Array, window_s: float) -> bool:
+    """Whether a thermometer's steps show in slopes over a window: one of them is more than COARSE_DEGC_MIN."""
+    return quantum(temperature) * 60.0 / window_s > COARSE_DEGC_MIN
+
+
+def measured_slope(time: Array, temperature: Array, window_s: float) -> Array:
+    """Slope [n, °C/min] of a thermometer's readings [n, °C]: `causal_slope`, over longer windows where the steps are coarse.
+
+    Of windows of window_s and its doubles the first is taken in which the reading moved by MOVED steps, at most one in which a
+    step is FINEST_DEGC_MIN. A reading that has stood still for so long that the slope would have made
+    UNSEEN_STEPS steps of it has come to rest: its slope is 0. Only samples at or before an instant enter.
+    """
+    step = quantum(temperature)
+    if not coarse(temperature, window_s):
+        return causal_slope(time, temperature, window_s)
+    slope = np.zeros(time.size)
+    open_rows = np.ones(time.size, dtype=bool)
+    longest = step * 60.0 / FINEST_DEGC_MIN
+    window = window_s
+    while open_rows.any():
+        last = 2.0 * window > longest * (1.0 + 1e-9)
+        before = np.searchsorted(time, time - window * (1.0 + 1e-9), side="left")
+        moved = np.abs(temperature - temperature[before]) >= MOVED * step * (1.0 - 1e-9)
+        chosen = open_rows & (moved | last)
+        if chosen.any():
+            slope[chosen] = causal_slope(time, temperature, window)[chosen]
+        open_rows &= ~chosen
+        window *= 2.0
+    changed = np.concatenate([[0], np.flatnonzero(np.diff(temperature)) + 1])
+    since = time - time[changed[np.searchsorted(changed, np.arange(time.size), side="right") - 1]]
+    return np.where(np.abs(slope) * since > UNSEEN_STEPS * step * 60.0, 0.0, slope)
 
 
 def _window_sums(x: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> Array:

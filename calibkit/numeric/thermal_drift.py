@@ -71,7 +71,7 @@ def evaluate(
     """
     found = drivers(model, time, case, env)
     inside = clamped(found, model.valid, model.terms)
-    rest = _at_rest(model, reference_degc)
+    rest = at_rest(model, reference_degc)
     rows = raw_design(inside.drivers) - rest
     by_lag = [_by_lag(model, k, found, inside.drivers, (time, case, env)) for k in range(len(model.lags))]
     return Evaluation(
@@ -84,7 +84,7 @@ def evaluate(
     )
 
 
-def _at_rest(model: ThermalModel, reference_degc: float) -> Array:
+def at_rest(model: ThermalModel, reference_degc: float) -> Array:
     """Design row [1, 9] of rest at the reference temperature, clamped to the fitted range."""
     still = np.zeros(1)
     low, high = model.valid.temperature

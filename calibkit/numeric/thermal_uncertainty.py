@@ -145,8 +145,8 @@ class Hysteresis:
         return float(np.sqrt(max(excess, 0.0)))
 
 
-def hysteresis(model: ThermalModel, logs: Sequence[ThermalLog]) -> Hysteresis:
-    """Compare what a model leaves on heating and on cooling ramps at the same case temperature.
+def hysteresis(model: ThermalModel | None, logs: Sequence[ThermalLog]) -> Hysteresis:
+    """Compare what a model leaves (without one: the indication) on heating and on cooling ramps at the same case temperature.
 
     Each log's mean is taken off first, as its turn-on bias cannot be told from it: of the hysteresis its shape is shown, not
     a constant part. Raises FitError where no temperature was passed in both directions.
@@ -154,7 +154,9 @@ def hysteresis(model: ThermalModel, logs: Sequence[ThermalLog]) -> Hysteresis:
     heating: dict[int, list[float]] = {}
     cooling: dict[int, list[float]] = {}
     for log in logs:
-        left = log.indication - thermal_drift.evaluate(model, log.time, log.case, log.env).drift
+        left = log.indication
+        if model is not None:
+            left = left - thermal_drift.evaluate(model, log.time, log.case, log.env).drift
         rate = _smoothed(np.gradient(log.case, log.time)) * 60.0
         bins = np.floor(log.case / HYSTERESIS_BIN_DEGC).astype(np.int64)
         for cells, moving in ((heating, rate >= MOVING_DEGC_MIN), (cooling, rate <= -MOVING_DEGC_MIN)):

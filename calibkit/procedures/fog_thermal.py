@@ -17,6 +17,7 @@ from calibkit.report import fog_thermal as pages
 from calibkit.report.summary import Summary
 from calibkit.report.summary import text as plain
 from calibkit.stages import (
+    fog_bias,
     fog_compensate,
     fog_drift,
     fog_export,
@@ -49,10 +50,13 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     export = fog_export.decide(choices, levels, spec)
     model = export.model
     figures = [fog_compensate.figures_of(log.name, log.raw, model) for log in prepared]
+    rest, left = fog_bias.at_rest(model, prepared, spec), fog_bias.hysteresis(model, prepared)
+    exported = fog_export.result(export, choices, levels, figures, spec)
+    more = (*fog_bias.figures(rest), *fog_bias.hysteresis_figures(left))
     results = (
         fog_ramps.denoise_result(prepared),
         fog_drift.drift_result(ramps, spec.drift),
-        fog_export.result(export, choices, levels, figures, spec),
+        replace(exported, figures=(*exported.figures, *more), conditions=fog_bias.conditions(spec)),
     )
     flags = [flag for result in results[1:] for flag in result.flags]
     stated = fog_uncertainty.stated(model, prepared, spec.type_b)
@@ -60,9 +64,12 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     tested = fog_report.tested(choices, levels, export)
     criteria = _fit_criteria(spec, export, figures)
     summary = fog_report.summary(spec.title, figures, ramps, tested, stated, flags, criteria)
+    summary = replace(summary, tables=(*summary.tables, fog_bias.table(rest), *fog_bias.hysteresis_tables(left)))
     report = fog_report.drift_report(spec.title or spec.procedure, prepared, ramps, choices, tested, model)
+    report = replace(report, hysteresis=fog_report.hysteresis_view(left))
     sources = tuple(log.source for log in prepared)
-    return Fitted(results, sources, summary, report, tuple(fog_uncertainty.document(stated)))
+    uncertainties = (*fog_uncertainty.document(stated), *fog_bias.uncertainty(rest, spec))
+    return Fitted(results, sources, summary, report, uncertainties)
 
 
 def read(spec: FogThermalRecipe, data: Path, file: str) -> Log:

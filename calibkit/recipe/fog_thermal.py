@@ -5,7 +5,7 @@ from __future__ import annotations
 import difflib
 from typing import Annotated, Literal
 
-from pydantic import Field, field_validator
+from pydantic import Field, field_validator, model_validator
 
 from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
 
@@ -59,6 +59,21 @@ class Drift(Table):
     rates_degc_min: dict[str, float] = {}
 
 
+class InputAxis(Table):
+    """Where the gyro's input axis points in the chamber: elevation above the horizontal, azimuth from north [°]."""
+
+    elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    azimuth_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
+
+    @model_validator(mode="after")
+    def _azimuth_known(self) -> InputAxis:
+        if abs(self.elevation_deg) < 90.0 and self.azimuth_deg is None:
+            raise ValueError(
+                "azimuth_deg is needed for an axis that is not vertical: the earth's horizontal rate is seen"
+            )
+        return self
+
+
 class Output(Table):
     """What `apply` adds beside the compensated rate."""
 
@@ -82,5 +97,6 @@ class FogThermalRecipe(Recipe):
     segments: Segments = Segments()
     denoise: Denoise = Denoise()
     drift: Drift = Drift()
+    input_axis: InputAxis | None = None
     output: Output = Output()
     acceptance: Acceptance = Acceptance()

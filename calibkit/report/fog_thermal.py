@@ -68,6 +68,16 @@ class Tested:
 
 
 @dataclass(frozen=True, slots=True)
+class HysteresisView:
+    """Cooling less heating [m, °/h] of something, over case temperature [m, °C], with standard uncertainties [m]."""
+
+    name: str
+    temperature: Array
+    difference: Array
+    standard_uncertainty: Array
+
+
+@dataclass(frozen=True, slots=True)
 class DriftReport:
     """All that the figures show."""
 
@@ -77,6 +87,7 @@ class DriftReport:
     ramps: tuple[RampCoefficients, ...]
     curves: tuple[RateCurve, ...]
     tested: tuple[Tested, ...]
+    hysteresis: tuple[HysteresisView, ...] = ()
 
 
 def pages(report: DriftReport) -> list[Figure]:
@@ -148,7 +159,10 @@ def _tested(ax: Axes, tested: Sequence[Tested]) -> None:
 
 def residual_page(report: DriftReport) -> Figure:
     """What is left after compensation, mean of each log removed, against case temperature and against time."""
-    figure, axes = page(2, 1, title=f"{report.title}: residual after compensation, 100 s means")
+    rows = 3 if report.hysteresis else 2
+    figure, axes = page(
+        rows, 1, title=f"{report.title}: residual after compensation, 100 s means", height=2.8 * rows + 2.0
+    )
     group = max(1, round(100.0 / report.interval_s))
     for log in report.logs:
         left = _means(log.compensated - log.compensated.mean(), group)
@@ -157,7 +171,23 @@ def residual_page(report: DriftReport) -> Figure:
         axes[1].plot(_means(log.time, group) / 60.0, left, color=colour, lw=0.9, alpha=0.8)
     axes[0].set(xlabel="case temperature [°C]", ylabel="residual [°/h]", title="red: heating, blue: cooling")
     axes[1].set(xlabel="time [min]", ylabel="residual [°/h]")
+    if report.hysteresis:
+        _hysteresis(axes[2], report.hysteresis)
     return figure
+
+
+def _hysteresis(ax: Axes, views: Sequence[HysteresisView]) -> None:
+    """Cooling less heating at the same case temperature, with error bars (k = 2)."""
+    for view, colour in zip(views, (RAW, DENOISED), strict=False):
+        bars = 2.0 * view.standard_uncertainty
+        ax.errorbar(view.temperature, view.difference, bars, fmt="o", ms=4, capsize=3, color=colour, label=view.name)
+    ax.legend(loc="best")
+    ax.axhline(0.0, color=MUTED, lw=0.6)
+    ax.set(
+        xlabel="case temperature [°C]",
+        ylabel="cooling − heating [°/h]",
+        title="hysteresis: bars k = 2",
+    )
 
 
 def _means(values: Array, group: int) -> Array:

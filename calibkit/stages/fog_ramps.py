@@ -24,6 +24,8 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+LONGER_WINDOWS = 3
+"""How often the window of the slope is doubled where a log moves and shows no ramp: a chamber that climbs in small steps."""
 LEAST_LEAD_DEGC = 2.0
 """Growth of the case's lead over the air [°C] that self-heating and noisy thermometers do not reach."""
 COLUMNS = ("time_s", "temp_case_degc", "temp_env_degc", "gyro_dph")
@@ -115,11 +117,21 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
         thermal_fit.thermal_log(log.name, time, case, env, gyro, recipe.drift.interval_s, _part(cuts, time.size)),
         _ramps(log, cuts, index, env),
         noise,
-        tuple(f"{log.file}: {note}" for note in (*log.notes, *flags))
+        tuple(f"{log.file}: {note}" for note in (*log.notes, *flags, *_coarse(case, env, recipe)))
         + tuple(str(finding) for finding in found if finding.flagged),
     )
     leading(prepared)
     return prepared
+
+
+def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
+    """Words on thermometers that read in coarse steps."""
+    window = recipe.segments.slope_window_s
+    return [
+        f"{column} is read in steps of {segments.quantum(values):g} °C: its rate is taken over as many minutes as that needs"
+        for column, values in (("temp_case_degc", case), ("temp_env_degc", env))
+        if segments.coarse(values, window)
+    ]
 
 
 def _part(cuts: Sequence[segments.Segment], rows: int) -> NDArray[np.int64]:
@@ -133,23 +145,39 @@ def _part(cuts: Sequence[segments.Segment], rows: int) -> NDArray[np.int64]:
 def cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
     """Segments of a log and the causal slope [°C/min] of its chamber air; a rate given in the recipe replaces both.
 
-    Segments that the recipe pins replace those found.
+    Segments that the recipe pins replace those found. A chamber that climbs in steps of a degree, each held for minutes,
+    shows its rate over some steps only: where a log moves and no ramp is found, the window is doubled up to LONGER_WINDOWS
+    times.
     """
     time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
     given = recipe.drift.rates_degc_min.get(log.name)
     if given is not None:
         return [segments.Segment("ramp", 0, time.size, given)], np.full(time.size, given)
-    slope = segments.causal_slope(time, env, recipe.segments.slope_window_s)
     pinned = pins.rows(log, recipe, ["soak", "ramp"])
     if pinned is not None:
         ramps = [
             (a, b) for (a, b), kind in zip(pinned.tolist(), pins.kinds(log, recipe), strict=True) if kind == "ramp"
         ]
+        slope = segments.measured_slope(time, env, recipe.segments.slope_window_s)
         return segments.pinned(time, env, slope, ramps), slope
+    return _found(time, env, recipe)
+
+
+def _found(time: Array, env: Array, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
+    """Segments that the chamber air shows, and its slope."""
     step = float(np.median(np.diff(time)))
-    merge = round(recipe.segments.slope_window_s / step)
-    limits = {"ramp_min": recipe.segments.ramp_min_degc_min, "min_span": recipe.segments.ramp_min_span_degc}
-    return segments.segments(slope, env, **limits, merge=merge), slope
+    spec = recipe.segments
+    limits = {"ramp_min": spec.ramp_min_degc_min, "min_span": spec.ramp_min_span_degc}
+    first: tuple[list[segments.Segment], Array] | None = None
+    for doubled in range(LONGER_WINDOWS + 1):
+        window = spec.slope_window_s * 2.0**doubled
+        slope = segments.measured_slope(time, env, window)
+        cuts = segments.segments(slope, env, **limits, merge=round(window / step))
+        if any(segment.kind == "ramp" for segment in cuts) or np.ptp(env) < spec.ramp_min_span_degc:
+            return cuts, slope
+        first = first or (cuts, slope)
+    assert first is not None  # noqa: S101 (the loop runs at least once)
+    return first
 
 
 def examine(log: Log, recipe: FogThermalRecipe) -> Examined:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.numeric import drift
-from calibkit.report.fog_thermal import DriftLog, DriftReport, RampCoefficients, RateCurve, Tested
+from calibkit.report.fog_thermal import DriftLog, DriftReport, HysteresisView, RampCoefficients, RateCurve, Tested
 from calibkit.report.summary import Summary, SummaryTable, number
 from calibkit.stages import fog_uncertainty
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Criterion
     from calibkit.frame import Log
     from calibkit.numeric.thermal_choice import ThermalChoice
+    from calibkit.stages.fog_bias import BothWays
     from calibkit.stages.fog_compensate import DriftModel, LogFigures
     from calibkit.stages.fog_drift import FittedRamp, SideChoice
     from calibkit.stages.fog_export import Export
@@ -52,6 +53,16 @@ def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
         log.raw.indication,
         log.denoised.indication,
         model.output(model.along(log.raw), log.raw.indication, "recursive"),
+    )
+
+
+def hysteresis_view(found: BothWays | None) -> tuple[HysteresisView, ...]:
+    """What the figures show of the hysteresis: of the indication, and of what the model leaves."""
+    sides = () if found is None else (("indication", found.before), ("left by the model", found.after))
+    return tuple(
+        HysteresisView(name, side.temperature, side.difference, side.standard_uncertainty)
+        for name, side in sides
+        if side is not None
     )
 
 

@@ -1,0 +1,134 @@
+"""The mean rate of a gyro told into the earth's part and the bias, turn-on biases, and hysteresis, in a run of fog_thermal."""
+
+import json
+
+import numpy as np
+import pytest
+
+from calibkit import recipe
+from calibkit.errors import RecipeError
+from calibkit.numeric import earth
+
+PLACE = ("--set", "site.latitude_deg=34.2", "--set", "input_axis.elevation_deg=90.0")
+LATITUDE = '\n[[type_b]]\nname = "map"\nquantity = "latitude_deg"\nunit = "deg"\nstandard_uncertainty = 0.5\n'
+
+
+@pytest.fixture(scope="module")
+def run(campaign, tmp_path_factory):
+    """Return the folder of a run with the site and the axis given, and the latitude uncertain by 0.5°."""
+    from calibkit import pipeline
+    from calibkit.procedures import silent
+
+    out = tmp_path_factory.mktemp("runs")
+    source = recipe.Source("mine.toml", recipe.find("fog_thermal").text + LATITUDE, (PLACE[1], PLACE[3]))
+    return pipeline.fit(source, campaign, "F", out, "2026-11-21", silent).folder
+
+
+def figures(folder):
+    """Figures of drift_rate.json by name, and the file."""
+    document = json.loads((folder / "drift_rate.json").read_text(encoding="utf-8"))
+    return {figure["name"]: figure for figure in document["figures"]}, document
+
+
+def truth(campaign):
+    """Truth of the campaign."""
+    return json.loads((campaign / "truth.json").read_text(encoding="utf-8"))
+
+
+@pytest.mark.parametrize(
+    ("elevation", "azimuth", "rate"),
+    [
+        (90.0, 0.0, 15.041067 * np.sin(np.radians(34.0))),
+        (-90.0, 77.0, -15.041067 * np.sin(np.radians(34.0))),
+        (0.0, 0.0, 15.041067 * np.cos(np.radians(34.0))),
+        (0.0, 90.0, 0.0),
+        (34.0, 0.0, 15.041067),
+    ],
+)
+def test_an_axis_sees_its_part_of_the_earth(elevation, azimuth, rate):
+    """At 34°: up, down, north, east, and along the polar axis, to 1e-12 °/h."""
+    assert float(earth.along_axis(34.0, elevation, azimuth)) == pytest.approx(rate, abs=1e-9 if rate else 1e-12)
+
+
+def test_the_earth_is_told_from_the_bias_where_place_and_axis_are_given(run, campaign):
+    """Mean rate less 8.454 °/h is the gyro's own bias within three standard uncertainties; both stand as conditions."""
+    found, document = figures(run)
+    gyro = truth(campaign)["gyro"]
+    assert found["earth_rate_along_input_axis"]["value"] == pytest.approx(gyro["input_rate_dph"], abs=1e-6)
+    bias = found["bias_at_reference"]
+    assert abs(bias["value"] - gyro["bias_dph"]) < 3.0 * bias["standard_uncertainty"] < 0.06
+    assert {c["name"]: c["value"] for c in document["conditions"]} == {"latitude": 34.2, "input_axis_elevation": 90.0}
+
+
+def test_without_them_the_bias_is_not_stated(calibkit, campaign, tmp_path):
+    """The mean rate is there, the bias is not, and the report says what is missing."""
+    outcome = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path)
+    assert outcome.code == 0
+    found, _ = figures(tmp_path / "F/r001")
+    assert "mean_rate_at_reference" in found
+    assert "bias_at_reference" not in found
+    assert "not known without [site] latitude_deg" in outcome.out
+
+
+def test_an_uncertain_latitude_makes_the_bias_uncertain(run):
+    """0.5° at 34.2° are 0.5 π/180 · 15.04 cos 34.2° = 0.109 °/h, combined with type A."""
+    document = json.loads((run / "run.json").read_text(encoding="utf-8"))
+    (entry,) = [e for e in document["uncertainty"] if e["result"] == "drift_rate: bias_at_reference"]
+    parts = {part["name"]: part["standard_uncertainty"] for part in entry["components"]}
+    assert parts["map"] == pytest.approx(0.5 * np.pi / 180.0 * 15.041067 * np.cos(np.radians(34.2)), rel=1e-3)
+    assert entry["standard_uncertainty"] == pytest.approx(np.hypot(parts["map"], parts["type A"]), rel=1e-12)
+
+
+def test_an_axis_that_is_not_vertical_needs_its_azimuth():
+    """A horizontal axis sees the earth by its azimuth: without it the recipe is refused."""
+    with pytest.raises(RecipeError, match="azimuth_deg is needed"):
+        recipe.parse(recipe.find("fog_thermal", ("input_axis.elevation_deg=0.0",)))
+
+
+def test_turn_on_biases_are_those_of_the_simulated_logs(run, campaign):
+    """Against their mean, within 0.03 °/h: flicker over an hour is 0.01 °/h."""
+    found, _ = figures(run)
+    true = {
+        name.removesuffix(".csv"): log["turn_on_dph"]
+        for name, log in truth(campaign)["logs"].items()
+        if not name.startswith("withheld/")
+    }
+    mean = np.mean(list(true.values()))
+    for name, value in true.items():
+        assert found[f"turn_on_bias.{name}"]["value"] == pytest.approx(value - mean, abs=0.03)
+
+
+def test_hysteresis_is_shown_in_file_and_report_before_and_after(run):
+    """Cooling less heating of the indication is 0.1 °/h and more, the model leaves less than a third of it beyond noise."""
+    found, _ = figures(run)
+    assert found["hysteresis_before_rms"]["value"] > 0.1
+    assert found["hysteresis_rms"]["value"] < found["hysteresis_before_rms"]["value"] / 3.0
+    assert sum(name.startswith("hysteresis_at_") for name in found) > 10
+    constant = found["turn_on_bias_cooling_less_heating"]
+    assert abs(constant["value"]) < 4.0 * constant["standard_uncertainty"]
+    assert "Hysteresis: cooling less heating" in (run / "report.txt").read_text(encoding="utf-8")
+
+
+def test_hysteresis_that_no_model_follows_is_left_and_shown(log_writer, calibkit, tmp_path):
+    """A triangle of ±0.2 °/h, up when heating and down when cooling, in logs that go both ways: before 0.35 °/h at 22.5 °C."""
+    rng = np.random.default_rng(4)
+    for rate in (2.0, 4.0, 6.0):
+        half = 80.0 / rate * 60.0
+        time = np.arange(0.0, 1200.0 + 2.0 * half + 1200.0)
+        air = np.interp(time, [600.0, 600.0 + half, 1200.0 + half, 1200.0 + 2.0 * half], [-20.0, 60.0, 60.0, -20.0])
+        case = np.convolve(np.pad(air, (299, 0), mode="edge"), np.full(300, 1.0 / 300.0), mode="valid")
+        side = np.where(time < 900.0 + half, -1.0, 1.0)
+        bump = 0.2 * side * np.clip(1.0 - np.abs(case - 20.0) / 20.0, 0.0, None)
+        log_writer(
+            tmp_path / f"d/both_{rate:g}.csv",
+            time_s=time,
+            temp_case_degc=case + rng.normal(0.0, 0.02, time.size),
+            temp_env_degc=air + rng.normal(0.0, 0.02, time.size),
+            gyro_dph=8.0 + 0.02 * case + bump + rng.normal(0.0, 0.3, time.size),
+        )
+    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "d", "--serial", "H", "--out", tmp_path)
+    assert outcome.code in (0, 1), outcome.err
+    found, _ = figures(tmp_path / "H/r001")
+    before, left = (found[f"hysteresis{side}_at_22.5_degc"] for side in ("_before", ""))
+    assert before["value"] == pytest.approx(0.4 * (1.0 - 2.5 / 20.0), abs=0.05)
+    assert 4.0 * left["standard_uncertainty"] < left["value"] < before["value"]
