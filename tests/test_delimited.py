@@ -36,6 +36,7 @@ def read(tmp_path, content):
         (b"1,2\n3,4\n", "numbers where the column names should be"),
         (b"a,b\n1,2\xff\n", "x.csv:2: byte 0xff is not UTF-8"),
         (b"a,b\n1,\x002\n", "x.csv:2: a NUL byte"),
+        (b"a,b\n1,2\n3,\r4\n", "x.csv:3: a carriage return inside the line"),
         (b"a,b\n1.00,2.00\n1.00,3.00\n1.00,2.0", "x.csv:4: the last number '2.0' has 1 decimals and no line end"),
     ],
 )

@@ -105,6 +105,11 @@ def split(data: bytes, file: str) -> tuple[list[str], bytes]:
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
         raise LogFormatError(f"{file}:{line}: a NUL byte in text", hint="the copy is damaged; copy the log again")
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n")
+    if b"\r" in text:
+        line = text.count(b"\n", 0, text.index(b"\r")) + 1
+        raise LogFormatError(
+            f"{file}:{line}: a carriage return inside the line", hint="the copy is damaged; copy the log again"
+        )
     first, _, body = text.partition(b"\n")
     header = [name.strip() for name in first.decode().split(",")]
     _check_header(header, file)

@@ -166,15 +166,24 @@ def _timed(
     keep = [k for k in range(len(names)) if k not in at]
     time = rows[:, 0]
     if np.isnan(time).all():
-        starts, steps = (
-            [float(e.replace(",", ".")) for e in header.get(key, []) if e.strip()] for key in ("X0", "Delta_X")
-        )
+        starts, steps = (_header_numbers(header.get(key, []), key, file, line) for key in ("X0", "Delta_X"))
         if len(set(starts)) != 1 or len(set(steps)) != 1:
             raise LogFormatError(
                 f"{file}:{line}: no X column, and no single X0 and Delta_X", hint="save with an X column"
             )
         time = starts[0] + units.scaled(np.arange(len(rows), dtype=np.float64), steps[0])
     return np.column_stack([time, rows[:, keep]]), [TIME, *(names[k] for k in keep)]
+
+
+def _header_numbers(fields: Sequence[str], key: str, file: str, line: int) -> list[float]:
+    """Numbers of a line of a segment's header."""
+    try:
+        return [float(field.replace(",", ".")) for field in fields if field.strip()]
+    except ValueError:
+        raise LogFormatError(
+            f"{file}:{line}: {key} in the header above: found '{' '.join(fields)[:60]}', expected numbers",
+            hint="the file is damaged; copy it again",
+        ) from None
 
 
 def _refuse_cut(content: str, width: int, last: str, separator: str, file: str) -> None:

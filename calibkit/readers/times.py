@@ -29,8 +29,8 @@ EXCEL, ELAPSED, DECIMAL = "excel", "elapsed", "decimal"
 """Formats that are words: spreadsheet days, h:m:s since the start, decimal seconds."""
 EITHER = "%?"
 """Stands for day and month in an order that is not known yet."""
-SPREADSHEET_EPOCH_DAYS = 25569
-"""Days from 1899-12-30 to 1970-01-01."""
+FIRST_YEAR, LAST_YEAR = 1678, 2261
+"""Years that nanoseconds in 64 bits reach; a time of day alone counts from 1900."""
 
 _TIME = re.compile(
     r"(?P<h>\d{1,3}):(?P<m>\d{2})(?::(?P<s>\d{2})(?:(?P<mark>[.,:])(?P<f>\d{1,9}))?)?"
@@ -158,9 +158,10 @@ def _instants(texts: pd.Series, missing: NDArray[np.bool_], form: str, place: st
     if wrong.any() and "%f" in form:
         shorter = re.sub(r"[.,:]%f", "", form)
         again = pd.to_datetime(texts[wrong], format=shorter, errors="coerce", utc="%z" in form)
-        found = found.astype("datetime64[ns]" if "%z" not in form else "datetime64[ns, UTC]").copy()
         found[wrong] = again.astype(found.dtype)
         wrong = found.isna().to_numpy() & ~missing
+    years = found.dt.year.to_numpy()
+    wrong |= (years < FIRST_YEAR) | (years > LAST_YEAR)
     if wrong.any():
         row = int(np.flatnonzero(wrong)[0])
         file, _, column = place.partition(": ")
