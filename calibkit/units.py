@@ -211,7 +211,8 @@ _BEHIND = re.compile(r".*?(?:\s*[,，:：]\s*|\s+/\s+|\s+in\s+)(\S.*)$")
 def of_text(text: str) -> str:
     """Unit of a text that is nothing but a unit, with or without brackets, or "" where it is none of the table's."""
     text = text.strip()
-    for candidate in (text, text.strip("()（）[]<>{} "), text.lower(), text.strip("()（）[]<>{} ").lower()):
+    inner = text[1:-1].strip() if text[:1] + text[-1:] in {"()", "（）", "[]", "<>", "{}"} else text
+    for candidate in (text, inner, text.lower(), inner.lower()):
         unit = ALIASES.get(candidate, candidate)
         if unit in TABLE and (unit != "1" or candidate in ALIASES):
             return unit

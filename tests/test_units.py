@@ -63,3 +63,117 @@ def test_an_unknown_unit_is_answered_with_the_closest_one():
 def test_the_last_word_of_a_column_is_its_unit(column, unit):
     """A column's unit is read from its name, a gyro's counts being per second."""
     assert units.column_unit(column) == unit
+
+
+PINT = {
+    "us": "microsecond",
+    "d": "day",
+    "degC": "degC",
+    "degF": "degF",
+    "K": "kelvin",
+    "deg/h": "degree/hour",
+    "deg/s": "degree/second",
+    "deg/min": "degree/minute",
+    "mdeg/s": "millidegree/second",
+    "mdeg/h": "millidegree/hour",
+    "mrad/s": "milliradian/second",
+    "urad/s": "microradian/second",
+    "rad/h": "radian/hour",
+    "arcsec/s": "arcsecond/second",
+    "rpm": "revolution/minute",
+    "mdeg": "millidegree",
+    "mrad": "milliradian",
+    "urad": "microradian",
+    "arcmin": "arcminute",
+    "arcsec": "arcsecond",
+    "rev": "revolution",
+    "mm/s^2": "millimeter/second**2",
+    "cm/s^2": "centimeter/second**2",
+    "m/s^2": "meter/second**2",
+    "1/ms": "1/millisecond",
+    "1/min": "1/minute",
+    "1/h": "1/hour",
+    "1/s": "1/second",
+    "1": "dimensionless",
+    "g": "standard_gravity",
+    "mg": "millistandard_gravity",
+    "ug": "microstandard_gravity",
+    "mV": "millivolt",
+    "uV": "microvolt",
+    "mA": "milliampere",
+}
+"""Units whose spelling is ours → the same unit in pint's words; the others are spelled alike."""
+ALONE = {"1/sample"}
+"""Units of this field that no library knows."""
+
+
+@pytest.fixture(scope="module")
+def pint_registry():
+    """Return pint's own definitions."""
+    pint = pytest.importorskip("pint")
+    return pint.UnitRegistry()
+
+
+@pytest.mark.parametrize("name", sorted(set(units.TABLE) - ALONE))
+def test_every_unit_converts_as_pint_defines_it(name, pint_registry):
+    """Each unit to the base of its dimension, to 1e-14 relative; offsets of temperatures to 1e-12 °C."""
+    base = next(other for other, unit in units.TABLE.items() if unit.dimension == units.TABLE[name].dimension)
+    values = np.array([-40.0, 0.0, 1.0, 3.7, 98.6, 12345.678])
+    theirs = pint_registry.Quantity(values, PINT.get(name, name)).to(PINT.get(base, base)).magnitude
+    np.testing.assert_allclose(units.convert(values, name, base), theirs, rtol=1e-14, atol=1e-12)
+
+
+@pytest.mark.parametrize("alias", units.ALIASES)
+def test_every_alias_is_a_unit_of_the_table(alias):
+    """An alias leads to a unit, is none itself, and is understood in brackets."""
+    assert units.ALIASES[alias] in units.TABLE
+    assert alias not in units.TABLE
+    assert units.of_text(f"[{alias}]") == units.ALIASES[alias]
+
+
+@pytest.mark.parametrize(
+    ("header", "unit"),
+    [
+        ("gyro (deg/h)", "deg/h"),
+        ("温度(℃)", "degC"),
+        ("壳体温度（摄氏度）", "degC"),
+        ("陀螺输出(°/h)", "deg/h"),
+        ("陀螺输出((°)/h)", "deg/h"),
+        ("Drehrate [°/s]", "deg/s"),
+        ("T / °C", "degC"),
+        ("Zeit, s", "s"),
+        ("Temperatur °C", "degC"),
+        ("Chan 101 (VDC)", "V"),
+        ("101 <Case> (C)", "degC"),
+        ("角速度(度/秒)", "deg/s"),
+        ("acc (m/s²)", "m/s^2"),
+        ("脉冲(个)", "1"),
+        ("time_s", ""),
+        ("pressure (hPa)", ""),
+        ("run (second)", "s"),
+        ("gyro (left)", ""),
+        ("accel g", ""),
+        ("a/b", ""),
+    ],
+)
+def test_a_header_states_its_unit(header, unit):
+    """Brackets, commas, lone slashes and last words that can be nothing else; anything else states none."""
+    assert units.of_header(header) == unit
+
+
+def test_a_decimal_scale_means_its_digits():
+    """Counts of 0.0001 are the float64 nearest to the product; a plain multiplication misses some."""
+    counts = np.arange(100_000.0)
+    exact = np.array([float(f"{count}e-4") for count in range(100_000)])
+    assert np.array_equal(units.scaled(counts, 1e-4), exact)
+    assert not np.array_equal(counts * 1e-4, exact)
+    assert np.array_equal(units.scaled(counts, -2.5), counts * -2.5)
+    assert np.array_equal(units.scaled(counts, np.pi * 1e-30), counts * (np.pi * 1e-30))
+
+
+def test_whole_milliseconds_are_the_nearest_seconds():
+    """12345 ms is 12.345 s as it is written, for every whole number of milliseconds."""
+    counts = np.arange(100_000.0)
+    assert np.array_equal(
+        units.convert(counts, "ms", "s"), np.array([float(f"{count}e-3") for count in range(100_000)])
+    )

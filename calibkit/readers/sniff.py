@@ -163,6 +163,8 @@ def _read_as(lines: Sequence[str], delimiter: str, spec: TextSpec, names: Sequen
     if first is None or first >= len(cut):
         return None
     rows = tuple(fields for fields in cut[first:] if fields != ("",))
+    if not rows:
+        return None
     whole = [fields for fields in rows if len(fields) == width]
     known = [tokens.recognised(field) for fields in whole[:100] for field in fields]
     fits = len(whole) / len(rows)

@@ -1,0 +1,183 @@
+"""Units, signs, clocks and counters at the door: what comes out, what is said, what is refused."""
+
+import numpy as np
+import pytest
+
+from calibkit import recipe
+from calibkit.errors import CalibkitError, FrameError, LogFormatError
+from calibkit.stages import ingest
+
+
+def read(tmp_path, content, columns, needed, logs="", name="log.csv", site=""):
+    """Read a log by a recipe with the given tables."""
+    (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)
+    text = f'procedure = "accelerometer"\n{site}[logs]\nfiles = ["*"]\n{logs}\n[columns]\n{columns}\n'
+    spec = recipe.parse(recipe.Source("r.toml", text))
+    return ingest.read_log(spec, tmp_path / name, name, needed)
+
+
+def column(log, name):
+    """One column as a list."""
+    return log.frame[name].tolist()
+
+
+@pytest.mark.parametrize(
+    ("header", "mapping", "value", "name", "expected"),
+    [
+        ("w (deg/s)", 'from = "w"', "0.5", "gyro_dph", 1800.0),
+        ("w", 'from = "w", unit = "rad/s"', "1e-6", "gyro_dph", 0.20626480624709636),
+        ("w", 'from = "w", unit = "deg/s", sign = -1', "0.5", "gyro_dph", -1800.0),
+        ("T [K]", 'from = "T"', "300", "temp_case_degc", 26.85),
+        ("T (℉)", 'from = "T"', "212", "temp_case_degc", 100.0),
+        ("U (VDC)", 'from = "U", scale = 100.0, offset = -40.0, unit = "degC"', "0.65", "temp_case_degc", 25.0),
+        ("a (mg)", 'from = "a"', "998.5", "accel_x_g", 0.9985),
+        ("a (m/s²)", 'from = "a"', "9.79", "accel_x_g", 1.0),
+        ("n", 'from = "n", unit = "1/sample", interval_s = 0.0025', "100", "gyro_x_lsb", 40000.0),
+        ("n (pulses/s)", 'from = "n"', "77", "gyro_x_lsb", 77.0),
+        ("n", 'from = "n", unit = "1/ms"', "3", "gyro_x_lsb", 3000.0),
+        ("T", 'from = "T", scale = 0.0625', "-400", "temp_case_degc", -25.0),
+    ],
+)
+def test_a_value_comes_out_in_the_unit_of_its_column(tmp_path, header, mapping, value, name, expected):
+    """Sign · (scale · value + offset), from the recipe's unit or the header's."""
+    site = "[site]\ngravity_mps2 = 9.79\n"
+    log = read(tmp_path, f"x,{header}\n0,{value}\n1,{value}\n", f"{name} = {{ {mapping} }}", (name,), site=site)
+    np.testing.assert_allclose(column(log, name), expected, rtol=1e-14)
+
+
+def test_a_recipe_that_contradicts_the_header_is_refused(tmp_path):
+    """deg/h in the recipe and deg/s in the log are a factor of 3600 apart: one of them is wrong."""
+    mapping = 'gyro_dph = { from = "w", unit = "deg/h" }'
+    with pytest.raises(FrameError, match=r"log.csv: column 'w \(deg/s\)': the log states deg/s, .* says deg/h"):
+        read(tmp_path, "x,w (deg/s)\n0,1\n", mapping, ("gyro_dph",))
+    ignored = mapping.replace("}", ', header_unit = "ignored" }')
+    assert column(read(tmp_path, "x,w (deg/s)\n0,1\n", ignored, ("gyro_dph",)), "gyro_dph") == [1.0]
+
+
+def test_a_unit_of_another_dimension_is_refused_with_the_log(tmp_path):
+    """Volts are no temperature until a scale says how."""
+    with pytest.raises(CalibkitError, match=r"log.csv: column 'T \(VDC\)': 'V' is a voltage"):
+        read(tmp_path, "x,T (VDC)\n0,1\n", 'temp_case_degc = { from = "T" }', ("temp_case_degc",))
+
+
+def test_accumulated_pulses_become_rates_across_a_wrap(tmp_path):
+    """A sixteen-bit counter at irregular times: counts per second, the wrap said, the first row removed and said."""
+    content = "t,n\n0,65000\n0.5,65500\n1.5,964\n2.0,1464\n"
+    mapping = 'time_s = { from = "t" }\ngyro_x_lsb = { from = "n", unit = "1", accumulated = true, wraps_at = 65536.0 }'
+    log = read(tmp_path, content, mapping, ("time_s", "gyro_x_lsb"))
+    assert column(log, "gyro_x_lsb") == [1000.0, 1000.0, 1000.0]
+    assert column(log, "time_s") == [0.5, 1.5, 2.0]
+    assert any("1 wrap at 65536" in said for said in log.reading)
+    assert any("the first row removed" in note for note in log.notes)
+    assert (log.rows, log.place(0)) == (4, "log.csv:3")
+
+
+def test_a_counter_that_runs_backwards_wraps_backwards(tmp_path):
+    """Signed pulses pass the end of the counter in both directions."""
+    mapping = 'accel_x_lsb = { from = "n", wraps_at = 100.0 }'
+    log = read(tmp_path, "x,n\n0,10\n0,95\n0,5\n0,20\n", mapping, ("accel_x_lsb",))
+    assert column(log, "accel_x_lsb") == [10.0, -5.0, 5.0, 20.0]
+
+
+@pytest.mark.parametrize(
+    "word", ["9.9E+37", "-9.90000000E+37", "+9.0E+9", "-1.0E+9", "OVLD", "LLLL", "", "NaN", "----"]
+)
+def test_a_value_that_is_none_is_missing_said_and_placed(tmp_path, word):
+    """Sentinels and words have no value: counted and placed, or their rows removed where the recipe says so."""
+    content = f"time_s,temp_case_degc\n0,20\n1,{word}\n2,21\n"
+    needed = ("time_s", "temp_case_degc")
+    log = read(tmp_path, content, "", needed)
+    assert np.isnan(column(log, "temp_case_degc")).tolist() == [False, True, False]
+    if word not in {"", "NaN"}:
+        assert any("1 × no value" in note and "line 3" in note for note in log.notes)
+    dropped = read(tmp_path, content, "", needed, logs='missing = "drop"')
+    assert column(dropped, "time_s") == [0.0, 2.0]
+    assert dropped.rows == 3
+    assert any("1 rows removed (1 without temp_case_degc), lines 3" in note for note in dropped.notes)
+    assert dropped.place(1) == "log.csv:4"
+
+
+def test_a_laboratory_names_its_own_sentinels(tmp_path):
+    """9999 and a word of the laboratory are values until the recipe says otherwise."""
+    content = "time_s,accel_x_lsb\n0,1\n1,9999\n2,defekt\n"
+    needed = ("time_s", "accel_x_lsb")
+    with pytest.raises(LogFormatError, match=r"log.csv:4: column 'accel_x_lsb': found 'defekt'"):
+        read(tmp_path, content, "", needed)
+    log = read(tmp_path, content, "", needed, logs='format = "text"\nsentinels = [9999.0, "defekt"]')
+    assert np.isnan(column(log, "accel_x_lsb")).tolist() == [False, True, True]
+    counts = read(tmp_path, "time_s,accel_x_lsb\n0,1000000000\n1,9999\n", "", needed)
+    assert column(counts, "accel_x_lsb") == [1e9, 9999.0]
+
+
+def test_a_needed_column_that_stands_twice_is_refused(tmp_path):
+    """Which of two columns of one name is meant cannot be known."""
+    with pytest.raises(LogFormatError, match="column 'T' stands twice"):
+        read(tmp_path, "x;T;T\n0;1;2\n1;1;2\n", 'temp_case_degc = { from = "T" }', ("temp_case_degc",))
+    with pytest.raises(LogFormatError, match=r"could be 'T \(degC\)' or 'T \(K\)'"):
+        read(tmp_path, "x,T (degC),T (K)\n0,1,274\n", 'temp_case_degc = { from = "T" }', ("temp_case_degc",))
+
+
+@pytest.mark.parametrize(
+    ("stamps", "fragment"),
+    [
+        (["05/06/2009 10:00:00", "05/07/2009 10:00:00"], "day and month could be either"),
+        (["01/02/2009 10:00:00:7", "01/02/2009 10:00:01:7"], "milliseconds without three digits"),
+        (["2009-02-28 10:00:00", "2009-02-30 10:00:00"], "log.csv:3: column 't': found '2009-02-30 10:00:00'"),
+    ],
+)
+def test_a_time_that_could_be_two_is_refused(tmp_path, stamps, fragment):
+    """Ambiguous and impossible times are refused with their line."""
+    content = "t;temp_case_degc\n" + "".join(f"{stamp};1,5\n" for stamp in stamps)
+    with pytest.raises(LogFormatError) as refused:
+        read(tmp_path, content, 'time_s = { from = "t" }', ("time_s", "temp_case_degc"))
+    assert fragment in str(refused.value)
+
+
+def test_a_pinned_time_format_decides(tmp_path):
+    """The recipe says that the day comes first."""
+    content = "t;temp_case_degc\n05/06/2009 10:00:00;1,5\n05/07/2009 10:00:00;1,5\n"
+    mapping = 'time_s = {{ from = "t", time_format = "{}" }}'
+    months = read(tmp_path, content, mapping.format("%d/%m/%Y %H:%M:%S"), ("time_s",))
+    days = read(tmp_path, content, mapping.format("%m/%d/%Y %H:%M:%S"), ("time_s",))
+    assert (column(months, "time_s")[1], column(days, "time_s")[1]) == (30 * 86400.0, 86400.0)
+
+
+def test_a_log_without_time_and_rate_is_refused(tmp_path):
+    """Without rate_hz there is no time to make."""
+    with pytest.raises(FrameError, match="column 'time_s' is missing"):
+        read(tmp_path, "x,temp_case_degc\n0,1\n", "", ("time_s", "temp_case_degc"))
+
+
+def test_parts_of_a_split_log_are_one_log(tmp_path):
+    """dat00001.csv and dat00002.csv: one log, one digest, rows placed in their own file; a missing part is refused."""
+    for part, start in ((1, 0), (2, 3), (3, 6)):
+        rows = "".join(f"{k + 1},{k}.0,2{k}.5,0\n" for k in range(start, start + 3))
+        (tmp_path / f"dat0000{part}.csv").write_text("Sweep #,Time,Chan 101 (C),Alarm\n" + rows)
+    text = """procedure = "fog_thermal"
+[logs]
+files = ["dat*.csv"]
+format = "keysight"
+split = true
+[columns]
+time_s = { from = "Time", unit = "s" }
+temp_case_degc = { from = "Chan 101 (C)" }
+"""
+    spec = recipe.parse(recipe.Source("r.toml", text))
+    assert ingest.find_logs(spec, tmp_path) == ["dat00001.csv"]
+    log = ingest.read_log(spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc"))
+    assert column(log, "time_s") == [float(k) for k in range(9)]
+    assert [log.place(row) for row in (0, 2, 3, 8)] == [
+        "dat00001.csv:2",
+        "dat00001.csv:4",
+        "dat00002.csv:2",
+        "dat00003.csv:4",
+    ]
+    assert log.sha256 == ingest.digest(spec, tmp_path, "dat00001.csv")
+    assert log.notes == ()
+    (tmp_path / "dat00002.csv").write_text("Sweep #,Time,Chan 101 (C),Alarm\n5,4.0,24.5,1\n6,5.0,25.5,0\n")
+    jumped = ingest.read_log(spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc"))
+    assert any("scan numbers jump from 3 in dat00001.csv to 5 in dat00002.csv" in note for note in jumped.notes)
+    assert any("dat00002.csv: column 'Chan 101 (C)': alarm in 1 scans, the first in line 2" in n for n in jumped.notes)
+    (tmp_path / "dat00002.csv").unlink()
+    with pytest.raises(LogFormatError, match="the next part of this log is number 3, expected 2"):
+        ingest.read_log(spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc"))
