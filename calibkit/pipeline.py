@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from calibkit import __version__, coefficients, procedures, recipe, store
-from calibkit.errors import CoefficientError, FrameError, UsageError
+from calibkit.errors import CoefficientError, FrameError, RecipeError, UsageError
 from calibkit.recipe import type_b
 from calibkit.stages import budget, ingest
 
@@ -176,9 +176,14 @@ def init(folder: Path) -> str:
 
     text = proposal.proposed(folder)
     spec = recipe.parse(recipe.Source("proposed recipe", text))
-    report = examination.of(procedures.of(spec), spec, folder, ingest.find_logs(spec, folder)[0]).report
-    said = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
-    lines = [f"# check of {report.file}: {line}" for part in said for line in part.splitlines()]
+    file = ingest.find_logs(spec, folder)[0]
+    try:
+        report = examination.of(procedures.of(spec), spec, folder, file).report
+    except RecipeError as error:  # something that the logs cannot say, like the site's gravity
+        said = [str(error)]
+    else:
+        said = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
+    lines = [f"# check of {file}: {line}" for part in said for line in part.splitlines()]
     return "\n".join(lines) + "\n" + text
 
 

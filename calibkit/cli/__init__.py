@@ -109,7 +109,7 @@ def init(folder: Path, *, as_json: bool) -> int:
 
     text = pipeline.init(folder)
     if as_json:
-        _print_json({"ok": True, "recipe": text})
+        print_json({"ok": True, "recipe": text})
     else:
         click.echo(text, nl=False)
     return 0

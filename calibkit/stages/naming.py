@@ -28,13 +28,23 @@ WORDS: tuple[tuple[str, str], ...] = (
     ("azimuth_deg", r"azim|方位|heading"),
 )
 """Canonical column → words in a name that mean it."""
-LAST_WORDS = dict(
-    pair.split("=")
-    for pair in (
-        "s=s ms=ms us=us degc=degC k=K degf=degF dph=deg/h dps=deg/s rads=rad/s radps=rad/s deg=deg "
-        "mps2=m/s^2 ms2=m/s^2 g=g mg=mg"
-    ).split()
-)
+LAST_WORDS = {
+    "s": "s",
+    "ms": "ms",
+    "us": "us",
+    "degc": "degC",
+    "degf": "degF",
+    "k": "K",
+    "dph": "deg/h",
+    "dps": "deg/s",
+    "rads": "rad/s",
+    "radps": "rad/s",
+    "deg": "deg",
+    "mps2": "m/s^2",
+    "ms2": "m/s^2",
+    "g": "g",
+    "mg": "mg",
+}
 """Last word of a column's name → unit that it can only mean."""
 AXES = re.compile(r"(?:^|[_ .\-(（]|gyro?|gyr|acc(?:el)?|^[agfw])([xyzab])(?:[_ .)）\d]|$)", re.IGNORECASE)
 """Axis in a name."""
