@@ -9,7 +9,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from calibkit import __version__, coefficients, procedures, recipe, store
-from calibkit.errors import CoefficientError, FrameError, RecipeError, UsageError
+from calibkit.errors import CoefficientError, FrameError, OutputError, RecipeError, UsageError
 from calibkit.recipe import type_b
 from calibkit.stages import budget, ingest
 
@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.check.report import LogReport
+    from calibkit.firmware.export import Export
     from calibkit.procedures import Fitted, Progress
     from calibkit.report.summary import Summary
 
@@ -239,13 +240,58 @@ def validate(run: store.Run, data: Path, out: Path, progress: Progress) -> tuple
     return coefficients.unseal(text, str(out), (VALIDATION_FORMAT,)), summary
 
 
+def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected: bool) -> Export:
+    """A run's correction chain in a number format; refuses a run that failed its acceptance limits unless told not to."""
+    from calibkit.firmware import chains, export, formats
+
+    accepted = bool(run.document["accepted"])
+    if not accepted and not allow_rejected:
+        failed = [entry["name"] for entry in run.document["acceptance"] if not entry["passed"]]
+        raise OutputError(
+            f"{run.name} was rejected: {', '.join(failed)}",
+            hint="fit it again within its limits, or export it marked as rejected with --allow-rejected",
+        )
+    spec = run_recipe(run, ())
+    chain = chains.of(spec, run.records)
+    stages = store.stage_digests(run)
+    digests = {name: stages[name.removesuffix(".json")] for name in chains.files(spec)}
+    document = run.document
+    identity = export.Identity(
+        document["serial"],
+        document["revision"],
+        document["effective_from"],
+        document["sha256"],
+        digests,
+        SOFTWARE,
+        accepted,
+    )
+    return export.of(chain, identity, formats.of(number), prefix)
+
+
+def export(run: store.Run, target: str, number: str, prefix: str, out: Path, *, allow_rejected: bool) -> list[Path]:
+    """Write a run's correction chain for a firmware target; returns the files."""
+    from calibkit.firmware import targets
+
+    chosen = targets.of(target, number)
+    files = chosen.render(firmware_export(run, number, prefix, allow_rejected=allow_rejected))
+    for name in files:
+        store.refuse_existing(out / name)
+    for name, content in files.items():
+        store.write_new(out / name, content)
+    return [out / name for name in sorted(files)]
+
+
 def verify(path: Path) -> str:
-    """Check the digests of a coefficient file, a validation, a run.json or a run folder; returns what it is."""
+    """Check the digests of calibkit's files and recompute the vectors of its exports; returns what a file is."""
     if path.is_dir():
         run = store.load(path)
         return f"run {run.name}, {len(run.document['files'])} files"
     if not path.is_file():
         raise UsageError(f"{path}: no such file", hint="name a coefficient file, a validation or a run folder")
+    from calibkit.firmware import targets
+
+    if path.suffix in targets.READERS:
+        return targets.READERS[path.suffix](str(path), path.read_bytes())
     try:
         text = path.read_text(encoding="utf-8")
     except UnicodeDecodeError:

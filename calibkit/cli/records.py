@@ -17,11 +17,11 @@ ON = click.option("--date", default=None, metavar="YYYY-MM-DD", help="of a SERIA
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @JSON
 def verify(files: tuple[Path, ...], *, as_json: bool) -> int:
-    """Check the digests of coefficient files, validations and run folders.
+    """Check the digests of coefficient files, validations, run folders and exports; recompute the exports' vectors.
 
     \b
     calibkit verify runs/FOG-0001/r001
-    calibkit verify drift_rate.json validation.json
+    calibkit verify drift_rate.json validation.json firmware/gyro.c
     """
     from calibkit import pipeline
 

@@ -1,0 +1,216 @@
+"""Worst-case difference between what a firmware computes and the exact chain, over the whole range of its inputs.
+
+First-order running error analysis with the program's own rounding of every number (Higham 2002, Accuracy and Stability of
+Numerical Algorithms, chapter 3). A polynomial of degree n comes out within 2⁻²⁴ (S (1 + 2n) + 3 D), S = Σ|c_k|, D = Σ k|c_k|,
+in single precision; here each rounding is counted where it stands, which is tighter. Contraction to fused multiply-add only
+leaves roundings out.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from decimal import ROUND_CEILING, Context, Decimal
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from calibkit.firmware import exact, ranges
+from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Slope, Sum
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from calibkit.firmware.chain import Chain, Step, Term
+    from calibkit.firmware.program import Program
+    from calibkit.firmware.ranges import Range
+
+ALLOWANCE = 1.01
+"""For products of errors, which first order leaves out, and for the roundings of this analysis itself."""
+
+
+def of(chain: Chain, program: Program) -> dict[str, float]:
+    """Bound of each output in its unit, two digits rounded up; of a chain that sums, what one update may add to it."""
+    known = ranges.of(chain, usual=True)
+    states = [step.name for step in chain.structure.memories if step.source in chain.gains]
+    start = _Analysis(chain, program, known, dict.fromkeys(states, 0.0)).run()
+    columns = [_Analysis(chain, program, known, {s: float(s == state) for s in states}).run() for state in states]
+    sources = [step.source for step in chain.structure.memories if step.source in chain.gains]
+    growth = [[columns[k].inner[source] - start.inner[source] for k in range(len(states))] for source in sources]
+    settled = _settled(growth, [start.inner[source] for source in sources])
+    done = _Analysis(chain, program, known, dict(zip(states, settled, strict=True))).run()
+    found = {}
+    for output in chain.structure.outputs:
+        last = 0.0
+        if program.format.fixed and program.word > program.format.bits:
+            last = 0.5 * 2.0 ** -program.scales[f"out.{output.name}"]
+        found[output.name] = _rounded_up((done.errors[output.source] + last) * ALLOWANCE)
+    return found
+
+
+def _settled(growth: Sequence[Sequence[float]], fed: Sequence[float]) -> list[float]:
+    """Errors e = growth · e + fed of remembered values that have run for ever."""
+    size = range(len(fed))
+    matrix = [[Fraction(int(i == j)) - Fraction(growth[i][j]) for j in size] for i in size]
+    return [float(x) for x in exact.solve(matrix, [Fraction(x) for x in fed])]
+
+
+def _rounded_up(x: float) -> float:
+    """Two significant digits, upwards."""
+    return float(Decimal(x).normalize(Context(prec=2, rounding=ROUND_CEILING)))
+
+
+@dataclass(slots=True)
+class _Analysis:
+    """Errors of every value, given those of remembered states."""
+
+    chain: Chain
+    program: Program
+    known: Mapping[str, Range]
+    states: Mapping[str, float]
+    errors: dict[str, float] = field(default_factory=dict)
+    inner: dict[str, float] = field(default_factory=dict)
+    """Errors of filtered values by rounding alone, without the error of the map that drives them."""
+
+    def run(self) -> _Analysis:
+        """Walk the steps."""
+        for entry in self.chain.structure.inputs:
+            self.errors[entry.name] = 0.0
+        for step in self.chain.structure.steps:
+            if step.name in self.chain.gains:
+                mapped = self.driving()
+                quiet = {**self.errors, **self.inner, **dict.fromkeys(mapped, 0.0)}
+                self.inner[step.name] = self.step(step, quiet)
+                driven = max(self.errors[name] for name in mapped)
+                self.errors[step.name] = self.inner[step.name] + float(self.chain.gains[step.name]) * driven
+            else:
+                self.errors[step.name] = self.step(step, self.errors)
+        return self
+
+    def driving(self) -> tuple[str, ...]:
+        """Mapped value that the filters follow, and what is remembered of it."""
+        memory = next(m for m in self.chain.structure.memories if m.start == "same")
+        return memory.name, memory.source
+
+    def reach(self, name: str) -> float:
+        """Largest magnitude of a value."""
+        return float(ranges.magnitude(self.known[name]))
+
+    def off(self, table: str, scale: int) -> list[float]:
+        """How far each number of a table is from the exact one."""
+        unit = Fraction(2) ** -scale if self.program.format.fixed else Fraction(1)
+        pairs = zip(self.chain.tables[table], self.program.tables[table], strict=True)
+        return [float(abs(exact - Fraction(stored) * unit)) for exact, stored in pairs]
+
+    def rounding(self, reach: float, scale: str, places: int = 1) -> float:
+        """Error of one rounding: of a float of that magnitude, or of a shift to that scale."""
+        if self.program.format.fixed:
+            return 0.5 * 2.0 ** -self.program.scales[scale] if places > 0 else 0.0
+        return float(2.0**-self.program.format.bits) * reach
+
+    def step(self, step: Step, errors: Mapping[str, float]) -> float:  # noqa: PLR0911 (one return a kind of step)
+        """Error of one step."""
+        if isinstance(step, Map):
+            return self.map(step, errors)
+        if isinstance(step, Sum):
+            return self.sum(step, errors)
+        if isinstance(step, Limit):
+            return errors[step.source] + max(self.off(step.table, self.program.scales.get(step.name, 0)))
+        if isinstance(step, Memory):
+            if step.name in self.states:
+                return self.states[step.name]
+            return errors.get(step.source, 0.0) if step.start == "same" else 0.0
+        if isinstance(step, Quotient):
+            return self.quotient(step, errors)
+        if isinstance(step, Slope):
+            return self.slope(step, errors)
+        # a fixed-point word is shifted to the scale of the selection
+        return max(errors[case.value] for case in step.cases) + self.rounding(0.0, step.name)
+
+    def map(self, step: Map, errors: Mapping[str, float]) -> float:
+        """u: the difference, the reciprocal, the product, the limits."""
+        scales = self.program.scales
+        middle, inverse = self.off(step.table, scales.get(step.source, 0))[0], 0.0
+        inverse = self.off(step.table, scales.get(f"{step.table}.reciprocal", 0))[1]
+        reciprocal, reach = float(self.chain.tables[step.table][1]), self.reach(step.name)
+        distance = reach / reciprocal
+        first = 0.0 if self.program.format.fixed else self.rounding(distance, step.source)
+        limits = max(self.off(step.table, scales.get(step.name, 0))[2:])
+        difference = errors[step.source] + first + middle
+        return difference * reciprocal + distance * inverse + self.rounding(reach, step.name) + limits
+
+    def sum(self, step: Sum, errors: Mapping[str, float]) -> float:
+        """Roundings of every term and partial sum; the errors of a value that stands in several terms together."""
+        total = sum(self.term(step, k, entry, errors) for k, entry in enumerate(step.terms))
+        shared: dict[tuple[str, ...], list[Range]] = {}
+        partial = Fraction(0)
+        for number, entry in enumerate(step.terms):
+            parts = ranges.term(self.chain, entry, self.known)
+            shared.setdefault(entry.factors, []).append(parts[0])
+            partial += ranges.magnitude(parts[-1])
+            if number and not self.program.format.fixed:
+                total += self.rounding(min(float(partial), self.whole(step, number, float(partial))), step.name)
+        for factors, coefficients in shared.items():
+            together = (
+                sum((low for low, _ in coefficients), Fraction(0)),
+                sum((h for _, h in coefficients), Fraction(0)),
+            )
+            reaches = [self.reach(name) for name in factors]
+            for k, name in enumerate(factors):
+                others = float(ranges.magnitude(together))
+                for j, reach in enumerate(reaches):
+                    others *= reach if j != k else 1.0
+                total += others * errors[name]
+        return total
+
+    def whole(self, step: Sum, number: int, partial: float) -> float:
+        """Magnitude of the last partial sum is that of the sum itself, which may have a bound of its own."""
+        return self.reach(step.name) if number == len(step.terms) - 1 else partial
+
+    def term(self, step: Sum, number: int, entry: Term, errors: Mapping[str, float]) -> float:
+        """Rounding of a term's polynomial and products, the factors taken as exact."""
+        parts = ranges.term(self.chain, entry, self.known)
+        factors, error = list(entry.factors), 0.0
+        if entry.table:
+            error = self.polynomial(entry, errors)
+        else:
+            parts, factors = parts[1:], factors[1:]
+        reach = float(ranges.magnitude(parts[0]))
+        for k, name in enumerate(factors, start=1 if entry.table else 2):
+            reach *= self.reach(name)
+            error = error * self.reach(name) + self.rounding(reach, f"{step.name}.{number}.{k}")
+        if self.program.format.fixed and not entry.table and not factors:
+            places = self.program.scales[entry.factors[0]] - self.program.scales[step.name]
+            error += self.rounding(reach, step.name, places)
+        return error
+
+    def polynomial(self, entry: Term, errors: Mapping[str, float]) -> float:
+        """Horner's scheme."""
+        scale = self.program.scales.get(entry.table, 0)
+        off, c = self.off(entry.table, scale), self.chain.tables[entry.table]
+        error, total = off[-1], float(abs(c[-1]))
+        if not entry.over:
+            return error
+        u, e_u = self.reach(entry.over), errors[entry.over]
+        for k in range(len(c) - 2, -1, -1):
+            error = error * u + total * e_u + self.rounding(total * u, entry.table) + off[k]
+            total = total * u + float(abs(c[k]))
+            error += 0.0 if self.program.format.fixed else self.rounding(total, entry.table)
+        return error
+
+    def quotient(self, step: Quotient, errors: Mapping[str, float]) -> float:
+        """Quotient; cut off towards 0 in fixed point."""
+        low, high = self.known[step.denominator]
+        least, reach = float(min(abs(low), abs(high))), self.reach(step.name)
+        error = (errors[step.numerator] + reach * errors[step.denominator]) / (least - errors[step.denominator])
+        return error + self.rounding(reach, step.name) * (2.0 if self.program.format.fixed else 1.0)
+
+    def slope(self, step: Slope, errors: Mapping[str, float]) -> float:
+        """Weighted differences."""
+        bounds = {**self.chain.limits, **self.chain.usual}
+        apart = float(ranges.difference(step, self.known, bounds))
+        weights = float(ranges.heaviest(self.chain, step))
+        off = max(self.off(step.table, self.program.scales.get(step.table, 0))) * (step.length - 1)
+        error = weights * 2.0 * errors[step.source] + off * apart
+        if self.program.format.fixed:
+            return error + (step.length - 1) * self.rounding(0.0, step.name)
+        # a difference, a product and a sum of each weight, the partial sums no larger than all together
+        return error + self.rounding(weights * apart, step.name) * (step.length + 1)

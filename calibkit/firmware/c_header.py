@@ -1,0 +1,121 @@
+"""The header: facts, statuses, inputs and outputs with units, functions."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from calibkit.firmware import c_text
+from calibkit.firmware.twin import INVALID
+
+if TYPE_CHECKING:
+    from calibkit.firmware.export import Export
+
+STATUS = {
+    "TEMP_CLAMPED": "temperature outside the fitted range: the correction at its end was used",
+    "RATE_CLAMPED": "rate outside its range: the end of the range was used",
+    "GRADIENT_CLAMPED": "temperature gradient outside the fitted range: the correction at its end was used",
+    "ACCEL_CLAMPED": "indication beyond the range of the input: its end was used",
+    "RATE_STARTING": "fewer values than half a window since the reset: temperature rates are taken as 0",
+    "HELD": "the air is at rest, or moves on a side that was not fitted: the drift is held",
+    "DRIFT_LIMITED": "the summed drift reached its limit: reset or anchor it",
+}
+"""What each status means."""
+
+
+def render(export: Export) -> str:
+    """Text of the header."""
+    guard = f"{export.prefix.upper()}_H"
+    parts = [
+        c_text.comment([f"{export.prefix}: correction chain as firmware", "", *c_text.facts(export)]),
+        f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
+        '#ifdef __cplusplus\nextern "C" {\n#endif\n',
+        _identity(export),
+        _statuses(export),
+        _scales(export) if export.program.format.fixed else "",
+        _structs(export),
+        _functions(export),
+        "#ifdef __cplusplus\n}\n#endif\n",
+        f"#endif /* {guard} */\n",
+    ]
+    return c_text.sealed(c_text.named("\n".join(part for part in parts if part), export.prefix))
+
+
+def _identity(export: Export) -> str:
+    """Whose chain it is, for code that reports it."""
+    identity = export.identity
+    digest = next(iter(identity.files.values()))
+    serial = "".join(chr(b) if 32 <= b < 127 else f"\\{b:03o}" for b in identity.serial.encode())
+    return (
+        f'#define @P_SERIAL "{serial}"\n#define @P_REVISION {identity.revision}\n'
+        f'#define @P_COEFFICIENTS_SHA256 "{digest}"\n#define @P_ACCEPTED {int(identity.accepted)}\n'
+    )
+
+
+def _statuses(export: Export) -> str:
+    """One bit a status."""
+    lines = ["/* status: 0, or the sum of */", "#define @P_OK 0x0000U"]
+    for k, flag in enumerate(export.chain.structure.flags):
+        lines.append(f"#define @P_{flag} 0x{1 << k:04x}U /* {STATUS[flag]} */")
+    none = "no number in, no number out" if export.chain.structure.interval_s is None else "drift and state are held"
+    kind = "the word that stands for no number" if export.program.format.fixed else "a NaN or an infinity"
+    lines.append(f"#define @P_INVALID 0x{INVALID:04x}U /* an input is {kind}: {none} */")
+    return "\n".join(lines) + "\n"
+
+
+def _scales(export: Export) -> str:
+    """Fixed point: how many fraction bits each quantity has."""
+    scales, lines = (
+        export.program.scales,
+        ["/* a word stands for word * 2^-BITS of the unit; the least word for no number */"],
+    )
+    structure = export.chain.structure
+    lines += [f"#define @P_IN_{entry.name.upper()}_BITS ({scales[entry.name]})" for entry in structure.inputs]
+    lines += [f"#define @P_OUT_{o.name.upper()}_BITS ({scales[f'out.{o.name}']})" for o in structure.outputs]
+    word = "INT32_MIN" if export.program.format.bits == 32 else "INT16_MIN"
+    return "\n".join([*lines, f"#define @P_NO_NUMBER {word}"]) + "\n"
+
+
+def _structs(export: Export) -> str:
+    """Inputs, outputs and what is kept between updates."""
+    structure, program = export.chain.structure, export.program
+    kind = program.format.c_type
+    lines = ["typedef struct {"]
+    for entry in structure.inputs:
+        low, high = export.chain.tables[entry.table]
+        lines.append(
+            f"    {kind} {entry.name}; /* [{entry.unit}] {entry.meaning}; {float(low):.6g} to {float(high):.6g} */"
+        )
+    lines += ["} @p_in;", "", "typedef struct {"]
+    lines += [f"    {kind} {output.name}; /* [{output.unit}] {output.meaning} */" for output in structure.outputs]
+    lines.append("} @p_out;")
+    if structure.interval_s is not None:
+        word = "int32_t" if program.format.fixed else kind
+        lines += ["", "typedef struct { /* call @p_reset before the first update */"]
+        lines += [f"    {word} {memory.source};" for memory in structure.memories]
+        lines += [f"    {word} {slope.name}_history[{slope.length}];" for slope in structure.slopes]
+        lines += ["    @p_out last;", "    uint32_t updates;", "} @p_state;"]
+    return "\n".join(lines) + "\n"
+
+
+def _functions(export: Export) -> str:
+    """Prototypes."""
+    structure, lines = export.chain.structure, []
+    if structure.interval_s is None:
+        lines.append("/* corrects one set of indications; returns a status, of which 0 is all right */")
+        lines.append("uint32_t @p_correct(const @p_in *in, @p_out *out);")
+    else:
+        lines.append("/* forgets the past: the next update starts at rest, in equilibrium */")
+        lines.append("void @p_reset(@p_state *state);")
+        if "DRIFT_LIMITED" in structure.flags:
+            lines.append("/* sets the drift where a bias reference tells it, in the unit of the output */")
+            lines.append(f"void @p_anchor(@p_state *state, {export.program.format.c_type} drift_dph);")
+        lines.append(f"/* call it every {structure.interval_s:g} s; returns a status, of which 0 is all right */")
+        lines.append("uint32_t @p_update(@p_state *state, const @p_in *in, @p_out *out);")
+    lines += [
+        "",
+        "#ifndef CAL_NO_SELFTEST",
+        "/* 0 = pass; run it once after every start */",
+        "int32_t @p_selftest(void);",
+        "#endif",
+    ]
+    return "\n".join(lines) + "\n"

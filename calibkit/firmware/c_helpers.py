@@ -1,0 +1,219 @@
+"""The few functions that every generated source brings along, only those that it calls."""
+
+from __future__ import annotations
+
+FLOAT = {
+    "limited": """
+/* x brought into [range[0], range[1]] */
+static @real @p_limited(@real x, const @real range[], uint32_t flag, uint32_t *status)
+{
+    @real y = x;
+
+    if (x < range[0]) {
+        y = range[0];
+        *status |= flag;
+    } else if (x > range[1]) {
+        y = range[1];
+        *status |= flag;
+    } else {
+        /* inside */
+    }
+    return y;
+}
+""",
+    "mapped": """
+/* u = (x - middle) / half, brought into its range */
+static @real @p_mapped(@real x, const @p_map *map, uint32_t flag, uint32_t *status)
+{
+    const @real u = (x - map->middle) * map->reciprocal;
+
+    return @p_limited(u, map->range, flag, status);
+}
+""",
+    "polynomial": """
+/* c[0] + c[1] x + ... + c[count - 1] x^(count - 1) by Horner's scheme: ascending, index = power */
+static @real @p_polynomial(const @real c[], uint32_t count, @real x)
+{
+    @real y = c[count - 1U];
+    uint32_t k;
+
+    for (k = count - 1U; k > 0U; k--) {
+        y = (y * x) + c[k - 1U];
+    }
+    return y;
+}
+""",
+    "slope": """
+/* rate of the last values, history[0] the newest: sum of w[i - 1] (history[i] - history[0]) */
+static @real @p_slope(@real history[], @real x, uint32_t updates, const @real weights[], uint32_t flag,
+                      uint32_t *status)
+{
+    const uint32_t count = (updates < (@P_WINDOW - 1U)) ? (updates + 1U) : @P_WINDOW;
+    @real rate = @zero;
+    uint32_t i;
+
+    for (i = @P_WINDOW - 1U; i > 0U; i--) {
+        history[i] = history[i - 1U];
+    }
+    history[0] = x;
+    if (count < @P_WINDOW_LEAST) {
+        *status |= flag;
+    } else {
+        const @real *w = &weights[(count - @P_WINDOW_LEAST) * (@P_WINDOW - 1U)];
+
+        for (i = 1U; i < count; i++) {
+            rate += w[i - 1U] * (history[i] - history[0]);
+        }
+    }
+    return rate;
+}
+""",
+    "finite": """
+/* 0 for a NaN or an infinity */
+static uint32_t @p_finite(@real x)
+{
+    return ((x >= -@max) && (x <= @max)) ? 1U : 0U;
+}
+""",
+    "near": """
+/* whether a computed value is within the tolerance of the expected one; never for a NaN */
+static uint32_t @p_near(@real found, @real expected, @real tolerance)
+{
+    const @real difference = found - expected;
+
+    return ((difference >= -tolerance) && (difference <= tolerance)) ? 1U : 0U;
+}
+""",
+}
+"""Floating point."""
+
+FIXED = {
+    "limited": """
+/* x brought into [range[0], range[1]] */
+static int32_t @p_limited(@wide x, const @word range[], uint32_t flag, uint32_t *status)
+{
+    @wide y = x;
+
+    if (x < (@wide)range[0]) {
+        y = range[0];
+        *status |= flag;
+    } else if (x > (@wide)range[1]) {
+        y = range[1];
+        *status |= flag;
+    } else {
+        /* inside */
+    }
+    return (int32_t)y;
+}
+""",
+    "rounded": """
+/* x 2^-places, halves up, 1 <= places; only unsigned words are shifted, which C defines for every value */
+static @wide @p_rounded(@wide x, uint32_t places)
+{
+    const @uwide bias = (@uwide)1U << @topU;
+    const @uwide word = ((@uwide)x + bias) + ((@uwide)1U << (places - 1U));
+
+    return (@wide)(word >> places) - (@wide)(bias >> places);
+}
+""",
+    "scaled": """
+/* a b 2^-places */
+static int32_t @p_scaled(int32_t a, int32_t b, uint32_t places)
+{
+    return (int32_t)@p_rounded((@wide)a * (@wide)b, places);
+}
+""",
+    "mapped": """
+/* u = (x - middle) / half by a reciprocal of @reciprocal bits, brought into its range */
+static int32_t @p_mapped(int32_t x, const @p_map *map, uint32_t flag, uint32_t *status)
+{
+    const @wide distance = (@wide)x - (@wide)map->middle;
+    const @wide u = @p_rounded(distance * (@wide)map->reciprocal, map->places);
+
+    return @p_limited(u, map->range, flag, status);
+}
+""",
+    "polynomial": """
+/* c[0] + c[1] x + ... + c[count - 1] x^(count - 1) by Horner's scheme: ascending, index = power */
+static int32_t @p_polynomial(const @word c[], uint32_t count, int32_t x, uint32_t places)
+{
+    int32_t y = c[count - 1U];
+    uint32_t k;
+
+    for (k = count - 1U; k > 0U; k--) {
+        y = @p_scaled(y, x, places) + c[k - 1U];
+    }
+    return y;
+}
+""",
+    "quotient": """
+/* numerator 2^places / denominator, cut off towards 0 */
+static int32_t @p_quotient(int32_t numerator, int32_t denominator, uint32_t places)
+{
+    const @wide dividend = (@wide)numerator * ((@wide)1 << places);
+
+    return (int32_t)(dividend / (@wide)denominator);
+}
+""",
+    "slope": """
+/* rate of the last values, history[0] the newest: sum of w[i - 1] (history[i] - history[0]) */
+static int32_t @p_slope(int32_t history[], int32_t x, uint32_t updates, const @word weights[], uint32_t places,
+                        uint32_t flag, uint32_t *status)
+{
+    const uint32_t count = (updates < (@P_WINDOW - 1U)) ? (updates + 1U) : @P_WINDOW;
+    int32_t rate = 0;
+    uint32_t i;
+
+    for (i = @P_WINDOW - 1U; i > 0U; i--) {
+        history[i] = history[i - 1U];
+    }
+    history[0] = x;
+    if (count < @P_WINDOW_LEAST) {
+        *status |= flag;
+    } else {
+        const @word *w = &weights[(count - @P_WINDOW_LEAST) * (@P_WINDOW - 1U)];
+
+        for (i = 1U; i < count; i++) {
+            rate += @p_scaled(w[i - 1U], history[i] - history[0], places);
+        }
+    }
+    return rate;
+}
+""",
+    "narrow": """
+/* an output word of 16 bits from one of 32; never the word that stands for no number */
+static int16_t @p_narrow(int32_t x)
+{
+    static const int32_t range[2] = {-32767, 32767};
+    uint32_t ignored = 0U;
+
+    return (int16_t)@p_limited(@p_rounded((@wide)x, 16U), range, 0U, &ignored);
+}
+""",
+}
+"""Fixed point: values are int32_t, products @wide."""
+
+NEEDS = {
+    "mapped": ("limited", "rounded"),
+    "polynomial": ("scaled", "rounded"),
+    "scaled": ("rounded",),
+    "slope": ("scaled", "rounded"),
+    "narrow": ("rounded", "limited"),
+}
+"""What a helper calls."""
+
+
+def wanted(body: str, *, fixed: bool) -> list[str]:
+    """Helpers that a source calls, directly or through another, in the order in which C must see them."""
+    table, found = (FIXED if fixed else FLOAT), set()
+
+    def add(name: str) -> None:
+        if name in table and name not in found:
+            found.add(name)
+            for other in NEEDS.get(name, ()):
+                add(other)
+
+    for name in table:
+        if f"@p_{name}(" in body:
+            add(name)
+    return [table[name] for name in table if name in found]

@@ -1,0 +1,89 @@
+"""A generated C source read again: its digest, its numbers, its steps, and its vectors worked out anew."""
+
+from __future__ import annotations
+
+import re
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from calibkit.errors import CoefficientError
+from calibkit.firmware import c_text, layout, vectors
+from calibkit.firmware.chain import Map
+
+if TYPE_CHECKING:
+    from calibkit.firmware.formats import Format
+    from calibkit.firmware.program import Program
+
+CONSTANT = re.compile(r"static const \w+ (\w+)(?:\[\w+\])? = ([^;]*);")
+NUMBER = re.compile(r"(?<![\w.])-?(?:0x[0-9a-f]+|\d+(?:\.\d*)?(?:e[-+]?\d+)?)(?=[UF]?\b)")
+COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
+LINE = re.compile(r"^ \* (\{.*\})$", re.MULTILINE)
+DEVICE = re.compile(r"^ \* device +(.*), effective", re.MULTILINE)
+INCLUDE = re.compile(r'^#include "(\w+)\.h"$', re.MULTILINE)
+
+
+def verify_header(name: str, content: bytes) -> str:
+    """Check a header's digest; returns what it is."""
+    text = c_text.unsealed(_ascii(name, content), name)
+    return f"C header of {_found(DEVICE, text, name)}"
+
+
+def verify_source(name: str, content: bytes) -> str:
+    """Check a source's digest and recompute its vectors from its own numbers; returns what it is."""
+    text = c_text.unsealed(_ascii(name, content), name)
+    program, stated = read(text, name)
+    again = vectors.recomputed(program, stated.inputs)
+    if (again.outputs, again.status) != (stated.outputs, stated.status):
+        raise CoefficientError(f"{name}: its vectors are not those of its coefficients", hint="export it again")
+    count, number = len(stated.status), program.format.name
+    return f"C source of {_found(DEVICE, text, name)}, {number}, {count} vectors recomputed"
+
+
+def read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
+    """Program and vectors of a source's text, every number as the compiler reads it."""
+    prefix, lines = _found(INCLUDE, text, name), LINE.findall(text)
+    bare = layout.program(lines, {}, name)
+    maps = {step.table for step in bare.structure.steps if isinstance(step, Map)}
+    tables = {}
+    for found in CONSTANT.finditer(COMMENT.sub("", text)):
+        table = found.group(1).removeprefix(f"{prefix}_")
+        numbers = tuple(_number(digits, bare.format) for digits in NUMBER.findall(found.group(2)))
+        tables[table] = numbers[:4] if table in maps else numbers  # a fixed-point map has its shift behind
+    try:
+        inputs, outputs, status = (tables.pop(f"test_{side}") for side in ("in", "out", "status"))
+    except KeyError as error:
+        raise CoefficientError(f"{name}: no table {error}", hint="export it again") from None
+    names_in = [entry.name for entry in bare.structure.inputs]
+    names_out = [output.name for output in bare.structure.outputs]
+    stated = vectors.Vectors(_columns(names_in, inputs), _columns(names_out, outputs), tuple(map(int, status)))
+    return layout.program(lines, tables, name), stated
+
+
+def _number(digits: str, number: Format) -> float:
+    """Number of a literal in the format of the program."""
+    if digits.startswith("0x"):
+        return int(digits, 16)
+    return int(digits) if number.fixed else number.nearest(Fraction(digits))
+
+
+def _columns(names: list[str], flat: tuple[float, ...]) -> dict[str, tuple[float, ...]]:
+    """Columns of a table of structs."""
+    return {name: flat[k :: len(names)] for k, name in enumerate(names)}
+
+
+def _found(pattern: re.Pattern[str], text: str, name: str) -> str:
+    """First group of a pattern, or CoefficientError."""
+    found = pattern.search(text)
+    if found is None:
+        raise CoefficientError(f"{name}: not a source that calibkit wrote", hint="verify takes calibkit's own files")
+    return found.group(1)
+
+
+def _ascii(name: str, content: bytes) -> str:
+    """Text of a generated file; line ends that an editor or git changed are not forgiven."""
+    try:
+        return content.decode("ascii")
+    except UnicodeDecodeError:
+        raise CoefficientError(
+            f"{name}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
+        ) from None

@@ -1,0 +1,148 @@
+"""Steps of a chain → C statements; @p and @P stand for the prefix in lower and upper case."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Select, Slope, Sum
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from calibkit.firmware.chain import Input, Step, Term
+    from calibkit.firmware.program import Program
+
+
+ONE_LINE = 70
+"""Characters of a sum that stands on one line."""
+
+
+@dataclass(frozen=True, slots=True)
+class Body:
+    """C statements of a program."""
+
+    program: Program
+
+    @property
+    def type(self) -> str:
+        """Type of a value."""
+        return "int32_t" if self.program.format.fixed else self.program.format.c_type
+
+    @property
+    def zero(self) -> str:
+        """A value of nothing."""
+        return "0" if self.program.format.fixed else self.program.format.text(0.0)
+
+    def input(self, entry: Input) -> str:
+        """Input brought into its range."""
+        flag = f"@P_{entry.flag}" if entry.flag else "0U"
+        call = f"@p_limited(in->{entry.name}, @p_{entry.table}, {flag}, &status)"
+        return f"const {self.type} {entry.name} = {call};"
+
+    def statements(self, step: Step) -> Iterator[str]:
+        """Statements of one step."""
+        if isinstance(step, Select):
+            yield from self._select(step)
+        else:
+            yield f"const {self.type} {step.name} = {self._value(step)};"
+
+    def _value(self, step: Step) -> str:
+        """Expression of a step that is one."""
+        if isinstance(step, Map):
+            flag, status = self._flag(step.flag), f"status_{step.group}" if step.group else "status"
+            return f"@p_mapped({step.source}, &@p_{step.table}, {flag}, &{status})"
+        if isinstance(step, Limit):
+            return f"@p_limited({step.source}, @p_{step.table}, {self._flag(step.flag)}, &status)"
+        if isinstance(step, Sum):
+            return self._sum(step)
+        if isinstance(step, Quotient):
+            return self._quotient(step)
+        if isinstance(step, Memory):
+            kept = f"state->{step.source}"
+            return f"(state->updates == 0U) ? {step.source} : {kept}" if step.start == "same" else kept
+        return self._slope(step) if isinstance(step, Slope) else ""
+
+    def _flag(self, name: str) -> str:
+        """Status bit of that name."""
+        return f"@P_{name}" if name else "0U"
+
+    def _sum(self, step: Sum) -> str:
+        """Terms from left to right."""
+        values = [self._term(step, number, entry) for number, entry in enumerate(step.terms)]
+        if len(values) == 1 and values[0].startswith("(") and step.terms[0].sign > 0:
+            return values[0][1:-1] if values[0].count("(") == 1 or not values[0].startswith("(int") else values[0]
+        signs = ["- " if entry.sign < 0 else "+ " for entry in step.terms]
+        first = f"-{values[0]}" if step.terms[0].sign < 0 else values[0]
+        parts = [first, *(sign + value for sign, value in zip(signs[1:], values[1:], strict=True))]
+        return " ".join(parts) if sum(map(len, parts)) < ONE_LINE else "\n    ".join(parts)
+
+    def _term(self, step: Sum, number: int, entry: Term) -> str:
+        """One term, in parentheses where it is a product."""
+        scales, factors = self.program.scales, list(enumerate(entry.factors, start=1))
+        if entry.table:
+            value, scale = self._polynomial(entry), scales.get(entry.table, 0)
+        else:
+            (_, value), *factors = factors
+            scale = scales.get(value, 0)
+        for k, name in factors:
+            if self.program.format.fixed:
+                target = scales[f"{step.name}.{number}.{k}"]
+                value, scale = f"@p_scaled({value}, {name}, {scale + scales[name] - target}U)", target
+            else:
+                value = f"({value} * {name})"
+        return self._shifted(value, scale - scales[step.name]) if self.program.format.fixed else value
+
+    def _polynomial(self, entry: Term) -> str:
+        """Polynomial, or the plain number."""
+        count = len(self.program.tables[entry.table])
+        if not entry.over:
+            return f"@p_{entry.table}"
+        places = f", {self.program.scales[entry.over]}U" if self.program.format.fixed else ""
+        return f"@p_polynomial(@p_{entry.table}, {count}U, {entry.over}{places})"
+
+    def _shifted(self, value: str, places: int) -> str:
+        """A fixed-point value at another scale."""
+        if places == 0:
+            return value
+        if places < 0:
+            return f"({value} * {1 << -places})"
+        return f"(int32_t)@p_rounded({value}, {places}U)"
+
+    def _quotient(self, step: Quotient) -> str:
+        """Quotient of two values."""
+        if not self.program.format.fixed:
+            return f"{step.numerator} / {step.denominator}"
+        scales = self.program.scales
+        places = scales[step.name] + scales[step.denominator] - scales[step.numerator]
+        return f"@p_quotient({step.numerator}, {step.denominator}, {places}U)"
+
+    def _slope(self, step: Slope) -> str:
+        """Rate over a history that the state keeps."""
+        places, scales = "", self.program.scales
+        if self.program.format.fixed:
+            places = f" {scales[step.table] + scales[step.source] - scales[step.name]}U,"
+        return (
+            f"@p_slope(state->{step.name}_history, {step.source}, state->updates, @p_{step.table},{places}\n"
+            f"    {self._flag(step.flag)}, &status)"
+        )
+
+    def _select(self, step: Select) -> Iterator[str]:
+        """The first side that holds, with its status."""
+        yield f"{self.type} {step.name} = {self.zero};"
+        word = "if"
+        for case in step.cases:
+            up, down = f"({step.source} >= @p_{case.table})", f"({step.source} <= -@p_{case.table})"
+            holds = up if case.side > 0 else down if case.side < 0 else f"({up} || {down})"
+            value = case.value
+            if self.program.format.fixed:
+                scales = self.program.scales
+                value = self._shifted(value, scales[case.value] - scales[step.name])
+            yield f"{word} {holds} {{\n    {step.name} = {value};\n    status |= status_{case.group};"
+            word = "} else if"
+        yield f"}} else {{\n    status |= {self._flag(step.flag)};\n}}"
+
+
+def groups(program: Program) -> list[str]:
+    """Sides that have a status of their own."""
+    return list(dict.fromkeys(step.group for step in program.structure.steps if isinstance(step, Map) and step.group))

@@ -1,0 +1,186 @@
+"""The correction chain of a run as a short list of steps on normalised variables, with exact coefficients.
+
+A step names the values it takes and the table its numbers stand in; the same steps are evaluated by the numpy twin, bounded
+by the error analysis and printed as C. Temperatures and other drivers enter as u = (x − middle)/half, within [−1, 1] over
+the fitted range.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Literal
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from fractions import Fraction
+
+    from calibkit.firmware.exact import Poly
+
+
+@dataclass(frozen=True, slots=True)
+class Input:
+    """A quantity that the application hands over, in the unit that its name ends in; table: least and greatest value."""
+
+    name: str
+    unit: str
+    meaning: str
+    table: str
+    flag: str = ""
+    """Status that is returned when the value had to be brought into its range."""
+
+
+@dataclass(frozen=True, slots=True)
+class Map:
+    """u = (x − middle)/half, brought into its range; table: middle, 1/half, least and greatest u."""
+
+    name: str
+    source: str
+    table: str
+    flag: str = ""
+    group: str = ""
+    """Side whose status the flag belongs to, where a later step selects one side of several."""
+
+
+@dataclass(frozen=True, slots=True)
+class Term:
+    """± polynomial(over) · factors; without a table the polynomial is 1, without `over` the table holds one number."""
+
+    table: str = ""
+    over: str = ""
+    factors: tuple[str, ...] = ()
+    sign: int = 1
+
+
+@dataclass(frozen=True, slots=True)
+class Sum:
+    """Sum of terms, added from left to right."""
+
+    name: str
+    terms: tuple[Term, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Limit:
+    """A value brought into a range; table: least and greatest value."""
+
+    name: str
+    source: str
+    table: str
+    flag: str
+
+
+@dataclass(frozen=True, slots=True)
+class Quotient:
+    """numerator / denominator; the denominator cannot vanish within the chain's ranges."""
+
+    name: str
+    numerator: str
+    denominator: str
+
+
+@dataclass(frozen=True, slots=True)
+class Memory:
+    """Value that `source` had at the update before; at the first update its present value ("same") or 0 ("zero")."""
+
+    name: str
+    source: str
+    start: Literal["same", "zero"]
+
+
+@dataclass(frozen=True, slots=True)
+class Slope:
+    """Rate of `source` from its last values: Σ_i w_i (v_i − v_0), v_0 the newest.
+
+    The table holds a row of `length` − 1 weights w_1 … for each number of values from `least` to `length`; with fewer
+    values the rate is 0 and the flag is returned.
+    """
+
+    name: str
+    source: str
+    table: str
+    length: int
+    least: int
+    flag: str
+
+
+@dataclass(frozen=True, slots=True)
+class Case:
+    """A value that a Select takes on one side: where source ≥ threshold (side 1), ≤ −threshold (−1), either (0)."""
+
+    value: str
+    side: int
+    table: str
+    group: str
+
+
+@dataclass(frozen=True, slots=True)
+class Select:
+    """The first case that holds, else 0 and the flag."""
+
+    name: str
+    source: str
+    cases: tuple[Case, ...]
+    flag: str
+
+
+Step = Map | Sum | Limit | Quotient | Memory | Slope | Select
+
+
+@dataclass(frozen=True, slots=True)
+class Output:
+    """A result, in the unit that its name ends in."""
+
+    name: str
+    unit: str
+    source: str
+    meaning: str
+
+
+@dataclass(frozen=True, slots=True)
+class Structure:
+    """What a chain does, without its numbers."""
+
+    forms: tuple[str, ...]
+    """Forms of the models, as they stand in the coefficient files."""
+    formula: str
+    """Direction of the correction, in words: corrected = …."""
+    inputs: tuple[Input, ...]
+    steps: tuple[Step, ...]
+    outputs: tuple[Output, ...]
+    interval_s: float | None
+    """Interval [s] at which the chain has to be updated; none of a chain without memory."""
+
+    @property
+    def flags(self) -> tuple[str, ...]:
+        """Statuses in the order of their bits."""
+        named = [entry.flag for entry in (*self.inputs, *self.steps) if not isinstance(entry, Sum | Quotient | Memory)]
+        return tuple(dict.fromkeys(flag for flag in named if flag))
+
+    @property
+    def memories(self) -> tuple[Memory, ...]:
+        """What is kept from update to update, but for the values that slopes keep."""
+        return tuple(step for step in self.steps if isinstance(step, Memory))
+
+    @property
+    def slopes(self) -> tuple[Slope, ...]:
+        """Slopes, each with its own history."""
+        return tuple(step for step in self.steps if isinstance(step, Slope))
+
+
+@dataclass(frozen=True, slots=True)
+class Chain:
+    """A structure with its exact numbers: table → numbers.
+
+    `limits` bounds values that depend on their own past, whatever the inputs do; `usual` bounds them, tighter, where the
+    inputs keep to `condition`, under which alone the printed error bound holds. `gains` is the greatest error [u] of a
+    remembered value for each unit of error of the mapped input that drives it.
+    """
+
+    structure: Structure
+    tables: Mapping[str, Poly]
+    limits: Mapping[str, Fraction] = field(default_factory=dict)
+    usual: Mapping[str, Fraction] = field(default_factory=dict)
+    gains: Mapping[str, Fraction] = field(default_factory=dict)
+    condition: str = ""
+    ranges: tuple[str, ...] = ()
+    """Ranges in which the models were fitted, in words."""

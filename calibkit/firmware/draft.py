@@ -1,0 +1,147 @@
+"""A chain while it is being put together."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from calibkit.firmware import exact
+from calibkit.firmware.chain import Chain, Input, Limit, Map, Quotient, Select, Structure, Sum, Term
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+    from calibkit.coefficients import Model
+    from calibkit.firmware.chain import Output, Step
+
+BEYOND = Fraction(5, 4)
+"""How far [u] an input may leave the fitted range before a chain with memory refuses to follow it."""
+
+
+@dataclass(slots=True)
+class Draft:
+    """Inputs, steps, outputs and tables so far."""
+
+    inputs: list[Input] = field(default_factory=list)
+    steps: list[Step] = field(default_factory=list)
+    outputs: list[Output] = field(default_factory=list)
+    tables: dict[str, exact.Poly] = field(default_factory=dict)
+    limits: dict[str, Fraction] = field(default_factory=dict)
+    usual: dict[str, Fraction] = field(default_factory=dict)
+    gains: dict[str, Fraction] = field(default_factory=dict)
+    ranges: list[str] = field(default_factory=list)
+
+    def table(self, name: str, numbers: Iterable[Fraction]) -> str:
+        """Store a table and return its name."""
+        self.tables[name] = tuple(numbers)
+        return name
+
+    def input(self, name: str, unit: str, meaning: str, span: tuple[Fraction, Fraction], flag: str = "") -> str:
+        """Add an input once; without a flag its range only says how large it can be."""
+        if name not in [entry.name for entry in self.inputs]:
+            self.inputs.append(Input(name, unit, meaning, self.table(f"{name}_range", span), flag))
+        return name
+
+    def map(
+        self,
+        name: str,
+        source: str,
+        valid: tuple[float, float],
+        *,
+        flag: str,
+        group: str = "",
+        beyond: Fraction | None = None,
+    ) -> tuple[Fraction, Fraction]:
+        """Map a value to u over its fitted range, clamped to it (or, with `beyond`, to ±beyond); returns middle and half."""
+        middle, half = exact.span(*valid)
+        low, high = ((Fraction(limit) - middle) / half for limit in valid)
+        if beyond is not None:
+            low, high = -beyond, beyond
+        table = self.table(f"{name}_map", (middle, 1 / half, low, high))
+        self.steps.append(Map(name, source, table, flag, group))
+        return middle, half
+
+    def temperature(self, valid: tuple[float, float], name: str = "u", column: str = "temp_case_degc") -> exact.Poly:
+        """Case temperature as u, clamped to its fitted range; returns middle and half [°C]."""
+        middle, half = exact.span(*valid)
+        self.input(column, "degC", "temperature of the sensor case", (middle - BEYOND * half, middle + BEYOND * half))
+        self.ranges.append(f"{column} {valid[0]:.4g} to {valid[1]:.4g} degC")
+        return self.map(name, column, valid, flag="TEMP_CLAMPED")
+
+    def limit(self, name: str, source: str, low: Fraction, high: Fraction, flag: str) -> str:
+        """Add a limited value."""
+        self.steps.append(Limit(name, source, self.table(f"{name}_limits", (low, high)), flag))
+        return name
+
+    def polynomial(
+        self, table: str, numbers: Sequence[Fraction], over: str, *factors: str, sign: int = 1
+    ) -> list[Term]:
+        """Term sign · polynomial(over) · factors: none where it vanishes, a plain number where it does not vary."""
+        found = exact.trimmed(numbers)
+        if not found:
+            return []
+        if found == (Fraction(1),) and factors:
+            return [Term("", "", factors, sign)]
+        self.table(table, found)
+        return [Term(table, over if len(found) > 1 else "", factors, sign)]
+
+    def sum(self, name: str, *terms: Sequence[Term]) -> str:
+        """Add a sum of terms."""
+        self.steps.append(Sum(name, tuple(term for part in terms for term in part)))
+        return name
+
+    def chain(
+        self, forms: Iterable[str], formula: str, *, interval_s: float | None = None, condition: str = ""
+    ) -> Chain:
+        """The finished chain."""
+        used = _used(self.steps, [output.source for output in self.outputs])
+        structure = Structure(
+            tuple(dict.fromkeys(forms)),
+            formula,
+            tuple(entry for entry in self.inputs if entry.name in used),
+            tuple(step for step in self.steps if step.name in used),
+            tuple(self.outputs),
+            interval_s,
+        )
+        return Chain(structure, self.tables, self.limits, self.usual, self.gains, condition, tuple(self.ranges))
+
+
+def _used(steps: Sequence[Step], wanted: Sequence[str]) -> set[str]:
+    """Names of inputs and steps that the wanted values hang on, through what is remembered too."""
+    known = {step.name: step for step in steps}
+    open_, used = list(wanted), set()
+    while open_:
+        name = open_.pop()
+        if name not in used:
+            used.add(name)
+            open_ += sources(known[name]) if name in known else ()
+    return used
+
+
+def sources(step: Step) -> tuple[str, ...]:
+    """Values that a step takes."""
+    if isinstance(step, Sum):
+        return tuple(name for term in step.terms for name in (term.over, *term.factors) if name)
+    if isinstance(step, Quotient):
+        return (step.numerator, step.denominator)
+    if isinstance(step, Select):
+        return (step.source, *(case.value for case in step.cases))
+    return (step.source,)
+
+
+def factor(name: str, sign: int = 1) -> list[Term]:
+    """Term ± value."""
+    return [Term("", "", (name,), sign)]
+
+
+def numbers(model: Model, *names: str) -> exact.Poly:
+    """Coefficients of a model, exactly as the file has them."""
+    return tuple(Fraction(model.value(name)) for name in names)
+
+
+def powers(model: Model, letter: str) -> exact.Poly:
+    """Coefficients letter0, letter1, … of a model, as many as there are."""
+    present = {c.name for c in model.coefficients}
+    count = next(k for k in range(len(present) + 1) if f"{letter}{k}" not in present)
+    return numbers(model, *(f"{letter}{k}" for k in range(count)))

@@ -1,0 +1,54 @@
+"""All that a target needs to know of one run: its chain in a number format, whose it is, its bounds and its test vectors."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from calibkit.firmware import bounds, identifiers, program, vectors
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from calibkit.firmware.chain import Chain
+    from calibkit.firmware.formats import Format
+    from calibkit.firmware.program import Program
+    from calibkit.firmware.vectors import Vectors
+
+SCHEMA = "calibkit-firmware/1"
+
+
+@dataclass(frozen=True, slots=True)
+class Identity:
+    """Whose coefficients these are and what they were made from and with."""
+
+    serial: str
+    revision: int
+    effective_from: str
+    run_sha256: str
+    """Digest of run.json."""
+    files: Mapping[str, str]
+    """Coefficient file → the digest that it states of itself."""
+    software: str
+    accepted: bool
+    title: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Export:
+    """One run, ready to be written for a target."""
+
+    prefix: str
+    identity: Identity
+    chain: Chain
+    program: Program
+    bounds: Mapping[str, float]
+    """Worst-case evaluation error of each output in its unit; of a recursive chain that of one update."""
+    vectors: Vectors
+
+
+def of(chain: Chain, identity: Identity, number: Format, prefix: str) -> Export:
+    """Quantise a chain, bound its error and work out its self-test."""
+    identifiers.check_prefix(prefix)
+    quantised = program.of(chain, number)
+    return Export(prefix, identity, chain, quantised, bounds.of(chain, quantised), vectors.of(chain, quantised))

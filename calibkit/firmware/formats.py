@@ -1,0 +1,54 @@
+"""Number formats of firmware: IEEE 754 single and double, two's complement of 32 and 16 bits."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+
+from calibkit.errors import UsageError
+
+
+@dataclass(frozen=True, slots=True)
+class Format:
+    """How a number is stored, what C calls it, and how it is printed."""
+
+    name: str
+    c_type: str
+    bits: int
+    """Significant bits of a float; width of a fixed-point word that is handed over."""
+    fixed: bool
+
+    def nearest(self, x: Fraction) -> float:
+        """Number of a floating format nearest to x, ties to even."""
+        if x == 0:
+            return 0.0
+        e = abs(x.numerator).bit_length() - x.denominator.bit_length()
+        quantum = Fraction(2) ** (e - self.bits)
+        if abs(x) / quantum >= 2**self.bits:
+            quantum *= 2
+        least = Fraction(2) ** (-149 if self.bits == 24 else -1074)
+        quantum = max(quantum, least)
+        return float(round(x / quantum) * quantum)
+
+    def text(self, x: float) -> str:
+        """C literal that reads back to the same number."""
+        if self.fixed:
+            return str(int(x))
+        digits = f"{x:.9g}" if self.bits == 24 else f"{x:.17g}"
+        whole = digits if any(mark in digits for mark in ".e") else f"{digits}.0"
+        return f"{whole}F" if self.bits == 24 else whole
+
+
+FORMATS = {
+    "f32": Format("f32", "float", 24, fixed=False),
+    "f64": Format("f64", "double", 53, fixed=False),
+    "q31": Format("q31", "int32_t", 32, fixed=True),
+    "q15": Format("q15", "int16_t", 16, fixed=True),
+}
+
+
+def of(name: str) -> Format:
+    """Number format of that name, or UsageError."""
+    if name not in FORMATS:
+        raise UsageError(f"--number {name}: no such number format", hint=f"the formats are {', '.join(FORMATS)}")
+    return FORMATS[name]

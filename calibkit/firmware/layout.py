@@ -1,0 +1,75 @@
+"""Steps of a program as lines of JSON, and back: what a file needs beside its numbers to be evaluated again."""
+
+from __future__ import annotations
+
+import json
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from calibkit.errors import CoefficientError
+from calibkit.firmware import chain, formats
+from calibkit.firmware.program import Program
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+STEPS = {
+    kind.__name__.lower(): kind
+    for kind in (chain.Map, chain.Sum, chain.Limit, chain.Quotient, chain.Memory, chain.Slope, chain.Select)
+}
+
+
+def lines(program: Program) -> list[str]:
+    """One line for the whole, one an input, a step, an output."""
+    structure = program.structure
+    head = {
+        "number": program.format.name,
+        "forms": structure.forms,
+        "formula": structure.formula,
+        "interval_s": structure.interval_s,
+        "scales": program.scales,
+    }
+    return [
+        _line({"program": head}),
+        *(_line({"input": asdict(entry)}) for entry in structure.inputs),
+        *(_line({type(step).__name__.lower(): asdict(step)}) for step in structure.steps),
+        *(_line({"output": asdict(output)}) for output in structure.outputs),
+    ]
+
+
+def _line(document: Mapping[str, Any]) -> str:
+    """Compact JSON in ASCII."""
+    return json.dumps(document, separators=(",", ":"), sort_keys=True, ensure_ascii=True)
+
+
+def program(texts: Sequence[str], tables: Mapping[str, tuple[float, ...]], name: str) -> Program:
+    """Program of its lines and tables; CoefficientError where they do not make one."""
+    try:
+        documents = [json.loads(text) for text in texts]
+        head = documents[0]["program"]
+        inputs, steps, outputs = [], [], []
+        for document in documents[1:]:
+            ((kind, fields),) = document.items()
+            if kind == "input":
+                inputs.append(chain.Input(**fields))
+            elif kind == "output":
+                outputs.append(chain.Output(**fields))
+            else:
+                steps.append(_step(kind, fields))
+        structure = chain.Structure(
+            tuple(head["forms"]), head["formula"], tuple(inputs), tuple(steps), tuple(outputs), head["interval_s"]
+        )
+        return Program(structure, formats.of(head["number"]), dict(tables), head["scales"])
+    except (ValueError, KeyError, TypeError, IndexError) as error:
+        raise CoefficientError(f"{name}: its steps cannot be read: {error}", hint="export it again") from None
+
+
+def _step(kind: str, fields: dict[str, Any]) -> chain.Step:
+    """A step of its JSON object."""
+    if kind == "sum":
+        terms = tuple(chain.Term(**{**term, "factors": tuple(term["factors"])}) for term in fields["terms"])
+        return chain.Sum(fields["name"], terms)
+    if kind == "select":
+        return chain.Select(**{**fields, "cases": tuple(chain.Case(**case) for case in fields["cases"])})
+    step: chain.Step = STEPS[kind](**fields)
+    return step

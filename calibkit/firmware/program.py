@@ -1,0 +1,150 @@
+"""A chain in one number format: the same steps, with the numbers that the firmware holds."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from calibkit.firmware import exact, ranges
+from calibkit.firmware.chain import Limit, Map, Select, Slope, Sum
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from calibkit.firmware.chain import Chain, Step, Structure
+    from calibkit.firmware.formats import Format
+    from calibkit.firmware.ranges import Range
+
+SLACK = {16: 64, 32: 4096}
+"""Words at either end that roundings may not reach: 64 of 32768."""
+RECIPROCAL_BITS = {16: 14, 32: 30}
+"""Of the reciprocal of half in fixed point, which has no leading zeros: the obvious 1/half would have a handful of bits."""
+
+
+@dataclass(frozen=True, slots=True)
+class Program:
+    """Steps and numbers of a firmware; everything that decides a result bit for bit.
+
+    In fixed point a stored word w stands for w · 2^−scale; scales hold one entry a value, a table, a partial product
+    ("sum.term.factor"), a map's reciprocal ("table.reciprocal") and an output ("out.name").
+    """
+
+    structure: Structure
+    format: Format
+    tables: Mapping[str, tuple[float, ...]]
+    scales: Mapping[str, int]
+
+    @property
+    def word(self) -> int:
+        """Width of the words that are calculated with: a chain with memory never rounds to 16 bits."""
+        return 32 if self.structure.interval_s is not None else self.format.bits
+
+
+def of(chain: Chain, number: Format) -> Program:
+    """Program of a chain in a number format; OutputError where a fixed-point format cannot hold it."""
+    if not number.fixed:
+        tables = {name: tuple(map(number.nearest, numbers)) for name, numbers in chain.tables.items()}
+        return Program(chain.structure, number, tables, {})
+    empty = Program(chain.structure, number, {}, {})
+    scales = _scales(chain, empty.word, number.bits)
+    return Program(chain.structure, number, _fixed_tables(chain, scales), scales)
+
+
+def _scale(reach: Fraction, word: int) -> int:
+    """Largest scale at which a magnitude fits a word."""
+    if reach == 0:
+        return word - 2
+    scale, most = 0, (1 << (word - 1)) - SLACK[word]
+    while reach * Fraction(2) ** scale > most:
+        scale -= 1
+    while reach * Fraction(2) ** (scale + 1) <= most:
+        scale += 1
+    return scale
+
+
+def _scales(chain: Chain, word: int, io: int) -> dict[str, int]:
+    """Scale of every value, partial product, table, reciprocal and output."""
+    known = ranges.of(chain, usual=False)
+    scales = {e.name: _scale(ranges.magnitude(known[e.name]), io) for e in chain.structure.inputs}
+    sloped = {step.source for step in chain.structure.slopes}
+    for step in chain.structure.steps:
+        reach = ranges.magnitude(known[step.name]) * (2 if step.name in sloped else 1)
+        if isinstance(step, Sum):  # no partial sum may overflow either
+            parts = [ranges.magnitude(ranges.term(chain, entry, known)[-1]) for entry in step.terms]
+            reach = max(reach, sum(parts, Fraction(0)))
+        scales[step.name] = scales[step.source] if isinstance(step, Limit) else _scale(reach, word)
+    for memory in chain.structure.memories:
+        scales[memory.name] = scales[memory.source]
+    for step in chain.structure.steps:
+        scales |= _inner_scales(chain, step, known, scales, word)
+    for output in chain.structure.outputs:
+        scales[f"out.{output.name}"] = scales[output.source] - (word - io)
+    return scales
+
+
+def _inner_scales(
+    chain: Chain, step: Step, known: Mapping[str, Range], scales: Mapping[str, int], word: int
+) -> dict[str, int]:
+    """Scales of a step's tables and partial products."""
+    found: dict[str, int] = {}
+    if isinstance(step, Map):
+        reciprocal = chain.tables[step.table][1]
+        found[f"{step.table}.reciprocal"] = RECIPROCAL_BITS[word] - exact.power_of_two(reciprocal)
+    elif isinstance(step, Slope):
+        weights = _scale(max(map(abs, chain.tables[step.table])), word)
+        found[step.table] = min(weights, scales[step.name] - scales[step.source] + 2 * word - 4)
+    elif isinstance(step, Sum):
+        for number, entry in enumerate(step.terms):
+            parts = ranges.term(chain, entry, known)
+            last = scales[step.name]
+            for k, name in reversed(list(enumerate(entry.factors, start=1))):
+                found[f"{step.name}.{number}.{k}"] = last
+                last = min(
+                    _scale(_reach(chain, entry.table, parts[k - 1], known, entry.over), word),
+                    last - scales[name] + 2 * word - 4,
+                )
+            if entry.table:
+                found[entry.table] = last
+    return found
+
+
+def _reach(chain: Chain, table: str, part: Range, known: Mapping[str, Range], over: str) -> Fraction:
+    """Largest magnitude of a partial product, and of every stage of Horner's scheme."""
+    reach = ranges.magnitude(part)
+    if table and over:
+        u = ranges.magnitude(known[over])
+        total = Fraction(0)
+        for c in reversed(chain.tables[table]):
+            total = total * u + abs(c)
+            reach = max(reach, total)
+    return reach
+
+
+def _fixed_tables(chain: Chain, scales: Mapping[str, int]) -> dict[str, tuple[int, ...]]:
+    """Tables as words."""
+
+    def words(name: str, scale: int) -> tuple[int, ...]:
+        return tuple(_word(x, scale) for x in chain.tables[name])
+
+    found = {entry.table: words(entry.table, scales[entry.name]) for entry in chain.structure.inputs}
+    for step in chain.structure.steps:
+        if isinstance(step, Map):
+            middle, reciprocal, low, high = chain.tables[step.table]
+            limits = (_word(low, scales[step.name]), _word(high, scales[step.name]))
+            k = scales[f"{step.table}.reciprocal"]
+            found[step.table] = (_word(middle, scales[step.source]), _word(reciprocal, k), *limits)
+        elif isinstance(step, Limit):
+            found[step.table] = words(step.table, scales[step.name])
+        elif isinstance(step, Select):
+            found |= {case.table: words(case.table, scales[step.source]) for case in step.cases}
+        elif isinstance(step, Slope):
+            found[step.table] = words(step.table, scales[step.table])
+        elif isinstance(step, Sum):
+            found |= {t.table: words(t.table, scales[t.table]) for t in step.terms if t.table}
+    return found
+
+
+def _word(x: Fraction, scale: int) -> int:
+    """Nearest word."""
+    return round(x * Fraction(2) ** scale)

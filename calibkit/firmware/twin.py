@@ -1,0 +1,284 @@
+"""What the firmware computes, bit for bit, in numpy: the same operations on the same words in the same order.
+
+Bit for bit holds for C that is compiled without contraction to fused multiply-add (`-ffp-contract=off`); fixed point has
+none. Every value is an array over lanes, so that one call runs many instants of a chain without memory, or many units.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Select, Slope, Sum
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from calibkit.firmware.chain import Case, Step, Term
+    from calibkit.firmware.program import Program
+
+    Words = NDArray[Any]
+    """Floats of the program's format, or words of a fixed-point format as int64."""
+
+INVALID = 1 << 15
+"""Status of an input that is not a number, or the word that stands for none."""
+
+
+@dataclass(frozen=True, slots=True)
+class State:
+    """What a chain keeps from update to update."""
+
+    values: Mapping[str, Words]
+    histories: Mapping[str, Words]
+    """Last values of each slope's source, the newest first."""
+    updates: Words
+    held: Mapping[str, Words]
+    """Last outputs, which an invalid input leaves as they were."""
+
+
+@dataclass(frozen=True, slots=True)
+class Result:
+    """Outputs and status of one call, and the state after it."""
+
+    outputs: Mapping[str, Words]
+    status: Words
+    state: State | None
+
+
+def encoded(program: Program, name: str, physical: NDArray[np.float64]) -> Words:
+    """Words that an application hands over for physical values; what does not fit becomes the nearest word that does."""
+    if not program.format.fixed:
+        return np.asarray(physical, dtype=dtype(program))
+    most = (1 << (program.format.bits - 1)) - 1
+    scaled = np.rint(np.asarray(physical, dtype=np.float64) * 2.0 ** program.scales[name])
+    words = np.clip(np.nan_to_num(scaled, nan=0.0, posinf=most, neginf=-most), -most, most).astype(np.int64)
+    return np.where(np.isnan(scaled), -most - 1, words)
+
+
+def decoded(program: Program, name: str, words: Words) -> NDArray[np.float64]:
+    """Physical values of an output; NaN for the word that stands for none."""
+    if not program.format.fixed:
+        return np.asarray(words, dtype=np.float64)
+    physical = words.astype(np.float64) * 2.0 ** -program.scales[f"out.{name}"]
+    return np.where(words == -(1 << (program.format.bits - 1)), np.nan, physical)
+
+
+def reset(program: Program, lanes: int) -> State:
+    """State of a unit that has just been switched on."""
+    zero = np.zeros(lanes, dtype=dtype(program))
+    return State(
+        {memory.name: zero for memory in program.structure.memories},
+        {slope.name: np.zeros((slope.length, lanes), dtype=dtype(program)) for slope in program.structure.slopes},
+        np.zeros(lanes, dtype=np.int64),
+        {output.name: zero for output in program.structure.outputs},
+    )
+
+
+def call(program: Program, inputs: Mapping[str, Words], state: State | None = None) -> Result:
+    """One call of the firmware's function on lanes of inputs [n]; a chain with memory needs its state."""
+    bad = np.any([_invalid(program, words) for words in inputs.values()], axis=0)
+    safe = {name: np.where(_invalid(program, words), 0, words).astype(dtype(program)) for name, words in inputs.items()}
+    with np.errstate(all="ignore"):
+        run = _Run(program, state, np.zeros(bad.size, dtype=np.int64))
+        for entry in program.structure.inputs:
+            low, high = run.numbers(entry.table)
+            run.values[entry.name] = run.limited(safe[entry.name], low, high, entry.flag, "")
+        for step in program.structure.steps:
+            run.values[step.name] = run.step(step)
+    fresh = {o.name: run.out(o.name, o.source) for o in program.structure.outputs}
+    status = np.where(bad, INVALID, run.status)
+    if state is None:
+        none = -(1 << (program.format.bits - 1)) if program.format.fixed else np.nan
+        outputs = {name: np.where(bad, none, words).astype(words.dtype) for name, words in fresh.items()}
+        return Result(outputs, status, None)
+    outputs = {name: np.where(bad, state.held[name], words) for name, words in fresh.items()}
+    after = State(
+        {m.name: np.where(bad, state.values[m.name], run.values[m.source]) for m in program.structure.memories},
+        {name: np.where(bad, state.histories[name], rows) for name, rows in run.histories.items()},
+        np.where(bad, state.updates, state.updates + 1),
+        outputs,
+    )
+    return Result(outputs, status, after)
+
+
+def dtype(program: Program) -> Any:  # noqa: ANN401 (a numpy type)
+    """Type that lanes are kept in."""
+    return np.int64 if program.format.fixed else np.float32 if program.format.bits == 24 else np.float64
+
+
+def _invalid(program: Program, words: Words) -> NDArray[np.bool_]:
+    """Inputs that are no number."""
+    if program.format.fixed:
+        return np.asarray(words == -(1 << (program.format.bits - 1)))
+    return np.asarray(~np.isfinite(words))
+
+
+class _Run:
+    """One call while it runs: values by name, status, and the status of each side of a selection."""
+
+    def __init__(self, program: Program, state: State | None, status: Words) -> None:
+        self.program, self.state, self.status = program, state, status
+        self.fixed = program.format.fixed
+        self.values: dict[str, Words] = {}
+        self.sides: dict[str, Words] = {}
+        self.histories: dict[str, Words] = {}
+        self.bits = {flag: 1 << k for k, flag in enumerate(program.structure.flags)}
+
+    def numbers(self, table: str) -> list[Any]:
+        """Numbers of a table in the type of the lanes."""
+        return [dtype(self.program)(x) for x in self.program.tables[table]]
+
+    def flag(self, name: str, where: Words, group: str) -> None:
+        """Raise a status on some lanes."""
+        if not name:
+            return
+        raised = np.where(where, self.bits[name], 0)
+        if group:
+            self.sides[group] = self.sides.get(group, np.zeros_like(self.status)) | raised
+        else:
+            self.status = self.status | raised
+
+    def limited(self, x: Words, low: Any, high: Any, flag: str, group: str) -> Words:  # noqa: ANN401
+        """Bring a value into a range."""
+        self.flag(flag, (x < low) | (x > high), group)
+        return np.where(x < low, low, np.where(x > high, high, x))
+
+    def step(self, step: Step) -> Words:  # noqa: PLR0911 (one return a kind of step)
+        """Value of one step."""
+        if isinstance(step, Map):
+            return self.map(step)
+        if isinstance(step, Sum):
+            return self.sum(step)
+        if isinstance(step, Limit):
+            low, high = self.numbers(step.table)
+            return self.limited(self.values[step.source], low, high, step.flag, "")
+        if isinstance(step, Quotient):
+            return self.quotient(step)
+        if isinstance(step, Memory):
+            return self.memory(step)
+        if isinstance(step, Slope):
+            return self.slope(step)
+        return self.select(step)
+
+    def map(self, step: Map) -> Words:
+        """Driver on [−1, 1]."""
+        middle, reciprocal, low, high = self.numbers(step.table)
+        x = self.values[step.source] - middle
+        if self.fixed:
+            scales = self.program.scales
+            places = scales[step.source] + scales[f"{step.table}.reciprocal"] - scales[step.name]
+            u = _rounded(x * reciprocal, places)
+        else:
+            u = x * reciprocal
+        return self.limited(u, low, high, step.flag, step.group)
+
+    def sum(self, step: Sum) -> Words:
+        """Terms from left to right."""
+        total = self.term(step, 0, step.terms[0])
+        for number, entry in enumerate(step.terms[1:], start=1):
+            total = total + self.term(step, number, entry)
+        return total
+
+    def term(self, step: Sum, number: int, entry: Term) -> Words:
+        """One term, at the scale of its sum."""
+        scales, factors = self.program.scales, list(enumerate(entry.factors, start=1))
+        if entry.table:
+            value, scale = self.polynomial(entry), scales.get(entry.table, 0)
+        else:
+            (_, first), *factors = factors
+            value, scale = self.values[first], scales.get(first, 0)
+        if not self.fixed:
+            for _, name in factors:
+                value = value * self.values[name]
+            return -value if entry.sign < 0 else value
+        for k, name in factors:
+            target = scales[f"{step.name}.{number}.{k}"]
+            value, scale = _rounded(value * self.values[name], scale + scales[name] - target), target
+        value = _rounded(value, scale - scales[step.name])
+        return -value if entry.sign < 0 else value
+
+    def polynomial(self, entry: Term) -> Words:
+        """Horner's scheme from the highest power down."""
+        *lower, total = self.numbers(entry.table)
+        if not entry.over:
+            return np.full(self.status.shape, total)
+        x = self.values[entry.over]
+        total = np.full(x.shape, total)
+        for c in reversed(lower):
+            product = _rounded(total * x, self.program.scales[entry.over]) if self.fixed else total * x
+            total = product + c
+        return np.asarray(total)
+
+    def quotient(self, step: Quotient) -> Words:
+        """Quotient, in fixed point cut off towards 0."""
+        n, d = self.values[step.numerator], self.values[step.denominator]
+        if not self.fixed:
+            return np.asarray(n / d)
+        scales = self.program.scales
+        places = scales[step.name] + scales[step.denominator] - scales[step.numerator]
+        return np.asarray(np.sign(n) * np.sign(d) * ((np.abs(n) << places) // np.abs(d)))
+
+    def memory(self, step: Memory) -> Words:
+        """Value of the update before."""
+        assert self.state is not None  # noqa: S101 (a chain with memory is called with its state)
+        kept = self.state.values[step.name]
+        return np.where(self.state.updates == 0, self.values[step.source], kept) if step.start == "same" else kept
+
+    def slope(self, step: Slope) -> Words:
+        """Rate over the values that are kept."""
+        assert self.state is not None  # noqa: S101 (as above)
+        kept = np.vstack([self.values[step.source][None, :], self.state.histories[step.name][:-1]])
+        self.histories[step.name] = kept
+        count = np.minimum(self.state.updates + 1, step.length)
+        self.flag(step.flag, count < step.least, "")
+        weights = np.array(self.program.tables[step.table], dtype=dtype(self.program)).reshape(-1, step.length - 1)
+        row = weights[np.maximum(count - step.least, 0)]
+        total = np.zeros_like(kept[0])
+        for i in range(1, step.length):
+            product = row[:, i - 1] * (kept[i] - kept[0])
+            if self.fixed:
+                scales = self.program.scales
+                product = _rounded(product, scales[step.table] + scales[step.source] - scales[step.name])
+            total = np.where(i < count, total + product, total)
+        return np.asarray(np.where(count < step.least, np.zeros_like(total), total))
+
+    def select(self, step: Select) -> Words:
+        """Value of the first side that holds."""
+        source = self.values[step.source]
+        total, open_ = np.zeros_like(self.values[step.cases[0].value]), np.ones(source.shape, dtype=bool)
+        for case in step.cases:
+            here = open_ & self.holds(case, source)
+            value = self.values[case.value]
+            if self.fixed:
+                value = _rounded(value, self.program.scales[case.value] - self.program.scales[step.name])
+            total = np.where(here, value, total)
+            side = self.sides.get(case.group, np.zeros_like(self.status))
+            self.status = self.status | np.where(here, side, 0)
+            open_ = open_ & ~here
+        self.flag(step.flag, open_, "")
+        return total
+
+    def holds(self, case: Case, source: Words) -> Words:
+        """Where a case holds."""
+        (threshold,) = self.numbers(case.table)
+        up, down = source >= threshold, source <= -threshold
+        return np.asarray(up if case.side > 0 else down if case.side < 0 else up | down)
+
+    def out(self, name: str, source: str) -> Words:
+        """An output at its own scale."""
+        if not self.fixed:
+            return self.values[source]
+        most = (1 << (self.program.format.bits - 1)) - 1
+        places = self.program.scales[source] - self.program.scales[f"out.{name}"]
+        return np.clip(_rounded(self.values[source], places), -most, most)
+
+
+def _rounded(x: Words, places: int) -> Words:
+    """Word x · 2^−places, halves up; the exact product by a power of two where places < 0."""
+    if places <= 0:
+        return x << -places
+    return (x + (1 << (places - 1))) >> places

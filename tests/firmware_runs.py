@@ -1,0 +1,45 @@
+"""Run folders for the firmware tests: one of every procedure and drift model, fitted once a session."""
+
+from dataclasses import dataclass
+
+from calibkit import pipeline, procedures, recipe, store
+from calibkit.firmware import chains
+from conftest import ROOT
+
+RUNS = {
+    "lagged": ("fog_thermal", ("drift.model=lagged",)),
+    "level": ("fog_thermal", ("drift.model=level",)),
+    "gradient": ("fog_thermal", ("drift.model=gradient_rate", "drift.order=2")),
+    "affine": ("accelerometer", ("affine.second_order=true", "affine.third_order=true")),
+    "k": ("accelerometer", ("compensation=k",)),
+    "kq": ("accelerometer", ("compensation=kq", "k.cross=false")),
+    "pair": ("gyro_pair", ()),
+    "rate": ("rate_table", ()),
+    "scale": ("inclinometer", ()),
+}
+"""Name → procedure and overrides."""
+MEMORYLESS = ("affine", "k", "kq", "pair", "rate", "scale")
+
+
+@dataclass(frozen=True)
+class Fitted:
+    """A run, its recipe and its chain."""
+
+    run: store.Run
+    spec: recipe.Recipe
+    chain: object
+
+    def record(self, name):
+        """A coefficient file of the run."""
+        return self.run.records[name]
+
+
+def fitted(name, folder):
+    """Fit one of RUNS to its shipped data set."""
+    procedure, overrides = RUNS[name]
+    source = recipe.find(procedure, overrides)
+    data = ROOT / "datasets" / procedure
+    outcome = pipeline.fit(source, data, f"FW-{name}", folder, "2026-11-21", procedures.silent)
+    run = store.load(outcome.folder)
+    spec = pipeline.run_recipe(run, ())
+    return Fitted(run, spec, chains.of(spec, run.records))

@@ -1,0 +1,206 @@
+"""The correction chain of a run against calibkit's own float64 models, in every number format, within the printed bound."""
+
+import numpy as np
+import pytest
+
+from calibkit.firmware import bounds, exact, formats, program, ranges, twin
+from calibkit.numeric import drift, thermal_drift
+from calibkit.stages import accel_results, fog_compensate, fog_levels, gyro_compensate, inclinometer_results
+from firmware_runs import MEMORYLESS, RUNS, fitted
+
+# every temperature that a thermometer of 16 bits over ±128 °C can say
+TEMPERATURES = np.arange(-(2**15), 2**15) / 256.0
+FLOAT64_NOISE = {"drift_dph": 1e-11, "accel_x_g": 1e-14, "gyro_x_dps": 1e-11, "gyro_a_dps": 1e-11}
+
+
+@pytest.fixture(scope="module")
+def runs(tmp_path_factory):
+    """Return a function that fits one of RUNS, once."""
+    folder, found = tmp_path_factory.mktemp("firmware"), {}
+
+    def run(name):
+        if name not in found:
+            found[name] = fitted(name, folder)
+        return found[name]
+
+    return run
+
+
+def within_ranges(chain, rows, seed):
+    """Random inputs over the ranges of a chain, temperatures over all that a thermometer says."""
+    rng, known = np.random.default_rng(seed), ranges.of(chain, usual=False)
+    columns = {}
+    for entry in chain.structure.inputs:
+        low, high = (float(limit) for limit in known[entry.name])
+        columns[entry.name] = rng.uniform(low, high, rows)
+        if entry.name == "temp_case_degc":
+            columns[entry.name] = np.resize(TEMPERATURES, rows)
+    return columns
+
+
+def physical(quantised, columns):
+    """Inputs after they were stored in a number format, as float64."""
+    words = {name: twin.encoded(quantised, name, values) for name, values in columns.items()}
+    scales = quantised.scales
+    back = {name: np.asarray(w, dtype=np.float64) * 2.0 ** -scales.get(name, 0) for name, w in words.items()}
+    return words, back
+
+
+def model_of(name, this):
+    """The float64 correction of a chain without memory, from columns of inputs."""
+    records, spec = this.run.records, this.spec
+    if name in ("affine", "k", "kq"):
+        correction = accel_results.correction(records, spec)
+
+        def corrected(columns):
+            vector = np.column_stack([np.clip(columns[f"accel_{axis}_g"], -2.0, 2.0) for axis in "xyz"])
+            found = correction(vector, columns["temp_case_degc"])
+            return {f"accel_{axis}_g": found[:, k] for k, axis in enumerate("xyz")}
+
+        return corrected
+    if name == "scale":
+        models = inclinometer_results.models(records, spec)
+        return lambda columns: {
+            f"scale_{axis}": model.prior(columns["temp_case_degc"]).s for axis, model in models.items()
+        }
+    gyros = {"pair": (("a", "a_about_a"), ("b", "b_about_b")), "rate": (("x", "gyro_x"),)}[name]
+    frozen = {gyro: gyro_compensate.frozen(records, gyro, model) for gyro, model in gyros}
+
+    def rates(columns):
+        cold = np.zeros_like(next(iter(columns.values())))
+        return {
+            f"gyro_{gyro}_dps": one.rate(columns[f"gyro_{gyro}_lsb"], columns.get("temp_case_degc", cold))
+            for gyro, one in frozen.items()
+        }
+
+    return rates
+
+
+@pytest.mark.parametrize("number", ["f32", "f64", "q31", "q15"])
+@pytest.mark.parametrize("name", MEMORYLESS)
+def test_a_chain_without_memory_is_the_float64_model_within_its_printed_bound(name, number, runs):
+    """At every temperature of a 16-bit thermometer and random indications, clamped at both ends as the model is."""
+    this = runs(name)
+    quantised = program.of(this.chain, formats.of(number))
+    bound = bounds.of(this.chain, quantised)
+    words, columns = physical(quantised, within_ranges(this.chain, TEMPERATURES.size, 1))
+    found = twin.call(quantised, words)
+    expected = model_of(name, this)(columns)
+    usable = found.status != twin.INVALID
+    assert usable.mean() > 0.99
+    for output, values in expected.items():
+        error = np.abs(twin.decoded(quantised, output, found.outputs[output]) - values)[usable].max()
+        assert error <= bound[output] + FLOAT64_NOISE.get(output, 1e-11)
+        if number == "f32" and output.startswith("accel"):
+            assert bound[output] < 1e-6  # g
+
+
+PACES = ((5, 0.0), (8, 5.0), (6, 0.0), (15, -5.0), (10, 0.0), (9, 9.0), (5, 0.0), (12, -6.0), (6, 0.0))
+"""Minutes and chamber rate [°C/min] of one thermal history."""
+
+
+def history(interval=10.0):
+    """Case and air temperatures of a thermal history with ramps and rests; noise of a real thermometer."""
+    pace = np.concatenate([np.full(round(minutes * 60.0 / interval), rate) for minutes, rate in PACES])
+    time = np.arange(pace.size) * interval
+    air = 15.0 + np.cumsum(pace) * interval / 60.0
+    case = np.empty_like(air)
+    case[0] = air[0]
+    for k in range(1, air.size):
+        case[k] = case[k - 1] + (air[k] - case[k - 1]) * interval / 300.0
+    return time, case + np.random.default_rng(5).normal(0.0, 0.003, time.size), air
+
+
+def along(quantised, columns):
+    """Drift [n, °/h] of the twin, update by update."""
+    words = {name: twin.encoded(quantised, name, values) for name, values in columns.items()}
+    state, found = twin.reset(quantised, 1), []
+    for k in range(len(next(iter(words.values())))):
+        result = twin.call(quantised, {name: column[k : k + 1] for name, column in words.items()}, state)
+        state = result.state
+        found.append(twin.decoded(quantised, "drift_dph", result.outputs["drift_dph"])[0])
+    return np.array(found)
+
+
+@pytest.mark.parametrize("number", ["f32", "f64", "q31", "q15"])
+@pytest.mark.parametrize("name", ["lagged", "level"])
+def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_bound(name, number, runs):
+    """Over an hour of ramps and rests: filter states, rates over windows, clamping and the start included."""
+    this = runs(name)
+    quantised = program.of(this.chain, formats.of(number))
+    bound = bounds.of(this.chain, quantised)["drift_dph"]
+    time, case, air = history()
+    inputs = {e.name: case if e.name == "temp_case_degc" else air for e in this.chain.structure.inputs}
+    _, stored = physical(quantised, inputs)
+    model = fog_levels.thermal_model(this.record("drift_rate.json").model("drift"))
+    heard = stored.get("temp_env_degc", air)
+    expected = thermal_drift.evaluate(model, time, stored["temp_case_degc"], heard, this.spec.reference_temp_degc)
+    error = np.abs(along(quantised, inputs) - expected.drift).max()
+    assert np.abs(expected.drift).max() > 0.4  # °/h: there is something to get wrong
+    assert error <= bound + FLOAT64_NOISE["drift_dph"]
+    if number == "f32":
+        assert bound < 1e-4  # °/h
+
+
+@pytest.mark.parametrize("number", ["f32", "f64", "q31", "q15"])
+def test_the_recursive_gradient_form_sums_the_float64_increments(number, runs):
+    """Each update adds no more than the printed bound of one update to the error of the sum."""
+    this = runs("gradient")
+    quantised = program.of(this.chain, formats.of(number))
+    bound = bounds.of(this.chain, quantised)["drift_dph"]
+    time, case, air = history()
+    rate = np.gradient(air, time / 60.0)
+    inputs = {"temp_case_degc": case, "temp_env_degc": air, "temp_env_rate_degc_min": rate}
+    _, stored = physical(quantised, inputs)
+    gradient = stored["temp_case_degc"] - stored["temp_env_degc"]
+    blocks = drift.Blocks(
+        time, stored["temp_case_degc"], gradient, np.zeros_like(time), stored["temp_env_rate_degc_min"]
+    )
+    model = fog_compensate.model_from(this.record("drift_rate.json"), this.spec)
+    expected = np.cumsum(model.along(blocks).delta)
+    error = np.abs(along(quantised, inputs) - expected)
+    assert np.abs(expected).max() > 0.2  # °/h
+    assert (error <= bound * np.arange(1, time.size + 1) + FLOAT64_NOISE["drift_dph"]).all()
+    assert number != "f32" or bound < 1e-4  # °/h
+
+
+def test_the_bound_of_a_plain_polynomial_is_within_the_classical_formula(runs):
+    """E ≤ 2⁻²⁴ (S (1 + 2n) + 3 D) of single precision is never exceeded by what is printed, and not undercut tenfold."""
+    chain = runs("scale").chain
+    name = chain.structure.steps[1].terms[0].table
+    c = [abs(float(x)) for x in chain.tables[name]]
+    classical = 2.0**-24 * (sum(c) * (1 + 2 * (len(c) - 1)) + 3 * sum(k * x for k, x in enumerate(c)))
+    printed = bounds.of(chain, program.of(chain, formats.of("f32")))[chain.structure.outputs[0].name]
+    assert classical / 10 < printed <= classical * 1.02
+
+
+@pytest.mark.parametrize("name", RUNS)
+def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
+    """A NaN gives INVALID and no number (or the last drift), a temperature far outside its flag, the middle nothing."""
+    this = runs(name)
+    quantised = program.of(this.chain, formats.of("f32"))
+    known = ranges.of(this.chain, usual=False)
+    middle = {e.name: np.full(3, sum(map(float, known[e.name])) / 2) for e in this.chain.structure.inputs}
+    first = this.chain.structure.inputs[0].name
+    middle[first] = np.array([middle[first][0], np.nan, 1e9 + middle[first][0]])
+    state = twin.reset(quantised, 3) if this.chain.structure.interval_s else None
+    words = {column: twin.encoded(quantised, column, values) for column, values in middle.items()}
+    result = twin.call(quantised, words, state)
+    still = {flag: 1 << k for k, flag in enumerate(this.chain.structure.flags)}
+    assert result.status[0] & ~(still.get("HELD", 0) | still.get("RATE_STARTING", 0)) == 0
+    assert result.status[1] == twin.INVALID
+    assert result.status[2] & (still.get("TEMP_CLAMPED", 0) | still.get("RATE_CLAMPED", 0))
+    for output in this.chain.structure.outputs:
+        value = result.outputs[output.name][1]
+        assert np.isnan(value) if state is None else value == 0.0
+
+
+def test_exact_arithmetic_does_not_hang_on_a_mathematics_library():
+    """Exp and sqrt to sixty digits against published digits; a map of a polynomial is the polynomial."""
+    assert f"{float(exact.exp(exact.Fraction(-1))):.17g}" == "0.36787944117144233"
+    assert str(
+        exact.sqrt(exact.Fraction(2)).numerator * 10**50 // exact.sqrt(exact.Fraction(2)).denominator
+    ).startswith("14142135623730950488016887242096980785696718753769"[:49])
+    raw = (exact.Fraction(3), exact.Fraction(-2), exact.Fraction(1, 7))
+    u = exact.mapped(raw, exact.Fraction(20), exact.Fraction(60))
+    assert exact.value(u, exact.Fraction(1, 3)) == exact.value(raw, exact.Fraction(40))
