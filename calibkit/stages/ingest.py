@@ -167,11 +167,15 @@ def _counted_time(recipe: Recipe, table: Table, own: Mapping[str, str], needed: 
     return {"time_s": np.arange(len(table.frame), dtype=np.float64) / recipe.logs.rate_hz}
 
 
-def unmapped(values: np.ndarray, column: Column, name: str, recipe: Recipe) -> np.ndarray:
-    """Values of a canonical column in the log's own unit and sign: the inverse of the mapping."""
+def unmapped(values: np.ndarray, column: Column, name: str, recipe: Recipe, stated: str = "") -> np.ndarray:
+    """Values of a canonical column in the log's own unit and sign: the inverse of the mapping.
+
+    `stated` is the unit that the log's header states; the recipe's stands above it.
+    """
     target = units.column_unit(name)
-    stated = units.convert(column.sign * values, target, column.unit or target, gravity_mps2=recipe.site.gravity_mps2)
-    return (stated - column.offset) / column.scale
+    own = column.unit or stated or target
+    converted = units.convert(column.sign * values, target, own, gravity_mps2=recipe.site.gravity_mps2)
+    return (converted - column.offset) / column.scale
 
 
 def _without_exclusions(
