@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients
+from calibkit import atomic, coefficients
 from calibkit.errors import CoefficientError, OutputError, UsageError
 
 if TYPE_CHECKING:
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 RUN_FORMAT = "calibkit-run/1"
 RUN_FORMATS = (RUN_FORMAT,)
 RUN_FILE = "run.json"
+WRITING = ".writing-"
+"""Start of the name of what is not finished."""
 _SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 _REVISION = re.compile(r"r(\d{3,})")
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
@@ -56,8 +58,16 @@ def revisions(serial_folder: Path) -> list[int]:
     """Revision numbers that a serial's folder holds, ascending."""
     if not serial_folder.is_dir():
         return []
-    found = (_REVISION.fullmatch(path.name) for path in serial_folder.iterdir() if path.is_dir())
+    found = (_REVISION.fullmatch(path.name) for path in _entries(serial_folder) if path.is_dir())
     return sorted(int(match.group(1)) for match in found if match)
+
+
+def _entries(folder: Path) -> list[Path]:
+    """Entries of a folder, or CoefficientError."""
+    try:
+        return list(folder.iterdir())
+    except OSError as error:
+        raise CoefficientError(f"{folder}: cannot be read: {error.strerror}", hint="check the permissions") from None
 
 
 def latest_digests(out: Path, serial: str) -> tuple[int, dict[str, str]]:
@@ -73,49 +83,54 @@ def stage_digests(run: Run) -> dict[str, str]:
 
 def _file_digest(run: Run, name: str) -> str:
     """Digest that a coefficient file of a run states of itself."""
-    document = coefficients.unseal((run.folder / name).read_text(encoding="utf-8"), name)
+    document = coefficients.unseal(_text(run.folder / name), name)
     return str(document["sha256"])
 
 
 def save(out: Path, serial: str, revision: int, files: Mapping[str, bytes]) -> Path:
     """Write a run folder whole: a temporary folder, every file synced, then one rename; nothing is overwritten."""
-    target = out / serial / f"r{revision:03d}"
+    target = _folder(out, serial, revision)
     _refuse_run_folder(target)
     try:
-        target.parent.mkdir(parents=True, exist_ok=True)
-        temporary = Path(tempfile.mkdtemp(prefix=".writing-", dir=target.parent))
+        atomic.make_folder(target.parent)
+        temporary = Path(tempfile.mkdtemp(prefix=WRITING, dir=target.parent))
     except OSError as error:
         raise OutputError(f"{target.parent}: cannot be written: {error.strerror}", hint="give another --out") from None
     try:
-        temporary.chmod(0o755)
-        for name, content in files.items():
-            _write_synced(temporary / name, content)
-        _sync_folder(temporary)
-        if target.exists():
+        _fill(temporary, files)
+        if os.path.lexists(target):
             raise OutputError(
                 f"{target}: exists already", hint="another fit of this serial has just finished; run again"
             )
-        temporary.rename(target)
-        _sync_folder(target.parent)
+        atomic.rename_folder(temporary, target)
     except OSError as error:
         raise OutputError(
             f"{target}: cannot be written: {error.strerror}", hint="free space or give another --out"
         ) from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
+    atomic.sync_folder(target.parent)
     return target
+
+
+def _fill(folder: Path, files: Mapping[str, bytes]) -> None:
+    """Write the files of a run into its temporary folder."""
+    folder.chmod(0o755)
+    for name, content in files.items():
+        atomic.write_synced(folder / name, content)
+    atomic.sync_folder(folder)
 
 
 def refuse_existing(path: Path) -> None:
     """Raise OutputError when something of that name exists, or when it would lie in a run folder."""
-    if path.exists():
+    if os.path.lexists(path):
         raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name or remove it")
     _refuse_run_folder(path)
 
 
 def _refuse_run_folder(path: Path) -> None:
     """Raise OutputError for a path inside a run folder, which is written once and whole."""
-    inside = next((parent for parent in path.absolute().parents if (parent / RUN_FILE).is_file()), None)
+    inside = next((parent for parent in path.absolute().parents if os.path.lexists(parent / RUN_FILE)), None)
     if inside is not None:
         raise OutputError(
             f"{path}: lies in the run folder {inside.name}", hint="a run folder is never added to; give another place"
@@ -126,47 +141,22 @@ def write_new(path: Path, content: bytes) -> None:
     """Write one file atomically; raises OutputError when it exists or cannot be written."""
     refuse_existing(path)
     try:
-        path.parent.mkdir(parents=True, exist_ok=True)
-        handle, name = tempfile.mkstemp(prefix=".writing-", dir=path.parent)
+        atomic.make_folder(path.parent)
+        handle, name = tempfile.mkstemp(prefix=WRITING, dir=path.parent)
         os.close(handle)
         temporary = Path(name)
         try:
-            _write_synced(temporary, content)
+            atomic.write_synced(temporary, content)
             temporary.chmod(0o644)
-            _rename_new(temporary, path)
-            _sync_folder(path.parent)
+            atomic.rename_new(temporary, path)
+            atomic.sync_folder(path.parent)
         finally:
-            temporary.unlink(missing_ok=True)
-    except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}", hint="give another place") from None
-
-
-def _rename_new(temporary: Path, path: Path) -> None:
-    """Rename without replacing: a hard link fails where the name was taken meanwhile."""
-    try:
-        os.link(temporary, path)
+            with contextlib.suppress(OSError):
+                temporary.unlink()
     except FileExistsError:
         raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name") from None
-    except OSError:  # a file system without hard links
-        temporary.rename(path)
-
-
-def _write_synced(path: Path, content: bytes) -> None:
-    """Write bytes and wait until they are on the disk."""
-    with path.open("wb") as stream:
-        stream.write(content)
-        stream.flush()
-        os.fsync(stream.fileno())
-
-
-def _sync_folder(folder: Path) -> None:
-    """Wait until a folder's entries are on the disk, where the system can."""
-    with contextlib.suppress(OSError):
-        handle = os.open(folder, os.O_RDONLY)
-        try:
-            os.fsync(handle)
-        finally:
-            os.close(handle)
+    except OSError as error:
+        raise OutputError(f"{path}: cannot be written: {error.strerror}", hint="give another place") from None
 
 
 def find(name: str, runs: Path, date: str = "") -> Path:
@@ -176,9 +166,9 @@ def find(name: str, runs: Path, date: str = "") -> Path:
     (the one in force on that date).
     """
     serial, _, chosen = name.partition("@")
-    if date and (chosen or (Path(name) / RUN_FILE).is_file()):
+    if date and (chosen or _is_run(Path(name))):
         raise UsageError(f"run '{name}' is one run, --date {date} chooses among several", hint="give the serial alone")
-    if (Path(name) / RUN_FILE).is_file():
+    if _is_run(Path(name)):
         return Path(name)
     numbers = revisions(runs / serial) if _SERIAL.fullmatch(serial) else []
     if not numbers:
@@ -194,6 +184,14 @@ def find(name: str, runs: Path, date: str = "") -> Path:
         raise UsageError(f"run '{name}': {serial} has no {chosen}", hint=f"revisions there: {there}")
     own_document(runs, serial, int(match.group(1)))
     return _folder(runs, serial, int(match.group(1)))
+
+
+def _is_run(folder: Path) -> bool:
+    """Whether a folder can be seen to be a run."""
+    try:
+        return (folder / RUN_FILE).is_file()
+    except OSError:
+        return False
 
 
 def _folder(runs: Path, serial: str, revision: int) -> Path:
@@ -250,7 +248,7 @@ def load(folder: Path) -> Run:
         if path.suffix == ".json":
             records[path.name] = coefficients.loads(content.decode("utf-8"), str(path))
     extra = sorted(
-        {path.name for path in folder.iterdir()} - {RUN_FILE, *(entry["name"] for entry in document["files"])}
+        {path.name for path in _entries(folder)} - {RUN_FILE, *(entry["name"] for entry in document["files"])}
     )
     if extra:
         raise CoefficientError(
@@ -276,6 +274,25 @@ def _text(path: Path) -> str:
 
 
 def commit(out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Mapping[str, bytes]]) -> Path:
-    """Save the next revision of a serial: `build` makes the files from its number and the digests it supersedes."""
-    revision, digests = latest_digests(out, serial)
-    return save(out, serial, revision + 1, build(revision + 1, digests))
+    """Save the next revision of a serial: `build` makes the files from its number and the digests it supersedes.
+
+    The serial is locked meanwhile: of two fits at once, in whatever processes, one gets the next number and the other
+    the one after it. What a fit that was killed left half written is removed.
+    """
+    _refuse_run_folder(out / serial)
+    with contextlib.ExitStack() as held:
+        try:
+            atomic.make_folder(out)
+            held.enter_context(atomic.locked(out / f".{serial}.lock", f"{out / serial}"))
+        except OSError as error:
+            raise OutputError(f"{out}: cannot be written: {error.strerror}", hint="give another --out") from None
+        _clear(out / serial)
+        revision, digests = latest_digests(out, serial)
+        return save(out, serial, revision + 1, build(revision + 1, digests))
+
+
+def _clear(serial_folder: Path) -> None:
+    """Remove run folders that were never finished; their serial is locked, so nobody is writing them."""
+    for path in _entries(serial_folder) if serial_folder.is_dir() else []:
+        if path.name.startswith(WRITING) and path.is_dir():
+            shutil.rmtree(path, ignore_errors=True)

@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from calibkit import coefficients, store
+from calibkit import atomic, coefficients, store
 from calibkit.errors import CoefficientError, OutputError, UsageError
 
 
@@ -92,7 +92,7 @@ def test_a_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):
     def full_disk(path, content):
         raise OSError(28, "No space left on device")
 
-    monkeypatch.setattr(store, "_write_synced", full_disk)
+    monkeypatch.setattr(atomic, "write_synced", full_disk)
     with pytest.raises(OutputError, match="No space left"):
         save_run(tmp_path)
     assert list((tmp_path / "S-1").iterdir()) == []
@@ -113,8 +113,8 @@ def test_a_name_taken_between_check_and_rename_is_kept(tmp_path):
     path, temporary = tmp_path / "a", tmp_path / "t"
     path.write_bytes(b"one")
     temporary.write_bytes(b"two")
-    with pytest.raises(OutputError):
-        store._rename_new(temporary, path)
+    with pytest.raises(FileExistsError):
+        atomic.rename_new(temporary, path)
     assert path.read_bytes() == b"one"
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import contextlib
+import errno
 import os
 import sys
 from typing import TYPE_CHECKING, Any
@@ -9,10 +11,22 @@ from typing import TYPE_CHECKING, Any
 import click
 
 from calibkit.cli.console import print_json
-from calibkit.errors import CalibkitError
+from calibkit.errors import CalibkitError, OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Callable
+
+
+FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
+"""Errors of a write to a stream; files that calibkit writes itself have OutputError."""
+
+
+def _silence_stdout() -> None:
+    """Send what is still buffered for stdout nowhere: the interpreter would try to write it again at the end."""
+    with contextlib.suppress(OSError, ValueError):
+        nowhere = os.open(os.devnull, os.O_WRONLY)
+        os.dup2(nowhere, sys.stdout.fileno())
+        os.close(nowhere)
 
 
 def guarded(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 (one return a kind of ending)
@@ -29,11 +43,15 @@ def guarded(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 (
         hint = f"see {context.command_path} --help" if context else "see calibkit --help"
         return _fail(2, "usage", error.format_message().rstrip("."), hint, as_json=as_json)
     except (KeyboardInterrupt, click.Abort):
-        return _fail(130, "interrupted", "interrupted; nothing was written", "", as_json=as_json)
-    except BrokenPipeError:
-        sys.stderr.close()
+        return _fail(130, "interrupted", "interrupted; what was not finished was not written", "", as_json=as_json)
+    except BrokenPipeError:  # `calibkit show | head` has seen enough
+        _silence_stdout()
         return 0
     except Exception as error:  # noqa: BLE001 (the last resort: a traceback helps nobody at the bench)
+        if isinstance(error, OSError) and error.filename is None and error.errno in FULL:
+            _silence_stdout()
+            message, hint = f"stdout: cannot be written: {error.strerror}", "free space; what was printed is not whole"
+            return _fail(OutputError.exit_code, OutputError.code, message, hint, as_json=False)
         import traceback
 
         if os.environ.get("CALIBKIT_DEBUG"):

@@ -1,0 +1,141 @@
+"""Files that are there whole or not at all: synced writes, renames that replace nothing, a lock between processes."""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import time
+from typing import TYPE_CHECKING
+
+from calibkit.errors import OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+WAIT_S = 120.0
+"""Seconds to wait for another process that holds a lock: it draws a report and writes a run folder meanwhile."""
+PAUSE_S = 0.05
+SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
+"""Pauses before a rename is tried again: on Windows a virus scanner may hold a file that was just written."""
+BUSY = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
+"""Errors of a lock that another process holds; any other means that the file system has no locks."""
+
+
+def write_synced(path: Path, content: bytes) -> None:
+    """Write bytes and wait until they are on the disk."""
+    with path.open("wb") as stream:
+        stream.write(content)
+        stream.flush()
+        os.fsync(stream.fileno())
+
+
+def sync_folder(folder: Path) -> None:
+    """Wait until a folder's entries are on the disk, where the system can."""
+    with contextlib.suppress(OSError):
+        handle = os.open(folder, os.O_RDONLY)
+        try:
+            os.fsync(handle)
+        finally:
+            os.close(handle)
+
+
+def make_folder(folder: Path) -> None:
+    """Make a folder with its parents and wait until their entries are on the disk; raises OSError."""
+    missing = [path for path in (folder, *folder.parents) if not path.exists()]
+    folder.mkdir(parents=True, exist_ok=True)
+    for path in reversed(missing):
+        sync_folder(path.parent)
+
+
+def rename_folder(temporary: Path, target: Path) -> None:
+    """Rename a folder to a name that nothing has; raises OSError. A scanner that holds it is waited for."""
+    for pause in SCANNER_PAUSES_S:
+        try:
+            temporary.rename(target)
+        except PermissionError:
+            time.sleep(pause)
+        else:
+            return
+    temporary.rename(target)
+
+
+def rename_new(temporary: Path, path: Path) -> None:
+    """Give a file a name that nothing has: a hard link fails where the name was taken meanwhile. Raises OSError."""
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links; what took the name meanwhile is still not replaced
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+        temporary.rename(path)
+
+
+@contextlib.contextmanager
+def locked(path: Path, what: str, wait_s: float = WAIT_S) -> Iterator[None]:
+    """Hold a lock file against other processes and threads; it goes with the process, however that ends.
+
+    Raises OutputError that names `what` where it is still held after wait_s [s]. A file system without locks is gone
+    on without: renames that replace nothing are what keeps the record whole, the lock only spares a second fit a refusal.
+    """
+    handle = _acquired(path, what, round(wait_s / PAUSE_S))
+    try:
+        yield
+    finally:
+        with contextlib.suppress(OSError):  # Windows does not remove an open file; an empty one may stay
+            path.unlink()
+        os.close(handle)
+
+
+def _acquired(path: Path, what: str, attempts: int) -> int:
+    """File descriptor that holds the lock."""
+    for attempt in range(attempts + 1):
+        if attempt:
+            time.sleep(PAUSE_S)
+        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            if _taken(handle) and _same(path, handle):
+                return handle
+        except BaseException:
+            os.close(handle)
+            raise
+        os.close(handle)
+    raise OutputError(f"{what} is being written by another calibkit", hint="wait until it has finished and run again")
+
+
+def _taken(handle: int) -> bool:
+    """Whether the operating system gave this process the lock; True where it has none to give."""
+    try:
+        _system_lock(handle)
+    except OSError as error:
+        return error.errno not in BUSY
+    return True
+
+
+def _system_lock(handle: int) -> None:
+    """Take the system's lock on a file without waiting; raises OSError."""
+    try:
+        import fcntl
+    except ImportError:
+        _windows_lock(handle)
+    else:
+        fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
+
+
+def _windows_lock(handle: int) -> None:
+    """The same on Windows, and nothing where there is no such module."""
+    with contextlib.suppress(ImportError):
+        import msvcrt
+
+        locking, without_waiting = vars(msvcrt)["locking"], vars(msvcrt)["LK_NBLCK"]
+        locking(handle, without_waiting, 1)
+
+
+def _same(path: Path, handle: int) -> bool:
+    """Whether the locked file still has its name: the one who held it before removed it."""
+    try:
+        return os.path.samestat(path.stat(), os.fstat(handle))
+    except FileNotFoundError:
+        return False
