@@ -1,4 +1,4 @@
-"""Regenerate the sample reports and the README's picture from the sample logs: `python reports/regenerate.py`."""
+"""Regenerate sample reports, sample certificates and the README's picture from the sample logs: `python reports/regenerate.py`."""
 
 from __future__ import annotations
 
@@ -11,6 +11,7 @@ import tempfile
 from pathlib import Path
 
 from calibkit import pipeline, recipe, store
+from calibkit.certificate import certify
 from calibkit.procedures import silent
 from calibkit.report.figures import png
 from calibkit.report.fog_thermal import DriftReport, logs_page
@@ -28,6 +29,8 @@ SAMPLES = {
     "gyro_noise": "FOG-0001",
 }
 """Procedure, which is also the name of its sample logs and of its recipe → serial number in the report."""
+VALIDATED = ("fog_thermal", "inclinometer")
+"""Procedures whose sample certificate states as-found and as-left results, on the logs that were withheld."""
 SHOWN = ("ramp_heating_05.csv", "ramp_cooling_05.csv", "withheld/ramp_heating_03.csv", "withheld/ramp_cooling_03.csv")
 
 
@@ -38,6 +41,18 @@ def report(name: str, out: Path, runs: Path) -> store.Run:
     for file in ("report.pdf", "report.txt"):
         (out / f"{name}{Path(file).suffix}").write_bytes((outcome.folder / file).read_bytes())
     return store.load(outcome.folder)
+
+
+def certificate(name: str, run: store.Run, out: Path, work: Path) -> None:
+    """Certificate of a sample run after its sample profile; as found and as left where the sample has withheld logs."""
+    validation = work / f"{name}.json" if name in VALIDATED else None
+    if validation is not None:
+        pipeline.validate(run, ROOT / "datasets" / name / "withheld", validation, silent)
+    made = work / f"{name}.pdf"
+    profile = ROOT / "reports" / "profiles" / f"{name}.toml"
+    certify.certify(run.folder, made, date=DATE, profile_path=profile, validation=validation)
+    (out / "certificates").mkdir(exist_ok=True)
+    (out / "certificates" / f"{name}.pdf").write_bytes(made.read_bytes())
 
 
 def picture(run: store.Run, out: Path) -> None:
@@ -52,10 +67,12 @@ def picture(run: store.Run, out: Path) -> None:
 
 
 def main(out: Path) -> None:
-    """Write every sample report and the picture into a folder."""
+    """Write every sample report, every sample certificate and the picture into a folder."""
     out.mkdir(parents=True, exist_ok=True)
     with tempfile.TemporaryDirectory() as runs:
         found = {name: report(name, out, Path(runs)) for name in SAMPLES}
+        for name, run in found.items():
+            certificate(name, run, out, Path(runs) / "certificates")
         picture(found["fog_thermal"], out)
 
 

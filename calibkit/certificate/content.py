@@ -13,6 +13,7 @@ from calibkit.certificate import (
     conformity,
     fog_thermal,
     gyro,
+    gyro_noise,
     inclinometer,
     uncertainty,
 )
@@ -36,7 +37,9 @@ LAYOUTS: dict[str, Callable[[Stated], tuple[Block, ...]]] = {
     "accelerometer": accelerometer.blocks,
     "bias_temperature": bias_temperature.blocks,
     "fog_thermal": fog_thermal.blocks,
+    "gyro_noise": gyro_noise.blocks,
     "gyro_pair": gyro.blocks,
+    "gyro_triad": gyro.blocks,
     "inclinometer": inclinometer.blocks,
     "rate_table": gyro.blocks,
 }

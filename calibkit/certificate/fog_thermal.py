@@ -131,10 +131,11 @@ def _zero(record: Record, model: Model, t: float) -> Result:
     return Result(key, f"{record.stage}.json", "D", words, 0.0, "deg/h", at=((TEMPERATURE, t, "degC"),), exact=True)
 
 
-def _model_error(model: Model) -> tuple[tuple[str, float], ...]:
-    """What lasts on ramps that were left out of the fit."""
-    error = next((p.value for p in model.parameters if p.name == "model_error"), 0.0)
-    return (("model error on ramps left out", error),) if error > 0.0 else ()
+def _model_error(model: Model) -> tuple[tuple[str, float, float], ...]:
+    """What lasts on ramps that were left out of the fit, with its degrees of freedom."""
+    chosen = {parameter.name: parameter.value for parameter in model.parameters}
+    error, dof = chosen.get("model_error", 0.0), chosen.get("model_error_dof", math.inf)
+    return (("model error on ramps left out", error, dof),) if error > 0.0 else ()
 
 
 def _level_values(stated: Stated, record: Record, model: Model) -> tuple[list[ListTable | GridTable], list[Figure]]:

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import math
+from functools import partial
 from typing import TYPE_CHECKING
 
+from calibkit.certificate import gyro_triad
 from calibkit.certificate.results import Block, Equation, Figure, GridTable, ListTable, Result, Series
 from calibkit.certificate.stated import powers, range_words, residual_words
 from calibkit.certificate.words import Words
@@ -67,7 +69,9 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     if "gyro_scale.json" in stated.records:
         made.append(_scale(stated, stated.records["gyro_scale.json"]))
     if "gyro_orthogonality.json" in stated.records:
-        made.append(_pair(stated, stated.records["gyro_orthogonality.json"]))
+        record = stated.records["gyro_orthogonality.json"]
+        paired = any(model.form == "gyro-orthogonality/1" for model in record.models)
+        made.append(_pair(stated, record) if paired else gyro_triad.block(stated, record, _rates))
     return tuple(made)
 
 
@@ -82,9 +86,11 @@ def _scale(stated: Stated, record: Record) -> Block:
         title = Words(f"{model.name}: coefficients", f"{model.name}：系数")
         tables.append(stated.coefficients(record, model, title, _rates if ".K_" in model.name else None))
         notes += [range_words(model), *stated.left_out(model)]
-        if model.form == "polynomial/1" and (table := _curve(stated, record, model)) is not None:
+    for letter in ("K", "F0"):
+        curves = [m for m in others if m.form == "polynomial/1" and f".{letter}_" in m.name]
+        if curves and (table := _curves(stated, record, curves, letter)) is not None:
             tables.append(table)
-            figures.append(_plot(table, relative=".K_" in model.name))
+            figures.append(_plot(table, relative=letter == "K"))
     tables += _figures(stated, record, [model.name for model in lines])
     equations = (LINE, *([CURVE] if any(m.form == "polynomial/1" for m in others) else ()))
     notes = [*(residual_words(model) for model in lines), *dict.fromkeys(notes)]
@@ -134,56 +140,68 @@ def _lines(stated: Stated, record: Record, models: Sequence[Model]) -> GridTable
 
 def _principal(models: Sequence[Model]) -> list[str]:
     """Lines whose budget is printed in full: a gyro about its own axis, the mean of its runs."""
-    own = [m.name for m in models if m.name in {"a_about_a", "b_about_b"} or "." not in m.name]
-    return [name for name in own if name not in {"a_about_b", "b_about_a"}]
+    return [m.name for m in models if "." not in m.name and not _is_cross(m.name)]
 
 
-def _curve(stated: Stated, record: Record, model: Model) -> GridTable | None:
-    """Values of a polynomial over temperature."""
-    temperatures = stated.grid(model)
+def _curves(stated: Stated, record: Record, models: Sequence[Model], letter: str) -> GridTable | None:
+    """Values of the polynomials of K or F0 over temperature, one column a gyro."""
+    temperatures = stated.grid(models[0])
     if not temperatures:
         return None
-    unit = model.coefficients[0].unit
-    letter = "K" if ".K_" in model.name else "F₀" if ".F0_" in model.name else model.name
-
-    def at(t: float) -> Result:
-        weights, slope = powers("p", model, t)
-        value = sum(weights[c.name] * c.value for c in model.coefficients)
-        known = _rates(value) if letter == "K" else {}
-        return stated.linear(
-            record,
-            model,
-            "value",
-            Words(letter),
-            weights,
-            unit,
-            at=t,
-            slope=slope,
-            sensitivities=known,
-            symbol=letter,
-            principal=t == stated.reference_degc,
+    columns = [
+        (
+            Words(model.name.split(".")[0]),
+            model.coefficients[0].unit,
+            partial(_curve_value, stated, record, model, letter),
         )
+        for model in models
+    ]
+    return stated.over(Words(f"{letter} over temperature", f"{letter} 随温度"), temperatures, columns)
 
-    title = Words(
-        f"{model.name.split('.')[0]}: {letter} over temperature", f"{model.name.split('.')[0]}：{letter} 随温度"
+
+def _curve_value(stated: Stated, record: Record, model: Model, letter: str, t: float) -> Result | None:
+    """Value of one polynomial at a temperature inside its range."""
+    low, high = model.valid["temp_case_degc"]
+    if not low <= t <= high:
+        return None
+    weights, slope = powers("p", model, t)
+    value = sum(weights[c.name] * c.value for c in model.coefficients)
+    return stated.linear(
+        record,
+        model,
+        "value",
+        Words(letter),
+        weights,
+        model.coefficients[0].unit,
+        at=t,
+        slope=slope,
+        sensitivities=_rates(value) if letter == "K" else {},
+        symbol=letter,
+        principal=t == stated.reference_degc and not _is_cross(model.name),
     )
-    return stated.over(title, temperatures, [(Words(letter), unit, at)])
+
+
+def _is_cross(name: str) -> bool:
+    """Whether a model is of a gyro about another's axis."""
+    gyro, about, axis = name.split(".", maxsplit=1)[0].partition("_about_")
+    return bool(about) and gyro != axis
 
 
 def _plot(table: GridTable, *, relative: bool) -> Figure:
-    """Value over temperature with its expanded uncertainty, of K in ppm from the middle."""
-    found = [row[0] for row in table.cells]
-    points = [r for r in found if r is not None and r.uncertainty is not None]
-    middle = points[len(points) // 2].value if points else 1.0
-    origin, scale = (middle, 1e6 / abs(middle)) if relative and middle else (0.0, 1.0)
-    series = Series(
-        Words("value ± U", "值 ± U"),
-        tuple(r.at[0][1] for r in points),
-        tuple((r.value - origin) * scale for r in points),
-        tuple(r.uncertainty.expanded_uncertainty * scale for r in points if r.uncertainty is not None),
-    )
+    """Values over temperature with their expanded uncertainties, of K in ppm of the largest K from the middle."""
+    columns = [
+        [r for row in table.cells if (r := row[k]) is not None and r.uncertainty is not None]
+        for k in range(len(table.heads))
+    ]
+    largest = max((abs(r.value) for points in columns for r in points), default=1.0)
+    series = []
+    for head, points in zip(table.heads, columns, strict=True):
+        origin, scale = (points[len(points) // 2].value, 1e6 / largest) if relative and points else (0.0, 1.0)
+        U = tuple(r.uncertainty.expanded_uncertainty * scale for r in points if r.uncertainty is not None)
+        values = tuple((r.value - origin) * scale for r in points)
+        series.append(Series(head, tuple(r.at[0][1] for r in points), values, U))
     label = Words("change of K [ppm]", "K 的变化 [ppm]") if relative else Words("F₀ [1/s]")
-    return Figure(table.title, Words("case temperature [°C]", "壳温 [°C]"), label, (series,))
+    return Figure(table.title, Words("case temperature [°C]", "壳温 [°C]"), label, tuple(series))
 
 
 def _figures(stated: Stated, record: Record, names: Sequence[str]) -> list[ListTable | GridTable]:

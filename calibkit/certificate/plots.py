@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
@@ -17,6 +18,8 @@ STEPS = (1.0, 2.0, 5.0, 10.0)
 
 def drawing(figure: Figure, lang: Lang) -> dict[str, Any]:
     """JSON object of a figure; the template draws it as vectors, in the certificate's own fonts."""
+    if figure.log:
+        return drawing(_logarithmic(figure), lang) | {"x_ticks": _decades(figure, 0), "y_ticks": _decades(figure, 1)}
     x = [value for series in figure.series for value in series.x]
     y = [edge for series in figure.series for edge in (*_lower(series), *_upper(series))]
     x_span, y_span = _span(x), _span(y)
@@ -28,6 +31,32 @@ def drawing(figure: Figure, lang: Lang) -> dict[str, Any]:
         "y_ticks": _ticks(*y_span),
         "series": [_curve(series, x_span, y_span, lang) for series in figure.series if series.x],
     }
+
+
+def _logarithmic(figure: Figure) -> Figure:
+    """The same figure of decimal logarithms; bars become those of the upper side."""
+    series = tuple(
+        replace(
+            s,
+            x=tuple(map(math.log10, s.x)),
+            y=tuple(map(math.log10, s.y)),
+            y_u=tuple(math.log10((y + u) / y) for y, u in zip(s.y, s.y_u, strict=True)) if s.y_u else (),
+        )
+        for s in figure.series
+    )
+    return replace(figure, series=series, log=False)
+
+
+def _decades(figure: Figure, axis: int) -> list[dict[str, Any]]:
+    """Ticks at powers of ten."""
+    plain = _logarithmic(figure)
+    if axis == 0:
+        span = _span([value for series in plain.series for value in series.x])
+    else:
+        span = _span([edge for series in plain.series for edge in (*_lower(series), *_upper(series))])
+    return [
+        {"at": _share(k, span), "label": f"{10.0**k:g}"} for k in range(math.ceil(span[0]), math.floor(span[1]) + 1)
+    ]
 
 
 def _lower(series: Series) -> tuple[float, ...]:

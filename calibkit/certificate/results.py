@@ -121,6 +121,8 @@ class Figure:
     x_label: Words
     y_label: Words
     series: tuple[Series, ...]
+    log: bool = False
+    """Whether both axes are logarithmic."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -81,10 +81,10 @@ class Stated:
         standard: str = "",
         magnitude: bool = False,
         principal: bool = False,
-        more: tuple[tuple[str, float], ...] = (),
+        more: tuple[tuple[str, float, float], ...] = (),
     ) -> Result:
         """Result with its expanded uncertainty; `called` are other names that type B terms may use, `more` is type A too."""
-        found = self.source.uncertainty((key, *called), value, unit, ((TYPE_A, type_a), *more), dof, sensitivities)
+        found = self.source.uncertainty((key, *called), value, unit, ((TYPE_A, type_a, dof), *more), sensitivities)
         interval = magnitude_interval(value, found) if magnitude and found is not None else None
         return Result(key, file, symbol, name, value, unit, found, interval, at, standard, principal)
 
@@ -103,7 +103,7 @@ class Stated:
         symbol: str = "",
         principal: bool = False,
         condition: tuple[str, str] = (TEMPERATURE, "degC"),
-        more: tuple[tuple[str, float], ...] = (),
+        more: tuple[tuple[str, float, float], ...] = (),
     ) -> Result:
         """Σ w_i c_i of a model's coefficients with u² = wᵀ C w; slope holds dw/dT where it depends on temperature."""
         value, type_a = weighted(model, weights)

@@ -15,7 +15,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.results import Result, Uncertainty
     from calibkit.certificate.words import Lang
 
-WIDEST = 124
+WIDEST = 130
 """Characters that stand side by side in a table."""
 COLUMN_GAP = 3
 LONGEST = 12
@@ -57,9 +57,9 @@ def cells(result: Result | None) -> tuple[str, str]:
     shown = printed(result.value, expanded)
     if result.interval is None:
         return number(shown.value, shown.exponent), number(shown.uncertainty, shown.exponent)
-    ends = " … ".join(number(printed(end, expanded).value) for end in result.interval)
+    ends = "…".join(number(printed(end, expanded).value) for end in result.interval)
     if shown.exponent:
-        ends = " … ".join(f"{end:.2g}".replace("-", "−") for end in result.interval)
+        ends = "…".join(f"{end:.2g}".replace("-", "−") for end in result.interval)
     return number(shown.value, shown.exponent), f"[{ends}]"
 
 

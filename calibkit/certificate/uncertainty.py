@@ -42,16 +42,18 @@ class Source:
         names: Sequence[str],
         estimate: float,
         unit: str,
-        type_a: Sequence[tuple[str, float]],
-        dof: float,
+        type_a: Sequence[tuple[str, float, float]],
         sensitivities: Mapping[str, tuple[float, float]] | None = None,
     ) -> Uncertainty | None:
         """Combined and expanded uncertainty of a result, or none where nothing is known of it.
 
-        names are those a term may call the result by; sensitivities are those of `type_b.terms_of`. Degrees of freedom below
-        one would need a coverage factor that does not exist: such a result is stated without an uncertainty.
+        names are those a term may call the result by; type_a holds names, standard uncertainties and degrees of freedom;
+        sensitivities are those of `type_b.terms_of`. Below one degree of freedom there is no coverage factor: such a
+        contribution is left out, and a result that has no other is stated without an uncertainty.
         """
-        components = [gum.Component(name, estimate, u, "A", 1.0, dof) for name, u in type_a if u > 0.0 and dof >= 1.0]
+        components = [
+            gum.Component(name, estimate, u, "A", 1.0, dof) for name, u, dof in type_a if u > 0.0 and dof >= 1.0
+        ]
         quantities = [("", "")] * len(components)
         for stated in self.terms:
             if not {stated.quantity, stated.result} & {*names, *(sensitivities or ())}:

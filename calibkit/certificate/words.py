@@ -32,6 +32,7 @@ UNIT_MARKS = {
     "arcsec": "″",
     "m/s^2": "m/s²",
     "ug": "µg",
+    "deg/sqrt(h)": "°/√h",
 }
 """Printed form of units, and of parts of compound units, that differ from their spelling in files."""
 POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
