@@ -227,7 +227,7 @@ def _shrink_by_the_past(
 def _noise(parts: Decomposition, lifting: Scheme) -> Array:
     """Noise of every level [levels]: its own where enough details tell it, else that of the level above, scaled."""
     gains = noise_gains(lifting, len(parts.details))
-    sigma = np.zeros(len(gains))
+    sigma = np.zeros(gains.size)
     for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
         own = detail[interior]
         sigma[j] = noise(own) if own.size >= OWN_NOISE_FROM else sigma[j - 1] * gains[j] / gains[j - 1]

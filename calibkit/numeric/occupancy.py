@@ -31,20 +31,31 @@ def spikes(indication: Array, index: NDArray[np.int64]) -> Mask:
     is a spike. Where most samples are alike (counts of a quiet gyro) the smallest step stands in for it. Of two samples in a
     block neither stands out.
     """
-    _, first, number = np.unique(index, return_index=True, return_inverse=True)
-    deviation = np.abs(indication - _medians(indication, number, first)[number])
-    own = _medians(deviation, number, first)
+    first, number = _starts(index)
+    deviation = np.abs(indication - _medians(indication, first)[number])
+    own = _medians(deviation, first)
     steps = deviation[deviation > 0.0]
     whole = float(np.median(deviation)) or (float(steps.min()) if steps.size else 0.0)
     sigma = MAD_TO_SIGMA * np.maximum(own, whole)[number]
     return np.asarray(deviation > SPIKE * sigma)
 
 
-def _medians(values: Array, number: NDArray[np.int64], first: NDArray[np.int64]) -> Array:
-    """Median of each block [m] from values [n] whose blocks are numbered and start at `first`."""
+def _starts(index: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
+    """First sample of each block [m], and the block of each sample [n], of ascending indices [n]."""
+    new = np.concatenate(([True], index[1:] != index[:-1]))
+    return np.flatnonzero(new), np.cumsum(new) - 1
+
+
+def _medians(values: Array, first: NDArray[np.int64]) -> Array:
+    """Median of each block [m] from values [n] whose blocks start at `first`; blocks of one size are partitioned together."""
     count = np.diff(np.append(first, values.size))
-    ordered = values[np.lexsort((values, number))]
-    return np.asarray((ordered[first + (count - 1) // 2] + ordered[first + count // 2]) / 2.0, dtype=np.float64)
+    out = np.empty(first.size)
+    for size in np.unique(count).tolist():
+        same = np.flatnonzero(count == size)
+        low, high = (size - 1) // 2, size // 2
+        parted = np.partition(values[first[same, None] + np.arange(size)], (low, high), axis=1)
+        out[same] = (parted[:, low] + parted[:, high]) / 2.0
+    return out
 
 
 def block_means(time: Array, values: Array, interval_s: float, *, keep: Mask | None = None) -> tuple[Array, Array]:
@@ -53,7 +64,7 @@ def block_means(time: Array, values: Array, interval_s: float, *, keep: Mask | N
     Only samples to keep enter the means of the values; a block of which none is kept has the mean of all.
     Raises FitError when the log is sampled more slowly than the model interval.
     """
-    _, first, number = np.unique(drift.block_index(time, interval_s), return_index=True, return_inverse=True)
+    first, number = _starts(drift.block_index(time, interval_s))
     kept = np.ones(time.size) if keep is None else keep.astype(np.float64)
     kept = np.where((np.add.reduceat(kept, first) > 0.0)[number], kept, 1.0)
     means = np.add.reduceat(values * kept, first) / np.add.reduceat(kept, first)

@@ -57,9 +57,14 @@ def noise(details: Array) -> float:
     return float(median) / MAD_OF_UNIT_NORMAL
 
 
-@lru_cache(maxsize=64)
-def noise_gains(scheme: Scheme, levels: int) -> tuple[float, ...]:
+def noise_gains(scheme: Scheme, levels: int) -> Array:
     """Standard deviation of the details of unit white noise at each level [levels]."""
+    return np.array(_noise_gains(scheme, levels))
+
+
+@lru_cache(maxsize=64)
+def _noise_gains(scheme: Scheme, levels: int) -> tuple[float, ...]:
+    """Norms of the cascades of the filters, level by level."""
     low, high = (_interleaved(even, odd) for even, odd in polyphase(scheme))
     gains, cascade = [], np.ones(1)
     for level in range(levels):
