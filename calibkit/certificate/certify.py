@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 import datetime as dt
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibkit import store
-from calibkit.certificate import as_found, content, pdf, profile
+from calibkit.certificate import as_found, content, dcc, pdf, profile, sign
 
 if TYPE_CHECKING:
     from calibkit.certificate.checklist import Missing
@@ -37,21 +37,33 @@ def certify(
     validation: Path | None = None,
     lang: Lang = "en",
     overrides: tuple[str, ...] = (),
+    schema_dir: Path | None = None,
+    key: sign.Key | None = None,
 ) -> Issued:
-    """Write the certificate of a run; nothing is overwritten.
+    """Write the certificate of a run as PDF, with its DCC inside and beside it; nothing is overwritten.
 
-    A pure function of the run folder, the profile with its overrides, the validation and the date. Raises RecipeError for
-    a faulty profile, CoefficientError for files that are not what they claim to be, OutputError where `out` exists.
+    Before it is signed, a pure function of the run folder, the profile with its overrides, the validation and the date. Raises
+    RecipeError for a faulty profile, CoefficientError for files that are not what they claim to be, UsageError for a key that
+    cannot sign, OutputError where a file exists or a DCC does not fit the schema.
     """
-    store.refuse_existing(out)
+    beside = out.with_name(f"{out.stem}.xml")
+    for path in (out, beside):
+        store.refuse_existing(path)
+    signer = None if key is None else sign.signer(key)
     run = store.load(run_folder)
     stated, text = profile.load(profile_path, overrides)
     validated = None if validation is None else as_found.load(validation, run)
     certificate = content.build(run, stated, text, validated, dt.date.fromisoformat(date))
     folder = Path() if profile_path is None else profile_path.parent
     fonts = tuple(folder / font for font in stated.certificate.fonts)
-    store.write_new(out, pdf.render(certificate, lang, fonts))
-    return Issued((out,), certificate)
+    digital = dcc.attachment(certificate, lang, schema_dir)
+    certificate = replace(certificate, attachments=(*certificate.attachments, digital))
+    document = pdf.render(certificate, lang, fonts)
+    if key is not None:
+        document = sign.signed(document, signer, key.now)
+    store.write_new(out, document)
+    store.write_new(beside, digital.content)
+    return Issued((out, beside), certificate)
 
 
 def said(issued: Issued) -> dict[str, Any]:

@@ -109,6 +109,8 @@ class Conditions(Table):
     chamber: str = ""
     laboratory_temperature: str = ""
     local_gravity: str = ""
+    local_gravity_mps2: Annotated[float, Field(gt=9.7, lt=9.9)] | None = None
+    """Local gravity as a number [m/s²], by which the DCC states values in g where the run does not know it."""
     latitude: str = ""
     earth_rate: str = ""
     supply: str = ""

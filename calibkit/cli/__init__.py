@@ -13,7 +13,7 @@ from calibkit import __version__
 from calibkit.cli import firmware, records
 from calibkit.cli.console import print_json, print_summary, progress
 from calibkit.cli.ending import guarded
-from calibkit.cli.options import DATA, JSON, RECIPE, RUN, RUNS, SET, Group, day_of
+from calibkit.cli.options import DATA, JSON, RECIPE, RUN, RUNS, SET, Group, day_of, now
 from calibkit.errors import FrameError
 
 if TYPE_CHECKING:
@@ -173,6 +173,8 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, as_json: bool) -> i
 @click.option("--validation", type=click.Path(path_type=Path), help="as found and as left, from calibkit validate")
 @click.option("--date", default=None, metavar="YYYY-MM-DD", help="date of issue (default: today)")
 @click.option("--lang", type=click.Choice(["en", "zh", "both"]), default="en", show_default=True)
+@click.option("--sign", "key", type=click.Path(path_type=Path), help="PKCS#12 key; CALIBKIT_SIGN_PASSPHRASE opens it")
+@click.option("--schema-dir", type=click.Path(path_type=Path), help="folder with dcc.xsd, to hold the DCC against it")
 @click.option("--set", "overrides", multiple=True, metavar="table.key=value", help="override a key of the profile")
 @RUNS
 @JSON
@@ -183,20 +185,24 @@ def certify(
     validation: Path | None,
     date: str | None,
     lang: Lang,
+    key: Path | None,
+    schema_dir: Path | None,
     overrides: tuple[str, ...],
     runs: Path,
     *,
     as_json: bool,
 ) -> int:
-    """Write the calibration certificate of a run as PDF/A-3; what is missing makes it a DRAFT.
+    """Write the calibration certificate of a run as PDF/A-3 with its DCC; what is missing makes it a DRAFT.
 
     \b
     calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf
     calibkit certify FOG-0001 --profile lab.toml --validation validation.json --lang both --out certificate.pdf
+    calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
     """
     day = day_of(date)
     from calibkit import store
     from calibkit.certificate import certify as certificates
+    from calibkit.certificate import sign
 
     issued = certificates.certify(
         store.find(run, runs),
@@ -206,6 +212,8 @@ def certify(
         validation=validation,
         lang=lang,
         overrides=overrides,
+        schema_dir=schema_dir,
+        key=None if key is None else sign.Key(key, os.environ.get(sign.PASSPHRASE, ""), now()),
     )
     if as_json:
         print_json({"ok": True, **certificates.said(issued)})

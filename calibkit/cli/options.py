@@ -34,3 +34,8 @@ def day_of(text: str | None) -> str:
         return dt.date.fromisoformat(text).isoformat()
     except ValueError:
         raise UsageError(f"--date {text}: not a date", hint="write YYYY-MM-DD") from None
+
+
+def now() -> dt.datetime:
+    """The time that a signature claims; nothing else depends on it."""
+    return dt.datetime.now(dt.UTC).replace(microsecond=0)

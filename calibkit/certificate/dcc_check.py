@@ -1,0 +1,151 @@
+"""What makes a digital calibration certificate one: its structure, checked always; the schemas, where the user has them."""
+
+from __future__ import annotations
+
+import base64
+import binascii
+import math
+import re
+from typing import TYPE_CHECKING
+
+from calibkit.certificate import dcc_xml as xml
+from calibkit.errors import OutputError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from pathlib import Path
+
+    from lxml.etree import _Element
+
+SCHEMA = "dcc.xsd"
+SCHEMAS = (SCHEMA, "SI_Format.xsd", "qudt.xsd", "xmldsig-core-schema.xsd")
+NEEDED = (
+    "dcc:administrativeData/dcc:dccSoftware/dcc:software/dcc:release",
+    "dcc:administrativeData/dcc:coreData/dcc:countryCodeISO3166_1",
+    "dcc:administrativeData/dcc:coreData/dcc:uniqueIdentifier",
+    "dcc:administrativeData/dcc:coreData/dcc:beginPerformanceDate",
+    "dcc:administrativeData/dcc:coreData/dcc:endPerformanceDate",
+    "dcc:administrativeData/dcc:coreData/dcc:performanceLocation",
+    "dcc:administrativeData/dcc:items/dcc:item/dcc:identifications/dcc:identification/dcc:value",
+    "dcc:administrativeData/dcc:calibrationLaboratory/dcc:contact/dcc:location",
+    "dcc:administrativeData/dcc:respPersons/dcc:respPerson/dcc:person/dcc:name",
+    "dcc:administrativeData/dcc:customer/dcc:location",
+    "dcc:measurementResults/dcc:measurementResult/dcc:results/dcc:result/dcc:data",
+)
+"""What stands in every certificate, with text in it where it has no children."""
+DECIMAL = re.compile(r"[-+]?(\d*\.\d+|\d+\.\d*)([Ee][-+]?\d+)?")
+FACTOR = re.compile(r"[1-9]\d*\.\d*")
+PROBABILITY = re.compile(r"0\.\d*|1\.0*")
+UNIT = re.compile(r"(\\[a-z]+(\\tothe\{-?\d+(\.\d+)?\})?)+")
+FORMATS = {
+    "value": DECIMAL,
+    "valueXMLList": DECIMAL,
+    "valueExpandedMU": DECIMAL,
+    "valueExpandedMUXMLList": DECIMAL,
+    "valueStandardMU": DECIMAL,
+    "intervalMin": DECIMAL,
+    "intervalMax": DECIMAL,
+    "coverageFactor": FACTOR,
+    "coverageFactorXMLList": FACTOR,
+    "coverageProbability": PROBABILITY,
+    "coverageProbabilityXMLList": PROBABILITY,
+    "unit": UNIT,
+    "unitXMLList": UNIT,
+}
+"""Element of D-SI → what each of its items looks like."""
+
+
+def structure(document: bytes) -> None:
+    """Check what no certificate can be without; raises OutputError that lists every fault."""
+    faults = list(_faults(parse(document)))
+    if faults:
+        raise OutputError(f"dcc.xml: {'; '.join(faults[:5])}", hint="this is a bug")
+
+
+def parse(document: bytes) -> _Element:
+    """Root of an XML text without entities or network; OutputError for what is none."""
+    etree = xml.etree()
+    try:
+        root: _Element = etree.fromstring(
+            document, etree.XMLParser(resolve_entities=False, no_network=True, huge_tree=False)
+        )
+    except etree.XMLSyntaxError as error:
+        raise OutputError(f"dcc.xml: not XML: {error}", hint="restore the certificate") from None
+    return root
+
+
+def _faults(root: _Element) -> Iterator[str]:
+    """Everything that is wrong with a document."""
+    yield from _needed(root)
+    for element in root.iter(f"{{{xml.SI}}}*"):
+        yield from _formatted(element)
+    for values in root.iter(f"{{{xml.SI}}}realListXMLList"):
+        yield from _lists(values)
+    for data in root.iter(f"{{{xml.DCC}}}dataBase64"):
+        try:
+            base64.b64decode(data.text or "", validate=True)
+        except binascii.Error:
+            yield "data that are no base 64"
+
+
+def _needed(root: _Element) -> Iterator[str]:
+    """What is not there."""
+    if root.tag != f"{{{xml.DCC}}}digitalCalibrationCertificate" or not root.get("schemaVersion"):
+        yield f"root element {root.tag!r}"
+    for path in NEEDED:
+        found = root.findall(path, xml.NAMES)
+        if not found or any(len(one) == 0 and not (one.text or "").strip() for one in found):
+            yield f"no {path}"
+    for result in root.iterfind("dcc:measurementResults/dcc:measurementResult", xml.NAMES):
+        if any(result.find(child, xml.NAMES) is None for child in ("dcc:name", "dcc:results")):
+            yield "measurement result without name or results"
+
+
+def _formatted(element: _Element) -> Iterator[str]:
+    """Items of a D-SI element that do not look like what they are."""
+    name = str(element.tag).rpartition("}")[2]
+    if name in FORMATS:
+        items = (element.text or "").split() or [""]
+        wrong = next((item for item in items if not FORMATS[name].fullmatch(item)), None)
+        if wrong is not None:
+            yield f"{name} '{wrong}'"
+
+
+def _lists(values: _Element) -> Iterator[str]:
+    """A list whose parts differ in length, or whose covariance is no square of it or not symmetric."""
+    stated = values.findall("si:valueXMLList", xml.NAMES)
+    n = len((stated[0].text or "").split()) if stated else 0
+    for name in ("labelXMLList", "valueXMLList", "unitXMLList", "valueExpandedMUXMLList"):
+        for part in values.iterfind(f".//si:{name}", xml.NAMES):
+            inside = part.getparent()
+            single = inside is not None and str(inside.tag).endswith("}covarianceXMLList")
+            if len((part.text or "").split()) != (1 if single else n):
+                yield f"{name} of {n} values is not as long"
+    columns = values.findall(".//si:columnXMLList", xml.NAMES)
+    matrix = [[float(entry.findtext("si:valueXMLList", "nan", xml.NAMES)) for entry in column] for column in columns]
+    if matrix and ([len(column) for column in matrix] != [n] * n or len(matrix) != n):
+        yield f"covariance of {n} values is not {n} × {n}"
+    elif not all(_alike(matrix, i, j) for i in range(len(matrix)) for j in range(i)):
+        yield "covariance that is not symmetric"
+
+
+def _alike(matrix: list[list[float]], i: int, j: int) -> bool:
+    """Whether the two entries of a pair are one covariance but for its last digits."""
+    scale = math.sqrt(abs(matrix[i][i] * matrix[j][j]))
+    return math.isclose(matrix[i][j], matrix[j][i], rel_tol=1e-9, abs_tol=1e-9 * scale)
+
+
+def schema(document: bytes, folder: Path) -> None:
+    """Hold a document against the schemas in a folder; OutputError with the first faults, UsageError without schemas."""
+    etree = xml.etree()
+    absent = [name for name in SCHEMAS if not (folder / name).is_file()]
+    if absent:
+        raise UsageError(f"--schema-dir {folder}: no {', '.join(absent)}", hint=f"it holds {', '.join(SCHEMAS)}")
+    parser = etree.XMLParser(no_network=True)
+    try:
+        found = etree.XMLSchema(etree.parse(str(folder / SCHEMA), parser))
+    except (etree.XMLSchemaParseError, etree.XMLSyntaxError) as error:
+        raise UsageError(f"--schema-dir {folder}: {error}", hint="restore the schemas of DCC 3.3.0") from None
+    if not found.validate(parse(document)):
+        faults = "; ".join(f"line {entry.line}: {entry.message}" for entry in list(found.error_log)[:3])
+        raise OutputError(f"dcc.xml does not fit {SCHEMA}: {faults}", hint="use the schemas of DCC 3.3.0")

@@ -1,0 +1,138 @@
+"""Units of coefficient files → D-SI: products of powers of units that the SI Brochure knows.
+
+D-SI has no standard gravity, no part per million that every reader knows, no revolution: such a unit becomes a number times
+others. Which acceleration 1 g is, is a fact of the site: with the local gravity known, g is that many m/s²; without it, a
+value in g stays the ratio to local gravity that it is.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass, field
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from calibkit.errors import OutputError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+ATOMS: dict[str, tuple[str, float]] = {
+    "1": ("", 1.0),
+    "sample": ("", 1.0),
+    "lsb": ("", 1.0),
+    "ppm": ("", 1e-6),
+    "%": ("", 1e-2),
+    "s": (r"\second", 1.0),
+    "ms": (r"\second", 1e-3),
+    "us": (r"\second", 1e-6),
+    "ns": (r"\second", 1e-9),
+    "min": (r"\minute", 1.0),
+    "h": (r"\hour", 1.0),
+    "d": (r"\day", 1.0),
+    "Hz": (r"\hertz", 1.0),
+    "degC": (r"\degreecelsius", 1.0),
+    "K": (r"\kelvin", 1.0),
+    "deg": (r"\degree", 1.0),
+    "mdeg": (r"\degree", 1e-3),
+    "arcmin": (r"\arcminute", 1.0),
+    "arcsec": (r"\arcsecond", 1.0),
+    "rad": (r"\radian", 1.0),
+    "mrad": (r"\radian", 1e-3),
+    "urad": (r"\radian", 1e-6),
+    "rev": (r"\degree", 360.0),
+    "m": (r"\metre", 1.0),
+    "cm": (r"\metre", 1e-2),
+    "mm": (r"\metre", 1e-3),
+    "V": (r"\volt", 1.0),
+    "mV": (r"\volt", 1e-3),
+    "uV": (r"\volt", 1e-6),
+    "A": (r"\ampere", 1.0),
+    "mA": (r"\ampere", 1e-3),
+    "ohm": (r"\ohm", 1.0),
+}
+"""Unit → the D-SI unit of the same kind (none for a pure number), and how many of it one is."""
+GRAVITY: dict[str, float] = {"g": 1.0, "mg": 1e-3, "ug": 1e-6}
+"""Units of acceleration that local gravity is one of, or a part of."""
+REPLACED: dict[str, str] = {"rpm": "rev/min"}
+"""Units that are a compound of others."""
+_TOKEN = re.compile(r"sqrt\(|[()/*]|\^?-?\d+(?:\.\d+)?|[A-Za-z%]+")
+
+
+@dataclass(frozen=True, slots=True)
+class Unit:
+    """A D-SI unit as powers of its parts, the factor that a value is multiplied by, and the power of local gravity in it."""
+
+    powers: Mapping[str, Fraction] = field(default_factory=dict)
+    factor: float = 1.0
+    gravity: Fraction = Fraction(0)
+
+    def __mul__(self, other: Unit) -> Unit:
+        names = dict.fromkeys((*self.powers, *other.powers))
+        powers = {n: self.powers.get(n, Fraction(0)) + other.powers.get(n, Fraction(0)) for n in names}
+        kept = {name: power for name, power in powers.items() if power}
+        return Unit(kept, self.factor * other.factor, self.gravity + other.gravity)
+
+    def __pow__(self, power: Fraction) -> Unit:
+        powers = {name: own * power for name, own in self.powers.items()}
+        return Unit(powers, self.factor ** float(power), self.gravity * power)
+
+    def at(self, gravity_mps2: float | None) -> Unit:
+        """The unit with g as so many m/s², or where that is not known as the ratio that it is."""
+        if not self.gravity or gravity_mps2 is None:
+            return Unit(self.powers, self.factor)
+        meters = Unit({r"\metre": Fraction(1), r"\second": Fraction(-2)}, gravity_mps2)
+        return Unit(self.powers, self.factor) * meters**self.gravity
+
+    @property
+    def text(self) -> str:
+        r"""Spelling in D-SI: \degree\hour\tothe{-1}, \one for a pure number."""
+        parts = (
+            name if power == 1 else f"{name}\\tothe{{{float(power):g}}}" for name, power in self.powers.items() if power
+        )
+        return "".join(parts) or r"\one"
+
+
+def dsi(unit: str) -> Unit:
+    """D-SI unit of a unit as calibkit spells it; OutputError for one that the table lacks."""
+    tokens = _TOKEN.findall(unit)
+    if "".join(tokens) != unit.replace(" ", "") or not tokens:
+        raise OutputError(f"unit '{unit}' has no D-SI spelling", hint="this is a bug")
+    found, rest = _product(tokens, unit)
+    if rest:
+        raise OutputError(f"unit '{unit}' has no D-SI spelling", hint="this is a bug")
+    return found
+
+
+def _product(tokens: list[str], whole: str) -> tuple[Unit, list[str]]:
+    """Product of the factors up to a closing bracket, and what stands behind it."""
+    made, sign = Unit(), Fraction(1)
+    while tokens and tokens[0] != ")":
+        head, *tokens = tokens
+        if head in {"/", "*"}:
+            if not tokens or tokens[0] in {"/", "*", ")"}:
+                raise OutputError(f"unit '{whole}' has no D-SI spelling", hint="this is a bug")
+            sign = Fraction(-1 if head == "/" else 1)
+            continue
+        if head in {"(", "sqrt("}:
+            factor, tokens = _product(tokens, whole)
+            tokens = tokens[1:]
+            factor = factor ** Fraction(1, 2) if head == "sqrt(" else factor
+        else:
+            factor = _atom(head, whole)
+        if tokens and (power := tokens[0].removeprefix("^")).lstrip("-").replace(".", "").isdigit():
+            factor, tokens = factor ** Fraction(power), tokens[1:]
+        made, sign = made * factor**sign, Fraction(1)
+    return made, tokens
+
+
+def _atom(name: str, whole: str) -> Unit:
+    """One unit of the tables."""
+    if name in REPLACED:
+        return dsi(REPLACED[name])
+    if name in GRAVITY:
+        return Unit(factor=GRAVITY[name], gravity=Fraction(1))
+    if name not in ATOMS:
+        raise OutputError(f"unit '{whole}' has no D-SI spelling: '{name}' is not in the table", hint="this is a bug")
+    spelling, factor = ATOMS[name]
+    return Unit({spelling: Fraction(1)} if spelling else {}, factor)

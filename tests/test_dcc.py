@@ -1,0 +1,369 @@
+"""The digital calibration certificate: schema, units, numbers as in the coefficient files, text of every kind, the same bytes."""
+
+import base64
+import datetime as dt
+import json
+import math
+import warnings
+from dataclasses import replace
+from functools import cache
+
+import numpy as np
+import pytest
+from scipy import stats
+
+from calibkit import cli, store, units
+from calibkit.certificate import content, dcc, dcc_check, dcc_results, profile
+from calibkit.certificate import dcc_xml as xml
+from calibkit.certificate.dcc_units import dsi
+from calibkit.errors import OutputError, UsageError
+from conftest import REAL, ROOT, write_log
+
+pytest.importorskip("lxml")
+
+SCHEMAS = REAL / "dcc-schema"
+ISSUED = dt.date(2026, 11, 21)
+SAMPLES = ("accelerometer", "fog_thermal", "gyro_noise", "gyro_pair", "gyro_triad", "inclinometer", "rate_table")
+"""Procedures with sample logs and a recipe of the same name."""
+HOSTILE = (
+    "<dcc:name>&amp; ]]> &#0; \"quoted\" 'single' <!-- -->",
+    "bell \x07 escape \x1b null-ish \x01 \ufffe \uffff",
+    "x" * 200,
+    "北京航天惯性仪器校准实验室 № 7",
+    "מעבדת כיול \u202eABC\u202c مختبر المعايرة",
+    "  leading and trailing \t\n tabs and lines \r\n ",
+    "\U0001f4d0 𝒢 emoji and astral planes",
+)
+
+
+def warmup(rng):
+    """A static gyro whose bias follows the temperature."""
+    T = np.linspace(-20.0, 60.0, 2000)
+    bias = 0.3 + 0.01 * T + rng.normal(0.0, 0.05, T.size)
+    return {"time_s": np.arange(T.size) * 1.0, "temp_case_degc": T, "gyro_dph": bias}
+
+
+def tumble(rng):
+    """Twenty-four still positions of a triad with scale factors, biases and skew, moved about between them."""
+    held = rng.normal(size=(24, 3))
+    held /= np.linalg.norm(held, axis=1, keepdims=True)
+    true = np.concatenate([np.vstack([np.tile(one, (200, 1)), rng.uniform(-1.0, 1.0, (50, 3))]) for one in held])
+    skewed = true @ np.array([[1.01, 0.004, 0.0], [0.0, 0.99, -0.003], [0.0, 0.0, 1.02]]) + [0.01, -0.02, 0.005]
+    measured = skewed + rng.normal(0.0, 1e-4, skewed.shape)
+    return {"time_s": np.arange(len(true)) / 50.0, **{f"accel_{a}_g": measured[:, k] for k, a in enumerate("xyz")}}
+
+
+WRITTEN = {"accelerometer_magnitude": tumble, "bias_temperature": warmup}
+"""Procedures without sample logs, and what theirs hold."""
+PROCEDURES = (*SAMPLES, *WRITTEN)
+
+
+def called(*arguments):
+    """Run a command in this process and return its exit code."""
+    with pytest.raises(SystemExit) as stopped:
+        cli.main([str(argument) for argument in arguments])
+    return stopped.value.code
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Return the run of a procedure's sample logs, fitted once."""
+    folder = tmp_path_factory.mktemp("runs")
+
+    @cache
+    def of(name):
+        data = ROOT / "datasets" / name
+        if name in WRITTEN:
+            data = tmp_path_factory.mktemp("logs")
+            write_log(data / "log.csv", **WRITTEN[name](np.random.default_rng(1)))
+        assert called("fit", name, "--data", data, "--serial", name, "--out", folder, "--date", "2026-11-21") in (0, 1)
+        return store.load(folder / name / "r001")
+
+    return of
+
+
+def certificate(run, stated=None, text=""):
+    """The certificate record of a run, skipped where the procedure has no layout."""
+    if run.document["procedure"] not in content.LAYOUTS:
+        pytest.skip(f"no certificate layout for {run.document['procedure']}")
+    return content.build(run, profile.Profile() if stated is None else stated, text, None, ISSUED)
+
+
+def sample(name):
+    """Profile of a procedure's sample certificate, or an empty one."""
+    path = ROOT / "reports" / "profiles" / f"{name}.toml"
+    return profile.load(path if path.is_file() else None)[0]
+
+
+def filled(text):
+    """A profile with one text in every field that takes text."""
+    person = profile.Person(name=text, role=text, email=text)
+    party = {"name": text, "address": text, "email": text, "phone": text, "country": "CN"}
+    return profile.Profile(
+        certificate=profile.Numbering(number=text, title=text, amends=f"not {text}", changes=(text,)),
+        laboratory=profile.Laboratory(**party, place_of_work=text),
+        customer=profile.Party(**party),
+        item=profile.Item(type=text, maker=text, model=text, identification=text, condition=text),
+        dates=profile.Dates(performed=ISSUED),
+        method=profile.Method(name=text, revision=text, deviations=text, external_providers=text),
+        conditions=profile.Conditions(
+            **{key: text for key in profile.Conditions.model_fields if key not in {"others", "local_gravity_mps2"}},
+            others=(text,),
+        ),
+        standard=(profile.Standard(name=text, serial=text, certificate=text, laboratory=text),),
+        authorised_by=person,
+        adjustment=profile.Adjustment(statement=text),
+        specification=(
+            profile.Specification(result="gyro_scale.a_about_a.K", unit="1/deg", name=text, source=text, upper=1.0),
+        ),
+        remarks=(text,),
+    )
+
+
+def valid(document):
+    """Check a document's structure, and against the schemas where they are."""
+    dcc_check.structure(document)
+    if SCHEMAS.is_dir():
+        dcc_check.schema(document, SCHEMAS)
+    return dcc_check.parse(document)
+
+
+def listed(root, label):
+    """The list of values whose first label is given."""
+    for values in root.iter(f"{{{xml.SI}}}realListXMLList"):
+        if values.findtext("si:labelXMLList", "", xml.NAMES).split()[:1] == [label]:
+            return values
+    raise AssertionError(label)
+
+
+def numbers(element, name):
+    """Numbers of a D-SI list."""
+    return [float(item) for item in element.findtext(f".//si:{name}", "", xml.NAMES).split()]
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+@pytest.mark.parametrize("lang", ["en", "zh", "both"])
+def test_every_procedure_gives_a_valid_certificate(name, lang, run):
+    """DCC 3.3.0 of every procedure, with its sample profile and with an empty one, fits structure and schema."""
+    made = run(name)
+    for stated in (sample(name), None):
+        root = valid(dcc.render(certificate(made, stated), lang))
+        assert root.get("schemaVersion") == "3.3.0"
+        assert root.findtext(".//dcc:release", "", xml.NAMES) == "v0.1.0"
+        for result in root.iterfind(".//dcc:measurementResult", xml.NAMES):
+            assert result.find("dcc:usedMethods/dcc:usedMethod/dcc:name", xml.NAMES) is not None
+            assert result.find("dcc:influenceConditions/dcc:influenceCondition", xml.NAMES) is not None
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_every_unit_of_every_run_has_a_spelling_in_dsi(name, run):
+    """No coefficient, figure, condition, parameter or residual of any procedure has a unit that the table lacks."""
+    peer = pytest.importorskip("dsi_unit").DsiUnit
+    for record in run(name).records.values():
+        stated = [*record.figures, *record.conditions]
+        for model in record.models:
+            stated += [*model.coefficients, *model.parameters]
+            dsi(model.residual_unit)
+        for unit in {entry.unit for entry in stated}:
+            for gravity in (None, 9.8):
+                with warnings.catch_warnings():
+                    warnings.simplefilter("ignore")  # the peer warns of its own parser
+                    assert peer(dsi(unit).at(gravity).text).valid, unit
+
+
+def test_units_of_logs_have_the_size_that_the_table_of_units_gives_them():
+    """Two units of one dimension stand to each other in D-SI as calibkit converts them, rates in °/h included."""
+    size = {r"\second": 1.0, r"\minute": 60.0, r"\hour": 3600.0, r"\day": 86400.0, r"\degree": 1.0}
+    size |= {r"\arcminute": 1 / 60, r"\arcsecond": 1 / 3600, r"\radian": 180.0 / math.pi}
+    worth = {}
+    for spelling, unit in units.TABLE.items():
+        if unit.shift or unit.dimension == "temperature":
+            continue
+        found = dsi(spelling).at(9.8)
+        scale = found.factor * math.prod(size.get(name, 1.0) ** float(power) for name, power in found.powers.items())
+        worth.setdefault(unit.dimension, []).append(scale / (unit.factor / unit.divisor))
+    assert len(worth) > 8
+    for dimension, ratios in worth.items():
+        np.testing.assert_allclose(ratios, ratios[0], rtol=1e-12, err_msg=dimension)
+
+
+@pytest.mark.parametrize(
+    ("unit", "spelling", "factor"),
+    [
+        ("deg/h/degC/(degC/min)", r"\degree\hour\tothe{-1}\degreecelsius\tothe{-2}\minute", 1.0),
+        ("deg/sqrt(h)", r"\degree\hour\tothe{-0.5}", 1.0),
+        ("(deg/h)^2", r"\degree\tothe{2}\hour\tothe{-2}", 1.0),
+        ("1/degC3", r"\degreecelsius\tothe{-3}", 1.0),
+        ("g/degC^2", r"\degreecelsius\tothe{-2}\metre\second\tothe{-2}", 9.8),
+        ("1/g2", r"\metre\tothe{-2}\second\tothe{4}", 9.8**-2),
+        ("ug", r"\metre\second\tothe{-2}", 9.8e-6),
+        ("ppm/degC", r"\degreecelsius\tothe{-1}", 1e-6),
+        ("1", r"\one", 1.0),
+    ],
+)
+def test_compound_units_are_spelt_as_products_of_powers(unit, spelling, factor):
+    """Powers with tothe, never per; g becomes m/s² by the local gravity, ppm a number."""
+    found = dsi(unit).at(9.8)
+    assert found.text == spelling
+    assert found.factor == pytest.approx(factor, rel=1e-15)
+
+
+@pytest.mark.parametrize("unit", ["furlong", "deg//", "m_s", "", "deg)"])
+def test_an_unknown_unit_is_refused(unit):
+    """A unit without a spelling in D-SI stops the certificate instead of standing there as something else."""
+    with pytest.raises(OutputError, match="D-SI"):
+        dsi(unit)
+
+
+def test_parameters_and_their_covariance_are_those_of_the_coefficient_file(run):
+    """Values, covariance and the file itself come out of the DCC as they are in the run, bit for bit without a conversion."""
+    made = run("gyro_pair")
+    root = valid(dcc.render(certificate(made), "en"))
+    for name, record in made.records.items():
+        for model in record.models:
+            values = listed(root, f"{record.stage}.{model.name}.{model.coefficients[0].name}")
+            assert numbers(values, "valueXMLList") == [c.value for c in model.coefficients]
+            entries = values.iterfind(".//si:covarianceXMLList/si:valueXMLList", xml.NAMES)
+            square = np.reshape([float(e.text) for e in entries], np.shape(model.covariance))
+            np.testing.assert_array_equal(square, np.transpose(model.covariance))
+        file = next(e for e in root.iter(f"{{{xml.DCC}}}byteData") if e.findtext("dcc:fileName", "", xml.NAMES) == name)
+        assert base64.b64decode(file.findtext("dcc:dataBase64", "", xml.NAMES)) == (made.folder / name).read_bytes()
+
+
+def test_every_result_of_the_pdf_stands_in_the_dcc_with_its_uncertainty(run):
+    """Each key of the certificate has its value, and U with k where it has one."""
+    made = certificate(run("rate_table"))
+    root = valid(dcc.render(made, "en"))
+    found = {}
+    for real in root.iter(f"{{{xml.SI}}}real"):
+        if key := real.findtext("si:label", "", xml.NAMES):
+            found[xml.label(key)] = (
+                numbers(real, "value")[0],
+                numbers(real, "valueExpandedMU"),
+                numbers(real, "coverageFactor"),
+            )
+    for values in root.iter(f"{{{xml.SI}}}realListXMLList"):
+        U, k = numbers(values, "valueExpandedMUXMLList"), numbers(values, "coverageFactorXMLList")
+        for j, key in enumerate(values.findtext("si:labelXMLList", "", xml.NAMES).split() if U else ()):
+            found[key] = (numbers(values, "valueXMLList")[j], [U[j]], [k[j]])
+    assert len(made.results) > 50
+    for result in made.results:
+        value, U, k = found[xml.label(result.key)]
+        factor = dsi(result.unit).factor
+        assert value == pytest.approx(result.value * factor, rel=1e-15)
+        if result.uncertainty is not None and result.interval is None:
+            assert len(U) == 1
+            assert U[0] == pytest.approx(result.uncertainty.expanded_uncertainty * factor, rel=1e-15)
+            assert k[0] == pytest.approx(result.uncertainty.coverage_factor, abs=1e-11)
+
+
+def test_accelerations_are_in_si_where_the_local_gravity_is_known_and_ratios_where_not(run):
+    """b_x0 is in m/s² with the profile's gravity; without one it stays a ratio, and the certificate says so."""
+    made = run("accelerometer")
+    bias = made.records["accel_affine.json"].models[0].value("b_x0")
+    conditions = profile.Conditions(local_gravity_mps2=9.7967)
+    known = valid(dcc.render(certificate(made, profile.Profile(conditions=conditions)), "en"))
+    unknown = valid(dcc.render(certificate(made), "en"))
+    for root, factor, unit in ((known, 9.7967, r"\metre\second\tothe{-2}"), (unknown, 1.0, r"\one")):
+        real = next(
+            e for e in root.iter(f"{{{xml.SI}}}real") if e.findtext("si:label", "", xml.NAMES).endswith("triad.b_x0")
+        )
+        assert real.findtext("si:unit", "", xml.NAMES) == unit
+        assert numbers(real, "value")[0] == pytest.approx(bias * factor, rel=1e-14)
+    assert "ratios to the local gravity" in "".join(unknown.itertext())
+    assert "ratios to the local gravity" not in "".join(known.itertext())
+    assert unknown.find(".//dcc:nonSIUnit", xml.NAMES).text == "g"
+
+
+@pytest.mark.parametrize("dof", [5, 40, 100000])
+@pytest.mark.parametrize("n", [1, 2, 7])
+def test_the_region_of_all_parameters_holds_the_truth_as_often_as_it_says(n, dof):
+    """The ellipsoid's factor squared over n is the 95 % quantile of F: against scipy.stats, and by drawing where dof is large."""
+    factor = dcc_results.region_factor(n, dof)
+    assert factor == pytest.approx(math.sqrt(n * stats.f.ppf(0.95, n, dof)), rel=1e-9)
+    if dof == 100000:
+        drawn = np.random.default_rng(n).normal(size=(20000, n))
+        assert np.mean(np.linalg.norm(drawn, axis=1) <= factor) == pytest.approx(0.95, abs=0.006)
+
+
+@pytest.mark.parametrize("text", HOSTILE)
+def test_text_of_every_kind_in_every_field_breaks_nothing(text, run):
+    """Markup, control characters, 200 characters, Chinese, right-to-left: still valid, and the text is there to be read."""
+    made = certificate(run("gyro_pair"), filled(text), text)
+    root = valid(dcc.render(made, "both"))
+    shown = xml.line(text)
+    found = [element.text for element in root.iter() if element.text]
+    assert sum(shown in one for one in found) >= 25
+    assert root.findtext(".//dcc:uniqueIdentifier", "", xml.NAMES) == shown
+
+
+def test_the_same_certificate_has_the_same_bytes(run):
+    """Nothing but the certificate enters: two renderings are equal, and another date makes another."""
+    made = certificate(run("gyro_pair"), sample("gyro_pair"))
+    assert dcc.render(made, "en") == dcc.render(made, "en")
+    assert dcc.render(made, "en") != dcc.render(replace(made, issued=dt.date(2026, 11, 22)), "en")
+
+
+def test_a_statement_of_conformity_names_result_rule_and_verdict(run):
+    """Verdicts that the schema knows stand in its own words; one that is not possible is only said."""
+    limits = {"name": "angle", "unit": "deg"}
+    result = "gyro_orthogonality.pair.alpha_deg"
+    stated = profile.Profile(
+        specification=(
+            profile.Specification(result=result, lower=0.0, upper=180.0, **limits),
+            profile.Specification(result=result, lower=0.0, upper=1.0, **limits),
+            profile.Specification(result=result, lower=0.0, upper=1e-9, **limits),
+        )
+    )
+    root = valid(dcc.render(certificate(run("gyro_pair"), stated), "en"))
+    found = [s for s in root.iterfind(".//dcc:statement", xml.NAMES) if s.find("dcc:reference", xml.NAMES) is not None]
+    assert [s.findtext("dcc:conformity", "", xml.NAMES) for s in found] == ["pass", "fail", ""]
+    assert "no statement possible" in "".join(found[2].itertext())
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "words"),
+    [
+        ("<dcc:uniqueIdentifier>not stated<", "<dcc:uniqueIdentifier> <", "uniqueIdentifier"),
+        ("<si:coverageFactor>", "<si:coverageFactor>0.9 ", "coverageFactor '0.9'"),
+        ("<si:value>", "<si:value>,", "value ',"),
+        (r"<si:unit>\one", "<si:unit>ppm", "unit 'ppm'"),
+        ("<si:unitXMLList>", r"<si:unitXMLList>\one ", "is not as long"),
+        ("<dcc:dataBase64>", "<dcc:dataBase64>*", "base 64"),
+    ],
+)
+def test_a_broken_structure_is_found_without_the_schema(old, new, words, run):
+    """Each rule of the structural check, seen to fail."""
+    text = dcc.render(certificate(run("gyro_pair")), "en").decode()
+    assert old in text
+    with pytest.raises(OutputError, match=words):
+        dcc_check.structure(text.replace(old, new, 1).encode())
+
+
+def test_a_schema_that_is_not_there_or_not_met_is_said(tmp_path, run):
+    """A folder without the schemas is a usage error; a document beside the schema is refused with its line."""
+    document = dcc.render(certificate(run("gyro_pair")), "en")
+    with pytest.raises(UsageError, match=r"no dcc\.xsd"):
+        dcc_check.schema(document, tmp_path)
+    if SCHEMAS.is_dir():
+        with pytest.raises(OutputError, match="mainSigner"):
+            dcc_check.schema(document.replace(b"dcc:mainSigner>true", b"dcc:mainSigner>maybe"), SCHEMAS)
+
+
+def test_certify_writes_the_dcc_beside_the_pdf_and_inside_it(run, tmp_path):
+    """certificate.xml is the dcc.xml of the PDF, whose digest is printed; neither is overwritten."""
+    pytest.importorskip("typst")
+    pikepdf = pytest.importorskip("pikepdf")
+    out, stated = tmp_path / "certificate.pdf", ROOT / "reports" / "profiles" / "gyro_pair.toml"
+    arguments = ("certify", run("gyro_pair").folder, "--profile", stated, "--date", "2026-11-21")
+    schemas = ("--schema-dir", SCHEMAS) if SCHEMAS.is_dir() else ()
+    assert called(*arguments, "--out", out, *schemas) == 0
+    document = (tmp_path / "certificate.xml").read_bytes()
+    with pikepdf.open(out) as pdf:
+        attached = pdf.attachments["dcc.xml"]
+        assert attached.get_file().read_bytes() == document
+        assert attached.obj["/AFRelationship"] == "/Alternative"
+    assert called(*arguments, "--out", out.with_name("certificate.PDF")) == 4
+    assert called(*arguments, "--out", tmp_path / "other.pdf", "--schema-dir", tmp_path) == 2
+    assert not (tmp_path / "other.pdf").exists()
+    assert json.loads(base64.b64decode(document.split(b"<dcc:dataBase64>")[1].split(b"<")[0]))["serial"] == "gyro_pair"
