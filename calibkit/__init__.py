@@ -1,3 +1,64 @@
-"""Calibration of fibre-optic gyros, accelerometers and borehole inclinometers."""
+"""Calibration of fibre-optic gyros, accelerometers and borehole inclinometers.
+
+The names of `__all__` are the public interface: what the commands do, for scripts and notebooks, and three of the numeric core's
+functions. They are loaded when they are asked for; everything else may change between versions.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
 
 __version__ = "0.1.0"
+
+if TYPE_CHECKING:
+    from calibkit.api import (
+        CalibkitError,
+        allan_deviation,
+        certify,
+        combine_uncertainty,
+        compensate,
+        denoise,
+        examine,
+        export_firmware,
+        find_run,
+        fit,
+        load_coefficients,
+        load_recipe,
+        read_log,
+        simulated,
+        validate,
+        verify,
+    )
+
+__all__ = [
+    "CalibkitError",
+    "allan_deviation",
+    "certify",
+    "combine_uncertainty",
+    "compensate",
+    "denoise",
+    "examine",
+    "export_firmware",
+    "find_run",
+    "fit",
+    "load_coefficients",
+    "load_recipe",
+    "read_log",
+    "simulated",
+    "validate",
+    "verify",
+]
+
+
+def __getattr__(name: str) -> object:
+    """Public name, loaded now."""
+    if name not in __all__:
+        raise AttributeError(f"module 'calibkit' has no attribute '{name}'")
+    from calibkit import api
+
+    return getattr(api, name)
+
+
+def __dir__() -> list[str]:
+    """Public names."""
+    return [*__all__, "__version__"]

@@ -1,0 +1,201 @@
+"""The public interface: the commands as functions of paths and values, and the numeric core's most wanted functions."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calibkit import coefficients, frame, pipeline, store
+from calibkit import recipe as recipes
+from calibkit.certificate import certify as certificates
+from calibkit.errors import CalibkitError, CoefficientError
+from calibkit.numeric.allan import overlapping as allan_deviation
+from calibkit.numeric.denoise import denoise
+from calibkit.numeric.gum import combine as combine_uncertainty
+from calibkit.procedures import silent
+from calibkit.recipe import Source
+from calibkit.simulate import campaigns
+from calibkit.stages import ingest
+
+if TYPE_CHECKING:
+    import os
+    from collections.abc import Mapping
+
+    import pandas as pd
+
+    from calibkit.certificate.certify import Issued
+    from calibkit.certificate.words import Lang
+    from calibkit.check.report import LogReport
+    from calibkit.coefficients import Record
+    from calibkit.simulate.campaign import Campaign
+    from calibkit.store import Run
+
+    AnyPath = str | os.PathLike[str]
+
+__all__ = [
+    "CalibkitError",
+    "allan_deviation",
+    "certify",
+    "combine_uncertainty",
+    "compensate",
+    "denoise",
+    "examine",
+    "export_firmware",
+    "find_run",
+    "fit",
+    "load_coefficients",
+    "load_recipe",
+    "read_log",
+    "simulated",
+    "validate",
+    "verify",
+]
+
+AXES = ("x", "y", "z", "a", "b")
+"""Letters that axes of gyros and accelerometers usually have."""
+KINDS = (("gyro", "dph"), ("gyro", "lsb"), ("accel", "g"), ("accel", "lsb"))
+"""Canonical columns that are named after an axis."""
+
+
+def load_recipe(name: AnyPath, **settings: object) -> Source:
+    """Recipe of a file or of a shipped name, with settings on top.
+
+    Parameters
+    ----------
+    name : path of a TOML file, or the name of a shipped recipe ("fog_thermal").
+    settings : keys to override; a double underscore stands for the dot: site__latitude_deg=34.2.
+
+    Raises
+    ------
+    CalibkitError : no such recipe, or one with a fault; the message names file, line, value and what is allowed.
+
+    """
+    overrides = tuple(f"{key.replace('__', '.')}={_toml(value)}" for key, value in settings.items())
+    source = recipes.find(str(name), overrides)
+    recipes.parse(source)
+    return source
+
+
+def _toml(value: object) -> str:
+    """A Python value as TOML."""
+    if isinstance(value, bool):
+        return str(value).lower()
+    if isinstance(value, list | tuple):
+        return f"[{', '.join(map(_toml, value))}]"
+    return f'"{value}"' if isinstance(value, str) else str(value)
+
+
+def _source(given: Source | AnyPath) -> Source:
+    """Recipe that was loaded, or is named."""
+    return given if isinstance(given, Source) else recipes.find(str(given))
+
+
+def examine(recipe: Source | AnyPath, data: AnyPath) -> tuple[LogReport, ...]:
+    """What each log holds that a recipe would read from a folder, and what is wrong with it; `calibkit check`."""
+    return pipeline.check(_source(recipe), Path(data))
+
+
+def fit(recipe: Source | AnyPath, data: AnyPath, *, date: str, serial: str = "", runs: AnyPath = "runs") -> Run:
+    """Fit a recipe to the logs of a folder and write the next run folder; `calibkit fit`.
+
+    Parameters
+    ----------
+    recipe : from `load_recipe`, or its path or name.
+    data : folder of the logs.
+    date : YYYY-MM-DD from which the coefficients hold; no clock is read.
+    serial : of the unit; the recipe's by default.
+    runs : folder of all run folders.
+
+    Returns
+    -------
+    Run with its folder, document (run.json) and records (one a stage). `run.document["accepted"]` says whether the
+    acceptance limits held.
+
+    Raises
+    ------
+    CalibkitError : recipe, logs or fit at fault; nothing is written then.
+
+    """
+    outcome = pipeline.fit(_source(recipe), Path(data), serial, Path(runs), date, silent)
+    return store.load(outcome.folder)
+
+
+def find_run(name: AnyPath, runs: AnyPath = "runs") -> Run:
+    """Run of a folder, a serial (its newest revision) or SERIAL@r003; raises CalibkitError where a digest is wrong."""
+    return store.load(store.find(str(name), Path(runs)))
+
+
+def _run(given: Run | AnyPath) -> Run:
+    """Run that was loaded, or that is in a folder."""
+    return given if isinstance(given, store.Run) else store.load(Path(given))
+
+
+def compensate(run: Run | AnyPath, log: AnyPath, out: AnyPath, **settings: object) -> tuple[str, ...]:
+    """Compensate every row of a log with a run's coefficients and write it; returns the flags; `calibkit apply`.
+
+    settings give the place of use: site__latitude_deg=58.9. Nothing is overwritten.
+    """
+    overrides = tuple(f"{key.replace('__', '.')}={_toml(value)}" for key, value in settings.items())
+    return pipeline.apply(_run(run), Path(log), Path(out), overrides)
+
+
+def validate(run: Run | AnyPath, data: AnyPath, out: AnyPath) -> Mapping[str, Any]:
+    """Frozen coefficients on logs that they have not seen: the document that is written too; `calibkit validate`."""
+    return pipeline.validate(_run(run), Path(data), Path(out), silent)[0]
+
+
+def certify(
+    run: Run | AnyPath,
+    out: AnyPath,
+    *,
+    date: str,
+    profile: AnyPath | None = None,
+    validation: AnyPath | None = None,
+    lang: Lang = "en",
+) -> Issued:
+    """Write the certificate of a run; `missing` of what is returned lists what makes it a DRAFT; `calibkit certify`."""
+    folder = run.folder if isinstance(run, store.Run) else Path(run)
+    return certificates.certify(
+        folder,
+        Path(out),
+        date=date,
+        profile_path=None if profile is None else Path(profile),
+        validation=None if validation is None else Path(validation),
+        lang=lang,
+    )
+
+
+def export_firmware(
+    run: Run | AnyPath, target: str, out: AnyPath, *, number: str = "f32", prefix: str = "cal"
+) -> tuple[Path, ...]:
+    """Write a run's correction chain for a firmware target; a rejected run is refused; `calibkit export`."""
+    return tuple(pipeline.export(_run(run), target, number, prefix, Path(out), allow_rejected=False))
+
+
+def verify(path: AnyPath) -> str:
+    """What a file of calibkit's is; raises CalibkitError where its digest, signature or vectors are wrong."""
+    return pipeline.verify(Path(path))
+
+
+def load_coefficients(path: AnyPath) -> Record:
+    """Record of a coefficient file of any released format; raises CalibkitError where its digest is wrong."""
+    file = Path(path)
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        raise CoefficientError(f"{file}: cannot be read: {error}", hint="name a coefficient file") from None
+    return coefficients.loads(text, str(file))
+
+
+def read_log(recipe: Source | AnyPath, log: AnyPath) -> pd.DataFrame:
+    """Tidy frame of a log: every canonical column that the recipe finds in it, in canonical units and signs."""
+    spec = recipes.parse(_source(recipe))
+    named = [f"{kind}_{axis}_{unit}" for kind, unit in KINDS for axis in AXES]
+    wanted = dict.fromkeys((*frame.CANONICAL, *named, *spec.columns, *spec.own_columns()))
+    file = Path(log)
+    return ingest.read_log(spec, file, file.name, (), tuple(wanted)).frame
+
+
+def simulated(procedure: str, seed: int) -> Campaign:
+    """Simulated logs of a procedure with the truth they were made from; `calibkit simulate`."""
+    return campaigns.of(procedure)(seed)

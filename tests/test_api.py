@@ -1,0 +1,85 @@
+"""The public interface: sixteen names that do what the commands do, loaded when they are asked for."""
+
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+import calibkit
+from conftest import ROOT
+
+DATA = ROOT / "datasets" / "gyro_triad"
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Return the run of a fit of the sample triad through the public interface."""
+    source = calibkit.load_recipe("gyro_triad", site__latitude_deg=34.2)
+    return calibkit.fit(source, DATA, date="2026-11-21", serial="T-1", runs=tmp_path_factory.mktemp("runs"))
+
+
+def test_every_public_name_is_there_with_a_docstring():
+    """Sixteen names, each documented, and dir() lists them."""
+    assert len(calibkit.__all__) == 16
+    assert set(calibkit.__all__) < set(dir(calibkit))
+    for name in calibkit.__all__:
+        assert getattr(calibkit, name).__doc__, name
+
+
+def test_another_name_is_an_attribute_error():
+    """A misspelt name is no public name."""
+    with pytest.raises(AttributeError, match="no attribute 'calibrate'"):
+        calibkit.calibrate  # noqa: B018 (the access is the test)
+
+
+def test_importing_the_package_imports_no_numpy():
+    """The public names cost nothing until they are used."""
+    code = "import calibkit, sys; sys.exit('numpy' in sys.modules)"
+    assert subprocess.run([sys.executable, "-c", code], check=False).returncode == 0
+
+
+def test_a_run_is_fitted_found_and_trusted(run):
+    """The run that fit returns is the one that is found by serial; its files verify and load."""
+    assert run.document["accepted"] is True
+    assert calibkit.find_run("T-1", run.folder.parents[1]).document == run.document
+    assert calibkit.verify(run.folder) == "run T-1@r001, 4 files"
+    record = calibkit.load_coefficients(run.folder / "gyro_orthogonality.json")
+    assert record.model("triad").value("S_xx") == pytest.approx(1e4, rel=0.05)
+
+
+def test_a_log_is_examined_compensated_and_validated(run, tmp_path):
+    """What the commands write, the functions write: a compensated log, a validation, findings."""
+    withheld = DATA / "withheld"
+    assert [report.refused for report in calibkit.examine("gyro_triad", withheld)] == [False] * 3
+    calibkit.compensate(run, withheld / "about_x_40.csv", tmp_path / "x.csv")
+    header = (tmp_path / "x.csv").read_text(encoding="utf-8").partition("\n")[0]
+    assert header.endswith("rate_x_dps,rate_y_dps,rate_z_dps")
+    document = calibkit.validate(run.folder, withheld, tmp_path / "v.json")
+    assert max(log["after"]["rate_error_max_ppm_of_full_scale"] for log in document["logs"]) < 10.0
+
+
+def test_a_recipe_s_settings_reach_it():
+    """A double underscore is the dot; text, numbers, truth values and lists become TOML."""
+    source = calibkit.load_recipe("gyro_triad", site__latitude_deg=58.9, gyros=["a", "b"], title="it's")
+    assert source.overrides == ("site.latitude_deg=58.9", 'gyros=["a", "b"]', 'title="it\'s"')
+    with pytest.raises(calibkit.CalibkitError, match="drfit"):
+        calibkit.load_recipe("fog_thermal", drfit__model="auto")
+
+
+def test_a_log_is_read_in_canonical_columns():
+    """Every column that the recipe knows, as numbers."""
+    frame = calibkit.read_log("gyro_pair", ROOT / "datasets" / "gyro_pair" / "table_axis_a.csv")
+    assert {"time_s", "table_rate_dps", "gyro_a_lsb", "gyro_b_lsb"} <= set(frame.columns)
+    assert len(frame) > 100
+
+
+def test_the_numeric_core_s_functions_are_the_core_s(tmp_path):
+    """Simulated logs carry their truth; denoising keeps the length; a missing file is a CalibkitError."""
+    campaign = calibkit.simulated("gyro_pair", 1)
+    assert campaign.truth["procedure"] == "gyro_pair"
+    noisy = np.sin(np.arange(4000) / 500.0) + np.random.default_rng(0).normal(0.0, 0.3, 4000)
+    assert np.std(calibkit.denoise(noisy).signal - np.sin(np.arange(4000) / 500.0)) < 0.06
+    assert calibkit.allan_deviation(noisy, 1.0).deviation_dph.size > 5
+    with pytest.raises(calibkit.CalibkitError, match="cannot be read"):
+        calibkit.load_coefficients(tmp_path / "none.json")
