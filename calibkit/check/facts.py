@@ -12,6 +12,8 @@ from calibkit.frame import Log, values
 from calibkit.numeric import anomalies
 
 if TYPE_CHECKING:
+    from collections.abc import Sequence
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -99,4 +101,39 @@ def occupied(temperature: Array) -> tuple[Occupancy, ...]:
     share = np.bincount(number) / good.size
     return tuple(
         Occupancy((first + k) * BIN_DEGC, (first + k + 1) * BIN_DEGC, float(part)) for k, part in enumerate(share)
+    )
+
+
+def joined(parts: Sequence[Facts]) -> Facts:
+    """Facts of a log from those of its pieces, one after the other."""
+    rows = sum(part.rows for part in parts)
+    names = [column.name for column in parts[0].columns]
+    occupancy: dict[tuple[float, float], float] = {}
+    for part in parts:
+        for place in part.occupancy:
+            occupancy[place.low, place.high] = occupancy.get((place.low, place.high), 0.0) + place.share * part.rows
+    rates = [part.rate_hz for part in parts if part.rate_hz]
+    between = [1.0 / rate for rate in rates[:-1]]
+    return Facts(
+        rows,
+        float(sum(part.duration_s for part in parts) + sum(between)),
+        float(np.median(rates)) if rates else 0.0,
+        max(part.irregularity for part in parts),
+        sum(part.gaps for part in parts),
+        tuple(_joined([part.columns[k] for part in parts]) for k in range(len(names))),
+        tuple(Occupancy(low, high, share / rows) for (low, high), share in sorted(occupancy.items())),
+    )
+
+
+def _joined(parts: Sequence[ColumnFacts]) -> ColumnFacts:
+    """Facts of one column from those of its pieces."""
+    steps = [part.resolution for part in parts if part.resolution]
+    return ColumnFacts(
+        parts[0].name,
+        parts[0].unit,
+        min(part.low for part in parts),
+        max(part.high for part in parts),
+        min(steps, default=0.0),
+        float(np.median([part.noise for part in parts])),
+        sum(part.missing for part in parts),
     )

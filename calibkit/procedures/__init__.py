@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from calibkit.frame import Examined, Log
     from calibkit.recipe import Recipe
     from calibkit.report.summary import Summary
+    from calibkit.stages.ingest import Reader
 
 
 class Progress(Protocol):
@@ -53,7 +54,7 @@ class Procedure(Protocol):
     def fit(self, spec: Any, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
         """Fit the logs."""
 
-    def read(self, spec: Any, data: Path, file: str) -> Log:
+    def read(self, spec: Any, data: Path, file: str, reader: Reader = ...) -> Log:
         """Read one log in canonical columns."""
 
     def examine(self, spec: Any, log: Log) -> Examined:

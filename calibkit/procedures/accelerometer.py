@@ -25,12 +25,13 @@ if TYPE_CHECKING:
     from calibkit.frame import Examined, Log
     from calibkit.procedures import Progress
     from calibkit.recipe.accelerometer import AccelerometerRecipe
+    from calibkit.stages.ingest import Reader
 
 
-def read(spec: AccelerometerRecipe, data: Path, file: str) -> Log:
+def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = accel_dwells.needed(spec)
-    return ingest.read_log(_on_site(spec), data / file, file, columns, optional)
+    return reader(_on_site(spec), data / file, file, columns, optional)
 
 
 def _on_site(spec: AccelerometerRecipe) -> AccelerometerRecipe:

@@ -24,6 +24,7 @@ if TYPE_CHECKING:
     from calibkit.procedures import Progress
     from calibkit.recipe import BiasTemperatureRecipe
     from calibkit.report.summary import Summary
+    from calibkit.stages.ingest import Reader
 
 
 def _columns(spec: BiasTemperatureRecipe) -> tuple[str, ...]:
@@ -31,9 +32,9 @@ def _columns(spec: BiasTemperatureRecipe) -> tuple[str, ...]:
     return tuple(dict.fromkeys((spec.polynomials.abscissa, *(entry.indication for entry in spec.polynomials.bias))))
 
 
-def read(spec: BiasTemperatureRecipe, data: Path, file: str) -> Log:
+def read(spec: BiasTemperatureRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in the recipe's columns; time is read where the log has it."""
-    return ingest.read_log(spec, data / file, file, _columns(spec), optional=("time_s",))
+    return reader(spec, data / file, file, _columns(spec), ("time_s",))
 
 
 def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:

@@ -38,6 +38,7 @@ if TYPE_CHECKING:
     from calibkit.frame import Examined, Log
     from calibkit.procedures import Progress
     from calibkit.recipe import FogThermalRecipe
+    from calibkit.stages.ingest import Reader
 
 
 def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
@@ -72,9 +73,9 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     return Fitted(results, sources, summary, report, uncertainties)
 
 
-def read(spec: FogThermalRecipe, data: Path, file: str) -> Log:
+def read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns."""
-    return ingest.read_log(spec, data / file, file, fog_ramps.COLUMNS)
+    return reader(spec, data / file, file, fog_ramps.COLUMNS)
 
 
 def _known_rates(spec: FogThermalRecipe, files: Sequence[str]) -> None:

@@ -11,7 +11,7 @@ from calibkit.report import figures as drawing
 from calibkit.report import gyro as pages
 from calibkit.report.summary import Summary, SummaryTable
 from calibkit.report.summary import text as plain
-from calibkit.stages import gyro_compensate, gyro_report, gyro_results, gyro_runs, write_back
+from calibkit.stages import gyro_compensate, gyro_report, gyro_results, gyro_runs, ingest, write_back
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,13 +23,14 @@ if TYPE_CHECKING:
     from calibkit.procedures import Progress
     from calibkit.recipe.gyro import GyroPairRecipe
     from calibkit.stages.gyro_compensate import Frozen
+    from calibkit.stages.ingest import Reader
 
 GYROS = ("a", "b")
 
 
-def read(spec: GyroPairRecipe, data: Path, file: str) -> Log:
+def read(spec: GyroPairRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log of the table in canonical columns."""
-    return gyro_runs.read(spec, data, file, GYROS)
+    return gyro_runs.read(spec, data, file, GYROS, reader)
 
 
 def examine(spec: GyroPairRecipe, log: Log) -> Examined:

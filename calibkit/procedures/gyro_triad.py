@@ -18,6 +18,7 @@ from calibkit.stages import (
     gyro_axes_results,
     gyro_report,
     gyro_runs,
+    ingest,
     write_back,
 )
 
@@ -30,11 +31,12 @@ if TYPE_CHECKING:
     from calibkit.procedures import Progress
     from calibkit.recipe.gyro import GyroTriadRecipe
     from calibkit.stages.gyro_runs import TableRun
+    from calibkit.stages.ingest import Reader
 
 
-def read(spec: GyroTriadRecipe, data: Path, file: str) -> Log:
+def read(spec: GyroTriadRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log of the table in canonical columns."""
-    return gyro_runs.read(spec, data, file, spec.gyros)
+    return gyro_runs.read(spec, data, file, spec.gyros, reader)
 
 
 def examine(spec: GyroTriadRecipe, log: Log) -> Examined:

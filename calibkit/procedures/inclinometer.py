@@ -33,6 +33,7 @@ if TYPE_CHECKING:
     from calibkit.frame import Examined, Log
     from calibkit.procedures import Progress
     from calibkit.recipe.inclinometer import InclinometerRecipe
+    from calibkit.stages.ingest import Reader
 
 
 def _on_site(spec: InclinometerRecipe) -> InclinometerRecipe:
@@ -41,10 +42,10 @@ def _on_site(spec: InclinometerRecipe) -> InclinometerRecipe:
     return spec.model_copy(update={"site": spec.site.model_copy(update={"gravity_mps2": gravity})})
 
 
-def read(spec: InclinometerRecipe, data: Path, file: str) -> Log:
+def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = inclinometer_stations.needed(spec)
-    return ingest.read_log(_on_site(spec), data / file, file, columns, optional)
+    return reader(_on_site(spec), data / file, file, columns, optional)
 
 
 def examine(spec: InclinometerRecipe, log: Log) -> Examined:

@@ -11,7 +11,7 @@ from calibkit.report import figures as drawing
 from calibkit.report import gyro as pages
 from calibkit.report.summary import Summary
 from calibkit.report.summary import text as plain
-from calibkit.stages import gyro_compensate, gyro_report, gyro_results, gyro_runs, write_back
+from calibkit.stages import gyro_compensate, gyro_report, gyro_results, gyro_runs, ingest, write_back
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,14 +24,15 @@ if TYPE_CHECKING:
     from calibkit.report.summary import SummaryTable
     from calibkit.stages.gyro_compensate import Frozen
     from calibkit.stages.gyro_results import GyroOverRuns
+    from calibkit.stages.ingest import Reader
 
 COLUMNS = 3
 """Runs beside each other in a table of the summary."""
 
 
-def read(spec: RateTableRecipe, data: Path, file: str) -> Log:
+def read(spec: RateTableRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log of the table in canonical columns."""
-    return gyro_runs.read(spec, data, file, spec.gyros)
+    return gyro_runs.read(spec, data, file, spec.gyros, reader)
 
 
 def examine(spec: RateTableRecipe, log: Log) -> Examined:

@@ -17,6 +17,7 @@ from calibkit.readers import delimited
 from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
+    from collections.abc import Iterator
     from pathlib import Path
 
     import pandas as pd
@@ -61,6 +62,47 @@ def read(path: Path, file: str) -> Table | None:
         return None
     frame.columns = header
     return Table(file, seen.sha256, frame)
+
+
+@dataclass(frozen=True, slots=True)
+class Scanned:
+    """A clean file that was scanned and not parsed: its columns, digest and rows."""
+
+    header: tuple[str, ...]
+    sha256: str
+    rows: int
+
+
+def scanned(path: Path, file: str) -> Scanned | None:
+    """Scan a file in the memory of a block; none where it is not clean. Raises LogFormatError where it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            first = stream.readline(LARGEST_HEADER)
+        header = _header(first, file)
+        seen = _scan(path, len(first), len(header)) if header is not None else None
+    except OSError as error:
+        raise LogFormatError(f"{file}: cannot be read: {error.strerror}", hint="check the file") from None
+    return Scanned(tuple(header), seen.sha256, seen.rows) if header is not None and seen is not None else None
+
+
+def pieces(path: Path, file: str, scan: Scanned, rows: int) -> Iterator[Table]:
+    """Tables of at most `rows` rows of a scanned file, one after the other; the index counts on."""
+    import pandas as pd
+
+    names = list(range(len(scan.header)))
+    count = 0
+    try:
+        with pd.read_csv(path, skiprows=1, header=None, names=names, dtype="float64", chunksize=rows) as chunks:
+            for frame in chunks:
+                frame.columns = list(scan.header)
+                count += len(frame)
+                yield Table(file, scan.sha256, frame)
+    except (ValueError, OverflowError) as error:
+        raise LogFormatError(
+            f"{file}: behind line {count + 1}: {error}", hint="repair the row, or leave the range out with [[exclude]]"
+        ) from None
+    if count != scan.rows:
+        raise LogFormatError(f"{file}: it changed while it was read", hint="wait until the logger has closed it")
 
 
 def _header(first: bytes, file: str) -> list[str] | None:

@@ -12,18 +12,21 @@ from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
 from calibkit.frame import Finding, values
 from calibkit.report.logs import Curve, LogFigure, envelope
+from calibkit.stages import ingest, pieces
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
     from calibkit.frame import Examined, Held, Log
+    from calibkit.recipe import Recipe
+    from calibkit.stages.ingest import Reader
 
 
 class Examiner(Protocol):
     """The part of a procedure that looks at logs."""
 
-    def read(self, spec: Any, data: Path, file: str) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
+    def read(self, spec: Any, data: Path, file: str, reader: Reader = ...) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
         """Read one log in canonical columns."""
 
     def examine(self, spec: Any, log: Log) -> Examined:  # noqa: ANN401 (the same)
@@ -38,10 +41,19 @@ class Outcome:
     figure: LogFigure | None
 
 
-def of(procedure: Examiner, spec: object, data: Path, file: str) -> Outcome:
-    """Read and examine one log; one that cannot be read or used is a refused finding."""
+def of(procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = pieces.LARGEST) -> Outcome:
+    """Read and examine one log, in pieces where its file is larger; one that cannot be read or used is a refused finding."""
+    seen: list[pieces.Pieced] = []
+
+    def reader(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Log:
+        pieced = pieces.of(recipe, path, file, needed, optional, largest=largest)
+        if pieced is None:
+            return ingest.read_log(recipe, path, file, needed, optional)
+        seen.append(pieced)
+        return pieced.log
+
     try:
-        log = procedure.read(spec, data, file)
+        log = procedure.read(spec, data, file, reader)
     except (LogFormatError, FrameError, FitError) as error:
         return Outcome(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
     try:
@@ -49,8 +61,12 @@ def of(procedure: Examiner, spec: object, data: Path, file: str) -> Outcome:
         findings, found = examined.findings, examined.held
     except (FrameError, FitError) as error:
         findings, found = (Finding.of(error),), ()
+    whole = facts.of(log)
+    if seen:
+        rest = (finding for finding in findings if finding.name not in pieces.BY_PIECE)
+        findings, whole = (*seen[0].findings, *rest), seen[0].facts
     held = tuple(_condition(log, part) for part in found)
-    report = LogReport(file, log.sha256, log.reading, log.notes, facts.of(log), held, findings)
+    report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
     return Outcome(report, _figure(log, held, findings))
 
 

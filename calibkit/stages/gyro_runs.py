@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from calibkit.numeric.gyro_scale import RunScales, ScaleFactor
     from calibkit.numeric.plateau_means import Plateaus
     from calibkit.recipe.gyro import GyroRecipe
+    from calibkit.stages.ingest import Reader
 
     Array = NDArray[np.float64]
 
@@ -62,13 +63,13 @@ def column(gyro: str) -> str:
     return f"gyro_{gyro}_lsb"
 
 
-def read(spec: GyroRecipe, data: Path, file: str, gyros: Sequence[str]) -> Log:
+def read(spec: GyroRecipe, data: Path, file: str, gyros: Sequence[str], reader: Reader = ingest.read_log) -> Log:
     """One log of the table in canonical columns; table angle and temperature are read where the log has them."""
     needed: tuple[str, ...] = ("time_s", RATE, *map(column, gyros))
     optional: tuple[str, ...] = (ANGLE, TEMPERATURE)
     if spec.table.reference == "angle":
         needed, optional = (*needed, ANGLE), (TEMPERATURE,)
-    return ingest.read_log(spec, data / file, file, needed, optional)
+    return reader(spec, data / file, file, needed, optional)
 
 
 def vertical_rate_dps(spec: GyroRecipe) -> float | None:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
 
@@ -87,6 +87,16 @@ def read_log(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optio
     return loggers.joined(recipe, recipe.chamber, path, file, needed, optional)
 
 
+class Reader(Protocol):
+    """Reads one log, as `read_log` does."""
+
+    def __call__(
+        self, recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
+    ) -> Log:
+        """Read one log in canonical columns."""
+        ...
+
+
 def read_one(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Log:
     """Read one file and map it to canonical columns; raises LogFormatError, FrameError or RecipeError."""
     sources = {name: column.source for name, column in recipe.columns.items()}
@@ -94,6 +104,15 @@ def read_one(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optio
     written = {timed.source} if timed and (timed.time_format or timed.date) else set()
     wanted = {sources.get(name, name) for name in (*needed, *optional)} - written
     table = (parts.read if recipe.logs.split else registry.read)(path, file, recipe.logs, wanted)
+    return mapped_log(recipe, table, needed, optional)
+
+
+def mapped_log(
+    recipe: Recipe, table: Table, needed: Sequence[str], optional: Sequence[str] = (), *, whole: bool = True
+) -> Log:
+    """Canonical columns of a log, or of a piece of one, that was read; raises as `read_one`."""
+    file = table.file
+    sources = {name: column.source for name, column in recipe.columns.items()}
     own = _own_names(recipe, table, sources, needed, optional)
     mapped = _canonical(recipe, table, own)
     frame = table.frame[[]].assign(
@@ -104,7 +123,7 @@ def read_one(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optio
     frame, begun = _from_second_row(frame, mapped)
     frame, corrected = certificates.corrected(frame, recipe.correction, file)
     frame, dropped = door.complete(frame, needed, recipe)
-    frame, excluded = _without_exclusions(frame, recipe.exclude, file)
+    frame, excluded = _without_exclusions(frame, recipe.exclude, file, whole=whole)
     notes = (*table.notes, *(note for column in mapped.values() for note in column.notes), *begun, *dropped, *excluded)
     reading = (*table.reading, *(said for column in mapped.values() for said in column.reading), *corrected)
     return Log(log_name(file), file, table.sha256, len(table.frame), frame, notes, reading, table.parts)
@@ -179,7 +198,7 @@ def unmapped(values: np.ndarray, column: Column, name: str, recipe: Recipe, stat
 
 
 def _without_exclusions(
-    frame: pd.DataFrame, excludes: Sequence[Exclude], file: str
+    frame: pd.DataFrame, excludes: Sequence[Exclude], file: str, *, whole: bool
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """The frame without the ranges that the recipe leaves out; the index keeps counting the file's rows."""
     notes = []
@@ -190,6 +209,8 @@ def _without_exclusions(
         low = -np.inf if exclude.from_s is None else exclude.from_s
         high = np.inf if exclude.to_s is None else exclude.to_s
         out = frame["time_s"].between(low, high)
+        if not out.any() and not whole:
+            continue
         if not out.any():
             raise RecipeError(
                 f"[[exclude]] of {file}: no row between {low:g} s and {high:g} s", hint="check from_s and to_s"
