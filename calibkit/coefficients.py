@@ -5,13 +5,13 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, field, replace
-from typing import TYPE_CHECKING, Any
+from dataclasses import asdict, dataclass, field, fields, replace
+from typing import TYPE_CHECKING, Any, TypeVar
 
 from calibkit.errors import CoefficientError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Mapping
 
     from calibkit.frame import Log
 
@@ -177,7 +177,7 @@ def digest(document: Mapping[str, Any]) -> str:
 
     try:
         canonical = rfc8785.dumps({key: value for key, value in document.items() if key != "sha256"})
-    except rfc8785.CanonicalizationError as error:
+    except (rfc8785.CanonicalizationError, RecursionError, UnicodeError) as error:
         raise CoefficientError(
             f"not a JSON document: {error}", hint="a NaN or an infinity is not a coefficient"
         ) from None
@@ -196,7 +196,7 @@ def unseal(text: str, name: str, formats: tuple[str, ...] = FORMATS) -> dict[str
     """Document of a sealed JSON text, or CoefficientError that says why it cannot be trusted."""
     try:
         document = json.loads(text, object_pairs_hook=_distinct)
-    except ValueError as error:
+    except (ValueError, RecursionError) as error:
         raise CoefficientError(
             f"{name}: not a whole JSON document: {error}", hint="restore it from the run's copy"
         ) from None
@@ -239,33 +239,74 @@ def loads(text: str, name: str) -> Record:
     document = unseal(text, name)
     document.pop("sha256")
     try:
-        return Record(
-            **{
+        return _typed(
+            Record,
+            {
                 **document,
-                "inputs": tuple(Input(**entry) for entry in document["inputs"]),
-                "conditions": tuple(Condition(**entry) for entry in document["conditions"]),
+                "inputs": tuple(_typed(Input, entry) for entry in document["inputs"]),
+                "conditions": tuple(_typed(Condition, entry) for entry in document["conditions"]),
                 "models": tuple(_model(entry) for entry in document["models"]),
-                "figures": tuple(Figure(**entry) for entry in document["figures"]),
-                "flags": tuple(document["flags"]),
-            }
+                "figures": tuple(_typed(Figure, entry) for entry in document["figures"]),
+                "flags": tuple(map(_text, document["flags"])),
+            },
         )
-    except (KeyError, TypeError) as error:
+    except (AttributeError, KeyError, TypeError, ValueError) as error:
         raise CoefficientError(
             f"{name}: not a coefficient record: {error}", hint="restore it from the run's copy"
         ) from None
 
 
 def _model(entry: Mapping[str, Any]) -> Model:
-    """Model of its JSON object."""
-    return Model(
-        **{
+    """Model of its JSON object; its covariance is square, one row a coefficient, or absent."""
+    model = _typed(
+        Model,
+        {
             **entry,
-            "coefficients": tuple(Coefficient(**item) for item in entry["coefficients"]),
-            "covariance": tuple(tuple(row) for row in entry["covariance"]),
-            "valid": {column: (low, high) for column, (low, high) in entry["valid"].items()},
-            "parameters": tuple(Parameter(**item) for item in entry.get("parameters", ())),
-        }
+            "coefficients": tuple(_typed(Coefficient, item) for item in entry["coefficients"]),
+            "covariance": tuple(tuple(map(_number, row)) for row in entry["covariance"]),
+            "valid": {column: (_number(low), _number(high)) for column, (low, high) in entry["valid"].items()},
+            "parameters": tuple(_typed(Parameter, item) for item in entry.get("parameters", ())),
+        },
     )
+    size = len(model.coefficients)
+    if model.covariance and [len(row) for row in model.covariance] != [size] * size:
+        raise ValueError(f"model '{model.name}': a covariance that is not {size} × {size}")
+    return model
+
+
+def _number(value: object) -> float:
+    """A JSON number, or TypeError."""
+    if isinstance(value, bool) or not isinstance(value, (int, float)):
+        raise TypeError(f"{value!r:.40} where a number is expected")
+    return value
+
+
+def _text(value: object) -> str:
+    """A JSON text, or TypeError."""
+    if not isinstance(value, str):
+        raise TypeError(f"{value!r:.40} where a text is expected")
+    return value
+
+
+def _count(value: object) -> int:
+    """A JSON integer, or TypeError."""
+    if isinstance(value, bool) or not isinstance(value, int):
+        raise TypeError(f"{value!r:.40} where a whole number is expected")
+    return value
+
+
+_PLAIN: dict[str, Callable[[object], object]] = {"str": _text, "float": _number, "int": _count}
+"""Annotation of a field → check of its value; what is made of other records was checked when they were made."""
+_Made = TypeVar("_Made")
+
+
+def _typed(kind: type[_Made], values: Mapping[str, Any]) -> _Made:
+    """A record whose plain fields hold what their annotations say; TypeError for another type, a key too many or too few."""
+    kinds = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
+    for name, value in values.items():
+        if kinds.get(name) in _PLAIN:
+            _PLAIN[kinds[name]](value)
+    return kind(**values)
 
 
 @dataclass(frozen=True, slots=True)

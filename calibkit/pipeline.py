@@ -303,6 +303,8 @@ def verify(path: Path) -> str:
     if document["format"] in coefficients.FORMATS:
         record = coefficients.loads(text, str(path))
         return f"{record.stage} of {record.serial} r{record.revision:03d}, effective from {record.effective_from}"
+    if not (isinstance(document.get("serial"), str) and isinstance(document.get("revision"), int)):
+        raise CoefficientError(f"{path}: says of no serial and revision", hint="calibkit did not write it")
     return f"{document['format']} of {document['serial']} r{document['revision']:03d}"
 
 

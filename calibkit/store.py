@@ -12,7 +12,7 @@ from dataclasses import dataclass
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import atomic, coefficients
+from calibkit import atomic, coefficients, run_document
 from calibkit.errors import CoefficientError, OutputError, UsageError
 
 if TYPE_CHECKING:
@@ -25,6 +25,8 @@ WRITING = ".writing-"
 """Start of the name of what is not finished."""
 _SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 _REVISION = re.compile(r"r(\d{3,})")
+_DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
+"""Names that Windows keeps for devices, with any suffix."""
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
 
 
@@ -46,7 +48,7 @@ def check_serial(serial: str) -> str:
     """Return a serial that can name a folder on every system, or raise UsageError."""
     if not serial:
         raise UsageError("no serial number", hint='give --serial, or serial = "…" in the recipe')
-    if not _SERIAL.fullmatch(serial) or serial.endswith(".") or len(serial) > 100:
+    if not _SERIAL.fullmatch(serial) or serial.endswith(".") or len(serial) > 100 or _DEVICE.match(serial):
         raise UsageError(
             f"serial '{serial}' cannot name a folder",
             hint="use letters, digits, '-', '_', '+' and '.', starting with a letter or digit",
@@ -235,18 +237,17 @@ def load_revision(runs: Path, serial: str, revision: int) -> Run:
 def load(folder: Path) -> Run:
     """Read a run folder whole, or raise CoefficientError that names the first file that cannot be trusted."""
     document = coefficients.unseal(_text(folder / RUN_FILE), f"{folder / RUN_FILE}", RUN_FORMATS)
+    run_document.require_shape(document, f"{folder / RUN_FILE}")
     records = {}
     for entry in document["files"]:
         path = folder / entry["name"]
-        if Path(entry["name"]).name != entry["name"]:
-            raise CoefficientError(f"{folder / RUN_FILE}: file name '{entry['name']}' leaves the folder")
         content = _bytes(path)
         if hashlib.sha256(content).hexdigest() != entry["sha256"]:
             raise CoefficientError(
                 f"{path}: not the file that run.json lists", hint="the file was changed; do not use it"
             )
         if path.suffix == ".json":
-            records[path.name] = coefficients.loads(content.decode("utf-8"), str(path))
+            records[path.name] = _own_record(document, path)
     extra = sorted(
         {path.name for path in _entries(folder)} - {RUN_FILE, *(entry["name"] for entry in document["files"])}
     )
@@ -255,6 +256,18 @@ def load(folder: Path) -> Run:
             f"{folder}: holds files that run.json does not list: {', '.join(extra)}", hint="move them out"
         )
     return Run(folder, document, records)
+
+
+def _own_record(document: Mapping[str, Any], path: Path) -> coefficients.Record:
+    """Coefficient record of a run's file; CoefficientError where it is of another unit, revision or date."""
+    record = coefficients.loads(_text(path), str(path))
+    for key in ("serial", "revision", "effective_from"):
+        if getattr(record, key) != document[key]:
+            raise CoefficientError(
+                f"{path}: {key} '{getattr(record, key)}', but run.json says '{document[key]}'",
+                hint="the file is of another run; do not use it",
+            )
+    return record
 
 
 def _bytes(path: Path) -> bytes:

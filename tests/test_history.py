@@ -361,6 +361,16 @@ def test_a_single_run_has_a_history_without_series(tmp_path, calibkit):
     assert "two revisions" in refused.err
 
 
+def test_a_serial_whose_runs_were_all_rejected_has_a_history(tmp_path):
+    """Nothing is in force when nothing was accepted, and the runs are listed all the same."""
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}), accepted=False)
+    found = timeline.of("S-1", tmp_path)
+    assert found.sound
+    assert found.holds[1].since == ""
+    with pytest.raises(UsageError, match="none was accepted"):
+        store.find("S-1", tmp_path, "2030-01-01")
+
+
 def test_csv_numbers_read_back_to_the_same_values(three_years, calibkit):
     """show, diff and history print CSV whose numbers are the file's own, one line a number."""
     shown = rows(calibkit("show", "S-1", "--runs", three_years, "--csv").out)

@@ -4,24 +4,14 @@ import json
 
 import pytest
 
-from calibkit import atomic, coefficients, store
+from calibkit import atomic, store
 from calibkit.errors import CoefficientError, OutputError, UsageError
+from kept import keep, model
 
 
-def save_run(out, serial="S-1", stage="drift"):
+def save_run(out, serial="S-1"):
     """Commit a run with one coefficient file and one report."""
-
-    def build(revision, superseded):
-        identity = coefficients.Identity(serial, revision, "2026-11-21", "calibkit 0", "00", ())
-        record = coefficients.record(coefficients.StageResult(stage), identity, superseded.get(stage, ""))
-        contents = {f"{stage}.json": coefficients.dumps(record).encode(), "report.txt": b"hello\n"}
-        document = {"format": store.RUN_FORMAT, "serial": serial, "revision": revision}
-        document["files"] = [
-            {"name": name, "sha256": store.hashlib.sha256(content).hexdigest()} for name, content in contents.items()
-        ]
-        return {"run.json": coefficients.seal(document).encode(), **contents}
-
-    return store.commit(out, serial, build)
+    return keep(out, model({"K": (1.0, "1/deg", 0.1)}), serial=serial, stage="drift")
 
 
 def test_revisions_follow_each_other_and_supersede(tmp_path):

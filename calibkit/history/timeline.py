@@ -160,7 +160,7 @@ def _holds(runs: Sequence[Run]) -> dict[int, Holds]:
     """Revision → dates between which it is in force."""
     winners = store.in_force([run.document for run in runs])
     dates = sorted(winners)
-    until = dict(zip(dates, [*dates[1:], ""], strict=True))
+    until = dict(itertools.pairwise([*dates, ""]))
     held = {revision: Holds(date, until[date]) for date, revision in winners.items()}
     return {run.document["revision"]: held.get(run.document["revision"], Holds("", "")) for run in runs}
 

@@ -1,0 +1,81 @@
+"""What a run.json holds: the keys that every format ever released has, and their types."""
+
+from __future__ import annotations
+
+import datetime as dt
+import re
+from typing import TYPE_CHECKING, Any
+
+from calibkit.errors import CoefficientError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+Kind = type | tuple[type, ...]
+SHAPE: dict[str, Kind] = {
+    "serial": str,
+    "revision": int,
+    "procedure": str,
+    "effective_from": str,
+    "software": str,
+    "python": str,
+    "libraries": dict,
+    "recipe": dict,
+    "inputs": list,
+    "excluded": list,
+    "accepted": bool,
+    "acceptance": list,
+    "flags": list,
+    "files": list,
+}
+"""Keys that every run.json ever released has, and what they hold."""
+TABLES: dict[str, dict[str, Kind]] = {
+    "inputs": {"name": str, "sha256": str, "rows": int},
+    "acceptance": {"name": str, "value": (int, float), "limit": (int, float), "unit": str, "passed": bool},
+    "files": {"name": str, "sha256": str},
+}
+RECIPE_SHAPE: dict[str, Kind] = {"name": str, "sha256": str, "text": str, "overrides": list}
+_FILE_NAME = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
+
+
+def require_shape(document: Mapping[str, Any], path: str) -> None:
+    """Raise CoefficientError for a sealed run.json that lacks something, or whose files are not in the folder."""
+    faults = (
+        _misshapen(document, SHAPE, "") or _misshapen(document["recipe"], RECIPE_SHAPE, "recipe.") or _listed(document)
+    )
+    if faults:
+        raise CoefficientError(f"{path}: not a run document: {faults[0]}", hint="restore the run folder")
+    for entry in document["files"]:
+        if not _FILE_NAME.fullmatch(entry["name"]):
+            raise CoefficientError(f"{path}: file name '{entry['name']}' leaves the folder", hint="do not use this run")
+
+
+def _listed(document: Mapping[str, Any]) -> list[str]:
+    """What is wrong with the lists of a run document whose keys are all there, and with its date and number."""
+    faults = [
+        fault
+        for key, shape in TABLES.items()
+        for entry in document[key]
+        for fault in _misshapen(entry, shape, f"{key}: ")
+    ]
+    texts = {"flags": document["flags"], "recipe.overrides": document["recipe"]["overrides"]}
+    faults += [f"{key}: {text!r:.40}" for key, found in texts.items() for text in found if not isinstance(text, str)]
+    faults += [] if _is_date(document["effective_from"]) else [f"effective_from: {document['effective_from']!r:.40}"]
+    faults += [] if document["revision"] > 0 else [f"revision: {document['revision']}"]
+    return faults
+
+
+def _is_date(text: str) -> bool:
+    """Whether a text is a date as calibkit writes it."""
+    try:
+        return dt.date.fromisoformat(text).isoformat() == text
+    except ValueError:
+        return False
+
+
+def _misshapen(found: object, shape: Mapping[str, Kind], where: str) -> list[str]:
+    """What an object lacks or holds in another type."""
+    if not isinstance(found, dict):
+        return [f"{where}{found!r:.40} is not a table"]
+    wrong = [key for key, kind in shape.items() if not isinstance(found.get(key), kind)]
+    return [f"{where}{key}: {found.get(key)!r:.40}" for key in wrong]

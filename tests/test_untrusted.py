@@ -1,0 +1,281 @@
+"""Files that cannot be trusted: damaged, truncated, forged, from the future, from the past, or reaching out of their folder."""
+
+import ast
+import hashlib
+import json
+import random
+import shutil
+from pathlib import Path
+
+import pytest
+
+from calibkit import coefficients, pipeline, recipe, store
+from calibkit.errors import CalibkitError, CoefficientError, RecipeError, UsageError
+from conftest import ROOT
+from kept import keep, model
+
+GOLDEN = ROOT / "tests" / "golden" / "run-1"
+WITHHELD = ROOT / "datasets" / "inclinometer" / "withheld" / "stations.csv"
+
+
+@pytest.fixture
+def golden(tmp_path):
+    """Return a copy of the run folder that calibkit 0.1.0 wrote."""
+    return Path(shutil.copytree(GOLDEN / "INC-1" / "r001", tmp_path / "INC-1" / "r001"))
+
+
+def test_a_run_of_the_first_format_is_read_to_the_last_digit(calibkit):
+    """The run folder that calibkit 0.1.0 wrote loads, and its coefficients are those that were noted beside it then."""
+    outcome = calibkit("show", GOLDEN / "INC-1" / "r001", "--csv")
+    assert outcome.code == 0
+    assert outcome.out == (GOLDEN / "INC-1.csv").read_text(encoding="utf-8")
+    assert calibkit("verify", GOLDEN / "INC-1" / "r001", GOLDEN / "validation.json").code == 0
+
+
+def test_a_run_of_the_first_format_still_compensates(tmp_path, calibkit):
+    """Its recipe is understood and its coefficients applied: azimuths of the withheld stations come out, every row."""
+    out = tmp_path / "out.csv"
+    outcome = calibkit("apply", GOLDEN / "INC-1" / "r001", "--data", WITHHELD, "--out", out)
+    assert outcome.code == 0, outcome.err
+    lines = out.read_text(encoding="utf-8").splitlines()
+    assert len(lines) == len(WITHHELD.read_text(encoding="utf-8").splitlines())
+    assert ",azimuth_deg" in lines[0]
+
+
+@pytest.mark.parametrize("formats", [coefficients.FORMATS, store.RUN_FORMATS, (pipeline.VALIDATION_FORMAT,)])
+def test_there_is_a_golden_file_of_every_format(formats):
+    """No format is released without a file that has to keep loading."""
+    kept = [json.loads(path.read_text(encoding="utf-8"))["format"] for path in GOLDEN.parent.rglob("*.json")]
+    assert set(formats) <= set(kept)
+
+
+@pytest.mark.parametrize("name", ["run.json", "inclinometer_scale.json", "report.pdf", "report.txt"])
+def test_every_damage_to_a_file_of_a_run_is_refused_by_name(golden, name):
+    """60 damages a file, bytes changed, cut off, put in, doubled or emptied: the run is refused and the file is named."""
+    path, generator = golden / name, random.Random(name)  # noqa: S311 (a fixed seed, not a secret)
+    whole = path.read_bytes()
+    for _ in range(60):
+        at = generator.randrange(len(whole))
+        damaged = generator.choice(
+            [
+                whole[:at],
+                whole[:at] + bytes([whole[at] ^ (1 << generator.randrange(8))]) + whole[at + 1 :],
+                whole[:at] + generator.randbytes(3) + whole[at:],
+                whole + whole,
+                b"",
+            ]
+        )
+        path.write_bytes(damaged)
+        if name == "run.json" and same_document(damaged, whole):
+            continue  # a changed blank between two keys is no change of the document
+        with pytest.raises(CoefficientError, match=name):
+            store.load(golden)
+
+
+def same_document(a, b):
+    """Whether two texts are the same JSON document."""
+    try:
+        return json.loads(a) == json.loads(b)
+    except ValueError:
+        return False
+
+
+@pytest.mark.parametrize("format_", ["calibkit-run/2", "calibkit-coefficients/1", "somebody-else/1"])
+def test_a_run_of_a_future_or_foreign_format_is_refused_by_name(golden, format_):
+    """A well sealed run.json of a format that this calibkit does not know is refused with the formats that it does know."""
+    reseal(golden, format=format_)
+    with pytest.raises(CoefficientError, match=rf"run\.json: format '{format_}', expected one of calibkit-run/1"):
+        store.load(golden)
+
+
+def reseal(folder, **changes):
+    """Change keys of a run.json and give it a digest that fits: what a forger without a key can do."""
+    document = json.loads((folder / "run.json").read_text(encoding="utf-8")) | changes
+    document["files"] = [
+        {**entry, "sha256": hashlib.sha256((folder / Path(entry["name"]).name).read_bytes()).hexdigest()}
+        if (folder / Path(entry["name"]).name).is_file()
+        else entry
+        for entry in document["files"]
+    ]
+    (folder / "run.json").write_text(coefficients.seal(document), encoding="utf-8")
+
+
+def forge(path, change):
+    """Change a coefficient file and give it a digest that fits."""
+    document = json.loads(path.read_text(encoding="utf-8"))
+    change(document)
+    path.write_text(coefficients.seal(document), encoding="utf-8")
+
+
+def test_a_forged_coefficient_file_is_not_the_one_that_the_run_lists(golden):
+    """A coefficient changed and sealed anew has a right digest of its own, but not the one that run.json has."""
+    path = golden / "inclinometer_scale.json"
+    forge(path, lambda document: document["models"][0]["coefficients"][0].update(value=1.5))
+    coefficients.loads(path.read_text(encoding="utf-8"), "alone")
+    with pytest.raises(CoefficientError, match=r"not the file that run\.json lists"):
+        store.load(golden)
+
+
+@pytest.mark.parametrize(("key", "value"), [("serial", "INC-2"), ("revision", 2), ("effective_from", "2020-01-01")])
+def test_coefficients_of_another_run_are_refused_even_where_run_json_lists_them(golden, key, value):
+    """The file of another unit, revision or date put into a run with every digest made to fit is still refused."""
+    forge(golden / "inclinometer_scale.json", lambda document: document.update({key: value}))
+    reseal(golden)
+    with pytest.raises(CoefficientError, match=f"inclinometer_scale.json: {key} '{value}', but run.json says"):
+        store.load(golden)
+
+
+@pytest.mark.parametrize(
+    "name", ["../other.json", "/etc/passwd", "..", ".", "a/b.json", "a\\b.json", "C:x.json", "", ".hidden", "x\n.json"]
+)
+def test_a_run_that_lists_a_file_outside_its_folder_is_refused(golden, name):
+    """run.json cannot make calibkit read a file elsewhere, however the path is written."""
+    document = json.loads((golden / "run.json").read_text(encoding="utf-8"))
+    reseal(golden, files=[*document["files"], {"name": name, "sha256": "0" * 64}])
+    with pytest.raises(CoefficientError, match="leaves the folder"):
+        store.load(golden)
+
+
+JUNK = (None, True, -1, 1e300, "x", [], {}, [1], {"a": 1}, "../..")
+
+
+def mutate(node, generator):
+    """A copy of a JSON document with one value replaced, removed or doubled somewhere."""
+    copy = json.loads(json.dumps(node))
+    place = copy
+    while True:
+        keys = list(place) if isinstance(place, dict) else list(range(len(place)))
+        key = generator.choice(keys)
+        if isinstance(place[key], (dict, list)) and place[key] and generator.random() < 0.75:
+            place = place[key]
+            continue
+        if generator.random() < 0.3:
+            del place[key]
+        else:
+            place[key] = generator.choice(JUNK)
+        return copy
+
+
+@pytest.mark.parametrize("name", ["run.json", "inclinometer_scale.json"])
+def test_a_document_of_another_shape_is_one_message_and_never_an_internal_error(golden, name, calibkit):
+    """100 documents with a value of another type or a key missing, every digest right: read, or refused in one line."""
+    generator = random.Random(5)  # noqa: S311 (a fixed seed, not a secret)
+    whole = json.loads((golden / name).read_text(encoding="utf-8"))
+    run_document = (golden / "run.json").read_bytes()
+    for _ in range(100):
+        document = mutate(whole, generator)
+        if not isinstance(document.get("format"), str):
+            continue
+        (golden / "run.json").write_bytes(run_document)
+        (golden / name).write_text(coefficients.seal(document), encoding="utf-8")
+        if name != "run.json":
+            reseal(golden)
+        for command in (
+            ("show", golden),
+            ("show", golden, "--csv"),
+            ("history", "INC-1", "--runs", golden.parent.parent),
+        ):
+            outcome = calibkit(*command)
+            assert outcome.code in {0, 2, 4}, (document, outcome.err)
+        assert calibkit("verify", golden / name).code in {0, 4}
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "[" * 100_000,
+        '{"format": "calibkit-coefficients/1", "sha256": "", "x": ' + "[" * 900 + "]" * 900 + "}",
+        '{"format": "calibkit-coefficients/1", "sha256": "", "x": NaN}',
+        '{"format": "calibkit-coefficients/1", "sha256": "", "x": 1e999}',
+        '{"format": "calibkit-coefficients/1", "sha256": "", "x": 123456789012345678901234567890}',
+        '{"format": "calibkit-coefficients/1", "sha256": "", "x": "\\ud800"}',
+        "\ufeff{}",
+        "null",
+    ],
+)
+def test_hostile_json_is_refused(text):
+    """Nesting without end, numbers that JSON lacks, half a surrogate pair: refused by name, not a crash."""
+    with pytest.raises(CoefficientError, match=r"x\.json|not a JSON document"):
+        coefficients.loads(text, "x.json")
+
+
+@pytest.mark.parametrize(
+    "change",
+    [
+        lambda document: document["models"][0]["coefficients"][0].update(value="1.0"),
+        lambda document: document["models"][0]["coefficients"][0].update(value=True),
+        lambda document: document["models"][0]["coefficients"][0].update(standard_uncertainty=None),
+        lambda document: document["models"][0].update(covariance=[[1.0]]),
+        lambda document: document["models"][0].update(dof=1.5),
+        lambda document: document["models"][0]["valid"].update(temp_case_degc=[0.0, "60"]),
+        lambda document: document.update(flags=[1]),
+        lambda document: document.update(surplus=1),
+    ],
+)
+def test_a_coefficient_record_holds_numbers_where_numbers_belong(golden, change):
+    """A text for a number, a covariance of another size, a key that the format lacks: refused whatever the digest says."""
+    path = golden / "inclinometer_scale.json"
+    forge(path, change)
+    with pytest.raises(CoefficientError, match="not a coefficient record"):
+        coefficients.loads(path.read_text(encoding="utf-8"), path.name)
+
+
+@pytest.mark.parametrize(
+    "pattern", ["../*.csv", "/etc/*", "a/../../x.csv", "..\\x.csv", "C:\\logs\\x.csv", "\\\\server\\x"]
+)
+def test_a_recipe_cannot_reach_out_of_the_data_folder(pattern):
+    """Patterns with .., a root, a drive or a share are refused where they are written."""
+    text = (ROOT / "recipes" / "rate_table.toml").read_text(encoding="utf-8")
+    source = recipe.Source("x.toml", text, (f"logs.files=[{json.dumps(pattern)}]",))
+    with pytest.raises(RecipeError, match=r"logs\.files.*leaves the data folder"):
+        recipe.parse(source)
+
+
+@pytest.mark.parametrize(
+    "serial", ["../S-1", "..", "a/b", "a\\b", "CON", "nul.txt", "COM1", "lpt9", "S-1/../../x", "S:1"]
+)
+def test_a_recipe_cannot_name_a_folder_elsewhere_by_its_serial(serial):
+    """A serial is a name, not a path, and none of the names that Windows keeps for its devices."""
+    with pytest.raises(UsageError, match="cannot name a folder"):
+        store.check_serial(serial)
+
+
+def test_a_serial_in_other_letters_does_not_join_another_units_record(tmp_path, monkeypatch):
+    """Where s-1 and S-1 are one folder, as on Windows, the second is refused instead of superseding the first."""
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="S-1")
+    if not (tmp_path / "s-1").exists():
+        (tmp_path / "s-1").symlink_to(tmp_path / "S-1")
+    with pytest.raises(CoefficientError, match="says S-1 r1, expected s-1 r001"):
+        keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="s-1")
+
+
+FORBIDDEN_MODULES = {"pickle", "marshal", "shelve", "dill", "cloudpickle", "joblib", "yaml"}
+FORBIDDEN_CALLS = {"eval", "exec", "compile", "__import__"}
+FORBIDDEN_METHODS = {"eval", "extractall", "unpack_archive", "system", "popen"}
+
+
+def test_no_code_is_ever_made_of_data():
+    """No module of calibkit unpickles, evaluates, unpacks archives by their own paths or starts a shell."""
+    for path in sorted((ROOT / "calibkit").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.Import):
+                assert not {name.name.split(".")[0] for name in node.names} & FORBIDDEN_MODULES, path
+            if isinstance(node, ast.ImportFrom):
+                assert (node.module or "").split(".")[0] not in FORBIDDEN_MODULES, path
+            if isinstance(node, ast.Call):
+                assert getattr(node.func, "id", "") not in FORBIDDEN_CALLS, f"{path}:{node.lineno}"
+                assert getattr(node.func, "attr", "") not in FORBIDDEN_METHODS, f"{path}:{node.lineno}"
+                named = {keyword.arg: getattr(keyword.value, "value", None) for keyword in node.keywords}
+                assert not named.get("shell"), f"{path}:{node.lineno}"
+                assert not named.get("allow_pickle"), f"{path}:{node.lineno}"
+
+
+def test_every_refusal_is_calibkits_own(tmp_path, golden):
+    """A run folder that lacks its run.json, is a file, or is empty is refused with exit code 2 or 4."""
+    for broken in (tmp_path / "none", GOLDEN / "INC-1.csv", tmp_path):
+        with pytest.raises(CalibkitError) as refused:
+            store.load(store.find(str(broken), tmp_path / "runs"))
+        assert refused.value.exit_code in {2, 4}
+    (golden / "run.json").unlink()
+    with pytest.raises(CoefficientError, match=r"run\.json: cannot be read"):
+        store.load(golden)
