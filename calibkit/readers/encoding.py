@@ -101,10 +101,12 @@ def _unmarked(data: bytes, file: str) -> str:
 
 def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
     """Refuse UTF-8 text in which single bytes are wrong: read as another encoding it would turn into other characters."""
-    characters = len(re.findall(rb"[\xc2-\xdf][\x80-\xbf]|[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}", data))
-    lone = len(re.sub(rb"[\x00-\x7f]+", b"", data.decode("utf-8", errors="ignore").encode())) if characters else 0
-    wrong = len(re.sub(rb"[\x00-\x7f]+", b"", data)) - lone
-    if characters and 3 * characters > wrong and not _pairs(data):
+    pairs = len(re.findall(rb"[\xc2-\xdf][\x80-\xbf]", data))
+    # three bytes that make a character in UTF-8 hardly ever do so by chance in another encoding, two may
+    longer = len(re.findall(rb"[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}", data))
+    whole = len(re.sub(rb"[\x00-\x7f]+", b"", data.decode("utf-8", errors="ignore").encode()))
+    wrong = len(re.sub(rb"[\x00-\x7f]+", b"", data)) - whole
+    if 3 * longer > wrong or (pairs and 3 * pairs > wrong and not _pairs(data)):
         line = data.count(b"\n", 0, error.start) + 1
         raise LogFormatError(
             f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text, the rest of the file is",

@@ -271,6 +271,12 @@ def _header(
             f"{file}:{layout.first + 1}: {width} fields, the recipe names {len(names)} columns",
             hint="correct [logs] names, or the delimiter",
         )
+    words = [field for field in above[-1] if field and not tokens.measured(field)] if above else []
+    if not lines and not names and len(words) == len(above[-1] if above else ()) > 1:
+        raise LogFormatError(
+            f"{file}:{layout.first}: {len(words)} column names, expected {width} as in the rows",
+            hint="pin skip_lines and header_lines in [logs.text], or list the columns in [logs] names",
+        )
     if not lines and not names:
         raise LogFormatError(
             f"{file}:{layout.first + 1}: {width} columns without names",
