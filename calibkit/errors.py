@@ -65,3 +65,10 @@ class OutputError(CalibkitError):
 
     exit_code = 4
     code = "output"
+
+
+class StoppedError(CalibkitError):
+    """Someone stopped the command; what it had finished is said."""
+
+    exit_code = 130
+    code = "interrupted"

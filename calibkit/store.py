@@ -21,6 +21,10 @@ if TYPE_CHECKING:
 RUN_FORMAT = "calibkit-run/1"
 RUN_FORMATS = (RUN_FORMAT,)
 RUN_FILE = "run.json"
+FLEET_FORMAT = "calibkit-fleet/1"
+FLEET_FILE = "fleet.json"
+FLEETS = "_fleet"
+"""Folder of the tables of fleets, beside the serials' folders; no serial begins like it."""
 WRITING = ".writing-"
 """Start of the name of what is not finished."""
 _SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
@@ -293,15 +297,34 @@ def commit(out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Map
     the one after it. What a fit that was killed left half written is removed.
     """
     _refuse_run_folder(out / serial)
-    with contextlib.ExitStack() as held:
+    with held(out, serial):
+        revision, digests = latest_digests(out, serial)
+        return save(out, serial, revision + 1, build(revision + 1, digests))
+
+
+@contextlib.contextmanager
+def held(out: Path, serial: str) -> Iterator[None]:
+    """Hold a serial's lock; what a fit that was killed left half written is removed. Raises OutputError."""
+    with contextlib.ExitStack() as lock:
         try:
             atomic.make_folder(out)
-            held.enter_context(atomic.locked(out / f".{serial}.lock", f"{out / serial}"))
+            lock.enter_context(atomic.locked(_lock(out, serial), f"{out / serial}"))
         except OSError as error:
             raise OutputError(f"{out}: cannot be written: {error.strerror}", hint="give another --out") from None
         _clear(out / serial)
-        revision, digests = latest_digests(out, serial)
-        return save(out, serial, revision + 1, build(revision + 1, digests))
+        yield
+
+
+def _lock(out: Path, serial: str) -> Path:
+    """Lock file of a serial."""
+    return out / f".{serial}.lock"
+
+
+def clear(out: Path, serial: str) -> None:
+    """Remove what a fit of a serial that was killed left: a folder half written, a lock that nobody holds."""
+    if _lock(out, serial).exists() or any((out / serial).glob(f"{WRITING}*")):
+        with held(out, serial):
+            pass
 
 
 def _clear(serial_folder: Path) -> None:

@@ -23,7 +23,7 @@ def test_help_imports_nothing_heavy():
 
 
 @pytest.mark.parametrize(
-    "command", ["fit", "check", "apply", "validate", "export", "verify", "show", "diff", "history", "simulate"]
+    "command", ["fit", "fleet", "check", "apply", "validate", "export", "verify", "show", "diff", "history", "simulate"]
 )
 def test_every_command_explains_itself_with_two_examples(command, calibkit):
     """The help of a command starts with what it does and shows two examples."""

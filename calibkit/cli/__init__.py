@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from calibkit import __version__
-from calibkit.cli import firmware, records
+from calibkit.cli import firmware, fleets, records
 from calibkit.cli.console import print_json, print_summary, progress
 from calibkit.cli.ending import guarded
 from calibkit.cli.options import DATA, JSON, RECIPE, RUN, RUNS, SET, Group, day_of, now
@@ -226,7 +226,7 @@ def certify(
     return 0
 
 
-for kept in (firmware.export, records.verify, records.show, records.diff, records.history):
+for kept in (fleets.fleet, firmware.export, records.verify, records.show, records.diff, records.history):
     cli.add_command(kept)
 
 

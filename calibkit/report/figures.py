@@ -32,7 +32,7 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 8.0,
     "lines.linewidth": 1.2,
-    "pdf.fonttype": 42,
+    "pdf.fonttype": 3,  # outlines: cutting a TrueType font down takes longer than a small fit; the text stays text
     "svg.hashsalt": "calibkit",
     "figure.constrained_layout.use": True,
 }

@@ -1,0 +1,79 @@
+"""Units by Dask workers, on this machine or others; workers see the folders of data and runs by the same paths."""
+
+from __future__ import annotations
+
+import threading
+from functools import partial
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calibkit import __version__
+from calibkit.errors import UsageError
+from calibkit.fleet import unit
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Sequence
+
+    from calibkit.fleet.unit import Outcome, Plan
+
+PATIENCE_S = 15
+"""How long a scheduler, then a first worker, is waited for."""
+
+_one_unit = threading.Lock()
+
+
+def outcomes(plan: Plan, serials: Sequence[str], address: str) -> Generator[Outcome]:
+    """Outcome of each unit as it is finished, in any order.
+
+    Raises UsageError for a scheduler that is not there, has no workers, or has workers that cannot do the work.
+    """
+    try:
+        from distributed import Client, as_completed
+    except ImportError:
+        raise UsageError("--cluster needs Dask", hint="pip install 'calibkit[cluster]'") from None
+    try:
+        client = Client(address, timeout=PATIENCE_S, set_as_default=False)
+    except (OSError, ValueError) as error:
+        raise UsageError(f"--cluster {address}: no scheduler there: {error}", hint="start `dask scheduler`") from None
+    with client:
+        _require_able_workers(client, plan, address)
+        futures = client.map(partial(_outcome, plan), serials, pure=False)
+        named = {future.key: serial for future, serial in zip(futures, serials, strict=True)}
+        try:
+            for future in as_completed(futures):
+                # the scheduler gives a lost worker's unit to another, a few times, and then calls it an error
+                serial = named[future.key]
+                yield unit.Failure.lost(serial) if future.status == "error" else future.result()
+                future.release()
+        finally:
+            client.cancel(futures)
+
+
+def _outcome(plan: Plan, serial: str) -> Outcome:
+    """One unit; the threads of a worker take turns, because figures are drawn with settings that threads share."""
+    with _one_unit:
+        return unit.outcome(plan, serial)
+
+
+def _require_able_workers(client: Any, plan: Plan, address: str) -> None:  # noqa: ANN401 (Dask has no types)
+    """Refuse a cluster with a worker that has another calibkit or does not see the folders."""
+    try:
+        client.wait_for_workers(1, timeout=PATIENCE_S)
+    except TimeoutError:
+        raise UsageError(f"--cluster {address}: has no workers", hint=f"start `dask worker {address}`") from None
+    for name, (version, unseen) in sorted(client.run(_able, [str(plan.data), str(plan.out)]).items()):
+        if version != __version__:
+            raise UsageError(
+                f"--cluster {address}: worker {name} has calibkit {version}, here is {__version__}",
+                hint="install the same version",
+            )
+        if unseen:
+            raise UsageError(
+                f"--cluster {address}: worker {name} sees no folder {unseen[0]}",
+                hint="--data and --out must be the same folders under the same path on every worker",
+            )
+
+
+def _able(folders: list[str]) -> tuple[str, list[str]]:
+    """Version of this worker's calibkit, and the folders that it does not see."""
+    return __version__, [folder for folder in folders if not Path(folder).is_dir()]

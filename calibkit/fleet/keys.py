@@ -1,0 +1,111 @@
+"""The key figures of a run: what a laboratory compares from unit to unit, by procedure."""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from calibkit.coefficients import Model, Record
+    from calibkit.store import Run
+
+
+@dataclass(frozen=True, slots=True)
+class KeyFigure:
+    """One number of a run; figures of one identity (all but the two numbers) stand in one column of the table."""
+
+    name: str
+    """stage.model.coefficient or stage.figure, or the acceptance limit's name."""
+    form: str
+    """Of the model; empty for what is no coefficient. Coefficients of different forms are never compared."""
+    unit: str
+    limit: float | None
+    """Acceptance limit, where the figure is held against one."""
+    value: float
+    standard_uncertainty: float
+
+    @property
+    def identity(self) -> tuple[str, str, str]:
+        """What figures of different units share when they are the same quantity."""
+        return self.name, self.form, self.unit
+
+
+KEYS: dict[str, tuple[str, ...]] = {
+    "accelerometer": (
+        r"accel_k\.accel_\w\.(K\d|residual_rms)",
+        r"accel_q\.triad\.(Q\d|residual_rms)",
+        r"accel_affine\.triad\.(m_\w\w0|b_\w0|residual_rms)",
+    ),
+    "bias_temperature": (r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",),
+    "fog_thermal": (
+        r"drift\..+\.(a\d|residual_rms)",
+        r"drift_rate\..+\.([bcs]\w+|tau_\w+|residual_rms)",
+        r"drift_rate\.(raw_drift_rms|drift_rms_before|drift_rms_after|rate_gain_recursive)\..+",
+    ),
+    "gyro_noise": (r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",),
+    "gyro_pair": (
+        r"gyro_scale\.(a_about_a|b_about_b|b_about_a|a_about_b)\.(K|F0|residual_rms)",
+        r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+",
+        r"gyro_orthogonality\.(N|epsilon|gamma|alpha_deg)",
+    ),
+    "gyro_triad": (
+        r"gyro_orthogonality\.scale_factor\.[a-z0-9]+",
+        r"gyro_orthogonality\.misalignment\.(?!(\w)\1$)[a-z0-9]+",
+        r"gyro_orthogonality\.orthogonality_error_deg\.[a-z0-9]+_[a-z0-9]+",
+    ),
+    "inclinometer": (r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)"),
+    "rate_table": (
+        r"gyro_scale\.gyro_[a-z0-9]+\.(K|F0|residual_rms)",
+        r"gyro_scale\.(repeatability|temperature_sensitivity)\.GJB 2426A\..+",
+        r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+",
+    ),
+}
+"""Procedure → patterns of whole names of its key figures; a procedure that is not listed shows all of its own."""
+
+
+def of(run: Run, reference_temp_degc: float) -> tuple[KeyFigure, ...]:
+    """Key figures of a run: what is held against acceptance limits, then coefficients and figures as they stand there."""
+    patterns = [re.compile(pattern) for pattern in KEYS.get(run.document["procedure"], (".+",))]
+    found = [*_acceptance(run.document["acceptance"])]
+    for record in run.records.values():
+        named = _all(record, reference_temp_degc)
+        found += [key for key in named if any(pattern.fullmatch(key.name) for pattern in patterns)]
+    return tuple({key.identity: key for key in found}.values())
+
+
+def _acceptance(criteria: list[dict[str, Any]]) -> Iterator[KeyFigure]:
+    """What the run was accepted or rejected by."""
+    for entry in criteria:
+        yield KeyFigure(f"acceptance: {entry['name']}", "", entry["unit"], entry["limit"], entry["value"], 0.0)
+
+
+def _all(record: Record, reference_temp_degc: float) -> Iterator[KeyFigure]:
+    """Every coefficient of every model with its residual, then every figure of a stage."""
+    for model in record.models:
+        name = f"{record.stage}.{model.name}"
+        if record.stage == "bias":
+            yield from _bias(name, model, reference_temp_degc)
+        for entry in model.coefficients:
+            yield KeyFigure(
+                f"{name}.{entry.name}", model.form, entry.unit, None, entry.value, entry.standard_uncertainty
+            )
+        yield KeyFigure(f"{name}.residual_rms", model.form, model.residual_unit, None, model.residual_rms, 0.0)
+    for entry in record.figures:
+        yield KeyFigure(f"{record.stage}.{entry.name}", "", entry.unit, None, entry.value, entry.standard_uncertainty)
+
+
+def _bias(name: str, model: Model, reference_temp_degc: float) -> Iterator[KeyFigure]:
+    """Bias at the reference temperature, where that was measured: powers of a raw temperature say little one by one."""
+    for column, (low, high) in model.valid.items():
+        if not column.endswith("_degc") or not low <= reference_temp_degc <= high:
+            continue
+        powers = reference_temp_degc ** np.arange(len(model.coefficients))
+        value = float(powers @ np.array([entry.value for entry in model.coefficients]))
+        uncertainty = float(np.sqrt(max(powers @ np.array(model.covariance) @ powers, 0.0)))
+        label = f"{name} at {reference_temp_degc:g} degC"
+        yield KeyFigure(label, model.form, model.residual_unit, None, value, uncertainty)

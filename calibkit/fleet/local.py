@@ -1,0 +1,142 @@
+"""Units by processes of this machine; a process that is killed costs nothing but the time of its unit.
+
+The pools of the standard library give up when a process dies and cannot say which task it had. Here every process has a
+pipe of its own: its end says that the process is gone, and whose unit has to be taken up again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import signal
+from collections import Counter, deque
+from dataclasses import dataclass
+from multiprocessing import connection as pipes
+from multiprocessing import get_context
+from typing import TYPE_CHECKING, NoReturn
+
+from calibkit.fleet.unit import Failure
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Generator, Iterator, Sequence
+    from multiprocessing.connection import Connection
+    from multiprocessing.context import SpawnProcess
+
+    from calibkit.fleet.unit import Outcome, Plan
+
+    Task = Callable[[Plan, str], Outcome]
+
+TRIES = 3
+"""Processes that a unit may cost before it is given up: it may be the unit that kills them."""
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+PATIENCE_S = 10.0
+"""How long a process may take to leave."""
+
+
+@dataclass(slots=True)
+class _Worker:
+    """A process, this end of its pipe, and the unit it has."""
+
+    process: SpawnProcess
+    pipe: Connection
+    serial: str
+
+
+def outcomes(task: Task, plan: Plan, serials: Sequence[str], jobs: int) -> Generator[Outcome]:
+    """Outcome of each unit as it is finished, in any order."""
+    waiting, tries = deque(serials), Counter[str]()
+    crew: list[_Worker] = []
+    try:
+        while waiting or crew:
+            while waiting and len(crew) < jobs:
+                crew.append(_hired(task, plan, waiting.popleft()))
+            for ready in pipes.wait([worker.pipe for worker in crew]):
+                worker = next(worker for worker in crew if worker.pipe is ready)
+                found = _received(worker)
+                if found is None:
+                    crew.remove(worker)
+                    _dismiss(worker)
+                    tries[worker.serial] += 1
+                    if tries[worker.serial] < TRIES:
+                        waiting.appendleft(worker.serial)
+                    else:
+                        yield Failure.lost(worker.serial)
+                    continue
+                if waiting:
+                    worker.serial = waiting.popleft()
+                    _send(worker, worker.serial)
+                else:
+                    crew.remove(worker)
+                    _dismiss(worker)
+                yield found
+    finally:
+        for worker in crew:
+            worker.process.terminate()
+        for worker in crew:
+            _dismiss(worker)
+
+
+def _hired(task: Task, plan: Plan, serial: str) -> _Worker:
+    """A new process with its first unit."""
+    context = get_context("spawn")
+    ours, theirs = context.Pipe()
+    process = context.Process(target=_serve, args=(theirs, task, plan), daemon=True)
+    with _one_thread():
+        process.start()
+    theirs.close()
+    worker = _Worker(process, ours, serial)
+    _send(worker, serial)
+    return worker
+
+
+def _send(worker: _Worker, serial: str) -> None:
+    """Give a unit to a process; where that is gone already, the end of its pipe will say so."""
+    with contextlib.suppress(OSError):
+        worker.pipe.send(serial)
+
+
+def _received(worker: _Worker) -> Outcome | None:
+    """What a process found, or None when it is gone."""
+    try:
+        found: Outcome = worker.pipe.recv()
+    except (EOFError, OSError):
+        return None
+    return found
+
+
+def _dismiss(worker: _Worker) -> None:
+    """Close the pipe, at whose end a process leaves, and wait until it has."""
+    worker.pipe.close()
+    worker.process.join(PATIENCE_S)
+    if worker.process.is_alive():
+        worker.process.kill()
+        worker.process.join()
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Environment of processes that share the machine: one thread each, and sums in one order."""
+    before = {name: os.environ.get(name) for name in THREADS}
+    os.environ.update(dict.fromkeys(THREADS, "1"))
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
+
+
+def _serve(pipe: Connection, task: Task, plan: Plan) -> None:
+    """What a process does: units until the pipe ends, which it also does when the process at its other end is killed."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keyboard interrupts the one who hired, who dismisses
+    signal.signal(signal.SIGTERM, _leave)
+    with contextlib.suppress(EOFError, OSError):
+        while True:
+            pipe.send(task(plan, pipe.recv()))
+
+
+def _leave(*_: object) -> NoReturn:
+    """Leave by way of every `finally`, so that nothing unfinished stays on the disk."""
+    raise SystemExit(143)

@@ -1,0 +1,159 @@
+"""A fleet from start to end: units found, each fitted once, one table of all."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+from collections import Counter
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from calibkit import atomic, recipe, store
+from calibkit.errors import FrameError, OutputError, StoppedError, UsageError
+from calibkit.fleet import cluster, files, local, table
+from calibkit.fleet.unit import Failure, Plan, Row
+from calibkit.fleet.unit import outcome as of_unit
+
+if TYPE_CHECKING:
+    from collections.abc import Generator, Sequence
+    from pathlib import Path
+
+    from calibkit.errors import CalibkitError
+    from calibkit.fleet.table import Table
+    from calibkit.fleet.unit import Outcome
+    from calibkit.procedures import Progress
+
+
+@dataclass(frozen=True, slots=True)
+class Fleet:
+    """A finished fleet: where its table is, what it holds, and the exit code that says the worst of it."""
+
+    folder: Path
+    table: Table
+    before: int
+    """Units whose run was there already."""
+    guesses: tuple[str, ...]
+    exit_code: int
+
+
+def run(
+    source: recipe.Source,
+    data: Path,
+    out: Path,
+    date: str,
+    progress: Progress,
+    *,
+    jobs: int,
+    address: str,
+    keep_going: bool,
+) -> Fleet:
+    """Fit a recipe to every sub-folder of a folder, each under its name as serial, and write the table of them all.
+
+    A unit with a run of the same recipe, logs, date and software is not fitted again. Without `keep_going` the first unit
+    that cannot be fitted ends the fleet with its error; what was finished stays.
+    """
+    spec = recipe.parse(source)
+    plan = Plan(source, data.resolve(), out.resolve(), date)
+    serials, refused = _units(plan, data, keep_going=keep_going)
+    _make(plan.out)
+    outcomes: list[Outcome] = [*refused]
+    try:
+        with contextlib.closing(_outcomes(plan, serials, jobs, address)) as finished:
+            for found, _ in zip(finished, progress(serials, "units"), strict=True):
+                outcome = _seen(found, plan)
+                if isinstance(outcome, Failure) and not keep_going:
+                    raise _stopped(outcome, len(outcomes))
+                outcomes.append(outcome)
+    except KeyboardInterrupt:
+        raise StoppedError(
+            f"interrupted after {len(outcomes)} of {len(serials)} units", hint="their runs stay; run again to go on"
+        ) from None
+    made = table.of(outcomes, plan.data)
+    title = f"{spec.title or spec.procedure}: {len(outcomes)} units"
+    folder = _commit(plan.out, files.of(made, plan, title))
+    rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
+    return Fleet(folder, made, sum(row.before for row in rows), _guesses(rows), _exit_code(outcomes, made))
+
+
+def _stopped(failure: Failure, finished: int) -> CalibkitError:
+    """Error of the unit that ends a fleet."""
+    error = failure.error()
+    error.hint = "; ".join(
+        filter(None, (error.hint, f"{finished} units are finished and stay; --keep-going goes on with the others"))
+    )
+    return error
+
+
+def _units(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str], list[Failure]]:
+    """Serials in order, and the sub-folders whose names are none; hidden ones are not units."""
+    if not data.is_dir():
+        raise UsageError(f"--data {data}: no such folder", hint="name the folder that holds one sub-folder a unit")
+    if plan.data in (plan.out, *plan.out.parents):
+        raise UsageError(f"--out {plan.out.name} lies in --data: it would be taken for a unit", hint="keep them apart")
+    names = sorted(path.name for path in data.iterdir() if path.is_dir() and not path.name.startswith("."))
+    if not names:
+        raise FrameError(f"{data}: holds no sub-folder, so no unit", hint="a unit is a sub-folder named by its serial")
+    serials, refused = [], []
+    for name in names:
+        try:
+            serials.append(store.check_serial(name))
+        except UsageError as error:
+            if not keep_going:
+                raise
+            refused.append(Failure.of(name, error))
+    return serials, refused
+
+
+def _make(out: Path) -> None:
+    """Create the folder of the runs."""
+    try:
+        atomic.make_folder(out)
+    except OSError as error:
+        raise OutputError(f"{out}: cannot be written: {error.strerror}", hint="give another --out") from None
+
+
+def _outcomes(plan: Plan, serials: Sequence[str], jobs: int, address: str) -> Generator[Outcome]:
+    """Outcome of every unit, as it is finished."""
+    if address:
+        return cluster.outcomes(plan, serials, address)
+    crew = min(jobs or os.cpu_count() or 1, len(serials))
+    if crew == 1:
+        return (of_unit(plan, serial) for serial in serials)
+    return local.outcomes(of_unit, plan, serials, crew)
+
+
+def _seen(outcome: Outcome, plan: Plan) -> Outcome:
+    """The outcome, or a failure where the run that a worker wrote is not in the folder that this process sees."""
+    if isinstance(outcome, Row) and not (plan.out / outcome.serial / outcome.run / store.RUN_FILE).is_file():
+        error = OutputError(
+            f"a worker wrote {outcome.run}, which is not in --out here",
+            hint="--out must be the same folder under the same path on every worker",
+        )
+        return Failure.of(outcome.serial, error)
+    return outcome
+
+
+def _commit(out: Path, contents: dict[str, bytes]) -> Path:
+    """Folder of the fleet's table: the one that holds these very bytes already, or the next revision."""
+    with store.held(out, store.FLEETS):
+        numbers = store.revisions(out / store.FLEETS)
+        for number in reversed(numbers):
+            folder = out / store.FLEETS / f"r{number:03d}"
+            there = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
+            if there == contents:
+                return folder
+        return store.save(out, store.FLEETS, max(numbers, default=0) + 1, contents)
+
+
+def _guesses(rows: Sequence[Row]) -> tuple[str, ...]:
+    """What was guessed of how logs are written, one line a guess."""
+    made = Counter(said for row in rows for said in row.guesses)
+    return tuple(f"{count} units: {said}; pin it in the recipe" for said, count in sorted(made.items()))
+
+
+def _exit_code(outcomes: Sequence[Outcome], made: Table) -> int:
+    """The worst of all units: 0 accepted, 1 a limit failed, else the highest code of a unit that has no run of its own."""
+    codes = [outcome.exit_code for outcome in outcomes if isinstance(outcome, Failure)]
+    codes += [FrameError.exit_code for entry in made.entries if entry.verdict == table.COPIED]
+    codes += [1 for entry in made.entries if entry.verdict == "rejected"]
+    return max(codes, default=0)

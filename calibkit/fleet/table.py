@@ -1,0 +1,166 @@
+"""The fleet's table, one row a unit: the same whoever fitted the units, and in which order."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.fleet.unit import Failure, Row
+from calibkit.numeric.control import control
+from calibkit.report.control_charts import ControlChart
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.fleet.keys import KeyFigure
+    from calibkit.fleet.unit import Outcome
+
+    Identity = tuple[str, str, str]
+
+COPIED = "copied logs"
+FAILED = "failed"
+
+
+@dataclass(frozen=True, slots=True)
+class Outlier:
+    """A unit that stands out in one figure."""
+
+    serial: str
+    figure: str
+    value: float
+    z: float
+    limit: float
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """A row of the table: what became of a unit."""
+
+    serial: str
+    run: str
+    run_sha256: str
+    verdict: str
+    error: str
+    flags: int
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A key figure of all units; NaN where a unit has none."""
+
+    name: str
+    unit: str
+    values: tuple[float, ...]
+    standard_uncertainties: tuple[float, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Rows in the order of the serials, key figures in the order of their stages, and a control chart of each."""
+
+    entries: tuple[Entry, ...]
+    columns: tuple[Column, ...]
+    charts: tuple[ControlChart, ...]
+    outliers: tuple[Outlier, ...]
+    """In the order of the figures, then the furthest first."""
+
+
+def of(outcomes: Sequence[Outcome], data: Path) -> Table:
+    """Table of the outcomes of all units; errors name files from the folder of the units on."""
+    ordered = sorted(outcomes, key=lambda outcome: outcome.serial)
+    serials = [outcome.serial for outcome in ordered]
+    figures = [
+        {figure.identity: figure for figure in outcome.figures} if isinstance(outcome, Row) else {}
+        for outcome in ordered
+    ]
+    identities = list(dict.fromkeys(identity for unit in figures for identity in unit))
+    columns = [_column(identity, identities, figures) for identity in identities]
+    charts = [
+        _chart(column, serials, _limit(identity, figures)) for identity, column in zip(identities, columns, strict=True)
+    ]
+    copies = _copies(ordered)
+    return Table(
+        tuple(_entry(outcome, copies.get(outcome.serial, ""), data) for outcome in ordered),
+        tuple(columns),
+        tuple(charts),
+        tuple(outlier for chart in charts for outlier in _outliers(chart)),
+    )
+
+
+def _entry(outcome: Outcome, copied: str, data: Path) -> Entry:
+    """Row of one unit; the verdict on a copy of another unit's logs says nothing about this one."""
+    if isinstance(outcome, Failure):
+        said = outcome.message.replace(f"{data}/", "").replace(str(data), "")
+        return Entry(outcome.serial, "", "", FAILED, f"{outcome.code}: {said}", 0)
+    error = f"the same logs, byte for byte, as {copied}" if copied else ""
+    return Entry(
+        outcome.serial, outcome.run, outcome.run_sha256, COPIED if copied else outcome.verdict, error, outcome.flags
+    )
+
+
+def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
+    """Serial → the other serials whose logs are the same bytes: one of them has another unit's coefficients."""
+    owners: dict[frozenset[str], list[str]] = {}
+    for outcome in outcomes:
+        if isinstance(outcome, Row):
+            owners.setdefault(frozenset(digest for _, digest in outcome.inputs), []).append(outcome.serial)
+    return {
+        serial: ", ".join(other for other in serials if other != serial)
+        for serials in owners.values()
+        for serial in serials
+        if len(serials) > 1
+    }
+
+
+def _column(
+    identity: Identity, identities: Sequence[Identity], figures: Sequence[Mapping[Identity, KeyFigure]]
+) -> Column:
+    """Values of one key figure; its form or unit is part of the name where the name alone is not unique."""
+    name, form, unit = identity
+    alike = [other for other in identities if other[0] == name]
+    if len({other[1] for other in alike}) > 1:
+        name = f"{name} ({form})"
+    elif len(alike) > 1:
+        name = f"{name} ({unit})"
+    having = [unit_figures.get(identity) for unit_figures in figures]
+    return Column(
+        name,
+        unit,
+        tuple(figure.value if figure else math.nan for figure in having),
+        tuple(figure.standard_uncertainty if figure else math.nan for figure in having),
+    )
+
+
+def _limit(identity: Identity, figures: Sequence[Mapping[Identity, KeyFigure]]) -> float:
+    """Acceptance limit of a figure where all units share one, else NaN."""
+    limits = {unit[identity].limit for unit in figures if identity in unit}
+    limit = limits.pop() if len(limits) == 1 else None
+    return math.nan if limit is None else limit
+
+
+def _chart(column: Column, serials: Sequence[str], acceptance: float) -> ControlChart:
+    """Control chart of the units that have a figure."""
+    values = np.array(column.values)
+    there = np.isfinite(values)
+    return ControlChart(
+        name=column.name,
+        unit=column.unit,
+        serials=tuple(serial for serial, has in zip(serials, there, strict=True) if has),
+        values=values[there],
+        standard_uncertainties=np.array(column.standard_uncertainties)[there],
+        control=control(values[there]),
+        acceptance=acceptance,
+        units=len(serials),
+    )
+
+
+def _outliers(chart: ControlChart) -> list[Outlier]:
+    """Units that one chart names, the furthest first."""
+    return [
+        Outlier(chart.serials[k], chart.name, float(chart.values[k]), float(chart.control.z[k]), chart.control.limit)
+        for k in chart.control.outliers
+    ]

@@ -1,0 +1,64 @@
+"""What is told of a finished fleet: lines for a person, a document for a script."""
+
+from __future__ import annotations
+
+from collections import Counter
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from calibkit.fleet.table import COPIED, FAILED
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibkit.fleet.run import Fleet
+
+MOST = 20
+"""Lines of one kind; the table has them all."""
+
+
+def lines(fleet: Fleet) -> list[str]:
+    """Counts, then each unit that failed, was rejected or stands out, then the folder with the table."""
+    table = fleet.table
+    counts = Counter(entry.verdict for entry in table.entries)
+    counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
+    before = f"; {fleet.before} were fitted before" if fleet.before else ""
+    told = [f"{len(table.entries)} units: {counted}{before}"]
+    told += _some([f"{entry.verdict}: {entry.serial}: {entry.error}" for entry in table.entries if entry.error])
+    told += _some([f"rejected: {entry.serial}@{entry.run}" for entry in table.entries if entry.verdict == "rejected"])
+    told += _some(
+        [
+            f"outlier: {outlier.serial}: {outlier.figure} = {outlier.value:.6g}, z = {outlier.z:.1f}, limit {outlier.limit:.1f}"
+            for outlier in table.outliers
+        ]
+    )
+    flags = sum(entry.flags for entry in table.entries)
+    told += [f"{flags} flags in {sum(entry.flags > 0 for entry in table.entries)} runs: see their reports"] * bool(
+        flags
+    )
+    return [*told, str(fleet.folder)]
+
+
+def _some(found: Sequence[str]) -> list[str]:
+    """The first lines of a kind, and how many more there are."""
+    more = len(found) - MOST
+    return [*found[:MOST], *([f"  … and {more} more: see fleet.csv"] if more > 0 else [])]
+
+
+def document(fleet: Fleet) -> dict[str, Any]:
+    """One JSON object: units, outliers, the folder with the table; an error where a unit has no run of its own."""
+    entries = fleet.table.entries
+    without = [entry.serial for entry in entries if entry.verdict in {FAILED, COPIED}]
+    error = {
+        "code": "units_failed",
+        "message": f"{len(without)} of {len(entries)} units have no calibration of their own",
+        "hint": "see the error of each unit",
+    }
+    return {
+        "ok": not without,
+        **({"error": error} if without else {}),
+        "folder": str(fleet.folder),
+        "fitted_before": fleet.before,
+        "units": [asdict(entry) for entry in entries],
+        "outliers": [asdict(outlier) for outlier in fleet.table.outliers],
+    }

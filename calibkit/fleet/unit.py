@@ -1,0 +1,191 @@
+"""One unit of a fleet: found as it was finished before, or fitted, or said why not."""
+
+from __future__ import annotations
+
+import hashlib
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from calibkit import atomic, pipeline, procedures, recipe, store
+from calibkit.errors import CalibkitError, CoefficientError
+from calibkit.fleet import keys
+from calibkit.stages import ingest
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+    from pathlib import Path
+
+    from calibkit.fleet.keys import KeyFigure
+
+WAIT_S = 3600.0
+"""How long a unit that another process has is waited for [s]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plan:
+    """What is done to every unit: which recipe, where their folders are, where runs go, from when coefficients hold."""
+
+    source: recipe.Source
+    data: Path
+    out: Path
+    date: str
+
+
+@dataclass(frozen=True, slots=True)
+class Row:
+    """A unit that has its run."""
+
+    serial: str
+    run: str
+    """rNNN."""
+    run_sha256: str
+    """Digest that run.json states of itself."""
+    verdict: str
+    """accepted, rejected, or no limits."""
+    figures: tuple[KeyFigure, ...]
+    inputs: tuple[tuple[str, str], ...]
+    """Name and digest of each log."""
+    guesses: tuple[str, ...]
+    flags: int
+    """Number of flags in the run."""
+    before: bool
+    """Whether the run was there already."""
+
+
+@dataclass(frozen=True, slots=True)
+class Failure:
+    """A unit that has no run, and why."""
+
+    serial: str
+    code: str
+    exit_code: int
+    message: str
+    hint: str
+
+    @classmethod
+    def of(cls, serial: str, error: Exception) -> Failure:
+        """Failure that an error is; what calibkit did not expect is internal."""
+        if isinstance(error, CalibkitError):
+            return cls(serial, error.code, error.exit_code, error.message, error.hint)
+        return cls(serial, "internal", 70, f"internal error: {type(error).__name__}: {error}", "report it")
+
+    @classmethod
+    def lost(cls, serial: str) -> Failure:
+        """Failure of a unit that no process survived."""
+        hint = "killed, out of memory, or a crash: fit this unit alone to see"
+        return cls(serial, "internal", 70, "every process that took this unit up died", hint)
+
+    def error(self) -> CalibkitError:
+        """The error again."""
+        error = CalibkitError(f"{self.serial}: {self.message}", hint=self.hint)
+        error.code, error.exit_code = self.code, self.exit_code
+        return error
+
+
+Outcome = Row | Failure
+
+
+def outcome(plan: Plan, serial: str) -> Outcome:
+    """What becomes of a unit; never raises, so that one unit's bad data do not stop the others."""
+    try:
+        return _finished(plan, serial)
+    except Exception as error:  # noqa: BLE001 (whatever it is, it is this unit's and is told as such)
+        return Failure.of(serial, error)
+
+
+def _finished(plan: Plan, serial: str) -> Row:
+    """Row of a unit: of the run that is there, or of the one that is fitted now.
+
+    The unit is held meanwhile: where two take it up, as when a worker was taken for dead, the second finds the first's run.
+    """
+    spec = recipe.parse(plan.source)
+    # no serial begins with "-": this is not the lock that the fit itself holds while it writes
+    with atomic.locked(plan.out / f".-{serial}.lock", f"{plan.out / serial}", WAIT_S):
+        store.clear(plan.out, serial)
+        run = already(plan, serial, spec)
+        if run is not None:
+            return _row(run, spec, before=True)
+        outcome = pipeline.fit(plan.source, plan.data / serial, serial, plan.out, plan.date, procedures.silent)
+        return _row(store.load(outcome.folder), spec, before=False)
+
+
+def already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
+    """Newest run of a unit by this software with this recipe, date and logs, whole and with right digests, or None."""
+    candidates = []
+    for number in reversed(store.revisions(plan.out / serial)):
+        folder = plan.out / serial / f"r{number:03d}"
+        document = _document(folder)
+        if document is not None and _same_terms(document, plan):
+            candidates.append((folder, document))
+    if not candidates:
+        return None
+    logs = {file: ingest.digest(spec, plan.data / serial, file) for file in ingest.find_logs(spec, plan.data / serial)}
+    beside = _second_loggers(plan.data / serial, spec)
+    for folder, document in candidates:
+        inputs = {entry["name"]: entry["sha256"] for entry in document["inputs"]}
+        joined = _joined(document)
+        if inputs == logs and joined <= beside and bool(joined) == (spec.chamber is not None):
+            return store.load(folder)
+    return None
+
+
+def _joined(document: Mapping[str, Any]) -> set[str]:
+    """Digests of the second loggers' files that a run's logs were joined with, from what it says of their reading."""
+    return {
+        digest
+        for entry in document["inputs"]
+        for said in entry.get("reading", ())
+        for digest in re.findall(r"\(sha256 ([0-9a-f]{64})", said)
+    }
+
+
+def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
+    """Digests of the files of the second logger, where the recipe has one."""
+    if spec.chamber is None:
+        return set()
+    patterns = [pattern.replace("{log}", "*") for pattern in spec.chamber.files]
+    return {_sha256(path) for pattern in patterns for path in folder.glob(pattern) if path.is_file()}
+
+
+def _document(folder: Path) -> dict[str, Any] | None:
+    """run.json of a run folder, or None where it cannot be trusted: such a run is never used, and never touched."""
+    from calibkit.coefficients import unseal
+
+    try:
+        return unseal((folder / store.RUN_FILE).read_text(encoding="utf-8"), str(folder), store.RUN_FORMATS)
+    except (OSError, UnicodeDecodeError, CoefficientError):
+        return None
+
+
+def _same_terms(document: dict[str, Any], plan: Plan) -> bool:
+    """Whether a run was made by this software with the plan's recipe, for its date."""
+    found = document["software"], document["recipe"]["sha256"], document["effective_from"]
+    return found == (pipeline.SOFTWARE, plan.source.sha256, plan.date)
+
+
+def _sha256(path: Path) -> str:
+    """Digest of a file, read in blocks."""
+    with path.open("rb") as stream:
+        return hashlib.file_digest(stream, "sha256").hexdigest()
+
+
+def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
+    """What the fleet's table says of a run."""
+    document = run.document
+    accepted = "accepted" if document["accepted"] else "rejected"
+    return Row(
+        serial=document["serial"],
+        run=f"r{document['revision']:03d}",
+        run_sha256=document["sha256"],
+        verdict=accepted if document["acceptance"] else "no limits",
+        figures=keys.of(run, spec.reference_temp_degc),
+        inputs=tuple((entry["name"], entry["sha256"]) for entry in document["inputs"]),
+        guesses=tuple(
+            dict.fromkeys(
+                said for entry in document["inputs"] for said in entry.get("reading", ()) if "guessed" in said
+            )
+        ),
+        flags=len(document["flags"]),
+        before=before,
+    )

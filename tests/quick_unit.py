@@ -1,0 +1,39 @@
+"""Units of a fleet without their report, whose drawing takes ten times as long as the fit, and units that die on purpose.
+
+A module of its own: the processes of a fleet import it by name.
+"""
+
+import os
+import signal
+from pathlib import Path
+
+from calibkit import atomic
+from calibkit.fleet import unit
+from calibkit.procedures import bias_temperature
+
+
+def outcome(plan, serial):
+    """Fit one unit and print nothing but one line."""
+    bias_temperature.report = lambda title, fitted: {"report.txt": f"{title}\n".encode()}
+    return unit.outcome(plan, serial)
+
+
+def killed_while_writing(plan, serial):
+    """Fit one unit; U003 is killed between the files of its run and the rename, the first time it is taken up."""
+    mark = Path(plan.data) / "U003.killed"
+    if serial == "U003" and not mark.exists():
+        mark.touch()
+        atomic.rename_folder = lambda temporary, target: os.kill(os.getpid(), signal.SIGKILL)
+    return outcome(plan, serial)
+
+
+def poisonous(plan, serial):
+    """Fit one unit; U002 kills whoever takes it up."""
+    if serial == "U002":
+        os.kill(os.getpid(), signal.SIGKILL)
+    return outcome(plan, serial)
+
+
+def threads(plan, serial):
+    """Say how many threads numpy was told to take."""
+    return unit.Failure(serial, "said", 0, os.environ.get("OPENBLAS_NUM_THREADS", ""), "")

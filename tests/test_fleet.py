@@ -1,0 +1,437 @@
+"""Fleets: every unit once, whatever dies on the way; the same table whoever fitted it; who is not like the others."""
+
+import csv
+import io
+import json
+import multiprocessing
+import os
+import shutil
+import signal
+import subprocess
+import sys
+import time
+from concurrent.futures import ThreadPoolExecutor
+
+import numpy as np
+import pytest
+
+import quick_unit
+from calibkit import procedures, recipe, store
+from calibkit.errors import CalibkitError, StoppedError
+from calibkit.fleet import files, keys, local, run, table, unit
+from calibkit.procedures import bias_temperature
+from conftest import ROOT, write_log
+
+RECIPE = """\
+procedure = "bias_temperature"
+title = "Bias of many"
+[logs]
+files = ["*.csv"]
+[polynomials]
+abscissa = "temp_case_degc"
+bias = [{ indication = "gyro_dph", order = 1 }]
+"""
+DAY = "2026-11-21"
+ROWS = 40
+
+
+def unit_log(folder, number, *, offset=0.0):
+    """Write a warm-up of one gyro: a bias linear in temperature, 0.01 °/h of noise; return its columns."""
+    rng = np.random.default_rng(number)
+    temperature = np.linspace(20.0, 60.0, ROWS)
+    gyro = rng.normal(0.5, 0.1) + offset + rng.normal(0.02, 0.002) * temperature + rng.normal(0.0, 0.01, ROWS)
+    write_log(folder / "warmup.csv", time_s=np.arange(float(ROWS)), temp_case_degc=temperature, gyro_dph=gyro)
+    return temperature, gyro
+
+
+def fleet_logs(data, count):
+    """Write the logs of units U000 … and return serial → (temperature, gyro)."""
+    return {f"U{k:03d}": unit_log(data / f"U{k:03d}", k) for k in range(count)}
+
+
+def fit(data, out, *, jobs=1, keep_going=False, date=DAY, text=RECIPE, progress=procedures.silent, address=""):
+    """Run a fleet in this process."""
+    source = recipe.Source("bias.toml", text)
+    return run.run(source, data, out, date, progress, jobs=jobs, address=address, keep_going=keep_going)
+
+
+def tree(folder):
+    """Relative name → bytes of all files below a folder."""
+    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+
+
+@pytest.fixture
+def quick(monkeypatch):
+    """Units are fitted without their figures, here and in other processes."""
+    monkeypatch.setattr(bias_temperature, "report", bias_temperature.report)  # restored after the test
+    monkeypatch.setattr(run, "of_unit", quick_unit.outcome)
+
+
+def coefficients(out, serial, revision=1):
+    """p0 and p1 of a unit's run, whose digests are checked on the way."""
+    record = store.load(out / serial / f"r{revision:03d}").records["bias.json"]
+    return [entry.value for entry in record.model("gyro_dph").coefficients]
+
+
+def left_over(out):
+    """What a writer left unfinished, locks included."""
+    return [path for path in out.rglob("*") if path.name.startswith(".")]
+
+
+def test_a_fleet_of_200_units_survives_a_killed_process(tmp_path, quick):
+    """With a process killed after 20 and after 120 units all 200 have one run, correct, and nothing is half written."""
+    logs = fleet_logs(tmp_path / "units", 200)
+
+    def killing(items, what):
+        for number, item in enumerate(items):
+            if number in {20, 120}:
+                os.kill(multiprocessing.active_children()[0].pid, signal.SIGKILL)
+            yield item
+
+    done = fit(tmp_path / "units", tmp_path / "runs", jobs=2, progress=killing)
+    assert [entry.serial for entry in done.table.entries] == sorted(logs)
+    assert {entry.run for entry in done.table.entries} == {"r001"}
+    assert done.exit_code == 0
+    for serial, (temperature, gyro) in logs.items():
+        assert [path.name for path in (tmp_path / "runs" / serial).iterdir()] == ["r001"]
+        # powers of a temperature around 40 °C lose 3 digits of 16
+        np.testing.assert_allclose(
+            coefficients(tmp_path / "runs", serial), np.polynomial.polynomial.polyfit(temperature, gyro, 1), rtol=1e-11
+        )
+    assert left_over(tmp_path / "runs") == []
+
+
+def test_a_unit_killed_while_its_run_is_written_is_written_whole_by_another(tmp_path, quick, monkeypatch):
+    """Killed between files and rename, a run is neither there in part nor lost, and its remains are removed."""
+    fleet_logs(tmp_path / "units", 6)
+    monkeypatch.setattr(run, "of_unit", quick_unit.killed_while_writing)
+    done = fit(tmp_path / "units", tmp_path / "runs", jobs=2)
+    assert (tmp_path / "units" / "U003.killed").exists()
+    assert {entry.run for entry in done.table.entries} == {"r001"}
+    assert left_over(tmp_path / "runs") == []
+    assert store.load(tmp_path / "runs" / "U003" / "r001").name == "U003@r001"
+
+
+def test_a_unit_that_kills_every_process_is_given_up_and_the_others_are_not(tmp_path, quick, monkeypatch):
+    """After three processes a unit is failed, with exit code 70; the others have their runs."""
+    fleet_logs(tmp_path / "units", 5)
+    monkeypatch.setattr(run, "of_unit", quick_unit.poisonous)
+    done = fit(tmp_path / "units", tmp_path / "runs", jobs=2, keep_going=True)
+    verdicts = {entry.serial: entry.verdict for entry in done.table.entries}
+    assert verdicts == {f"U{k:03d}": "failed" if k == 2 else "no limits" for k in range(5)}
+    assert done.exit_code == 70
+
+
+def test_processes_that_share_a_machine_take_one_thread_each(tmp_path, monkeypatch):
+    """Whatever the environment says, a process of the fleet multiplies with one thread; the environment stays."""
+    monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
+    plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    assert [said.message for said in local.outcomes(quick_unit.threads, plan, ["A", "B"], 2)] == ["1", "1"]
+    assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
+
+
+def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
+    """Killed (-9) as a whole and called again, it fits what is missing, nothing twice, and ends as if never killed."""
+    fleet_logs(tmp_path / "units", 12)
+    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
+    out = tmp_path / "killed"
+    call = ["fleet", tmp_path / "bias.toml", "--data", tmp_path / "units", "--date", DAY]
+    command = [sys.executable, "-m", "calibkit", *map(str, call), "--out", str(out), "--jobs", "2"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT)}
+    with subprocess.Popen(command, cwd=ROOT, env=environment, stderr=subprocess.PIPE) as process:
+        while not len(list(out.glob("U*/r001"))) >= 4:
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(0.01)
+        process.kill()
+    finished = {path: path.stat().st_ino for path in out.glob("U*/r001")}
+    assert 4 <= len(finished) < 12
+    again = calibkit(*call, "--out", out, "--jobs", "1", "--json")
+    assert again.code == 0, again.out
+    assert again.json["fitted_before"] >= len(finished)
+    assert {path: path.stat().st_ino for path in finished} == finished
+    assert left_over(out) == []
+    whole = tmp_path / "whole"
+    assert calibkit(*call, "--out", whole, "--jobs", "2").code == 0
+    assert tree(out) == tree(whole)
+
+
+def test_a_finished_fleet_called_again_writes_nothing(tmp_path, quick):
+    """Every unit is found as it was fitted, and the table that is there already is not written again."""
+    fleet_logs(tmp_path / "units", 3)
+    first = fit(tmp_path / "units", tmp_path / "runs")
+    before = tree(tmp_path / "runs")
+    second = fit(tmp_path / "units", tmp_path / "runs")
+    assert (first.before, second.before) == (0, 3)
+    assert second.folder == first.folder
+    assert tree(tmp_path / "runs") == before
+
+
+@pytest.mark.parametrize("changed", ["recipe", "date", "a log", "another log", "the run", "the software"])
+def test_a_unit_is_fitted_again_when_anything_it_rests_on_has_changed(tmp_path, quick, monkeypatch, changed):
+    """Another recipe, date, log or software makes r002 of the units concerned; a run that was touched is not believed."""
+    fleet_logs(tmp_path / "units", 3)
+    fit(tmp_path / "units", tmp_path / "runs")
+    text, date, again = RECIPE, DAY, {"U000", "U001", "U002"}
+    if changed == "recipe":
+        text = RECIPE.replace("order = 1", "order = 2")
+    elif changed == "date":
+        date = "2026-11-22"
+    elif changed == "the software":
+        monkeypatch.setattr(unit.pipeline, "SOFTWARE", "calibkit 99")
+    elif changed == "the run":
+        path, again = tmp_path / "runs" / "U001" / "r001" / "run.json", set()
+        path.write_text(path.read_text(encoding="utf-8").replace("Bias of many", "Bias of none"), encoding="utf-8")
+    else:
+        again = {"U001"}
+        unit_log(tmp_path / "units" / "U001", 77)
+        if changed == "another log":
+            (tmp_path / "units" / "U001" / "warmup.csv").rename(tmp_path / "units" / "U001" / "second.csv")
+            unit_log(tmp_path / "units" / "U001", 1)
+    done = fit(tmp_path / "units", tmp_path / "runs", text=text, date=date, keep_going=True)
+    if changed == "the run":
+        assert {entry.serial for entry in done.table.entries if entry.verdict == "failed"} == {"U001"}
+        assert done.exit_code == 4
+    assert {path.parent.name for path in (tmp_path / "runs").glob("U*/r002")} == again
+
+
+def test_a_unit_that_two_take_up_at_once_is_fitted_once(tmp_path, quick):
+    """The second waits for the first and finds its run, as when a worker that was taken for dead is not."""
+    fleet_logs(tmp_path / "units", 1)
+    plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path / "units", tmp_path / "runs", DAY)
+    plan.out.mkdir()
+    with ThreadPoolExecutor(2) as pool:
+        found = list(pool.map(quick_unit.outcome, [plan, plan], ["U000", "U000"]))
+    assert sorted((row.run, row.before) for row in found) == [("r001", False), ("r001", True)]
+
+
+def broken(data, serial):
+    """Make a unit whose log cannot be read."""
+    (data / serial).mkdir(parents=True)
+    (data / serial / "warmup.csv").write_text("time_s,temp_case_degc,gyro_dph\n1,2\n", encoding="utf-8")
+
+
+def test_bad_data_end_a_fleet_with_the_units_own_error(tmp_path, quick):
+    """Without --keep-going the first unit that cannot be fitted is named, with its code; no table is written."""
+    fleet_logs(tmp_path / "units", 2)
+    broken(tmp_path / "units", "A-1")
+    with pytest.raises(CalibkitError, match=r"A-1: warmup.csv:2: .*--keep-going") as stopped:
+        fit(tmp_path / "units", tmp_path / "runs")
+    assert stopped.value.exit_code == 3
+    assert not (tmp_path / "runs" / store.FLEETS).exists()
+
+
+def test_keep_going_fits_the_others_and_tells_what_is_wrong_with_each(tmp_path, quick):
+    """A unit with bad data, one without logs and one whose folder is no serial are rows of the table; exit code 3."""
+    data = tmp_path / "units"
+    fleet_logs(data, 3)
+    broken(data, "A-1")
+    (data / "A-2").mkdir()
+    (data / "bad name").mkdir()
+    (data / ".hidden").mkdir()
+    done = fit(data, tmp_path / "runs", jobs=2, keep_going=True)
+    rows = list(csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8"))))
+    assert [row["serial"] for row in rows] == ["A-1", "A-2", "U000", "U001", "U002", "bad name"]
+    assert [row["verdict"] for row in rows] == ["failed", "failed", *["no limits"] * 3, "failed"]
+    errors = [row["error"] for row in rows]
+    assert errors[0].startswith("log_format: warmup.csv:2")
+    assert errors[1].startswith("frame: A-2: no log matches")
+    assert errors[5].startswith("usage: serial 'bad name'")
+    assert str(tmp_path) not in "".join(errors)
+    assert done.exit_code == 3
+
+
+def test_an_interrupted_fleet_says_how_far_it_came(tmp_path, quick):
+    """The keyboard ends a fleet with code 130; what was finished stays, and no process does."""
+    fleet_logs(tmp_path / "units", 6)
+
+    def interrupted(items, what):
+        yield items[0]
+        yield items[1]
+        raise KeyboardInterrupt
+
+    with pytest.raises(StoppedError, match="interrupted after 2 of 6 units") as stopped:
+        fit(tmp_path / "units", tmp_path / "runs", jobs=2, progress=interrupted)
+    assert stopped.value.exit_code == 130
+    assert len(list((tmp_path / "runs").glob("U*/r001"))) >= 2
+    assert left_over(tmp_path / "runs") == []
+    assert multiprocessing.active_children() == []
+
+
+def test_a_copied_folder_of_logs_is_nobodys_calibration(tmp_path, quick):
+    """Two units with the same bytes: one has the other's coefficients, so neither verdict is believed; exit code 3."""
+    fleet_logs(tmp_path / "units", 3)
+    shutil.copytree(tmp_path / "units" / "U001", tmp_path / "units" / "U009")
+    done = fit(tmp_path / "units", tmp_path / "runs")
+    verdicts = {entry.serial: (entry.verdict, entry.error[-4:]) for entry in done.table.entries}
+    assert verdicts["U001"] == ("copied logs", "U009")
+    assert verdicts["U009"] == ("copied logs", "U001")
+    assert verdicts["U000"] == ("no limits", "")
+    assert done.exit_code == 3
+
+
+def test_the_unit_that_is_not_like_the_others_is_named_everywhere(tmp_path, quick):
+    """One gyro 2 °/h off among 20 is the outlier of the table, of the record and of the chart; the others are not."""
+    fleet_logs(tmp_path / "units", 20)
+    unit_log(tmp_path / "units" / "U007", 7, offset=2.0)
+    done = fit(tmp_path / "units", tmp_path / "runs")
+    named = [(outlier.serial, outlier.figure) for outlier in done.table.outliers]
+    assert named == [("U007", "bias.gyro_dph at 25 degC"), ("U007", "bias.gyro_dph.p0")]
+    rows = list(csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8"))))
+    assert [row["serial"] for row in rows if row["outlier_in"]] == ["U007"]
+    record = json.loads((done.folder / "fleet.json").read_text(encoding="utf-8"))
+    at_reference = record["figures"][0]
+    values = np.array([float(row["bias.gyro_dph at 25 degC [deg/h]"]) for row in rows])
+    assert at_reference["centre"] == np.median(values)
+    assert at_reference["sigma"] == pytest.approx(
+        np.median(np.abs(values - np.median(values))) / 0.6744897501960817, rel=1e-12
+    )
+    assert [outlier["serial"] for outlier in at_reference["outliers"]] == ["U007"]
+    assert (done.folder / "control_charts.pdf").read_bytes().startswith(b"%PDF")
+
+
+def test_the_table_holds_what_the_coefficient_files_hold(tmp_path, quick):
+    """CSV and Parquet give every number of the files to the last bit, with its unit and uncertainty."""
+    parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet' is not installed")
+    fleet_logs(tmp_path / "units", 3)
+    done = fit(tmp_path / "units", tmp_path / "runs")
+    found = parquet.read_table(done.folder / "fleet.parquet")
+    rows = list(csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8"))))
+    for row, texts in zip(found.to_pylist(), rows, strict=True):
+        record = store.load(tmp_path / "runs" / row["serial"] / row["run"]).records["bias.json"]
+        for entry in record.model("gyro_dph").coefficients:
+            name = f"bias.gyro_dph.{entry.name} [{entry.unit}]"
+            assert row[name] == float(texts[name]) == entry.value
+            assert row[f"u(bias.gyro_dph.{entry.name}) [{entry.unit}]"] == entry.standard_uncertainty
+            assert found.schema.field(name).metadata == {b"unit": entry.unit.encode()}
+
+
+def test_without_pyarrow_there_is_no_parquet_and_everything_else(tmp_path, quick, monkeypatch):
+    """The Parquet file is the one thing that is absent without the extra."""
+    monkeypatch.setitem(sys.modules, "pyarrow", None)
+    fleet_logs(tmp_path / "units", 2)
+    done = fit(tmp_path / "units", tmp_path / "runs")
+    assert sorted(path.name for path in done.folder.iterdir()) == ["control_charts.pdf", "fleet.csv", "fleet.json"]
+
+
+RATES = """procedure = "rate_table"
+gyros = ["x"]
+[logs]
+files = ["*.csv"]
+[acceptance]
+max_nonlinearity_ppm = 1000.0
+"""
+
+
+def test_a_rejected_unit_makes_exit_code_1(tmp_path, calibkit):
+    """A gyro that loses 1 % at its highest rate is rejected, the other accepted; the fleet says so with exit code 1."""
+    for serial, loss in (("G-1", 0.0), ("G-2", 0.01)):
+        rate = np.repeat([-50.0, -20.0, -10.0, 10.0, 20.0, 50.0], 30)
+        counts = 1000.0 * rate * (1.0 - loss * (rate == 50.0)) + np.tile([0.0, 1.0, -1.0], 60)
+        write_log(
+            tmp_path / "units" / serial / "run.csv",
+            time_s=np.arange(rate.size) * 1.0,
+            table_rate_dps=rate,
+            gyro_x_lsb=counts,
+        )
+    (tmp_path / "rates.toml").write_text(RATES, encoding="utf-8")
+    out = calibkit("fleet", tmp_path / "rates.toml", "--data", tmp_path / "units", "--out", tmp_path / "r", "--jobs", 1)
+    assert out.code == 1, out.err
+    assert "2 units: 1 accepted, 1 rejected" in out.out
+    assert "rejected: G-2@r001" in out.out
+    assert "G-1@" not in out.out
+
+
+def test_json_names_the_units_that_failed(tmp_path, calibkit):
+    """One document on stdout, with an error where a unit has no calibration."""
+    fleet_logs(tmp_path / "units", 1)
+    broken(tmp_path / "units", "A-1")
+    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
+    call = (
+        "fleet",
+        tmp_path / "bias.toml",
+        "--data",
+        tmp_path / "units",
+        "--out",
+        tmp_path / "r",
+        "--jobs",
+        1,
+        "--json",
+    )
+    stopped = calibkit(*call)
+    assert (stopped.code, stopped.json["error"]["code"]) == (3, "log_format")
+    kept = calibkit(*call, "--keep-going")
+    assert kept.code == 3
+    assert kept.json["ok"] is False
+    assert kept.json["error"]["message"] == "1 of 2 units have no calibration of their own"
+    assert [entry["verdict"] for entry in kept.json["units"]] == ["failed", "no limits"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "code", "said"),
+    [
+        (["--data", "none"], 2, "no such folder"),
+        (["--data", "empty"], 3, "holds no sub-folder"),
+        (["--data", "units", "--out", "units/runs"], 2, "lies in --data"),
+        (["--data", "units", "--out", "units"], 2, "lies in --data"),
+        (["--data", "units", "--jobs", "2", "--cluster", "tcp://127.0.0.1:1"], 2, "one or the other"),
+        (["--data", "units", "--jobs", "0"], 2, "jobs"),
+        (["--data", "units", "--set", "polynomials.bias=3"], 2, "polynomials.bias"),
+        (["--data", "named"], 2, "serial '-x' cannot name a folder"),
+    ],
+)
+def test_what_cannot_be_meant_is_refused_before_anything_is_fitted(
+    tmp_path, calibkit, monkeypatch, arguments, code, said
+):
+    """Absent folders, runs among the units, misspelt recipes and impossible serials."""
+    monkeypatch.chdir(tmp_path)
+    fleet_logs(tmp_path / "units", 1)
+    fleet_logs(tmp_path / "named", 1)
+    (tmp_path / "named" / "-x").mkdir()
+    (tmp_path / "empty").mkdir()
+    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
+    outcome = calibkit("fleet", "bias.toml", *arguments)
+    assert outcome.code == code
+    assert said in outcome.err
+    assert not list(tmp_path.rglob("r001"))
+
+
+def test_every_procedure_has_key_figures():
+    """A procedure that is new must say what is compared from unit to unit."""
+    assert set(keys.KEYS) == set(procedures.NAMES)
+
+
+@pytest.mark.parametrize("procedure", ["accelerometer", "gyro_pair", "inclinometer", "rate_table"])
+def test_the_key_figures_of_a_procedure_are_there(tmp_path, calibkit, procedure):
+    """Each pattern of a procedure names something in the run of its sample logs."""
+    logs = ROOT / "datasets" / procedure
+    assert calibkit("fit", procedure, "--data", logs, "--serial", "S", "--out", tmp_path).code in {0, 1}
+    names = [figure.name for figure in keys.of(store.load(tmp_path / "S" / "r001"), 25.0)]
+    for pattern in keys.KEYS[procedure]:
+        assert any(keys.re.fullmatch(pattern, name) for name in names), pattern
+
+
+def test_figures_of_different_forms_or_units_are_not_compared():
+    """A coefficient of another form, or in another unit, is another column that says so."""
+    rows = [
+        unit.Row(
+            f"S{k}",
+            "r001",
+            "",
+            "no limits",
+            (keys.KeyFigure("drift.b0", form, unit_of, None, float(k), 0.1),),
+            ((f"{k}.csv", str(k)),),
+            (),
+            0,
+            before=False,
+        )
+        for k, (form, unit_of) in enumerate([("level/1", "deg/h"), ("lagged/1", "deg/h"), ("level/1", "deg/s")])
+    ]
+    made = table.of(rows[::-1], ROOT)
+    assert [column.name for column in made.columns] == [
+        "drift.b0 (level/1)",
+        "drift.b0 (lagged/1)",
+        "drift.b0 (level/1)",
+    ]
+    assert [column.unit for column in made.columns] == ["deg/h", "deg/h", "deg/s"]
+    assert [np.isfinite(column.values).sum() for column in made.columns] == [1, 1, 1]
+    assert len(set(files.csv_of(made).splitlines()[0].split(b","))) == 12
