@@ -16,7 +16,7 @@ from calibkit import atomic, coefficients, run_document
 from calibkit.errors import CoefficientError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
 RUN_FORMAT = "calibkit-run/1"
 RUN_FORMATS = (RUN_FORMAT,)
