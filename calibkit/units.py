@@ -165,6 +165,11 @@ def known(spelling: str) -> str:
     raise RecipeError(f"unknown unit '{spelling}'", hint=guess)
 
 
+def _a(dimension: str) -> str:
+    """A dimension with its article."""
+    return f"{'an' if dimension[0] in 'aeiou' else 'a'} {dimension}"
+
+
 def convert(
     values: NDArray[np.float64], source: str, target: str, *, gravity_mps2: float | None = None
 ) -> NDArray[np.float64]:
@@ -184,7 +189,9 @@ def convert(
         base = values * a.factor / a.divisor
         return (base / gravity_mps2 if a.dimension == si else base * gravity_mps2) * b.divisor / b.factor
     if a.dimension != b.dimension:
-        raise RecipeError(f"'{source}' is a {a.dimension}, '{target}' a {b.dimension}", hint="state the log's own unit")
+        raise RecipeError(
+            f"'{source}' is {_a(a.dimension)}, '{target}' {_a(b.dimension)}", hint="state the log's own unit"
+        )
     if a == b:
         return values
     if (a.factor, a.divisor) == (b.factor, b.divisor):

@@ -181,3 +181,19 @@ temp_case_degc = { from = "Chan 101 (C)" }
     (tmp_path / "dat00002.csv").unlink()
     with pytest.raises(LogFormatError, match="the next part of this log is number 3, expected 2"):
         ingest.read_log(spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc"))
+
+
+@pytest.mark.parametrize(
+    ("columns", "logs", "fragment"),
+    [
+        ('gyro_dph = { from = "w", time_format = "%H:%M" }', "", "time_format and date belong to time_s"),
+        ('time_s = { from = "t", accumulated = true }', "", "belong to counts"),
+        ('gyro_dph = { from = "w", interval_s = 1.0 }', "", "interval_s belongs to unit = '1/sample'"),
+        ('time_s = { from = "t" }', "rate_hz = 10.0", "rate_hz = 10, but column 't' holds the time"),
+    ],
+)
+def test_a_key_that_would_say_nothing_is_refused(tmp_path, columns, logs, fragment):
+    """A key is never ignored."""
+    with pytest.raises(CalibkitError) as refused:
+        read(tmp_path, "t,w\n0,1\n", columns, ("time_s",), logs=logs)
+    assert fragment in str(refused.value)

@@ -53,6 +53,8 @@ class Dialect:
     columns: tuple[ColumnGuess, ...]
     guessed: tuple[str, ...] = ()
     widths: tuple[int, ...] = ()
+    renamed: bool = False
+    """Whether the recipe's names stand in place of a header's."""
 
     @property
     def names(self) -> tuple[str, ...]:
@@ -87,6 +89,7 @@ class Dialect:
         for key, value in self.table().items():
             how = "guessed" if key in self.guessed else "from the recipe"
             said.append(f"{key} = {value!r} ({how})")
+        said += ["the recipe's names stand in place of the header's"] if self.renamed else []
         said += [
             f"column '{column.name}': time_format = '{column.time_format}' (guessed)"
             for column in self.columns
@@ -246,7 +249,8 @@ def _dialect(layout: _Layout, decimal: str, encoding: str, file: str, spec: Text
     )
     pins = {"encoding", "delimiter", "decimal", "skip_lines", "header_lines"}
     guessed = tuple(key for key in sorted(pins) if getattr(spec, key) == "auto")
-    return Dialect(encoding, layout.delimiter, decimal, skip, header, columns, guessed, layout.widths)
+    renamed = bool(names) and header > 0
+    return Dialect(encoding, layout.delimiter, decimal, skip, header, columns, guessed, layout.widths, renamed)
 
 
 def _header(

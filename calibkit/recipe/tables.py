@@ -168,6 +168,18 @@ class Recipe(Table):
     segment: Annotated[tuple[Pin, ...], Field(strict=False)] = ()
     type_b: Annotated[tuple[TypeB, ...], Field(strict=False)] = ()
 
+    @field_validator("columns")
+    @classmethod
+    def _said_where_it_means_something(cls, columns: dict[str, Column]) -> dict[str, Column]:
+        for name, column in columns.items():
+            if name != "time_s" and (column.time_format or column.date):
+                raise ValueError(f"{name}: time_format and date belong to time_s")
+            if name == "time_s" and (column.accumulated or column.interval_s is not None):
+                raise ValueError("time_s: accumulated and interval_s belong to counts")
+            if column.interval_s is not None and column.unit != "1/sample" and not column.accumulated:
+                raise ValueError(f"{name}: interval_s belongs to unit = '1/sample' or accumulated = true")
+        return columns
+
     @field_validator("type_b")
     @classmethod
     def _named_once(cls, terms: tuple[TypeB, ...]) -> tuple[TypeB, ...]:

@@ -181,8 +181,13 @@ def _time(recipe: Recipe, table: Table, source: str) -> door.Mapped:
 
 def _counted_time(recipe: Recipe, table: Table, own: Mapping[str, str], needed: Sequence[str]) -> dict[str, Array]:
     """Time of a log that has none, from the sampling rate that the recipe states."""
-    if "time_s" in own or "time_s" not in needed or recipe.logs.rate_hz is None:
+    if recipe.logs.rate_hz is None or ("time_s" not in own and "time_s" not in needed):
         return {}
+    if "time_s" in own:
+        raise RecipeError(
+            f"{table.file}: [logs] rate_hz = {recipe.logs.rate_hz:g}, but column '{own['time_s']}' holds the time",
+            hint="remove rate_hz, or map time_s to nothing that the log has",
+        )
     return {"time_s": np.arange(len(table.frame), dtype=np.float64) / recipe.logs.rate_hz}
 
 

@@ -82,7 +82,7 @@ def canonical(column: Column) -> str:
     if is_canonical(name):
         return name
     if column.is_time or re.search(
-        r"^(time|t|t_m?s|zeit|timestamp|date.?time|uhrzeit|elapsed|sec(onds?)?)([_ .].*)?$|时间|时刻", name
+        r"^(time|t|t_m?s|zeit|timestamp|date.?time|uhrzeit|elapsed|x_value|sec(onds?)?)([_ .].*)?$|时间|时刻", name
     ):
         return "time_s"
     if (
