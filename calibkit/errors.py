@@ -26,10 +26,17 @@ class UsageError(CalibkitError):
 
 
 class RecipeError(CalibkitError):
-    """A recipe has an unknown, missing or ill-typed key; every fault is a line of the message."""
+    """A recipe has an unknown, missing or ill-typed key; every fault is a line of the message.
+
+    `at` is the table and key that is at fault, for the loader to name its line.
+    """
 
     exit_code = 2
     code = "recipe"
+
+    def __init__(self, message: str, *, hint: str = "", at: tuple[str | int, ...] = ()) -> None:
+        super().__init__(message, hint=hint)
+        self.at = at
 
 
 class LogFormatError(CalibkitError):

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import importlib.metadata
 import platform
@@ -14,7 +15,7 @@ from calibkit.recipe import type_b
 from calibkit.stages import budget, ingest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.check.report import LogReport
@@ -43,8 +44,10 @@ def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, pr
     spec = recipe.parse(source)
     serial = store.check_serial(serial or spec.serial)
     procedure = procedures.of(spec)
-    files = ingest.find_logs(spec, data)
-    fitted = procedure.fit(spec, data, files, progress)
+    with _placed(source):
+        files = ingest.find_logs(spec, data)
+        ingest.known_names(spec, files)
+        fitted = procedure.fit(spec, data, files, progress)
     _distinct(fitted.inputs)
     type_b.require_known(spec, _results(fitted))
     built: dict[str, Any] = {}
@@ -65,6 +68,15 @@ def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, pr
     name = f"{serial}@{folder.name}"
     summary = replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}")
     return FitOutcome(folder, name, summary, built, guesses(fitted.inputs))
+
+
+@contextlib.contextmanager
+def _placed(source: recipe.Source) -> Iterator[None]:
+    """Name file and line of the recipe's key in errors that the logs gave rise to."""
+    try:
+        yield
+    except RecipeError as error:
+        raise recipe.located(source, error) from None
 
 
 def guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
@@ -155,7 +167,10 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
         store.refuse_existing(figure)
     spec = recipe.parse(source)
     procedure = procedures.of(spec)
-    outcomes = [examination.of(procedure, spec, data, file) for file in ingest.find_logs(spec, data)]
+    with _placed(source):
+        files = ingest.find_logs(spec, data)
+        ingest.known_names(spec, files)
+        outcomes = [examination.of(procedure, spec, data, file) for file in files]
     reports = [outcome.report for outcome in outcomes]
     for file, copy in examination.copies(reports):
         reports = [
@@ -205,7 +220,11 @@ def apply(run: store.Run, data: Path, out: Path, overrides: tuple[str, ...]) -> 
     spec = spec.model_copy(update={"logs": spec.logs.model_copy(update={"split": False, "missing": "refuse"})})
     content, flags = procedures.of(spec).apply(spec, run.records, data)
     store.write_new(out, content)
-    return flags
+    corrected = (
+        f"{entry.column} corrected by certificate {entry.certificate}: --set correction=[] where other instruments measured"
+        for entry in spec.correction
+    )
+    return (*corrected, *flags)
 
 
 def validate(run: store.Run, data: Path, out: Path, progress: Progress) -> tuple[dict[str, Any], Summary]:

@@ -134,7 +134,7 @@ def test_a_ramp_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_write
         (["--set", "drift.ordr=2"], 2, "did you mean 'order'?"),
         (["--set", "columns.gyro_dhp={from='gyro_dph', sign=-1}"], 2, "did you mean 'gyro_dph'?"),
         (["--set", "denoise.wavelet=db99"], 2, "unknown wavelet 'db99'"),
-        (["--set", "drift.order='two'"], 2, "found 'two', expected a valid integer or 'auto'"),
+        (["--set", "drift.order='two'"], 2, "found 'two', expected a whole number or 'auto'"),
         (["--set", "logs.files=['*.log']"], 3, "no log matches '*.log', found a.csv"),
         (["--set", "exclude=[{log='b', reason='r', person='p'}]"], 2, "no such log"),
         (["--set", "exclude=[{log='a', reason='r', person='p'}]"], 3, "every log is excluded"),
@@ -235,3 +235,69 @@ def test_a_spike_is_pointed_out(tmp_path, calibkit, log_writer):
     log_writer(tmp_path / "logs" / "a.csv", **columns)
     said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
     assert "flagged a.csv:502: column 'gyro_dph': a spike: 50000 deg/h" in said.out
+
+
+@pytest.mark.parametrize(
+    ("table", "words"),
+    [
+        ('[[exclude]]\nlog = "a"\nfrom_s = 9000.0\nto_s = 9100.0\nreason = "r"\nperson = "p"', "no row between 9000 s"),
+        ('[[exclude]]\nlog = "b"\nreason = "r"\nperson = "p"', "no such log"),
+        ('[columns.gyro_dph]\nfrom = "gyro_dph"\nunit = "degC"', "'degC' is a temperature, 'deg/h' a angular rate"),
+        ("[drift.rates_degc_min]\nb = 1.0", "no such log"),
+    ],
+)
+def test_a_recipe_that_the_logs_contradict_is_told_with_its_line(table, words, tmp_path, calibkit, log_writer):
+    """What only the logs show to be wrong in a recipe names file and line of the recipe, in check and in fit."""
+    from calibkit import recipe
+
+    log_writer(tmp_path / "logs" / "a.csv", **healthy())
+    text = recipe.find("fog_thermal").text + "\n" + table + "\n"
+    (tmp_path / "r.toml").write_text(text, encoding="utf-8")
+    first = text[: text.index(table)].count("\n") + 1
+    for command in ("check", "fit"):
+        said = calibkit(command, tmp_path / "r.toml", "--data", tmp_path / "logs", "--set", "serial='S'")
+        assert said.code == 2
+        assert words in said.err
+        line = int(said.err.split("r.toml:")[1].split(":")[0])
+        assert first <= line < first + table.count("\n") + 1
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize(
+    ("setting", "words"),
+    [
+        ("logs.files='*.csv'", "found '*.csv', expected a list in brackets"),
+        ("logs.files=[]", "expected at least 1 entries in the list"),
+        ("title=3", "found 3, expected text in quotes"),
+        ("site=3", "found 3, expected a table"),
+        ("denoise.enabled='yes'", "found 'yes', expected true or false"),
+    ],
+)
+def test_recipe_faults_are_told_in_words_of_toml(setting, words, tmp_path, calibkit, log_writer):
+    """No word of the validator's own reaches the user."""
+    log_writer(tmp_path / "a.csv", **healthy())
+    outcome = calibkit("check", "fog_thermal", "--data", tmp_path, "--set", setting)
+    assert outcome.code == 2
+    assert words in outcome.err
+    assert not any(word in outcome.err for word in ("tuple", "Tuple", "instance", "valid "))
+
+
+def test_a_gap_that_an_exclude_made_is_called_that(tmp_path, calibkit, log_writer):
+    """Leaving out 200 s in mid-ramp is a gap that the message ascribes to the [[exclude]] table."""
+    log_writer(tmp_path / "a.csv", **healthy())
+    exclude = "exclude=[{log='a', from_s=300.0, to_s=500.0, reason='r', person='p'}]"
+    outcome = calibkit("check", "fog_thermal", "--data", tmp_path, "--set", exclude)
+    assert outcome.code == 3
+    assert "a gap of 202 s at 299 s, made by [[exclude]], which leaves out 201 rows" in outcome.out
+
+
+def test_apply_says_which_gaps_it_ran_across(campaign, tmp_path, calibkit):
+    """A log with a hole is compensated row for row, and the flag says where nothing is known."""
+    made = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path / "runs")
+    assert made.code in (0, 1)
+    lines = (campaign / "ramp_heating_05.csv").read_text(encoding="utf-8").splitlines()
+    (tmp_path / "hole.csv").write_text("\n".join([*lines[:1000], *lines[1100:]]) + "\n", encoding="utf-8")
+    done = calibkit("apply", tmp_path / "runs/S/r001", "--data", tmp_path / "hole.csv", "--out", tmp_path / "o.csv")
+    assert done.code == 0, done.err
+    assert "hole.csv:1001" in done.err
+    assert "runs across it" in done.err

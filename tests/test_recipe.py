@@ -29,7 +29,7 @@ def test_every_shipped_recipe_parses(name):
     [
         ("[drift]\nordr = 2", "r.toml:5: unknown key 'drift.ordr' = 2, allowed: model, interval_s, estimate, order"),
         ("[drift]\nordr = 2", "did you mean 'order'?"),
-        ("[drift]\norder = 'two'", "r.toml:5: drift.order: found 'two', expected a valid integer or 'auto'"),
+        ("[drift]\norder = 'two'", "r.toml:5: drift.order: found 'two', expected a whole number or 'auto'"),
         ("[drift]\norder = 2.5", "r.toml:5: drift.order: found 2.5"),
         ("[drift]\ninterval_s = 0", "r.toml:5: drift.interval_s: found 0, expected greater than 0"),
         ("[drift]\ninterval_s = inf", "r.toml:5: drift.interval_s: found inf"),

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.check import bridged
 from calibkit.coefficients import Criterion
 from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, values
@@ -43,7 +44,6 @@ if TYPE_CHECKING:
 
 def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
-    _known_rates(spec, files)
     prepared = [fog_ramps.prepare(read(spec, data, file), spec) for file in progress(files, "reading and denoising")]
     ramps = fog_drift.fit_ramps(prepared, spec.drift)
     choices = fog_drift.choose(ramps, spec.drift)
@@ -76,11 +76,6 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
 def read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns."""
     return reader(spec, data / file, file, fog_ramps.COLUMNS)
-
-
-def _known_rates(spec: FogThermalRecipe, files: Sequence[str]) -> None:
-    """Refuse a given rate for a log that is not there."""
-    ingest.known_logs("drift.rates_degc_min", spec.drift.rates_degc_min, files)
 
 
 def _fit_criteria(
@@ -138,6 +133,7 @@ def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> 
     log = ingest.read_log(spec, data, data.name, fog_ramps.COLUMNS)
     refuse(fog_ramps.usable(log))
     output, flags = fog_compensate.compensated(log, model, spec)
+    flags = (*bridged(log), *flags)
     added = {}
     if spec.output.rate_uncertainty:
         added["gyro_standard_uncertainty_dph"] = fog_compensate.uncertainty(log, model, spec)

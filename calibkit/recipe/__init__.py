@@ -2,7 +2,7 @@
 
 from calibkit.recipe.bias_temperature import BiasTemperatureRecipe
 from calibkit.recipe.fog_thermal import FogThermalRecipe
-from calibkit.recipe.loader import Source, find, parse, shipped
+from calibkit.recipe.loader import Source, find, located, parse, shipped
 from calibkit.recipe.tables import Column, Exclude, Logs, Recipe, Site
 from calibkit.recipe.type_b import TypeB
 
@@ -17,6 +17,7 @@ __all__ = [
     "Source",
     "TypeB",
     "find",
+    "located",
     "parse",
     "shipped",
 ]

@@ -100,3 +100,7 @@ class FogThermalRecipe(Recipe):
     input_axis: InputAxis | None = None
     output: Output = Output()
     acceptance: Acceptance = Acceptance()
+
+    def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
+        """The rates that are given for logs by their names."""
+        return ((("drift", "rates_degc_min"), tuple(self.drift.rates_degc_min)),)

@@ -143,6 +143,14 @@ def _unknown_columns(source: Source, recipe: Recipe, lines: Mapping[Location, st
     return faults
 
 
+def located(source: Source, error: RecipeError) -> RecipeError:
+    """The same error with file and line of the key that is at fault, where it names one."""
+    if not error.at:
+        return error
+    place = _place(source, error.at, _tables(source)[1])
+    return RecipeError(f"{place}: {error.message}", hint=error.hint)
+
+
 def key_lines(text: str) -> dict[Location, str]:
     """Location of every table and key of a TOML text → its line number, as text."""
     lines: dict[Location, str] = {}
@@ -218,9 +226,33 @@ def _fault(place: str, location: Location, faults: list[dict[str, Any]], model: 
         return f"{place}: missing key '{dotted}'; add it"
     if kind == "value_error":
         return f"{place}: {dotted or 'table'}: {faults[0]['msg'].removeprefix('Value error, ')}"
-    expected = " or ".join(fault["msg"].removeprefix("Input should be ") for fault in faults)
+    expected = " or ".join(dict.fromkeys(_plain(fault["msg"]) for fault in faults))
     guess = _guess(value, re.findall(r"'([^']+)'", expected)) if isinstance(value, str) else ""
     return f"{place}: {dotted}: found {value!r}, expected {expected}; {guess or 'change it'}"
+
+
+_PLAIN = (
+    (r"a valid (tuple|list|set)\b.*", "a list in brackets"),
+    (r"a valid (dictionary|mapping)\b.*", "a table"),
+    (r"a valid string", "text in quotes"),
+    (r"a valid integer.*", "a whole number"),
+    (r"a valid number.*", "a number"),
+    (r"a finite number", "a finite number"),
+    (r"a valid boolean.*", "true or false"),
+    (r"(?:Tuple|List) should have at least (\d+) items?.*", r"at least \1 entries in the list"),
+    (r"String should have at least 1 character", "text that is not empty"),
+    (r"String should match pattern '(.*)'", r"text of the form \1"),
+)
+"""How the validator says it, and how it is said here."""
+
+
+def _plain(message: str) -> str:
+    """What was expected, in words of TOML."""
+    said = message.removeprefix("Input should be ")
+    for pattern, words in _PLAIN:
+        if re.fullmatch(pattern, said):
+            return re.sub(pattern, words, said)
+    return said
 
 
 def _guess(value: object, allowed: list[str]) -> str:

@@ -207,6 +207,10 @@ class Recipe(Table):
                     raise ValueError(f"two segments of {pin.log} overlap at {max(pin.from_s, other.from_s):g} s")
         return pins
 
+    def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
+        """Tables of a recipe whose keys are names of logs, with those names."""
+        return ()
+
     def own_columns(self) -> tuple[str, ...]:
         """Columns that a recipe names itself, beyond the canonical ones."""
         return ()

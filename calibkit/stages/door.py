@@ -146,7 +146,8 @@ def value(table: Table, source: str, column: Column | None, name: str, recipe: R
     try:
         values = units.convert(values, unit, target, gravity_mps2=recipe.site.gravity_mps2)
     except RecipeError as error:
-        raise RecipeError(f"{table.file}: column '{source}': {error.message}", hint=error.hint) from None
+        place = ("columns", name, "unit")
+        raise RecipeError(f"{table.file}: column '{source}': {error.message}", hint=error.hint, at=place) from None
     if unit != target and not (column and column.unit):
         said += (f"column '{source}': {unit}, as the log states",)
     first_lost = column is not None and column.accumulated

@@ -56,18 +56,28 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
 
 def _known_exclusions(recipe: Recipe, found: Sequence[str]) -> None:
     """Refuse an exclusion of a log that is not there."""
-    known_logs("[[exclude]] log", [exclude.log for exclude in recipe.exclude], found)
-    known_logs("[[segment]] log", [pin.log for pin in recipe.segment], found)
+    known_logs("[[exclude]] log", [exclude.log for exclude in recipe.exclude], found, at=("exclude",))
 
 
-def known_logs(where: str, names: Iterable[str], found: Sequence[str]) -> None:
-    """Refuse a recipe that names a log which is not there: a typing error would let bad data in."""
+def known_names(recipe: Recipe, found: Sequence[str]) -> None:
+    """Refuse rates and segments of logs that are not there, in a recipe whose own logs these are."""
+    for at, names in recipe.named_logs():
+        known_logs(".".join(at), names, found, at=at)
+    known_logs("[[segment]] log", [pin.log for pin in recipe.segment], found, at=("segment",))
+
+
+def known_logs(where: str, names: Iterable[str], found: Sequence[str], *, at: tuple[str, ...]) -> None:
+    """Refuse a recipe that names a log which is not there: a typing error would let bad data in.
+
+    `at` is the table of the recipe: an array of tables whose entries have a `log`, or a table whose keys are the names.
+    """
     there = {*found, *map(log_name, found)}
-    for name in names:
+    for number, name in enumerate(names):
         if name not in there:
             close = difflib.get_close_matches(name, sorted(there), n=1)
             guess = f"did you mean '{close[0]}'?" if close else f"logs: {', '.join(found)}"
-            raise RecipeError(f"{where} = '{name}': no such log", hint=guess)
+            place = (*at, name) if len(at) > 1 else (*at, number, "log")
+            raise RecipeError(f"{where} = '{name}': no such log", hint=guess, at=place)
 
 
 def log_name(file: str) -> str:
@@ -207,7 +217,7 @@ def _without_exclusions(
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
     """The frame without the ranges that the recipe leaves out; the index keeps counting the file's rows."""
     notes = []
-    for exclude in excludes:
+    for number, exclude in enumerate(excludes):
         if exclude.log not in (file, log_name(file)) or (exclude.from_s is None and exclude.to_s is None):
             continue
         require(file, frame.columns, ["time_s"])
@@ -218,7 +228,9 @@ def _without_exclusions(
             continue
         if not out.any():
             raise RecipeError(
-                f"[[exclude]] of {file}: no row between {low:g} s and {high:g} s", hint="check from_s and to_s"
+                f"[[exclude]] of {file}: no row between {low:g} s and {high:g} s",
+                hint="check from_s and to_s",
+                at=("exclude", number),
             )
         frame = frame[~out]
         notes.append(

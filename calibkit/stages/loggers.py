@@ -51,8 +51,17 @@ def joined(
     recipe: Recipe, chamber: SecondLogger, path: Path, file: str, needed: Sequence[str], optional: Sequence[str]
 ) -> Log:
     """One log with the columns of its second logger on its own clock; raises FitError where the clocks cannot be related."""
+    names = _files(chamber, path, file)
+    if not names and (alone := _complete(recipe, path, file, needed, optional)) is not None:
+        return alone
+    if len(names) != 1:
+        there = f"{len(names)} files ({', '.join(names[:4])})" if names else "no file"
+        raise FrameError(
+            f"{file}: [chamber] files matches {there}, expected the one of this log",
+            hint='name it with "{log}" in place of the log\'s name',
+        )
     first, probe = _first(recipe, chamber, path, file, needed, optional)
-    second = _second(recipe, chamber, path, file)
+    second = _second(recipe, chamber, path.parent / names[0])
     clock = _clock(chamber, first, probe, second)
     time = values(first.frame, "time_s")
     on_a = clock.on_a(values(second.frame, "time_s"))
@@ -95,26 +104,29 @@ def _first(
     return ingest.read_one(probed, path, file, [*own, probe], extra), probe
 
 
-def _second(recipe: Recipe, chamber: SecondLogger, path: Path, file: str) -> Log:
-    """The one file of the second logger that belongs to a log."""
+def _files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
+    """Files of the second logger that belong to a log."""
     log = ingest.log_name(PurePosixPath(file).name)
-    folder = path.parent
-    names = [
-        found.name
-        for pattern in chamber.files
-        for found in sorted(folder.iterdir())
-        if found.is_file() and fnmatch.fnmatchcase(found.name, PurePosixPath(pattern.replace("{log}", log)).name)
-    ]
-    if len(names) != 1:
-        there = f"{len(names)} files ({', '.join(names[:4])})" if names else "no file"
-        raise FrameError(
-            f"{file}: [chamber] files matches {there}, expected the one of this log",
-            hint='name it with "{log}" in place of the log\'s name',
-        )
+    patterns = [PurePosixPath(pattern.replace("{log}", log)).name for pattern in chamber.files]
+    names = sorted(found.name for found in path.parent.iterdir() if found.is_file())
+    return [name for name in names if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)]
+
+
+def _complete(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str]) -> Log | None:
+    """A log that has every column itself, as one from another place than the laboratory may; else none."""
+    try:
+        log = ingest.read_one(recipe, path, file, needed, optional)
+    except FrameError:
+        return None
+    return replace(log, notes=(*log.notes, "every column is in the log itself: no second logger was read"))
+
+
+def _second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
+    """The second logger's file in canonical columns, rows without a value left out and counted."""
     logs = Logs.model_validate({name: getattr(chamber, name) for name in Logs.model_fields})
     alone = recipe.model_copy(update={"logs": logs, "columns": chamber.columns, "exclude": (), "chamber": None})
     wanted = tuple(dict.fromkeys(("time_s", *chamber.provides, *([chamber.shared] if chamber.shared else []))))
-    second = ingest.read_one(alone, folder / names[0], names[0], wanted)
+    second = ingest.read_one(alone, path, path.name, wanted)
     bad = [name for name in wanted if not np.isfinite(values(second.frame, name)).all()]
     if bad:
         whole = np.isfinite(second.frame[list(wanted)].to_numpy(dtype=np.float64)).all(axis=1)
