@@ -34,6 +34,16 @@ class Fitted:
         return self.run.records[name]
 
 
+_CACHE: dict[str, Fitted] = {}
+
+
+def cached(name, factory):
+    """Return one of RUNS, fitted once a session whichever module asks first."""
+    if name not in _CACHE:
+        _CACHE[name] = fitted(name, factory.mktemp(f"fw-{name}"))
+    return _CACHE[name]
+
+
 def fitted(name, folder):
     """Fit one of RUNS to its shipped data set."""
     procedure, overrides = RUNS[name]

@@ -6,7 +6,7 @@ import pytest
 from calibkit.firmware import bounds, exact, formats, program, ranges, twin
 from calibkit.numeric import drift, thermal_drift
 from calibkit.stages import accel_results, fog_compensate, fog_levels, gyro_compensate, inclinometer_results
-from firmware_runs import MEMORYLESS, RUNS, fitted
+from firmware_runs import MEMORYLESS, RUNS, cached
 
 # every temperature that a thermometer of 16 bits over ±128 °C can say
 TEMPERATURES = np.arange(-(2**15), 2**15) / 256.0
@@ -16,14 +16,7 @@ FLOAT64_NOISE = {"drift_dph": 1e-11, "accel_x_g": 1e-14, "gyro_x_dps": 1e-11, "g
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     """Return a function that fits one of RUNS, once."""
-    folder, found = tmp_path_factory.mktemp("firmware"), {}
-
-    def run(name):
-        if name not in found:
-            found[name] = fitted(name, folder)
-        return found[name]
-
-    return run
+    return lambda name: cached(name, tmp_path_factory)
 
 
 def within_ranges(chain, rows, seed):

@@ -12,6 +12,7 @@ if TYPE_CHECKING:
 
 STATUS = {
     "TEMP_CLAMPED": "temperature outside the fitted range: the correction at its end was used",
+    "AIR_CLAMPED": "temperature of the air outside the range of the input: the end of the range was used",
     "RATE_CLAMPED": "rate outside its range: the end of the range was used",
     "GRADIENT_CLAMPED": "temperature gradient outside the fitted range: the correction at its end was used",
     "ACCEL_CLAMPED": "indication beyond the range of the input: its end was used",
@@ -93,7 +94,9 @@ def _structs(export: Export) -> str:
         lines += ["", "typedef struct { /* call @p_reset before the first update */"]
         lines += [f"    {word} {memory.source};" for memory in structure.memories]
         lines += [f"    {word} {slope.name}_history[{slope.length}];" for slope in structure.slopes]
-        lines += ["    @p_out last;", "    uint32_t updates;", "} @p_state;"]
+        lines.append("    @p_out last;")
+        lines += ["    uint32_t updates;"] if structure.counting else []
+        lines.append("} @p_state;")
     return "\n".join(lines) + "\n"
 
 
@@ -106,7 +109,7 @@ def _functions(export: Export) -> str:
     else:
         lines.append("/* forgets the past: the next update starts at rest, in equilibrium */")
         lines.append("void @p_reset(@p_state *state);")
-        if "DRIFT_LIMITED" in structure.flags:
+        if structure.summing:
             lines.append("/* sets the drift where a bias reference tells it, in the unit of the output */")
             lines.append(f"void @p_anchor(@p_state *state, {export.program.format.c_type} drift_dph);")
         lines.append(f"/* call it every {structure.interval_s:g} s; returns a status, of which 0 is all right */")

@@ -75,17 +75,18 @@ static uint32_t @p_finite(@real x)
     return ((x >= -@max) && (x <= @max)) ? 1U : 0U;
 }
 """,
-    "near": """
-/* whether a computed value is within the tolerance of the expected one; never for a NaN */
+}
+"""Floating point."""
+
+NEAR = """/* whether a computed value is within the tolerance of the expected one; never for a NaN */
 static uint32_t @p_near(@real found, @real expected, @real tolerance)
 {
     const @real difference = found - expected;
 
     return ((difference >= -tolerance) && (difference <= tolerance)) ? 1U : 0U;
 }
-""",
-}
-"""Floating point."""
+"""
+"""What the self-test of a floating format calls."""
 
 FIXED = {
     "limited": """

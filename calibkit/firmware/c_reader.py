@@ -32,7 +32,7 @@ def verify_source(name: str, content: bytes) -> str:
     """Check a source's digest and recompute its vectors from its own numbers; returns what it is."""
     text = c_text.unsealed(_ascii(name, content), name)
     program, stated = read(text, name)
-    again = vectors.recomputed(program, stated.inputs)
+    again = vectors.recomputed(program, stated.inputs, stated.updates)
     if (again.outputs, again.status) != (stated.outputs, stated.status):
         raise CoefficientError(f"{name}: its vectors are not those of its coefficients", hint="export it again")
     count, number = len(stated.status), program.format.name
@@ -51,11 +51,14 @@ def read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
         tables[table] = numbers[:4] if table in maps else numbers  # a fixed-point map has its shift behind
     try:
         inputs, outputs, status = (tables.pop(f"test_{side}") for side in ("in", "out", "status"))
+        updates = tables.pop("test_updates", (1,) * len(status))
     except KeyError as error:
         raise CoefficientError(f"{name}: no table {error}", hint="export it again") from None
     names_in = [entry.name for entry in bare.structure.inputs]
     names_out = [output.name for output in bare.structure.outputs]
-    stated = vectors.Vectors(_columns(names_in, inputs), _columns(names_out, outputs), tuple(map(int, status)))
+    stated = vectors.Vectors(
+        _columns(names_in, inputs), tuple(map(int, updates)), _columns(names_out, outputs), tuple(map(int, status))
+    )
     return layout.program(lines, tables, name), stated
 
 

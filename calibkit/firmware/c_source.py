@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from calibkit.firmware import c_helpers, c_steps, c_text, layout
+from calibkit.firmware import c_helpers, c_steps, c_text, layout, vectors
 from calibkit.firmware.chain import Limit, Map, Select, Slope, Sum
 
 if TYPE_CHECKING:
@@ -25,6 +25,9 @@ FLOAT_GUARD = """#include <float.h>
 #endif
 """
 """Refuses compilers that take every number for finite."""
+
+COUNTED = ("        if (state->updates < UINT32_MAX) {", "            state->updates++;", "        }")
+"""Counts the updates, and never starts anew."""
 
 
 def render(export: Export) -> str:
@@ -212,8 +215,9 @@ def _reset(export: Export) -> str:
         lines.append("    }")
     lines += [f"    state->{memory.source} = {zero};" for memory in structure.memories]
     lines += [f"    state->last.{output.name} = {last};" for output in structure.outputs]
-    lines += ["    state->updates = 0U;", "}", ""]
-    if "DRIFT_LIMITED" in structure.flags:
+    lines += ["    state->updates = 0U;"] if structure.counting else []
+    lines += ["}", ""]
+    if structure.summing:
         places = export.program.word - export.program.format.bits
         value = "drift_dph"
         if export.program.format.fixed and places:
@@ -244,9 +248,7 @@ def _update(export: Export) -> str:
         *(f"        {line}" for line in (*_sides(export), *_chain(export))),
         "",
         *(f"        state->{memory.source} = {memory.source};" for memory in structure.memories),
-        "        if (state->updates < UINT32_MAX) {",
-        "            state->updates++;",
-        "        }",
+        *(COUNTED if structure.counting else []),
         *(f"        {line}" for line in _results(export)),
         "        state->last = *out;",
         "    }",
@@ -266,28 +268,37 @@ def _selftest(export: Export) -> str:
         else:
             tolerance = export.program.format.text(tolerance_of(export, output.name))
             checks.append(f"(@p_near(out.{output.name}, @p_test_out[k].{output.name}, {tolerance}) == 0U)")
-    call = "@p_correct(&@p_test_in[k], &out)"
     memory = structure.interval_s is not None
+    calls = ["        const uint32_t status = @p_correct(&@p_test_in[k], &out);"]
     if memory:
-        call = "@p_update(&state, &@p_test_in[k], &out)"
+        calls = [
+            "        uint32_t status = @P_OK;",
+            "        uint32_t n;",
+            "",
+            *(["        @p_reset(&state);"] if structure.summing else []),
+            "        for (n = 0U; n < @p_test_updates[k]; n++) {",
+            "            status = @p_update(&state, &@p_test_in[k], &out);",
+            "        }",
+        ]
     lines = [
         "#ifndef CAL_NO_SELFTEST",
         f"#define @P_TESTS {rows}U",
         "",
+        *([] if export.program.format.fixed else [c_helpers.NEAR]),
         *_rows(export, "in", [entry.name for entry in structure.inputs]),
         *_rows(export, "out", [output.name for output in structure.outputs]),
-        "static const uint32_t @p_test_status[@P_TESTS] = {"
-        + ", ".join(f"0x{status:x}U" for status in export.vectors.status)
-        + "};",
+        *([_words("updates", [f"{count}U" for count in export.vectors.updates])] if memory else []),
+        _words("status", [f"0x{status:x}U" for status in export.vectors.status]),
         "",
         "int32_t @p_selftest(void)",
         "{",
         "    int32_t failed = 0;",
         "    uint32_t k;",
-        *(["    @p_state state;", "", "    @p_reset(&state);"] if memory else [""]),
+        *(["    @p_state state;"] if memory else []),
+        *(["", "    @p_reset(&state);"] if memory and not structure.summing else [""]),
         "    for (k = 0U; k < @P_TESTS; k++) {",
         "        @p_out out;",
-        f"        const uint32_t status = {call};",
+        *calls,
         "",
         "        if (" + "\n            || ".join(checks) + ") {",
         "            failed = 1;",
@@ -300,10 +311,17 @@ def _selftest(export: Export) -> str:
     return "\n".join(lines) + "\n"
 
 
+def _words(name: str, texts: list[str]) -> str:
+    """Table of one word a vector."""
+    rows = (", ".join(texts[k : k + 12]) for k in range(0, len(texts), 12))
+    return f"static const uint32_t @p_test_{name}[@P_TESTS] = {{\n    " + ",\n    ".join(rows) + "\n};"
+
+
 def tolerance_of(export: Export, output: str) -> float:
     """Difference that the self-test allows: both sides may be off by the bound, which a sum adds up."""
-    summed = len(export.vectors.status) if "DRIFT_LIMITED" in export.chain.structure.flags else 1
-    return float(f"{2.0 * export.bounds[output] * summed:.2g}")
+    summed = vectors.SUMMED if export.chain.structure.summing else 1
+    jumps = 2.0 if export.chain.condition else 1.0  # the test's temperatures jump, which the bound leaves out
+    return float(f"{2.0 * jumps * export.bounds[output] * summed:.2g}")
 
 
 def _rows(export: Export, side: str, names: list[str]) -> list[str]:

@@ -61,7 +61,7 @@ def _bounds(export: Export) -> list[str]:
 
 def _each(export: Export) -> str:
     """What the bound of a sum is per."""
-    return " for each update" if "DRIFT_LIMITED" in export.chain.structure.flags else ""
+    return " for each update" if export.chain.structure.summing else ""
 
 
 def ascii_only(text: str) -> str:

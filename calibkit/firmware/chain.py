@@ -157,6 +157,16 @@ class Structure:
         return tuple(dict.fromkeys(flag for flag in named if flag))
 
     @property
+    def summing(self) -> bool:
+        """Whether the result is a sum of increments, whose error grows with every update."""
+        return "DRIFT_LIMITED" in self.flags
+
+    @property
+    def counting(self) -> bool:
+        """Whether a result hangs on the number of updates since the reset."""
+        return bool(self.slopes) or any(memory.start == "same" for memory in self.memories)
+
+    @property
     def memories(self) -> tuple[Memory, ...]:
         """What is kept from update to update, but for the values that slopes keep."""
         return tuple(step for step in self.steps if isinstance(step, Memory))

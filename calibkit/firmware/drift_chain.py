@@ -20,6 +20,8 @@ if TYPE_CHECKING:
 CASE = "temperature of the sensor case, mean of the interval"
 AIR = "temperature of the air around the sensor, mean of the interval"
 STATIC = ("b0", "b1", "b2", "b3")
+WIDEST = 2
+"""Halves of the fitted range that the word of an input reaches from its middle."""
 FASTEST = 2
 """Times the largest fitted rate up to which the printed error bound of a chain with memory holds."""
 LEAST_SAMPLES = 4
@@ -56,8 +58,8 @@ def _output(draft: Draft, source: str) -> None:
 def _case(draft: Draft, model: Model) -> tuple[Fraction, Fraction]:
     """Case temperature x, followed beyond the fitted range, and its middle and half [°C]."""
     middle, half = exact.span(*model.valid["temp_case_degc"])
-    reach = (middle - BEYOND * half, middle + BEYOND * half)
-    draft.input("temp_case_degc", "degC", CASE, reach, "TEMP_CLAMPED")
+    reach = (middle - WIDEST * half, middle + WIDEST * half)
+    draft.input("temp_case_degc", "degC", CASE, reach)  # the map limits it, and says so
     return draft.map("x", "temp_case_degc", model.valid["temp_case_degc"], flag="TEMP_CLAMPED", beyond=BEYOND)
 
 
@@ -198,7 +200,7 @@ def _level(model: Model, reference_degc: float) -> Chain:
     if gradient or gradient_rate:
         scale = _largest(model, "gradient_degc")
         reach = (middle - 2 * BEYOND * half, middle + 2 * BEYOND * half)
-        draft.input("temp_env_degc", "degC", AIR, reach, "TEMP_CLAMPED")
+        draft.input("temp_env_degc", "degC", AIR, reach, "AIR_CLAMPED")
         draft.sum("apart", factor("temp_case_degc"), factor("temp_env_degc", -1))
         table = draft.table("wide_gradient_map", (Fraction(0), 1 / scale, Fraction(-2), Fraction(2)))
         draft.steps.append(Map("wide_gradient", "apart", table, "GRADIENT_CLAMPED"))
@@ -252,10 +254,10 @@ def _recursive(models: Sequence[Model]) -> Chain:
     middle, half = exact.span(min(low for low, _ in cases), max(high for _, high in cases))
     reach = (middle - 2 * half, middle + 2 * half)
     draft.input("temp_case_degc", "degC", CASE, reach, "TEMP_CLAMPED")
-    draft.input("temp_env_degc", "degC", AIR, reach, "TEMP_CLAMPED")
+    draft.input("temp_env_degc", "degC", AIR, reach, "AIR_CLAMPED")
     fastest = 4 * max(_largest(model, "temp_rate_degc_min") for model in models)
     meaning = "rate of the air, slope by least squares over the 60 s before the end of the interval"
-    draft.input("temp_env_rate_degc_min", "degC/min", meaning, (-fastest, fastest), "RATE_CLAMPED")
+    draft.input("temp_env_rate_degc_min", "degC/min", meaning, (-fastest, fastest))  # the sides limit it, and say so
     draft.sum("apart", factor("temp_case_degc"), factor("temp_env_degc", -1))
     selected = [case for model in models for case in _side(draft, model)]
     draft.steps.append(Select("increment", "temp_env_rate_degc_min", tuple(selected), "HELD"))

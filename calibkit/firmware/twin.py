@@ -7,7 +7,7 @@ none. Every value is an array over lanes, so that one call runs many instants of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, TypeAlias
 
 import numpy as np
 
@@ -21,8 +21,8 @@ if TYPE_CHECKING:
     from calibkit.firmware.chain import Case, Step, Term
     from calibkit.firmware.program import Program
 
-    Words = NDArray[Any]
-    """Floats of the program's format, or words of a fixed-point format as int64."""
+Words: TypeAlias = "NDArray[Any]"
+"""Floats of the program's format, or words of a fixed-point format as int64."""
 
 INVALID = 1 << 15
 """Status of an input that is not a number, or the word that stands for none."""
