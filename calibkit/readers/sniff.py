@@ -121,8 +121,6 @@ def dialect(text: str, encoding: str, file: str, spec: TextSpec, names: Sequence
         lines.pop()
     if spec.footer_lines:
         lines = lines[: -spec.footer_lines] if len(lines) < HEAD_LINES else lines
-    if spec.comment:
-        lines = ["" if line.startswith(spec.comment) else line for line in lines]
     found = [_read_as(lines, delimiter, spec, names) for delimiter in _delimiters(spec)]
     best = max((layout for layout in found if layout is not None), key=lambda layout: layout.score, default=None)
     if best is None:

@@ -24,7 +24,7 @@ from calibkit.readers import encoding as encodings
 from calibkit.readers.table import FIRST_ROW, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection
     from pathlib import Path
 
     import pandas as pd
@@ -52,9 +52,9 @@ def parse(data: bytes, file: str, logs: Logs, needed: Collection[str]) -> Table:
 
 def table(text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed: Collection[str]) -> Table:
     """The table of a log's characters in a known dialect."""
-    lines, accounts = _rows(text, file, found, logs.text.footer_lines)
-    body, separator = _cut(lines, found)
-    body = body if text.endswith("\n") or logs.text.footer_lines else body.removesuffix(b"\n")
+    rows, accounts = _rows(text, file, found, logs.text.footer_lines)
+    body, separator = _cut(rows, found)
+    body += b"" if text.endswith(rows) else b"\n"  # whether the last row has a line end of its own
     first = found.first_line
     delimited.count_fields(body, len(found.columns), file, separator.encode(), first)
     kinds = {number: _stored(column, needed) for number, column in enumerate(found.columns)}
@@ -62,8 +62,9 @@ def table(text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed:
     frame, words = _numbers(body, kinds, found, file, separator, missing)
     frame.columns = list(found.names)
     frame.index = frame.index + first - FIRST_ROW
-    if len(frame) != len(lines):
-        raise LogFormatError(f"{file}: {len(lines)} lines gave {len(frame)} rows", hint="report this log as a fault")
+    if len(frame) != rows.count("\n") + 1:
+        lines = rows.count("\n") + 1
+        raise LogFormatError(f"{file}: {lines} lines gave {len(frame)} rows", hint="report this log as a fault")
     units = {column.name: column.unit for column in found.columns if column.unit}
     notes = (*_missing_words(frame, words, missing), *delimited.last_line(body, file, separator, found.decimal, first))
     return Table(file, sha256, frame, notes, (*found.lines(), *accounts), units)
@@ -74,38 +75,51 @@ def _stored(column: sniff.ColumnGuess, needed: Collection[str]) -> str:
     return "float64" if delimited.wanted(column.name, needed) and column.kind != "time" else "str"
 
 
-def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[list[str], tuple[str, ...]]:
-    """Lines of the rows, and what the other lines are."""
-    lines = text.split("\n")
-    total = len(lines) - (lines[-1] == "")
-    last = len(lines)
-    while last and not lines[last - 1].strip():
-        last -= 1
-    blank = total - last
-    rows = lines[found.first_line - 1 : last - footer]
-    if not rows:
+def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple[str, ...]]:
+    """Lines of the rows, parted by line ends, and what the other lines are."""
+    start = 0
+    for _ in range(found.first_line - 1):
+        start = text.find("\n", start) + 1
+    filled = len(text.rstrip())
+    end = text.find("\n", filled) if "\n" in text[filled:] else len(text)
+    blank = text.count("\n", end) - 1 + (not text.endswith("\n"))
+    for _ in range(footer):
+        end = text.rfind("\n", 0, max(end, 0))
+    if end <= start:
         raise LogFormatError(
             f"{file}: a header but no rows", hint="expected one row an instant; remove it or copy it again"
         )
-    said = [f"{total} lines: {found.skip_lines} above the header, {found.header_lines} of header, {len(rows)} rows"]
+    body = text[start:end]
+    rows, total = body.count("\n") + 1, text.count("\n") + (not text.endswith("\n"))
+    said = [f"{total} lines: {found.skip_lines} above the header, {found.header_lines} of header, {rows} rows"]
     said += [f"{blank} blank lines at the end"] if blank > 0 else []
     said += [f"{footer} lines of footer (from the recipe)"] if footer else []
-    return rows, tuple(said)
+    return body, tuple(said)
 
 
-def _cut(lines: Sequence[str], found: Dialect) -> tuple[bytes, str]:
+def _cut(body: str, found: Dialect) -> tuple[bytes, str]:
     """Rows as bytes with one separator between fields, and that separator."""
-    body = "\n".join(lines) + "\n"
+    if found.delimiter == "fixed" or ('"' in body and found.delimiter != "space"):
+        cut = (tokens.split(line, found.delimiter, found.widths) for line in body.split("\n"))
+        return "\n".join(SEPARATOR.join(fields) for fields in cut).encode(), SEPARATOR
+    data = body.encode()
+    signs = b"+ " in data or b"- " in data
     if found.delimiter == "space":
-        body = re.sub(r"(?m)(?<![^\s])([+-]) +(?=[\d.,])", r"\1", body)
-        body = re.sub(r"[ \t]+", SEPARATOR, re.sub(r"(?m)^[ \t]+|[ \t]+$", "", body))
-        return body.encode(), SEPARATOR
-    if found.delimiter == "fixed" or '"' in body:
-        cut = (tokens.split(line, found.delimiter, found.widths) for line in lines)
-        return ("\n".join(SEPARATOR.join(fields) for fields in cut) + "\n").encode(), SEPARATOR
-    # `+ 0.081`: a blank after the sign is the instrument's, not the number's
-    body = re.sub(r"(?m)(^|" + re.escape(found.delimiter) + r")([ ]*[+-]) +(?=[\d.,])", r"\1\2", body)
-    return body.encode(), found.delimiter
+        data = re.sub(rb"(?m)(?<![^\s])([+-]) +(?=[\d.,])", rb"\1", data) if signs else data
+        if (
+            data[:1] in b" \t"
+            or b"\t" in data
+            or any(odd in data for odd in (b"  ", b"\n ", b" \n"))
+            or data[-1:] == b" "
+        ):
+            data = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", data)
+            return re.sub(rb"[ \t]+", SEPARATOR.encode(), data), SEPARATOR
+        return data, " "
+    if signs:
+        # `+ 0.081`: a blank after the sign is the instrument's, not the number's
+        mark = re.escape(found.delimiter).encode()
+        data = re.sub(rb"(?m)(^|" + mark + rb")([ ]*[+-]) +(?=[\d.,])", rb"\1\2", data)
+    return data, found.delimiter
 
 
 def _numbers(

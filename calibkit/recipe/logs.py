@@ -40,7 +40,6 @@ class TextSpec(Table):
     skip_lines: Count | Auto = "auto"
     header_lines: Annotated[int, Field(ge=0, le=2)] | Auto = "auto"
     footer_lines: Count = 0
-    comment: str = ""
     widths: Annotated[tuple[Annotated[int, Field(ge=1)], ...], Field(strict=False)] = ()
 
     @model_validator(mode="after")
