@@ -172,9 +172,10 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
         ingest.known_names(spec, files)
         outcomes = [examination.of(procedure, spec, data, file) for file in files]
     reports = [outcome.report for outcome in outcomes]
-    for file, copy in examination.copies(reports):
+    for file, finding in examination.together(outcomes):
         reports = [
-            replace(report, findings=(*report.findings, copy)) if report.file == file else report for report in reports
+            replace(report, findings=(*report.findings, finding)) if report.file == file else report
+            for report in reports
         ]
     if figure is not None:
         from calibkit.report import figures, logs

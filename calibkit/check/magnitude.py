@@ -12,7 +12,7 @@ from calibkit.frame import Finding, Log, values
 from calibkit.numeric import segments
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -34,6 +34,14 @@ SLOWEST_DEGC_MIN, FASTEST_DEGC_MIN = 0.03, 100.0
 """Rates at which chambers do not change."""
 G_OF_UNIT = {"m/s^2": 9.80665, "mg": 1000.0, "ug": 1e6}
 """Length of gravity in units that are taken for g."""
+ALIKE_LOGS = 3
+"""Other logs that a log's drift is compared with, at least."""
+ALIKE = 0.3
+"""Median deviation of their slopes, of their median, up to which they agree."""
+COMPENSATED_SHARE = 0.4
+"""Share of the others' slope below which a log looks compensated; on 64 simulated ramps it is 0.77 to 1.25."""
+PARTS = 100
+"""Block means of a log that are held against the drift taken off it."""
 COMPENSATED = re.compile(r"comp(?!are|ass|ute|onent|lete)|correct|补偿|修正|校正|kompens|korrig", re.IGNORECASE)
 """Words in a column's name that say it was corrected before."""
 
@@ -168,6 +176,62 @@ def compensated(log: Log, recipe: Recipe, columns: Sequence[str]) -> list[Findin
                 )
             )  # fmt: skip
     return found
+
+
+def drift_slope(case: Array, indication: Array) -> float:
+    """Slope [°/h/K] of an indication [n, °/h] over the case temperature [n, °C] by least squares; 0 where it stands still."""
+    above = case - case.mean()
+    power = float(above @ above)
+    return float(above @ indication) / power if power > 0.0 else 0.0
+
+
+def compensated_before(slopes: Mapping[str, float]) -> list[tuple[str, Finding]]:
+    """Logs whose drift over temperature is missing, or the other way round, while that of all others agrees.
+
+    Of one instrument the slopes [°/h/K] of at least four logs are compared, each with the median of the others.
+    """
+    found = []
+    for file, slope in slopes.items():
+        others = np.array([value for name, value in slopes.items() if name != file])
+        if others.size < ALIKE_LOGS:
+            continue
+        usual = float(np.median(others))
+        agree = float(np.median(np.abs(others - usual))) < ALIKE * abs(usual)
+        if agree and slope / usual < COMPENSATED_SHARE:
+            what = f"the indication moves by {slope:.3g} deg/h/°C, that of the other logs by {usual:.3g}"
+            advice = (
+                "it may have been compensated before: take the log as it was measured, or leave it out with [[exclude]]; "
+                "never compensate twice"
+            )
+            share = slope / usual
+            place = f"{file}: column 'gyro_dph'"
+            expected = "logs of one gyro to drift alike"
+            found.append((file, Finding(place, what, expected, advice, "warn", "double_compensation", figure=share)))
+    return found
+
+
+def undrifting(file: str, predicted: Array, indication: Array) -> list[str]:
+    """Flag for a log [n, °/h] that does not show the drift [n, °/h] that is about to be taken off it.
+
+    The indication is held against the prediction by a straight line through a hundred block means.
+    """
+    if predicted.size < 10 * PARTS:
+        return []
+    edges = np.linspace(0, predicted.size, PARTS + 1).astype(np.int64)[:-1]
+    count = np.diff(np.append(edges, predicted.size))
+    x, y = (np.add.reduceat(values, edges) / count for values in (predicted, indication))
+    power = float(np.sum((x - x.mean()) ** 2))
+    if power == 0.0:
+        return []
+    gain = drift_slope(x, y)
+    left = y - y.mean() - gain * (x - x.mean())
+    # blocks of one log are not independent: a tenth of them counts
+    uncertainty = float(np.sqrt(np.mean(left**2) * 10.0 / power))
+    if gain + 3.0 * uncertainty > COMPENSATED_SHARE:
+        return []
+    share = f"{gain:.2f} ± {3.0 * uncertainty:.2f}"
+    said = f"{file}: the log follows the drift of this run's model with a gain of {share}, expected 1"
+    return [f"{said}: it may have been compensated before, and must not be twice; or it is another gyro's"]
 
 
 def _warn(log: Log, column: str, what: str, expected: str, advice: str, name: str, figure: float) -> Finding:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.check import bridged
+from calibkit.check import bridged, magnitude
 from calibkit.coefficients import Criterion
 from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, values
@@ -62,6 +62,8 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     flags = [flag for result in results[1:] for flag in result.flags]
     stated = fog_uncertainty.stated(model, prepared, spec.type_b)
     flags += fog_uncertainty.unused(spec.type_b)
+    slopes = {log.source.name: magnitude.drift_slope(log.raw.case, log.raw.indication) for log in prepared}
+    flags += [str(finding) for _, finding in magnitude.compensated_before(slopes)]
     tested = fog_report.tested(choices, levels, export)
     criteria = _fit_criteria(spec, export, figures)
     summary = fog_report.summary(spec.title, figures, ramps, tested, stated, flags, criteria)
@@ -133,7 +135,8 @@ def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> 
     log = ingest.read_log(spec, data, data.name, fog_ramps.COLUMNS)
     refuse(fog_ramps.usable(log))
     output, flags = fog_compensate.compensated(log, model, spec)
-    flags = (*bridged(log), *flags)
+    gyro = values(log.frame, "gyro_dph")
+    flags = (*bridged(log), *magnitude.undrifting(log.file, gyro - output, gyro), *flags)
     added = {}
     if spec.output.rate_uncertainty:
         added["gyro_standard_uncertainty_dph"] = fog_compensate.uncertainty(log, model, spec)

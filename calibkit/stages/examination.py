@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from calibkit.check import facts
+from calibkit.check import facts, magnitude
 from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
 from calibkit.frame import Finding, values
@@ -39,6 +39,8 @@ class Outcome:
 
     report: LogReport
     figure: LogFigure | None
+    drift_slope: float | None = None
+    """Slope of a gyro's indication over its case temperature [°/h/K], where both were read whole."""
 
 
 def of(procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = pieces.LARGEST) -> Outcome:
@@ -67,7 +69,20 @@ def of(procedure: Examiner, spec: object, data: Path, file: str, *, largest: int
         findings, whole = (*seen[0].findings, *rest), seen[0].facts
     held = tuple(_condition(log, part) for part in found)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
-    return Outcome(report, _figure(log, held, findings))
+    return Outcome(report, _figure(log, held, findings), None if report.refused else _drift_slope(log))
+
+
+def _drift_slope(log: Log) -> float | None:
+    """Slope of the indication over the case temperature; none where the log has not both."""
+    if not {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(log.frame.columns):
+        return None
+    return magnitude.drift_slope(values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph"))
+
+
+def together(outcomes: Sequence[Outcome]) -> list[tuple[str, Finding]]:
+    """What only several logs show: copies, and logs that do not drift like the others."""
+    slopes = {outcome.report.file: outcome.drift_slope for outcome in outcomes if outcome.drift_slope is not None}
+    return [*copies([outcome.report for outcome in outcomes]), *magnitude.compensated_before(slopes)]
 
 
 def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:
