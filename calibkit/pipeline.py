@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.verify import Verified
     from calibkit.check.report import LogReport
     from calibkit.firmware.export import Export
     from calibkit.procedures import Fitted, Progress
@@ -301,7 +302,22 @@ def export(run: store.Run, target: str, number: str, prefix: str, out: Path, *, 
     return [out / name for name in sorted(files)]
 
 
+def verified(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
+    """Check a file that calibkit wrote; returns what it is, and of a certificate what should be known of it."""
+    from calibkit.certificate import verify as certificates
+
+    if path.is_file() and certificates.is_certificate(path):
+        return certificates.verify(path, trust, schema_dir)
+    return certificates.Verified(_what(path))
+
+
 def verify(path: Path) -> str:
+    """Check a file that calibkit wrote; returns in one line what it is."""
+    found = verified(path)
+    return "; ".join((found.what, *found.warnings))
+
+
+def _what(path: Path) -> str:
     """Check the digests of calibkit's files and recompute the vectors of its exports; returns what a file is."""
     if path.is_dir():
         run = store.load(path)

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 from calibkit import __version__, coefficients
 from calibkit.certificate import dcc_check, dcc_results
 from calibkit.certificate import dcc_xml as xml
-from calibkit.certificate.content import Attachment
+from calibkit.certificate.content import Attachment, Relationship
 from calibkit.certificate.dcc_units import dsi
 from calibkit.certificate.dcc_xml import add
 from calibkit.certificate.words import Words, unit_mark
@@ -32,6 +32,12 @@ if TYPE_CHECKING:
 FILE = "dcc.xml"
 VERSION = "3.3.0"
 RELEASE = f"v{__version__}"
+DESCRIBED: tuple[str, Relationship, str] = (
+    "application/xml",
+    "alternative",
+    f"digital calibration certificate, DCC {VERSION}",
+)
+"""Media type, what the file is to the PDF, and what it is called there."""
 NO_COUNTRY = "ZZ"
 """User-assigned code of ISO 3166-1 that stands for an unknown country."""
 NO_DATE = "0001-01-01"
@@ -52,7 +58,7 @@ def attachment(certificate: Certificate, lang: Lang, schema_dir: Path | None = N
     dcc_check.structure(made)
     if schema_dir is not None:
         dcc_check.schema(made, schema_dir)
-    return Attachment(FILE, made, "application/xml", "alternative", f"digital calibration certificate, DCC {VERSION}")
+    return Attachment(FILE, made, *DESCRIBED)
 
 
 def render(certificate: Certificate, lang: Lang) -> bytes:

@@ -39,7 +39,7 @@ def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = (), mor
         raise UsageError(
             f"--lang {lang} needs a font with Chinese", hint='name one in the profile: [certificate] fonts = ["…"]'
         )
-    document = _cleaned(sheet(certificate, lang))
+    document = cleaned(sheet(certificate, lang))
     attached = [
         {
             "name": a.name,
@@ -124,10 +124,10 @@ def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
     return families
 
 
-def _cleaned(document: dict[str, Any]) -> dict[str, Any]:
+def cleaned(document: dict[str, Any]) -> dict[str, Any]:
     """The sheet without control characters and overrides of direction, long words with places to break."""
-    cleaned: dict[str, Any] = _mapped(document, lambda text: _breakable("".join(map(_safe, text))))
-    return cleaned
+    made: dict[str, Any] = _mapped(document, lambda text: _breakable("".join(map(_safe, text))))
+    return made
 
 
 def _safe(character: str) -> str:

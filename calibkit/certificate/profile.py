@@ -202,4 +202,9 @@ def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, s
         except (OSError, UnicodeDecodeError) as error:
             raise RecipeError(f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile") from None
     said = "".join(f"# --set {override}\n" for override in overrides)
-    return loader.table(loader.Source(name, text, overrides), Profile), text + said
+    return parsed(name, text, overrides), text + said
+
+
+def parsed(name: str, text: str, overrides: tuple[str, ...] = ()) -> Profile:
+    """Profile of a text; RecipeError with every fault, one a line."""
+    return loader.table(loader.Source(name, text, overrides), Profile)

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pathlib import Path
+from typing import Any
 
 import click
 
@@ -15,22 +16,29 @@ ON = click.option("--date", default=None, metavar="YYYY-MM-DD", help="of a SERIA
 
 @click.command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.option(
+    "--trust", multiple=True, type=click.Path(path_type=Path), help="certificate whose signatures are trusted"
+)
+@click.option("--schema-dir", type=click.Path(path_type=Path), help="folder with dcc.xsd, to hold DCCs against it")
 @JSON
-def verify(files: tuple[Path, ...], *, as_json: bool) -> int:
-    """Check the digests of coefficient files, validations, run folders and exports; recompute the exports' vectors.
+def verify(files: tuple[Path, ...], trust: tuple[Path, ...], schema_dir: Path | None, *, as_json: bool) -> int:
+    """Check what calibkit wrote: digests, an export's vectors, a certificate's signature, attachments and printed numbers.
 
     \b
+    calibkit verify certificate.pdf --trust laboratory.pem
     calibkit verify runs/FOG-0001/r001
     calibkit verify drift_rate.json validation.json firmware/gyro.c
     """
     from calibkit import pipeline
 
-    results, worst = [], 0
+    results: list[dict[str, Any]] = []
+    worst = 0
     for path in files:
         try:
-            results.append({"file": str(path), "ok": True, "what": pipeline.verify(path)})
+            found = pipeline.verified(path, trust, schema_dir)
+            results.append({"file": str(path), "ok": True, "what": found.what, "warnings": list(found.warnings)})
         except CalibkitError as error:
-            results.append({"file": str(path), "ok": False, "what": str(error)})
+            results.append({"file": str(path), "ok": False, "what": str(error), "warnings": []})
             worst = max(worst, error.exit_code)
     if as_json:
         print_json({"ok": worst == 0, "files": results})
@@ -39,6 +47,8 @@ def verify(files: tuple[Path, ...], *, as_json: bool) -> int:
             click.echo(
                 f"{'ok    ' if result['ok'] else 'FAILED'} {result['file']}: {result['what']}", err=not result["ok"]
             )
+            for warning in result["warnings"]:
+                click.echo(f"! {result['file']}: {warning}", err=True)
     return worst
 
 

@@ -1,0 +1,255 @@
+"""A certificate checked by itself: signature, attachments, digests, and that what is printed follows from what is attached.
+
+The attached files are all that a certificate is made from. So it is made again from them, as a record, and both its DCC and
+the text of its pages are held against that. An unsigned certificate can be checked so far and no further: nobody knows who
+made it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import io
+import math
+import tempfile
+from dataclasses import dataclass, replace
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from calibkit import coefficients, store
+from calibkit.certificate import as_found, content, dcc, dcc_check, pdf, profile, sheet, verify_signature, verify_text
+from calibkit.certificate.content import Attachment
+from calibkit.certificate.dcc_xml import NAMES
+from calibkit.certificate.sign import quiet
+from calibkit.errors import CalibkitError, CoefficientError, OutputError
+
+if TYPE_CHECKING:
+    import datetime as dt
+    from collections.abc import Iterator, Mapping, Sequence
+
+    from lxml.etree import _Element
+
+    from calibkit.certificate.words import Lang
+
+MAGIC = b"%PDF-"
+MOST = 6
+"""Faults that a message lists."""
+VALIDATION, PROFILE = "validation.json", "profile.toml"
+OVERRIDE = "# --set "
+SAME = 1e-9
+"""Relative difference up to which a number recomputed on another machine is the same: far below any printed digit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Verified:
+    """What a certificate is, and what should be known of it though nothing is wrong."""
+
+    what: str
+    warnings: tuple[str, ...] = ()
+
+
+def is_certificate(path: Path) -> bool:
+    """Whether a file is to be checked as a certificate: by its name, or because it is a PDF."""
+    if path.suffix.lower() == ".pdf":
+        return True
+    with path.open("rb") as stream:
+        return stream.read(len(MAGIC)) == MAGIC
+
+
+def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
+    """Check a certificate; raises CoefficientError that lists what is wrong, OutputError where a library is absent."""
+    document = path.read_bytes()
+    signatures = verify_signature.signatures(document, verify_signature.trust_roots(trust))
+    faults = [fault for one in signatures for fault in one.faults]
+    warnings = [warning for one in signatures for warning in one.warnings]
+    try:
+        pages, attached, twice = _read(document)
+    except CalibkitError:
+        raise
+    except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
+        raise _failed(path, [*faults, f"the PDF cannot be read: {type(error).__name__}"]) from None
+    if not {store.RUN_FILE, dcc.FILE} & attached.keys():
+        raise _failed(path, [*faults, "no run.json and no dcc.xml is attached: not a certificate of calibkit"])
+    faults += [f"{name} is attached twice" for name in twice]
+    faults += _digests(attached, pages)
+    count, draft = 0, False
+    if not faults:
+        more, count, draft = _remade(attached, pages, schema_dir)
+        faults += more
+    if faults:
+        raise _failed(path, faults)
+    if not signatures:
+        warnings.append("not signed: nothing says who made it")
+    if draft:
+        warnings.append("a DRAFT: not a calibration certificate")
+    return Verified(_what(attached, signatures, count), tuple(warnings))
+
+
+def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:
+    """The error that lists faults."""
+    listed = list(dict.fromkeys(faults))
+    more = f"; and {len(listed) - MOST} more" if len(listed) > MOST else ""
+    return CoefficientError(
+        f"{path}: {'; '.join(listed[:MOST])}{more}", hint="do not rely on it; ask the laboratory for the original"
+    )
+
+
+def _read(document: bytes) -> tuple[list[str], dict[str, bytes], list[str]]:
+    """Text of every page, every attached file, and the names that are attached more than once."""
+    try:
+        from pypdf import PdfReader
+    except ImportError:
+        raise OutputError("certificates are read with pypdf", hint=verify_signature.INSTALL) from None
+    with quiet():
+        reader = PdfReader(io.BytesIO(document))
+        pages = [page.extract_text() for page in reader.pages]
+        found = {name: list(contents) for name, contents in reader.attachments.items()}
+    return pages, {name: contents[0] for name, contents in found.items()}, [n for n, c in found.items() if len(c) > 1]
+
+
+def _digests(attached: Mapping[str, bytes], pages: Sequence[str]) -> Iterator[str]:
+    """Attachments whose SHA-256 is not printed, or that are not what they or run.json say they are."""
+    text = verify_text.compact("".join(pages))
+    for name, data in attached.items():
+        if hashlib.sha256(data).hexdigest() not in text:
+            yield f"{name}: the attached file is not the one whose SHA-256 is printed"
+    for name in (store.RUN_FILE, dcc.FILE):
+        if name not in attached:
+            yield f"{name} is not attached"
+    try:
+        run = _document(attached)
+    except CoefficientError as error:
+        yield error.message
+        return
+    stated = {entry["name"]: entry["sha256"] for entry in run["files"]}
+    for name, digest in stated.items():
+        if name.endswith(".json") and name not in attached:
+            yield f"{name} is not attached"
+        elif name in attached and hashlib.sha256(attached[name]).hexdigest() != digest:
+            yield f"{name}: the attached file is not the one that run.json lists"
+    for name in attached.keys() - stated.keys() - {store.RUN_FILE, dcc.FILE, VALIDATION, PROFILE}:
+        yield f"{name} does not belong to the run"
+    yield from _records(attached, run)
+
+
+def _records(attached: Mapping[str, bytes], run: Mapping[str, Any]) -> Iterator[str]:
+    """Coefficient files that are damaged, changed, or of another run."""
+    for name in sorted(attached.keys() & {entry["name"] for entry in run["files"]}):
+        try:
+            record = coefficients.loads(attached[name].decode("utf-8"), name)
+        except (CoefficientError, UnicodeDecodeError) as error:
+            yield getattr(error, "message", f"{name}: not UTF-8 text")
+            continue
+        if (record.serial, record.revision) != (run["serial"], run["revision"]):
+            yield f"{name}: of {record.serial} r{record.revision:03d}, not of this run"
+
+
+def _document(attached: Mapping[str, bytes]) -> dict[str, Any]:
+    """The attached run.json, or CoefficientError."""
+    data = attached.get(store.RUN_FILE, b"").decode("utf-8", errors="replace")
+    return coefficients.unseal(data, store.RUN_FILE, store.RUN_FORMATS)
+
+
+def _remade(
+    attached: Mapping[str, bytes], pages: Sequence[str], schema_dir: Path | None
+) -> tuple[list[str], int, bool]:
+    """What DCC and pages say otherwise than a certificate made from the attached files; how many rows agree; whether a DRAFT."""
+    stated = attached[dcc.FILE]
+    try:
+        root = dcc_check.parse(stated)
+        dcc_check.structure(stated)
+        if schema_dir is not None:
+            dcc_check.schema(stated, schema_dir)
+        lang, issued, release = _facts(root)
+    except (OutputError, ValueError) as error:
+        return [str(getattr(error, "message", error))], 0, False
+    other = (
+        f" (made by calibkit {release}, checked by {dcc.RELEASE}: check it with that)" if release != dcc.RELEASE else ""
+    )
+    try:
+        certificate = rebuilt(attached, issued)
+        made = dcc.render(certificate, lang)
+    except (CalibkitError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
+        return [f"the attached files do not make a certificate: {error}{other}"], 0, False
+    faults = [f"{dcc.FILE}: {difference}{other}" for difference in _differences(root, dcc_check.parse(made))]
+    data = Attachment(dcc.FILE, stated, *dcc.DESCRIBED)
+    whole = replace(certificate, attachments=(*certificate.attachments, data))
+    missing, count = verify_text.faults(pdf.cleaned(sheet.sheet(whole, lang)), pages)
+    return [*faults, *(f"{fault}{other}" for fault in missing)], count, certificate.draft
+
+
+def _facts(root: _Element) -> tuple[Lang, dt.date, str]:
+    """Languages, date of issue, release of calibkit that a DCC states; ValueError where it states none."""
+    import datetime as dt
+
+    core = "dcc:administrativeData/dcc:coreData"
+    codes = {one.text for one in root.iterfind(f"{core}/dcc:usedLangCodeISO639_1", NAMES)}
+    lang: Lang = "both" if codes == {"en", "zh"} else "zh" if codes == {"zh"} else "en"
+    issued = dt.date.fromisoformat(root.findtext(f"{core}/dcc:issueDate", "", NAMES))
+    return lang, issued, root.findtext("dcc:administrativeData/dcc:dccSoftware/dcc:software/dcc:release", "", NAMES)
+
+
+def rebuilt(attached: Mapping[str, bytes], issued: dt.date) -> content.Certificate:
+    """The certificate that the attached files make."""
+    document = _document(attached)
+    names = [entry["name"] for entry in document["files"] if entry["name"] in attached]
+    records = {name: coefficients.loads(attached[name].decode("utf-8"), name) for name in names}
+    with tempfile.TemporaryDirectory(prefix="calibkit-") as made:
+        folder = Path(made)
+        for name in (*names, store.RUN_FILE):
+            (folder / Path(name).name).write_bytes(attached[name])
+        run = store.Run(folder, document, records)
+        validated = None
+        if VALIDATION in attached:
+            (folder / VALIDATION).write_bytes(attached[VALIDATION])
+            validated = as_found.load(folder / VALIDATION, run)
+        stated, text = _profile(attached.get(PROFILE, b"").decode("utf-8"))
+        return content.build(run, stated, text, validated, issued)
+
+
+def _profile(text: str) -> tuple[profile.Profile, str]:
+    """Profile of its attached text, with the overrides that stand behind it."""
+    lines = text.splitlines(keepends=True)
+    first = len(lines)
+    while first and lines[first - 1].startswith(OVERRIDE):
+        first -= 1
+    overrides = tuple(line.removeprefix(OVERRIDE).rstrip("\n") for line in lines[first:])
+    return profile.parsed(PROFILE, "".join(lines[:first]), overrides), text
+
+
+def _differences(stated: _Element, made: _Element) -> Iterator[str]:
+    """First difference between two documents: elements, attributes, texts, numbers to nine digits."""
+    pairs = zip(stated.iter(), made.iter(), strict=False)
+    near = ""
+    for one, other in pairs:
+        name = str(one.tag).rpartition("}")[2]
+        if one.tag != other.tag or one.items() != other.items() or len(one) != len(other):
+            yield f"{name} is not what the attached files give{near}"
+            return
+        if not _same(one.text or "", other.text or ""):
+            yield f"{name} '{(one.text or '')[:40]}' is not what the attached files give, '{(other.text or '')[:40]}'{near}"
+            return
+        if name in {"label", "labelXMLList"}:
+            near = f", at {(one.text or '').split(' ', 1)[0]}"
+
+
+def _same(one: str, other: str) -> bool:
+    """Whether two texts are alike, or are as many numbers that are."""
+    if one == other:
+        return True
+    items, others = one.split(), other.split()
+    try:
+        pairs = [(float(a), float(b)) for a, b in zip(items, others, strict=True)]
+    except ValueError:
+        return False
+    return all(math.isclose(a, b, rel_tol=SAME, abs_tol=1e-300) for a, b in pairs)
+
+
+def _what(attached: Mapping[str, bytes], signatures: Sequence[verify_signature.Signature], count: int) -> str:
+    """A certificate in one line."""
+    run = _document(attached)
+    number = dcc_check.parse(attached[dcc.FILE]).findtext(".//dcc:uniqueIdentifier", "", NAMES)
+    signed = "".join(f", signed by {one.signer}, who states {one.claimed}" for one in signatures)
+    return (
+        f"certificate {number} of {run['serial']} r{run['revision']:03d}, {len(attached)} attachments as printed, "
+        f"{count} rows of numbers as the attached files give them{signed}"
+    )

@@ -1,0 +1,166 @@
+"""What a certificate's signature says: whether any byte was changed behind it, who signed, and whether that one is trusted."""
+
+from __future__ import annotations
+
+import hashlib
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+from calibkit.certificate.sign import quiet
+from calibkit.errors import OutputError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from pathlib import Path
+
+INSTALL = "pip install 'calibkit[verify]'"
+
+
+@dataclass(frozen=True, slots=True)
+class Signature:
+    """Who signed and when the signer says it was, what is wrong with it, and what should be known of it."""
+
+    signer: str
+    claimed: str
+    faults: tuple[str, ...]
+    warnings: tuple[str, ...]
+
+
+def trust_roots(paths: Sequence[Path]) -> list[Any]:
+    """Certificates of PEM or DER files; UsageError for a file that holds none."""
+    if not paths:
+        return []
+    try:
+        from pyhanko import keys
+    except ImportError:
+        raise OutputError("signatures need pyHanko", hint=INSTALL) from None
+    found: list[Any] = []
+    for path in paths:
+        try:
+            found += list(keys.load_certs_from_pemder([str(path)]))  # type: ignore[no-untyped-call]
+        except (OSError, ValueError) as error:
+            raise UsageError(f"--trust {path}: no certificate: {error}", hint="name a PEM or DER file") from None
+    return found
+
+
+def signatures(document: bytes, roots: Sequence[Any]) -> tuple[Signature, ...]:
+    """Every signature of a PDF, none for an unsigned one; OutputError without pyHanko where there is something to check."""
+    if b"/ByteRange" not in document:
+        return ()
+    try:
+        from pyhanko.pdf_utils.reader import PdfFileReader
+    except ImportError:
+        raise OutputError("the certificate is signed; its signature needs pyHanko", hint=INSTALL) from None
+    with quiet():
+        try:
+            embedded = PdfFileReader(io.BytesIO(document), strict=True).embedded_signatures
+        except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
+            return (Signature("", "", (f"the signed PDF cannot be read: {_said(error)}",), ()),)
+        if not embedded:
+            return (Signature("", "", ("the PDF has a signature's bytes, but no signature",), ()),)
+        return tuple(_checked(document, one, roots, last=one is embedded[-1]) for one in embedded)
+
+
+def _checked(document: bytes, embedded: Any, roots: Sequence[Any], *, last: bool) -> Signature:  # noqa: ANN401
+    """One signature (of an optional library's class, hence Any)."""
+    from pyhanko.sign.validation import validate_pdf_signature
+    from pyhanko_certvalidator import ValidationContext
+
+    try:
+        context = ValidationContext(trust_roots=list(roots), allow_fetching=False)
+        status = validate_pdf_signature(embedded, signer_validation_context=context)
+        signer = status.signing_cert.subject.human_friendly
+        claimed = status.signer_reported_dt
+        faults = [
+            *_status(status, last=last, whole=_end(embedded) == len(document)),
+            *_container(document, embedded),
+            *_bag(embedded),
+        ]
+    except Exception as error:  # noqa: BLE001 (a damaged signature fails in as many ways as it has bytes)
+        return Signature("", "", (f"the signature cannot be read: {_said(error)}",), ())
+    warnings = []
+    if not faults and not status.trusted:
+        warnings.append(f"the signature is intact, but its signer is not trusted: {signer}")
+    if not faults and status.docmdp_ok is None:
+        warnings.append("the signature is not a certification signature")
+    return Signature(signer, "" if claimed is None else claimed.isoformat(), tuple(faults), tuple(warnings))
+
+
+def _end(embedded: Any) -> int:  # noqa: ANN401 (a class of an optional library)
+    """Where the bytes end that a signature covers."""
+    *_, after, rest = (int(number) for number in embedded.byte_range)
+    return after + rest
+
+
+def _said(error: Exception) -> str:
+    """An exception in one line."""
+    return " ".join(str(error).split())[:200] or type(error).__name__
+
+
+def _status(status: Any, *, last: bool, whole: bool) -> Iterator[str]:  # noqa: ANN401 (a class of an optional library)
+    """What pyHanko found wrong, but for trust."""
+    from pyhanko.sign.diff_analysis import ModificationLevel
+
+    if not status.intact:
+        yield "a byte was changed after signing: the signed digest is another"
+    elif not status.valid:
+        yield "the signature was not made by the key of its certificate, or was changed"
+    if status.revoked:
+        yield "the signer's certificate was revoked"
+    if status.docmdp_ok is False:
+        yield "the PDF was changed after signing, which its signature forbids"
+    if last and status.modification_level != ModificationLevel.LTA_UPDATES and not whole:
+        yield "something was added to the PDF after signing"
+
+
+def _container(document: bytes, embedded: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optional library)
+    """The gap that the signature does not cover holds the signature, zeros, and nothing else."""
+    start, length, after, rest = (int(number) for number in embedded.byte_range)
+    gap = document[start + length : after]
+    der = _der(bytes.fromhex(gap[1:-1].decode("ascii"))) if len(gap) > 2 else b""
+    plain = {b"<" + text.ljust(len(gap) - 2, b"0") + b">" for text in (der.hex().encode(), der.hex().upper().encode())}
+    if start != 0 or after + rest > len(document) or gap not in plain:
+        yield "the signature's own bytes were changed"
+
+
+def _der(content: bytes) -> bytes:
+    """The first DER value of some bytes, without the zeros behind it."""
+    from asn1crypto.parser import peek
+
+    return content[: peek(content)]
+
+
+def _bag(embedded: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optional library)
+    """Every certificate that travels with a signature is one that it names, or one that is signed by another of them."""
+    from cryptography import x509
+
+    listed = _named(embedded)
+    others = [one for one in embedded.other_embedded_certs if hashlib.sha256(one.dump()).digest() not in listed]
+    every = [
+        x509.load_der_x509_certificate(one.dump()) for one in (embedded.signer_cert, *embedded.other_embedded_certs)
+    ]
+    for one in others:
+        certificate = x509.load_der_x509_certificate(one.dump())
+        issuers = [other for other in every if other.subject == certificate.issuer]
+        if len(listed) > 1 or not issuers or not any(_issued(certificate, issuer) for issuer in issuers):
+            yield "a certificate beside the signer's is not one that was signed with"
+
+
+def _named(embedded: Any) -> set[bytes]:  # noqa: ANN401 (a class of an optional library)
+    """Digests (SHA-256) of the certificates that the signed attributes name."""
+    from pyhanko.sign.general import find_unique_cms_attribute
+
+    value = find_unique_cms_attribute(embedded.signer_info["signed_attrs"], "signing_certificate_v2")
+    return {entry["cert_hash"].native for entry in value["certs"]}
+
+
+def _issued(certificate: Any, issuer: Any) -> bool:  # noqa: ANN401 (classes of an optional library)
+    """Whether one certificate was signed by another."""
+    from cryptography.exceptions import InvalidSignature
+
+    try:
+        certificate.verify_directly_issued_by(issuer)
+    except (InvalidSignature, ValueError, TypeError):
+        return False
+    return True

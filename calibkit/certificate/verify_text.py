@@ -1,0 +1,182 @@
+"""What a certificate prints, read back from its PDF, against the sheet that the attached files give.
+
+Rows of numbers are looked for in the order of printing, blanks aside; a number is another one as soon as it has a digit, a
+point or a sign more. Words in scripts that come out of a PDF in another order than they went in are passed over.
+"""
+
+from __future__ import annotations
+
+import unicodedata
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+Segments = list[str | None]
+"""Texts of cells that stand directly behind each other; None for one that may be anything."""
+
+LARGEST_GAP = 1500
+"""Characters that a text which cannot be read back may take."""
+LIGATURES = {"ﬀ": "ff", "ﬁ": "fi", "ﬂ": "fl", "ﬃ": "ffi", "ﬄ": "ffl", "\u200b": " ", "\u00ad": ""}
+PART_OF_NUMBER = frozenset("0123456789.−")
+
+
+@dataclass(frozen=True, slots=True)
+class Text:
+    """A PDF's text without blanks, and for each character whether a blank stands before it; pages apart."""
+
+    characters: str
+    apart: tuple[bool, ...]
+    pages: tuple[str, ...]
+
+    @classmethod
+    def of(cls, pages: Sequence[str]) -> Text:
+        """Text of extracted pages."""
+        whole = "\n".join(map(_plain, pages))
+        characters, apart, blank = [], [], True
+        for character in whole:
+            if character.isspace():
+                blank = True
+                continue
+            characters.append(character)
+            apart.append(blank)
+            blank = False
+        return cls("".join(characters), (*apart, True), tuple(compact(page) for page in pages))
+
+    def find(self, segments: Segments, start: int) -> int:
+        """Where a row ends that begins at or behind `start`, or -1."""
+        first, *rest = segments
+        if first is None:
+            raise ValueError("a row begins with text that can be read back")
+        begin = self.characters.find(first, start)
+        while begin >= 0:
+            end = self._follow(begin, len(first), rest)
+            if end >= 0:
+                return end
+            begin = self.characters.find(first, begin + 1)
+        return -1
+
+    def _follow(self, begin: int, length: int, rest: Segments) -> int:
+        """End of a row, cells directly behind each other but for what may be anything; -1 where a number goes on."""
+        end, gap = begin + length, 0
+        whole = self._apart(begin) and self._apart(end)
+        for segment in rest:
+            if segment is None:
+                gap = LARGEST_GAP
+                continue
+            found = self.characters.find(segment, end, end + gap + len(segment))
+            if found < 0:
+                return -1
+            end, gap = found + len(segment), 0
+            whole = whole and self._apart(found) and self._apart(end)
+        return end if whole else -1
+
+    def _apart(self, place: int) -> bool:
+        """Whether no number goes on over a place: a digit, point or sign directly before it and one directly behind."""
+        if place in {0, len(self.characters)} or self.apart[place]:
+            return True
+        return not {self.characters[place - 1], self.characters[place]} <= PART_OF_NUMBER
+
+
+def _plain(text: str) -> str:
+    """Text with ligatures taken apart."""
+    for ligature, letters in LIGATURES.items():
+        text = text.replace(ligature, letters)
+    return text
+
+
+def compact(text: str) -> str:
+    """Text without blanks and invisible marks."""
+    return "".join(_plain(text).split())
+
+
+def readable(text: str) -> bool:
+    """Whether a text comes out of a PDF as it went in: Latin, Greek, Cyrillic, signs; no combining marks, no right-to-left."""
+    return "[U+" not in text and all(
+        (ord(c) < 0x530 or 0x2000 <= ord(c) < 0x2400 or c in LIGATURES)
+        and not unicodedata.combining(c)
+        and unicodedata.bidirectional(c) not in {"R", "AL", "AN"}
+        for c in text
+    )
+
+
+def segments(cells: Sequence[str]) -> Segments:
+    """Cells of a row as texts that stand behind each other."""
+    found: Segments = []
+    for cell in cells:
+        if not readable(cell):
+            found.append(None)
+        elif text := compact(cell):
+            found.append(text)
+    while found and found[0] is None:
+        del found[0]
+    return found
+
+
+def faults(sheet: dict[str, Any], pages: Sequence[str]) -> tuple[list[str], int]:
+    """Everything that the sheet holds and the pages do not, and how many rows were found."""
+    text = Text.of(pages)
+    missing = [*_marks(sheet, text), *_facts(sheet, text)]
+    place, count = 0, 0
+    for where, cells in rows(sheet):
+        row = segments(cells)
+        if not row:
+            continue
+        end = text.find(row, place)
+        if end < 0:
+            shown = " ".join(cell for cell in cells if cell).replace("\u200b", "")
+            missing.append(f"{where}: '{shown[:90]}' is not printed")
+        else:
+            place, count = end, count + 1
+    return missing, count
+
+
+def _marks(sheet: dict[str, Any], text: Text) -> Iterator[str]:
+    """What stands on every page: the number; DRAFT, where the certificate is one."""
+    marks = [sheet["number"], sheet["words"]["s_draft_line"] if sheet["draft"] else ""]
+    for mark in filter(readable, filter(None, marks)):
+        absent = [str(k) for k, page in enumerate(text.pages, 1) if compact(mark) not in page]
+        if absent:
+            yield f"'{mark}' is not on page {', '.join(absent)}"
+
+
+def _facts(sheet: dict[str, Any], text: Text) -> Iterator[str]:
+    """Laboratory, customer, item, method, conditions, person: each text somewhere on the pages."""
+    body = "".join(_body(sheet, page) for page in text.pages)
+    groups = [*sheet["parties"], sheet["item"], sheet["method"], sheet["conditions"], sheet["authorisation"]]
+    for label, value in (row for group in groups for row in group):
+        if value.strip() and readable(value) and compact(value) not in body:
+            yield f"{label}: '{' '.join(value.split())[:60]}' is not printed"
+
+
+def _body(sheet: dict[str, Any], page: str) -> str:
+    """A page without its head and foot, which may stand in the middle of a text that goes on overleaf."""
+    for head in (
+        sheet["words"]["s_draft"],
+        sheet["laboratory"],
+        sheet["words"]["s_draft_line"],
+        sheet["title"],
+        sheet["number"],
+    ):
+        page = page.removeprefix(compact(head))
+    foot = page.rfind(compact(sheet["words"]["s_only_item"]))
+    return page if foot < 0 else page[:foot]
+
+
+def rows(sheet: dict[str, Any]) -> Iterator[tuple[str, list[str]]]:
+    """Every row of numbers in the order of printing, with where it belongs."""
+    for block in sheet["blocks"]:
+        for table in block["tables"]:
+            yield from ((block["file"], row) for row in table["rows"])
+        yield block["file"], ["SHA-256", block["sha256"]]
+    for table in sheet["as_found"]["tables"]:
+        yield from ((table["title"], row) for row in table["rows"])
+    if sheet["conformity"]["table"] is not None:
+        yield from (("conformity", row) for row in sheet["conformity"]["table"]["rows"])
+    for budget in sheet["budgets"]["budgets"]:
+        yield f"budget of {budget['title']}", [budget["title"], budget["value"]]
+        yield from ((f"budget of {budget['title']}", row) for row in budget["rows"])
+        yield f"budget of {budget['title']}", budget["sum"]
+    yield from (("digests", row) for row in (*sheet["data"]["files"], *sheet["data"]["logs"]))
+    yield from (("digests", [note]) for note in sheet["data"]["notes"])
