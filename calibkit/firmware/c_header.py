@@ -31,10 +31,10 @@ def render(export: Export) -> str:
         f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
         '#ifdef __cplusplus\nextern "C" {\n#endif\n',
         _identity(export),
-        _statuses(export),
+        statuses(export),
         _scales(export) if export.program.format.fixed else "",
-        _structs(export),
-        _functions(export),
+        structs(export),
+        functions(export),
         "#ifdef __cplusplus\n}\n#endif\n",
         f"#endif /* {guard} */\n",
     ]
@@ -52,7 +52,7 @@ def _identity(export: Export) -> str:
     )
 
 
-def _statuses(export: Export) -> str:
+def statuses(export: Export) -> str:
     """One bit a status."""
     lines = ["/* status: 0, or the sum of */", "#define @P_OK 0x0000U"]
     for k, flag in enumerate(export.chain.structure.flags):
@@ -76,7 +76,7 @@ def _scales(export: Export) -> str:
     return "\n".join([*lines, f"#define @P_NO_NUMBER {word}"]) + "\n"
 
 
-def _structs(export: Export) -> str:
+def structs(export: Export) -> str:
     """Inputs, outputs and what is kept between updates."""
     structure, program = export.chain.structure, export.program
     kind = program.format.c_type
@@ -100,7 +100,7 @@ def _structs(export: Export) -> str:
     return "\n".join(lines) + "\n"
 
 
-def _functions(export: Export) -> str:
+def functions(export: Export) -> str:
     """Prototypes."""
     structure, lines = export.chain.structure, []
     if structure.interval_s is None:
@@ -114,11 +114,14 @@ def _functions(export: Export) -> str:
             lines.append(f"void @p_anchor(@p_state *state, {export.program.format.c_type} drift_dph);")
         lines.append(f"/* call it every {structure.interval_s:g} s; returns a status, of which 0 is all right */")
         lines.append("uint32_t @p_update(@p_state *state, const @p_in *in, @p_out *out);")
-    lines += [
-        "",
-        "#ifndef CAL_NO_SELFTEST",
-        "/* 0 = pass; run it once after every start */",
-        "int32_t @p_selftest(void);",
-        "#endif",
-    ]
-    return "\n".join(lines) + "\n"
+    return "\n".join([*lines, *SELFTEST]) + "\n"
+
+
+SELFTEST = (
+    "",
+    "#ifndef CAL_NO_SELFTEST",
+    "/* 0 = pass; run it once after every start */",
+    "int32_t @p_selftest(void);",
+    "#endif",
+)
+"""Prototype of the self-test."""

@@ -33,23 +33,23 @@ COUNTED = ("        if (state->updates < UINT32_MAX) {", "            state->upd
 def render(export: Export) -> str:
     """Text of the source."""
     fixed = export.program.format.fixed
-    body = "\n".join([_functions(export), _selftest(export)])
+    body = "\n".join([functions(export), _selftest(export)])
     title = f"{export.prefix}: correction chain as firmware; C99, no library"
     parts = [
         c_text.comment([title, "", *c_text.facts(export), "", CONTRACT[fixed]]),
         f'#include "{export.prefix}.h"\n',
         "" if fixed else FLOAT_GUARD,
-        _windows(export),
+        windows(export),
         _tables(export),
         *(helper.lstrip("\n") for helper in c_helpers.wanted(body, fixed=fixed)),
         body,
         _listing(export),
     ]
     text = "\n".join(part for part in parts if part)
-    return c_text.sealed(c_text.named(_typed(text, export), export.prefix))
+    return c_text.sealed(c_text.named(typed(text, export), export.prefix))
 
 
-def _typed(text: str, export: Export) -> str:
+def typed(text: str, export: Export) -> str:
     """Helpers in the types of the number format."""
     program = export.program
     wide = 64 if program.word == 32 else 32
@@ -68,7 +68,7 @@ def _typed(text: str, export: Export) -> str:
     return text
 
 
-def _windows(export: Export) -> str:
+def windows(export: Export) -> str:
     """Lengths of the histories."""
     slopes = export.chain.structure.slopes
     if not slopes:
@@ -134,7 +134,7 @@ def _scalar(export: Export, name: str, word: str) -> str:
     return f"static const {word} @p_{name} = {export.program.format.text(export.program.tables[name][0])};"
 
 
-def _functions(export: Export) -> str:
+def functions(export: Export) -> str:
     """The chain, and what handles its state."""
     structure = export.chain.structure
     return _correct(export) if structure.interval_s is None else "\n".join([_reset(export), _update(export)])

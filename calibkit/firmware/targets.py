@@ -6,7 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 from calibkit.errors import UsageError
-from calibkit.firmware import c_header, c_reader, c_source
+from calibkit.firmware import blob, c_header, c_loader, c_reader, c_source
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -30,13 +30,26 @@ def _c(export: Export) -> dict[str, bytes]:
     }
 
 
+def _blob(export: Export) -> dict[str, bytes]:
+    """Numbers of one unit, and the C99 that takes them."""
+    return {
+        f"{export.prefix}.bin": blob.render(export),
+        f"{export.prefix}.h": c_loader.header(export),
+        f"{export.prefix}.c": c_loader.source(export),
+    }
+
+
+FLOATS = ("f32", "f64")
+
 TARGETS: Mapping[str, Target] = {
-    "c": Target(("f32", "f64", "q31", "q15"), _c),
+    "c": Target((*FLOATS, "q31", "q15"), _c),
+    "blob": Target(FLOATS, _blob),
 }
 
 READERS: Mapping[str, Callable[[str, bytes], str]] = {
     ".c": c_reader.verify_source,
     ".h": c_reader.verify_header,
+    ".bin": blob.verify,
 }
 """Suffix → function that checks a file's content and says what it is, or raises CoefficientError."""
 

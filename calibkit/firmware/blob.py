@@ -1,0 +1,169 @@
+"""One unit's numbers as bytes: header, tables, self-test vectors, the facts in words, CRC-32; and the same read again.
+
+Little-endian. Header of 112 bytes: magic "CALB", schema major and minor (u16), length of the whole (u32), bits of a number (u16),
+flags (u16, bit 0: accepted), layout (8 bytes: which program the numbers are for), revision (u32), serial (32 bytes of UTF-8,
+zeros behind), digest of run.json (32 bytes), effective date (10 characters and 2 zeros), numbers (u32), vectors (u32).
+Then the numbers of every table in the order of the layout; a tolerance an output; the vectors, each inputs, outputs and,
+as numbers, updates and status; the facts and the layout as text; CRC-32 (IEEE 802.3) of everything before it.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import json
+import struct
+import zlib
+from dataclasses import dataclass
+from fractions import Fraction
+from typing import TYPE_CHECKING
+
+from calibkit.errors import CoefficientError, OutputError
+from calibkit.firmware import c_source, c_text, layout, vectors
+from calibkit.firmware.chain import Limit, Map, Select, Slope, Sum
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from calibkit.firmware.chain import Structure
+    from calibkit.firmware.export import Export
+    from calibkit.firmware.program import Program
+
+MAGIC, MAJOR, MINOR = b"CALB", 1, 0
+HEADER = struct.Struct("<4sHHIHH8sI32s32s12sII")
+SERIAL_BYTES = 32
+
+
+@dataclass(frozen=True, slots=True)
+class Shape:
+    """What one loader fits: the tables in order with their lengths, and the digest that a blob of it carries."""
+
+    tables: tuple[tuple[str, int], ...]
+    lines: tuple[str, ...]
+    digest: bytes
+
+    @property
+    def numbers(self) -> int:
+        """Numbers of all tables."""
+        return sum(length for _, length in self.tables)
+
+
+def table_names(structure: Structure) -> list[str]:
+    """Tables in the order in which a program meets them, each once."""
+    names = [entry.table for entry in structure.inputs]
+    for step in structure.steps:
+        if isinstance(step, Map | Limit | Slope):
+            names.append(step.table)
+        elif isinstance(step, Select):
+            names += [case.table for case in step.cases]
+        elif isinstance(step, Sum):
+            names += [term.table for term in step.terms if term.table]
+    return list(dict.fromkeys(names))
+
+
+def shape(program: Program) -> Shape:
+    """Shape of a program; OutputError for fixed point, whose scales are each unit's own."""
+    if program.format.fixed:
+        raise OutputError(
+            f"a blob of {program.format.name}: its scales belong to one unit and its loader to all",
+            hint="use --number f32 or f64, or --target c",
+        )
+    tables = tuple((name, len(program.tables[name])) for name in table_names(program.structure))
+    lines = (*layout.lines(program), json.dumps({"tables": tables}, separators=(",", ":")))
+    return Shape(tables, lines, hashlib.sha256("\n".join(lines).encode()).digest()[:8])
+
+
+def render(export: Export) -> bytes:
+    """Bytes of a run's blob."""
+    program, identity, found = export.program, export.identity, shape(export.program)
+    serial = identity.serial.encode()
+    if len(serial) > SERIAL_BYTES:
+        raise OutputError(
+            f"serial '{identity.serial}' has {len(serial)} bytes, a blob holds {SERIAL_BYTES}", hint="use --target c"
+        )
+    structure, rows = program.structure, export.vectors
+    body = [x for name, _ in found.tables for x in program.tables[name]]
+    body += [
+        program.format.nearest(Fraction(c_source.tolerance_of(export, output.name))) for output in structure.outputs
+    ]
+    for k, status in enumerate(rows.status):
+        body += [rows.inputs[entry.name][k] for entry in structure.inputs]
+        body += [rows.outputs[output.name][k] for output in structure.outputs]
+        body += [float(rows.updates[k]), float(status)]
+    text = "\n".join([*c_text.facts(export), "", *found.lines]) + "\n"
+    content = struct.pack(f"<{len(body)}{_code(program)}", *body) + text.encode("ascii")
+    bits = 32 if program.format.bits == 24 else 64
+    day = identity.effective_from.encode("ascii")
+    counts = (found.numbers, len(rows.status))
+    digest = bytes.fromhex(identity.run_sha256)
+    length = HEADER.size + len(content) + 4
+    flags = int(identity.accepted)
+    head = HEADER.pack(
+        MAGIC, MAJOR, MINOR, length, bits, flags, found.digest, identity.revision, serial, digest, day, *counts
+    )
+    return head + content + struct.pack("<I", zlib.crc32(head + content))
+
+
+def _code(program: Program) -> str:
+    """Letter of a number in `struct`."""
+    return "f" if program.format.bits == 24 else "d"
+
+
+def verify(name: str, content: bytes) -> str:
+    """Check a blob's CRC and recompute its vectors from its own numbers; returns what it is."""
+    if len(content) < HEADER.size + 4 or content[:4] != MAGIC:
+        raise CoefficientError(f"{name}: not a blob that calibkit wrote", hint="verify takes calibkit's own files")
+    head = HEADER.unpack_from(content)
+    _, major, _, length, bits, flags, digest, revision, serial, _, day, count, rows = head
+    if major != MAJOR:
+        raise CoefficientError(f"{name}: blob of schema {major}, expected {MAJOR}", hint="use a newer calibkit")
+    if length != len(content) or zlib.crc32(content[:-4]) != struct.unpack("<I", content[-4:])[0]:
+        raise CoefficientError(f"{name}: its length or CRC is not that of its content", hint="export it again")
+    program, stated = _read(content, bits, digest, count, rows, name)
+    again = vectors.recomputed(program, stated.inputs, stated.updates)
+    if (again.outputs, again.status) != (stated.outputs, stated.status):
+        raise CoefficientError(f"{name}: its vectors are not those of its numbers", hint="export it again")
+    unit = serial.rstrip(b"\0").decode()
+    mark = "" if flags & 1 else ", REJECTED"
+    kind = f"{program.format.name}, {count} numbers, {rows} vectors recomputed{mark}"
+    return f"blob of {unit} revision {revision}, effective from {day.rstrip(bytes(1)).decode()}, {kind}"
+
+
+def _read(
+    content: bytes, bits: int, digest: bytes, count: int, rows: int, name: str
+) -> tuple[Program, vectors.Vectors]:
+    """Program and vectors of a blob whose CRC is right."""
+    code = {32: "f", 64: "d"}.get(bits)
+    lines = _layout_lines(content)
+    if code is None or hashlib.sha256("\n".join(lines).encode()).digest()[:8] != digest:
+        raise CoefficientError(f"{name}: its layout is not the one it states", hint="export it again")
+    try:
+        lengths: dict[str, int] = dict(json.loads(lines[-1])["tables"])
+        bare = layout.program(lines[:-1], {}, name)
+        inputs, outputs = ([entry.name for entry in side] for side in (bare.structure.inputs, bare.structure.outputs))
+        width = len(inputs) + len(outputs) + 2
+        total = count + len(outputs) + rows * width
+        numbers = struct.unpack_from(f"<{total}{code}", content, HEADER.size)
+    except (ValueError, KeyError, TypeError, struct.error) as error:
+        raise CoefficientError(f"{name}: its layout cannot be read: {error}", hint="export it again") from None
+    program = layout.program(lines[:-1], _tables(lengths, numbers), name)
+    flat = numbers[count + len(outputs) :]
+    columns = [flat[k::width] for k in range(width)]
+    named = dict(zip([*inputs, *outputs], columns, strict=False))
+    updates, status = (tuple(map(int, column)) for column in columns[-2:])
+    stated = vectors.Vectors({key: named[key] for key in inputs}, updates, {key: named[key] for key in outputs}, status)
+    return program, stated
+
+
+def _tables(lengths: Mapping[str, int], numbers: tuple[float, ...]) -> dict[str, tuple[float, ...]]:
+    """Tables from the numbers in their order."""
+    tables, start = {}, 0
+    for table, length in lengths.items():
+        tables[table] = numbers[start : start + length]
+        start += length
+    return tables
+
+
+def _layout_lines(content: bytes) -> list[str]:
+    """The layout at the end of a blob's text."""
+    start = content.rfind(b'\n\n{"program"')
+    return content[start + 2 : -4].decode("ascii", "replace").splitlines() if start > 0 else [""]

@@ -1,0 +1,190 @@
+"""Blobs: bytes of one unit, the C that takes them, every damage refused, and the same numbers read again."""
+
+import shutil
+import struct
+import subprocess
+import zlib
+
+import pytest
+
+from calibkit.errors import CoefficientError, OutputError
+from calibkit.firmware import blob, c_loader, c_reader
+from firmware_driver import exported
+from firmware_runs import cached
+from test_firmware_c import C_ONLY, WARNINGS
+
+CHAINS = ("lagged", "gradient", "affine", "kq", "rate", "scale")
+DRIVER = """#include <stdio.h>
+#include <stdlib.h>
+#include "unit.h"
+
+static uint8_t bytes[1048576];
+static uint8_t damaged[1048576];
+
+/* argument: whole | flips | cuts; the blob on standard input */
+int main(int count, char **arguments)
+{
+    const uint32_t size = (uint32_t)fread(bytes, 1U, sizeof bytes, stdin);
+    uint32_t wrong = 0U;
+    uint32_t i;
+
+    if ((count < 2) || (arguments[1][0] == 'w')) {
+        const uint32_t before = (uint32_t)unit_selftest();
+        const uint32_t reason = unit_load(bytes, size);
+
+        (void)printf("%u %u %d", (unsigned)before, (unsigned)reason, (int)unit_selftest());
+    } else if (arguments[1][0] == 'f') {
+        for (i = 0U; i < (size * 8U); i++) {
+            bytes[i / 8U] = (uint8_t)(bytes[i / 8U] ^ (1U << (i % 8U)));
+            wrong += (unit_load(bytes, size) == UNIT_LOADED) ? 1U : 0U;
+            wrong += (unit_selftest() == 0) ? 1U : 0U;
+            bytes[i / 8U] = (uint8_t)(bytes[i / 8U] ^ (1U << (i % 8U)));
+        }
+        (void)printf("%u of %u", (unsigned)wrong, (unsigned)(size * 8U));
+    } else {
+        for (i = 0U; i < size; i++) {
+            damaged[i] = bytes[i];
+            wrong += (unit_load(damaged, i) == UNIT_LOADED) ? 1U : 0U;
+        }
+        (void)printf("%u of %u", (unsigned)wrong, (unsigned)size);
+    }
+    return 0;
+}
+"""
+
+
+def export_of(name, number, factory, prefix="unit"):
+    """One of the test runs in a number format."""
+    return exported(cached(name, factory).chain, number, prefix)
+
+
+def built(export, folder, compiler="gcc", *options):
+    """Compile loader and driver; returns what runs a blob through it."""
+    if shutil.which(compiler) is None:
+        pytest.skip(f"{compiler} is not installed")
+    (folder / "unit.h").write_bytes(c_loader.header(export))
+    (folder / "unit.c").write_bytes(c_loader.source(export))
+    (folder / "driver.c").write_text(DRIVER)
+    flags = ("-std=c99", *WARNINGS, *C_ONLY, "-O2", "-ffp-contract=off", *options)
+    command = (compiler, *flags, "unit.c", "driver.c", "-o", f"unit_{compiler}")
+    done = subprocess.run(command, cwd=folder, capture_output=True, text=True, check=False)
+    assert done.returncode == 0, done.stderr[:3000]
+
+    def run(content, what="whole"):
+        arguments = [str(folder / f"unit_{compiler}"), what]
+        done = subprocess.run(arguments, input=content, capture_output=True, check=False, timeout=120)
+        assert done.returncode == 0, done.stderr[:2000]
+        assert not done.stderr
+        return done.stdout.decode()
+
+    return run
+
+
+def sealed(content):
+    """A blob with its CRC made right again."""
+    return content[:-4] + struct.pack("<I", zlib.crc32(content[:-4]))
+
+
+@pytest.mark.parametrize("number", ["f32", "f64"])
+@pytest.mark.parametrize("name", CHAINS)
+def test_a_blob_loads_and_gives_the_results_that_it_states(tmp_path, tmp_path_factory, name, number):
+    """Self-test fails before the load; load returns 0; self-test passes: on gcc with the undefined-behaviour sanitizer."""
+    export = export_of(name, number, tmp_path_factory)
+    run = built(export, tmp_path, "gcc", "-fsanitize=undefined", "-fno-sanitize-recover")
+    assert run(blob.render(export)) == "1 0 0"
+
+
+def test_a_loader_compiles_without_a_warning_on_another_compiler(tmp_path, tmp_path_factory):
+    """Clang, every warning an error."""
+    export = export_of("lagged", "f32", tmp_path_factory)
+    assert built(export, tmp_path, "clang")(blob.render(export)) == "1 0 0"
+
+
+def test_every_flipped_bit_and_every_truncation_is_refused(tmp_path, tmp_path_factory):
+    """All bits of a blob, one at a time, and all its lengths: not one is loaded, and nothing is corrected afterwards."""
+    export = export_of("scale", "f32", tmp_path_factory)
+    content = blob.render(export)
+    run = built(export, tmp_path)
+    assert run(content, "flips") == f"0 of {len(content) * 8}"
+    assert run(content, "cuts") == f"0 of {len(content)}"
+
+
+@pytest.mark.parametrize(
+    ("how", "reason"),
+    [("nan", 8), ("range", 8), ("coefficient", 9), ("layout", 6), ("schema", 4), ("rejected", 7), ("magic", 3)],
+)
+def test_a_blob_with_a_right_crc_and_a_wrong_content_is_refused(tmp_path, tmp_path_factory, how, reason):
+    """NaN, a range without a width, one changed coefficient, another layout or schema, a rejected run: each by its reason."""
+    export = export_of("scale", "f32", tmp_path_factory)
+    content, names = bytearray(blob.render(export)), blob.shape(export.program).tables
+    start, at = blob.HEADER.size, {}
+    for name, length in names:
+        at[name] = start
+        start += 4 * length
+    inputs = {entry.table for entry in export.chain.structure.inputs}
+    first = next(name for name, _ in names if name not in inputs)
+    ranged = next(name for name, _ in names if name in inputs)
+    if how == "nan":
+        content[at[first] : at[first] + 4] = struct.pack("<f", float("nan"))
+    elif how == "range":
+        content[at[ranged] + 4 : at[ranged] + 8] = content[at[ranged] : at[ranged] + 4]
+    elif how == "coefficient":
+        (value,) = struct.unpack_from("<f", content, at[first])
+        struct.pack_into("<f", content, at[first], value * 1.01 + 0.01)
+    else:
+        offset, new = {"layout": (16, 0), "schema": (4, 2), "rejected": (14, 0), "magic": (0, 88)}[how]
+        content[offset] = new if content[offset] != new else new + 1
+    assert built(export, tmp_path)(sealed(bytes(content))).split()[1:] == [str(reason), "1"]
+
+
+def test_the_loader_is_the_same_for_every_unit(tmp_path_factory):
+    """Nothing of one unit stands in the loader: another serial and other bounds give the same bytes."""
+    from dataclasses import replace
+
+    export = export_of("rate", "f32", tmp_path_factory)
+    other = replace(
+        export, identity=replace(export.identity, serial="ANOTHER", revision=7, run_sha256="ab" * 32), bounds={}
+    )
+    assert c_loader.source(other) == c_loader.source(export)
+    assert c_loader.header(other) == c_loader.header(export)
+
+
+def test_verify_reads_a_blob_again_and_refuses_a_changed_one(tmp_path_factory):
+    """The description names unit and counts; a flipped bit, a changed coefficient with a right CRC and a text are refused."""
+    export = export_of("gradient", "f64", tmp_path_factory)
+    content = blob.render(export)
+    said = blob.verify("unit.bin", content)
+    assert f"{blob.shape(export.program).numbers} numbers" in said
+    assert f"{len(export.vectors.status)} vectors recomputed" in said
+    flipped = bytearray(content)
+    flipped[200] ^= 1
+    with pytest.raises(CoefficientError, match="its length or CRC"):
+        blob.verify("unit.bin", bytes(flipped))
+    tables = [name for name, _ in blob.shape(export.program).tables]
+    lengths = dict(blob.shape(export.program).tables)
+    skip = sum(lengths[name] for name in tables[: len(export.chain.structure.inputs)])
+    changed = bytearray(content)
+    struct.pack_into("<d", changed, blob.HEADER.size + 8 * skip, 123.456)
+    with pytest.raises(CoefficientError, match=r"vectors are not those|steps cannot be read"):
+        blob.verify("unit.bin", sealed(bytes(changed)))
+    with pytest.raises(CoefficientError, match="not a blob"):
+        blob.verify("unit.bin", b"x" * 300)
+
+
+def test_what_a_blob_cannot_hold_is_refused(tmp_path_factory):
+    """Fixed point, whose scales are each unit's own, and a serial longer than its field."""
+    from dataclasses import replace
+
+    export = export_of("scale", "q31", tmp_path_factory)
+    with pytest.raises(OutputError, match="scales belong to one unit"):
+        blob.render(export)
+    export = export_of("scale", "f32", tmp_path_factory)
+    with pytest.raises(OutputError, match="a blob holds 32"):
+        blob.render(replace(export, identity=replace(export.identity, serial="S" * 33)))
+
+
+def test_a_loader_s_files_are_known_to_verify(tmp_path_factory):
+    """Digest checked, said to be a loader."""
+    export = export_of("scale", "f32", tmp_path_factory)
+    assert c_reader.verify_source("u.c", c_loader.source(export)) == "C source of a loader of blobs"
+    assert c_reader.verify_header("u.h", c_loader.header(export)) == "C header of a loader of blobs"
