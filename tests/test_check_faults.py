@@ -10,6 +10,7 @@ import pytest
 
 from calibkit import procedures, recipe
 from calibkit.simulate import campaigns
+from conftest import ROOT
 
 ALLOWED = {
     "fog_thermal": "ramp_heating_05.csv",
@@ -141,3 +142,56 @@ def test_a_planted_fault_is_found_named_and_located(name, healthy, tmp_path, log
 def test_the_healthy_logs_say_nothing(procedure, healthy, tmp_path, log_writer):
     """The logs that faults are planted in give no finding at all."""
     assert findings(procedure, healthy[procedure], tmp_path, log_writer) == []
+
+
+@pytest.mark.parametrize("procedure", campaigns.NAMES)
+def test_a_clean_campaign_of_any_procedure_gives_no_finding(procedure, tmp_path):
+    """Every log of a simulated campaign is checked without a word: false alarms cost trust."""
+    from calibkit import pipeline
+
+    for name, content in campaigns.of(procedure)(11).files().items():
+        (tmp_path / name).parent.mkdir(exist_ok=True)
+        (tmp_path / name).write_bytes(content)
+    reports = pipeline.check(recipe.find(procedure), tmp_path)
+    assert [str(finding) for report in reports for finding in report.findings] == []
+
+
+@pytest.mark.parametrize("procedure", campaigns.NAMES)
+def test_the_sample_logs_give_no_finding(procedure):
+    """The data sets that come with calibkit are checked without a word."""
+    from calibkit import pipeline
+
+    reports = pipeline.check(recipe.find(procedure), ROOT / "datasets" / procedure)
+    assert [str(finding) for report in reports for finding in report.findings] == []
+
+
+def test_check_prints_draws_and_writes_json(tmp_path, calibkit, log_writer, healthy):
+    """Lines say what a log holds and its segments; the JSON carries facts, held conditions and findings; the figure is a PDF."""
+    log_writer(tmp_path / "logs" / "ramp.csv", **healthy["fog_thermal"])
+    figure = tmp_path / "logs.pdf"
+    said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--figure", figure)
+    assert said.code == 0
+    assert "5,401 rows over 5,400 s at 1 Hz" in said.out
+    assert "ramp +" in said.out
+    assert figure.read_bytes().startswith(b"%PDF")
+    assert calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--figure", figure).code == 4
+    (log,) = calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--json").json["logs"]
+    assert log["facts"]["rows"] == 5401
+    assert [held["kind"] for held in log["held"]] == ["soak", "ramp", "soak"]
+    assert sum(part["share"] for part in log["facts"]["occupancy"]) == pytest.approx(1.0, abs=1e-12)
+
+
+def test_what_check_warns_of_a_fit_flags(tmp_path, calibkit, campaign):
+    """A spike that check points out stands among the flags of the fit."""
+    for path in campaign.glob("ramp_*.csv"):
+        (tmp_path / "logs").mkdir(exist_ok=True)
+        (tmp_path / "logs" / path.name).write_bytes(path.read_bytes())
+    target = tmp_path / "logs" / "ramp_heating_05.csv"
+    lines = target.read_text(encoding="utf-8").split("\n")
+    fields = lines[2501].split(",")
+    lines[2501] = ",".join([*fields[:3], str(float(fields[3]) + 20.0)])
+    target.write_text("\n".join(lines), encoding="utf-8")
+    made = calibkit(
+        "fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs", "--json"
+    )
+    assert any("ramp_heating_05.csv:2502" in flag and "spike" in flag for flag in made.json["flags"])

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit.coefficients import Input
 from calibkit.errors import FitError, UsageError
-from calibkit.frame import Finding, refuse
+from calibkit.frame import Examined, Finding, refuse
 from calibkit.procedures import Fitted
 from calibkit.report import figures as drawing
 from calibkit.report import gyro_noise as pages
@@ -23,30 +23,30 @@ if TYPE_CHECKING:
     from calibkit.procedures import Progress
     from calibkit.recipe.gyro_noise import GyroNoiseRecipe
     from calibkit.stages.gyro_noise import NoiseFigures
+    from calibkit.stages.ingest import Reader
 
 
-def _read(spec: GyroNoiseRecipe, data: Path, file: str) -> Log:
+def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns."""
-    return ingest.read_log(spec, data / file, file, ("time_s", *spec.noise.columns))
+    return reader(spec, data / file, file, ("time_s", *spec.noise.columns))
 
 
-def check(spec: GyroNoiseRecipe, data: Path, file: str) -> list[Finding]:
+def examine(spec: GyroNoiseRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
-    log = _read(spec, data, file)
     found = gyro_noise.findings(log, spec)
     if not any(finding.refused for finding in found):
         try:
             gyro_noise.records(log, spec.noise.columns)
         except FitError as error:
             found.append(Finding.of(error))
-    return found
+    return Examined(tuple(found))
 
 
 def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[str]]:
     """Figures of every record in a log, and what was noted on the way."""
     found = gyro_noise.findings(log, spec)
     refuse(found)
-    flags = [f"{log.file}: {note}" for note in log.notes] + [str(finding) for finding in found]
+    flags = [f"{log.file}: {note}" for note in log.notes] + [str(finding) for finding in found if finding.flagged]
     return [gyro_noise.figures_of(record, spec) for record in gyro_noise.records(log, spec.noise.columns)], flags
 
 
@@ -54,7 +54,7 @@ def fit(spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progr
     """Estimate the noise of every record."""
     inputs, figures, flags = [], [], []
     for file in progress(files, "reading and averaging"):
-        log = _read(spec, data, file)
+        log = read(spec, data, file)
         found, noted = _figures(spec, log)
         inputs.append(Input.of(log))
         figures += found
@@ -85,7 +85,7 @@ def validate(
     """Noise of records that were not fitted, held against the recipe's limits."""
     entries, figures, flags = [], [], []
     for file in progress(files, "validating"):
-        log = _read(spec, data, file)
+        log = read(spec, data, file)
         found, noted = _figures(spec, log)
         entries.append(
             {

@@ -86,7 +86,9 @@ def findings(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
         elif np.ptp(present) == 0.0:
             found += check.varying(log, [column])
         else:
-            found += check.plausible_rate(log, column)
+            wild = check.plausible_rate(log, column)
+            # where rates are missing the rows are no even series
+            found += wild or (check.series.indication(log, column, "deg/h") if present.size == rate.size else [])
     return found
 
 
