@@ -1,6 +1,7 @@
 """Formats one by one: what a reader refuses, what it says, what a recipe can pin; the documentation's recipes are recipes."""
 
 import io
+import json
 import re
 import struct
 import sys
@@ -300,6 +301,9 @@ gyro_dph = { from = "Drehrate", sign = -1 }
     )
     assert fitted.code == 0, fitted.err
     assert "? 4 logs: decimal = ',' (guessed); pin it in the recipe" in fitted.err
+    inputs = json.loads((tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8"))["inputs"]
+    assert all("encoding = 'cp1252' (guessed)" in entry["reading"] for entry in inputs)
+    assert "4804 lines: 2 above the header, 1 of header, 4801 rows" in inputs[1]["reading"]
     data, out = tmp_path / "logs" / "ramp_heating_05.csv", tmp_path / "out.csv"
     assert calibkit("apply", "S", "--runs", tmp_path / "runs", "--data", data, "--out", out).code == 0
     lines = out.read_text(encoding="utf-8").splitlines()
