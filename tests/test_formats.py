@@ -84,6 +84,35 @@ def test_footer_and_comments_are_pinned_and_counted(tmp_path):
     assert "2 lines of footer (from the recipe)" in table.reading
 
 
+def test_a_log_that_begins_overloaded_begins_with_its_first_row(tmp_path):
+    """Rows in which most sensors are still open are rows, not preamble."""
+    content = "t;a;b;c\n0;OVLD;OVLD;OVLD\n1;OVLD;OVLD;7\n" + "".join(f"{k};1;2;3\n" for k in range(2, 9))
+    table = read(tmp_path, content.encode(), format="text", needed=("t", "a", "b", "c"))
+    assert table.frame["t"].tolist() == [float(k) for k in range(9)]
+    assert table.frame["c"].isna().sum() == 1
+
+
+def test_a_row_lost_in_the_preamble_is_refused(tmp_path):
+    """A row above the header, of which too little is measured to be the first, is named rather than skipped."""
+    content = "0;x;x;1;x\nt;a;b;c;d\n" + "".join(f"{k};1;2;3;4\n" for k in range(2, 9))
+    with pytest.raises(LogFormatError, match=r"log.dat:1: a row of numbers above the header"):
+        read(tmp_path, content.encode(), format="text", needed=("t", "a"))
+
+
+def test_a_recording_that_was_cut_off_is_refused(tmp_path):
+    """A TDMS file whose second segment was not finished holds whole rows, and is not whole."""
+    import nptdms
+
+    stream = io.BytesIO()
+    with nptdms.TdmsWriter(stream) as writer:
+        for _ in range(2):
+            writer.write_segment([nptdms.ChannelObject("run", "a", np.arange(50.0))])
+    whole = stream.getvalue()
+    assert len(read(tmp_path, whole, "x.tdms").frame) == 100
+    with pytest.raises(LogFormatError, match=r"x.tdms: the last segment is not finished"):
+        read(tmp_path, whole[:-80], "x.tdms")
+
+
 def chamber(replies=5, fields=12, echo=""):
     """Return recorded chamber replies at irregular times."""
     lines = []

@@ -188,9 +188,12 @@ def _numeric_columns(rows: Sequence[Sequence[str]], width: int) -> list[int]:
 
 
 def _first_row(cut: Sequence[Sequence[str]], width: int, numeric: Sequence[int]) -> int | None:
-    """Line, from 0, of the first row: as many fields as usual, and most of its numeric columns measured."""
+    """Line, from 0, of the first row: as many fields as usual, and most of its numeric columns measured or overloaded."""
     for line, fields in enumerate(cut[:MOST_PREAMBLE]):
-        if len(fields) == width and 2 * sum(tokens.measured(fields[k]) for k in numeric) > len(numeric):
+        if len(fields) != width:
+            continue
+        measured = sum(tokens.measured(fields[k]) for k in numeric)
+        if measured and 2 * (measured + sum(tokens.is_sentinel(fields[k]) for k in numeric)) > len(numeric):
             return line
     return None
 
