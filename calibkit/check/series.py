@@ -73,23 +73,28 @@ def temperature(log: Log, column: str) -> list[Finding]:
     return spikes(log, column, values(log.frame, column), "°C", least=SPIKE_DEGC)
 
 
-def driven(log: Log, column: str, driver: str, unit: str) -> list[Finding]:
-    """Stuck or clipped values of an indication: it stands still while what drives it moves by a hundredth of its span."""
+def driven(log: Log, column: str, driver: str, unit: str, full_span: float) -> list[Finding]:
+    """Stuck or clipped values of an indication: it stands still while what drives it moves by a hundredth of its span.
+
+    `full_span` is the largest span of an indication in the log: a table's unevenness is a share of it, across its axis too.
+    """
     data, cause = values(log.frame, column), values(log.frame, driver)
     runs = anomalies.stuck_against(data, cause, 0.01 * float(np.ptp(cause)))
     noisy = anomalies.stuck(data)
     # an indication of held rates may be coarser than its noise: only values at an extreme are called clipped then
     at_end = [k for k, (a, _) in enumerate(noisy.tolist()) if data[a] in (data.max(), data.min())]
     joined = np.unique(np.concatenate((runs, noisy[at_end])), axis=0)
-    return [*stuck_runs(log, column, data, joined, unit), *_held_spikes(log, column, data, cause, unit)]
+    return [
+        *stuck_runs(log, column, data, joined, unit),
+        *_held_spikes(log, column, data, cause, unit, UNEVEN * full_span),
+    ]
 
 
-def _held_spikes(log: Log, column: str, data: Array, cause: Array, unit: str) -> list[Finding]:
+def _held_spikes(log: Log, column: str, data: Array, cause: Array, unit: str, least: float) -> list[Finding]:
     """Spikes of an indication while what drives it is held, each hold by its own scatter: an acceleration is no spike."""
     moving = np.abs(np.diff(cause, prepend=cause[0])) > 1e-3 * float(np.ptp(cause))
     bounds = [0, *np.flatnonzero(moving).tolist(), data.size]
     held = [(a + 3, b - 3) for a, b in pairwise(bounds) if b - a - 6 >= 8 * anomalies.WIDTH]
-    least = UNEVEN * float(np.ptp(data))
     found = [anomalies.spikes(data[a:b], least=least) + a for a, b in held]
     return _told(log, column, data, np.concatenate(found), unit) if found else []
 

@@ -134,10 +134,11 @@ def _examined(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> tuple[list[Fi
 def _suspicious(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
     """What a sensor or its logger did, and signs: a fit goes on and says so."""
     found = check.series.temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
-    for gyro in gyros:
-        found += check.series.driven(log, column(gyro), RATE, "1/s")
+    spans = {gyro: float(np.ptp(values(log.frame, column(gyro)))) for gyro in gyros}
     # a gyro across the table axis answers with its misalignment, of either sign
-    along = max(gyros, key=lambda gyro: float(np.ptp(values(log.frame, column(gyro)))))
+    along = max(spans, key=lambda gyro: spans[gyro])
+    for gyro in gyros:
+        found += check.series.driven(log, column(gyro), RATE, "1/s", spans[along])
     found += check.magnitude.rotation(log, column(along), RATE)
     return [*found, *check.magnitude.compensated(log, spec, [column(gyro) for gyro in gyros])]
 
