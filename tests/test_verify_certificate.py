@@ -3,6 +3,7 @@
 import datetime as dt
 import json
 import random
+import re
 import shutil
 import sys
 from dataclasses import replace
@@ -13,7 +14,7 @@ from calibkit import cli, coefficients, store
 from calibkit.certificate import content, dcc, pdf, profile, sign, verify, verify_signature, verify_text
 from calibkit.certificate.results import ListTable
 from calibkit.errors import CoefficientError, OutputError
-from conftest import ROOT
+from conftest import AUTHORITIES, ROOT
 
 pytest.importorskip("typst")
 pytest.importorskip("lxml")
@@ -194,6 +195,7 @@ def test_one_changed_byte_anywhere_in_the_signed_file_is_found(signed, tmp_path,
     rng = random.Random(20261121)  # noqa: S311 (a sample, not a secret)
     places = [rng.randrange(len(whole)) for _ in range(30)]
     places += [rng.randrange(first, first + length) for _ in range(60)]
+    places += range(first + 11, first + 101, 6)
     places += [first - 1, first, first + 1, first + length + 9, last - 1, last, last + 1, 0, 5, len(whole) - 1]
     for place in places:
         damaged = bytearray(whole)
@@ -401,6 +403,36 @@ def test_a_row_is_found_as_it_is_and_not_with_a_digit_or_sign_more(printed, foun
     """Blanks do not matter, digits and signs do."""
     text = verify_text.Text.of([f"before {printed} behind"])
     assert (text.find(verify_text.segments(["K0", "1.003253", "0.000040", "1"]), 0) >= 0) is found
+
+
+def test_the_dcc_alone_is_checked_by_structure_and_digests(unsigned, tmp_path, calibkit):
+    """The file beside the PDF passes with a warning; a changed coefficient file in it, or what is no DCC, is refused."""
+    beside = unsigned.with_suffix(".xml")
+    found = calibkit("verify", beside)
+    assert found.code == 0
+    assert "2 coefficient files" in found.out
+    assert "not signed" in found.err
+    document = beside.read_bytes()
+    at = document.index(b"<dcc:dataBase64>") + len(b"<dcc:dataBase64>") + 400
+    damaged = document[:at] + (b"A" if document[at : at + 1] != b"A" else b"B") + document[at + 1 :]
+    for k, data in enumerate((damaged, b"<a/>", b"<a", document.replace(b"uniqueIdentifier", b"identifier"))):
+        path = tmp_path / f"{k}.xml"
+        path.write_bytes(data)
+        assert calibkit("verify", path).code == 4
+
+
+def test_the_signed_file_has_no_pdfa_finding_that_the_unsigned_has_not(signed):
+    """But for what the checker does not know: forms and permissions, and the prefix of a namespace that is written anew."""
+    pdfa = pytest.importorskip("pikepdf.pdfa")
+
+    def alike(message):
+        return re.sub(r"xmpTPg|ns#", "ns", re.sub(r"\d+", "#", message))
+
+    listed = json.loads((AUTHORITIES / "pdfa_false_alarms.json").read_text(encoding="utf-8"))["findings"]
+    known = {alike(entry["message"]) for entry in listed}
+    parts = ("permissions (/Perms)", "interactive forms (/AcroForm)", "embedded files")
+    known |= {f"{part} are not supported" for part in parts}  # by the checker, which says so of what it does not know
+    assert {alike(finding.message) for finding in pdfa.validate_written(signed, "3b").findings} <= known
 
 
 def test_what_is_no_certificate_is_refused(tmp_path, calibkit):

@@ -7,6 +7,7 @@ made it.
 
 from __future__ import annotations
 
+import base64
 import hashlib
 import io
 import math
@@ -49,7 +50,7 @@ class Verified:
 
 def is_certificate(path: Path) -> bool:
     """Whether a file is to be checked as a certificate: by its name, or because it is a PDF."""
-    if path.suffix.lower() == ".pdf":
+    if path.suffix.lower() in {".pdf", ".xml"}:
         return True
     with path.open("rb") as stream:
         return stream.read(len(MAGIC)) == MAGIC
@@ -58,6 +59,8 @@ def is_certificate(path: Path) -> bool:
 def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
     """Check a certificate; raises CoefficientError that lists what is wrong, OutputError where a library is absent."""
     document = path.read_bytes()
+    if path.suffix.lower() == ".xml":
+        return _alone(path, document, schema_dir)
     signatures = verify_signature.signatures(document, verify_signature.trust_roots(trust))
     faults = [fault for one in signatures for fault in one.faults]
     warnings = [warning for one in signatures for warning in one.warnings]
@@ -82,6 +85,24 @@ def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = Non
     if draft:
         warnings.append("a DRAFT: not a calibration certificate")
     return Verified(_what(attached, signatures, count), tuple(warnings))
+
+
+def _alone(path: Path, document: bytes, schema_dir: Path | None) -> Verified:
+    """A DCC beside its PDF: structure, schema, and the coefficient files in it by their own digests."""
+    try:
+        root = dcc_check.parse(document)
+        dcc_check.structure(document)
+        if schema_dir is not None:
+            dcc_check.schema(document, schema_dir)
+        files = {one.findtext("dcc:fileName", "", NAMES): one for one in root.iterfind(".//dcc:byteData", NAMES)}
+        for name, one in files.items():
+            data = base64.b64decode(one.findtext("dcc:dataBase64", "", NAMES))
+            coefficients.loads(data.decode("utf-8"), name)
+    except (OutputError, CoefficientError, UnicodeDecodeError) as error:
+        raise _failed(path, [str(getattr(error, "message", error))]) from None
+    number = root.findtext(".//dcc:uniqueIdentifier", "", NAMES)
+    warning = "not signed: check the certificate that it came with, which holds the same file"
+    return Verified(f"DCC {dcc.VERSION} of certificate {number}, {len(files)} coefficient files", (warning,))
 
 
 def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:

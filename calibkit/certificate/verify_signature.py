@@ -120,8 +120,30 @@ def _container(document: bytes, embedded: Any) -> Iterator[str]:  # noqa: ANN401
     gap = document[start + length : after]
     der = _der(bytes.fromhex(gap[1:-1].decode("ascii"))) if len(gap) > 2 else b""
     plain = {b"<" + text.ljust(len(gap) - 2, b"0") + b">" for text in (der.hex().encode(), der.hex().upper().encode())}
-    if start != 0 or after + rest > len(document) or gap not in plain:
+    if start != 0 or after + rest > len(document) or gap not in plain or not _regular(der, embedded.signer_cert):
         yield "the signature's own bytes were changed"
+
+
+def _regular(der: bytes, signer: Any) -> bool:  # noqa: ANN401 (a class of an optional library)
+    """Whether what the signature does not cover of its own container says again what it covers (RFC 5652, 5.1 and 5.3)."""
+    from asn1crypto import cms, core
+
+    found = []
+    for parameters in ({"parameters": core.Null()}, {}):
+        made = cms.ContentInfo.load(der, strict=True)
+        data = made["content"]
+        own = data["signer_infos"][0]
+        algorithm = {"algorithm": own["digest_algorithm"]["algorithm"].native, **parameters}
+        named = own["sid"].name == "issuer_and_serial_number"
+        if named:
+            serial = {"issuer": signer.issuer, "serial_number": signer.serial_number}
+            own["sid"] = cms.SignerIdentifier("issuer_and_serial_number", cms.IssuerAndSerialNumber(serial))
+        own["version"] = data["version"] = "v1" if named else "v3"
+        own["digest_algorithm"] = cms.DigestAlgorithm(algorithm)
+        data["digest_algorithms"] = cms.DigestAlgorithms([cms.DigestAlgorithm(algorithm)])
+        data["encap_content_info"] = cms.ContentInfo({"content_type": "data"})
+        found.append(made.dump(force=True))
+    return der in found
 
 
 def _der(content: bytes) -> bytes:
