@@ -40,8 +40,17 @@ class FitOutcome:
     guesses: tuple[str, ...]
 
 
-def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, progress: Progress) -> FitOutcome:
-    """Fit a recipe to the logs of a folder and write the next revision of the serial's run folder."""
+def fit(
+    source: recipe.Source,
+    data: Path,
+    serial: str,
+    out: Path,
+    date: str,
+    progress: Progress,
+    *,
+    dry_run: bool = False,
+) -> FitOutcome:
+    """Fit a recipe to the logs of a folder and write the next revision of the serial's run folder; a dry run only names it."""
     spec = recipe.parse(source)
     serial = store.check_serial(serial or spec.serial)
     procedure = procedures.of(spec)
@@ -65,7 +74,7 @@ def fit(source: recipe.Source, data: Path, serial: str, out: Path, date: str, pr
         built.update(_run_document(identity, source, spec, fitted, contents))
         return {store.RUN_FILE: coefficients.seal(built).encode(), **contents}
 
-    folder = store.commit(out, serial, build)
+    folder = (store.rehearse if dry_run else store.commit)(out, serial, build)
     name = f"{serial}@{folder.name}"
     summary = replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}")
     return FitOutcome(folder, name, summary, built, guesses(fitted.inputs))

@@ -96,7 +96,7 @@ def _file_digest(run: Run, name: str) -> str:
 def save(out: Path, serial: str, revision: int, files: Mapping[str, bytes]) -> Path:
     """Write a run folder whole: a temporary folder, every file synced, then one rename; nothing is overwritten."""
     target = _folder(out, serial, revision)
-    _refuse_run_folder(target)
+    refuse_run_folder(target)
     try:
         atomic.make_folder(target.parent)
         temporary = Path(tempfile.mkdtemp(prefix=WRITING, dir=target.parent))
@@ -131,10 +131,10 @@ def refuse_existing(path: Path) -> None:
     """Raise OutputError when something of that name exists, or when it would lie in a run folder."""
     if os.path.lexists(path):
         raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name or remove it")
-    _refuse_run_folder(path)
+    refuse_run_folder(path)
 
 
-def _refuse_run_folder(path: Path) -> None:
+def refuse_run_folder(path: Path) -> None:
     """Raise OutputError for a path inside a run folder, which is written once and whole."""
     inside = next((parent for parent in path.absolute().parents if os.path.lexists(parent / RUN_FILE)), None)
     if inside is not None:
@@ -296,7 +296,7 @@ def commit(out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Map
     The serial is locked meanwhile: of two fits at once, in whatever processes, one gets the next number and the other
     the one after it. What a fit that was killed left half written is removed.
     """
-    _refuse_run_folder(out / serial)
+    refuse_run_folder(out / serial)
     with held(out, serial):
         revision, digests = latest_digests(out, serial)
         return save(out, serial, revision + 1, build(revision + 1, digests))
@@ -325,6 +325,14 @@ def clear(out: Path, serial: str) -> None:
     if _lock(out, serial).exists() or any((out / serial).glob(f"{WRITING}*")):
         with held(out, serial):
             pass
+
+
+def rehearse(out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Mapping[str, bytes]]) -> Path:
+    """Folder that `commit` would write now; everything is made, nothing is written, no lock is taken."""
+    refuse_run_folder(out / serial)
+    revision, digests = latest_digests(out, serial)
+    build(revision + 1, digests)
+    return _folder(out, serial, revision + 1)
 
 
 def _clear(serial_folder: Path) -> None:

@@ -10,8 +10,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 import click
 
 from calibkit import __version__
-from calibkit.cli import firmware, fleets, records
-from calibkit.cli.console import print_json, print_summary, progress
+from calibkit.cli import completion, firmware, fleets, records
+from calibkit.cli.console import note, prepare, print_data, print_json, print_verdict, progress, say, tell
 from calibkit.cli.ending import guarded
 from calibkit.cli.options import DATA, JSON, RECIPE, RUN, RUNS, SET, Group, day_of, now
 from calibkit.errors import FrameError
@@ -44,10 +44,19 @@ def cli() -> None:
 @click.option(
     "--date", default=None, metavar="YYYY-MM-DD", help="date from which the coefficients hold (default: today)"
 )
+@click.option("--dry-run", is_flag=True, help="fit and say what would be written; nothing is")
 @SET
 @JSON
 def fit(
-    recipe: str, data: Path, serial: str, out: Path, date: str | None, overrides: tuple[str, ...], *, as_json: bool
+    recipe: str,
+    data: Path,
+    serial: str,
+    out: Path,
+    date: str | None,
+    overrides: tuple[str, ...],
+    *,
+    dry_run: bool,
+    as_json: bool,
 ) -> int:
     """Fit a recipe to the logs of a folder and write a run folder.
 
@@ -59,14 +68,18 @@ def fit(
     from calibkit import pipeline
     from calibkit.recipe import find
 
-    outcome = pipeline.fit(find(recipe, overrides), data, serial, out, day, progress)
+    outcome = pipeline.fit(find(recipe, overrides), data, serial, out, day, progress, dry_run=dry_run)
+    for entry in outcome.document["inputs"]:
+        tell(f"read {entry['name']}: {entry['rows']} rows, sha256 {entry['sha256']}")
     for guess in outcome.guesses:
-        click.echo(f"? {guess}", err=True)
+        say(f"? {guess}")
     if as_json:
-        print_json({"ok": True, "run": outcome.name, "folder": str(outcome.folder), **_verdict(outcome.document)})
+        where = {"run": outcome.name, "folder": str(outcome.folder), **({"dry_run": True} if dry_run else {})}
+        print_json({"ok": True, **where, **_verdict(outcome.document)})
     else:
-        print_summary(outcome.summary)
-        click.echo(f"{outcome.folder}")
+        print_verdict(outcome.summary)
+        click.echo(f"{outcome.folder}{' (dry run: not written)' if dry_run else ''}")
+        note("wrote", f"{outcome.folder}{' (dry run: not written)' if dry_run else ''}")
     return 0 if outcome.summary.accepted else 1
 
 
@@ -111,7 +124,7 @@ def init(folder: Path, *, as_json: bool) -> int:
     if as_json:
         print_json({"ok": True, "recipe": text})
     else:
-        click.echo(text, nl=False)
+        print_data(text)
     return 0
 
 
@@ -137,7 +150,7 @@ def apply(run: str, data: Path, out: Path, overrides: tuple[str, ...], runs: Pat
         print_json({"ok": True, "run": found.name, "out": str(out), "flags": list(flags)})
     else:
         for flag in flags:
-            click.echo(f"! {flag}", err=True)
+            say(f"! {flag}")
         click.echo(f"{out}")
     return 0
 
@@ -161,7 +174,7 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, as_json: bool) -> i
     if as_json:
         print_json({"ok": True, **document})
     else:
-        print_summary(summary)
+        print_verdict(summary)
         click.echo(f"{out}")
     return 0 if summary.accepted else 1
 
@@ -219,9 +232,9 @@ def certify(
         print_json({"ok": True, **certificates.said(issued)})
         return 0
     if issued.missing:
-        click.echo("DRAFT: not a calibration certificate; missing:", err=True)
+        say("DRAFT: not a calibration certificate; missing:")
     for item in issued.missing:
-        click.echo(f"  {item.key}: {item.what.en}", err=True)
+        say(f"  {item.key}: {item.what.en}")
     click.echo("\n".join(map(str, issued.files)))
     return 0
 
@@ -252,6 +265,24 @@ def simulate(procedure: str, out: Path, seed: int, *, as_json: bool) -> int:
     return 0
 
 
+@cli.command("completion")
+@click.argument("shell", type=click.Choice(completion.SHELLS))
+@JSON
+def complete(shell: str, *, as_json: bool) -> int:
+    """Print the script that lets a shell complete commands, options, recipes, serials and revisions.
+
+    \b
+    calibkit completion bash >> ~/.bashrc
+    calibkit completion fish > ~/.config/fish/completions/calibkit.fish
+    """
+    text = completion.script(shell, cli)
+    if as_json:
+        print_json({"ok": True, "shell": shell, "script": text})
+    else:
+        print_data(text)
+    return 0
+
+
 def _verdict(document: Any) -> dict[str, Any]:  # noqa: ANN401 (a JSON object)
     """What --json says of a run."""
     keys = (
@@ -270,10 +301,8 @@ def _verdict(document: Any) -> dict[str, Any]:  # noqa: ANN401 (a JSON object)
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit with the contract's codes."""
-    for stream in (sys.stdout, sys.stderr):
-        if hasattr(stream, "reconfigure"):  # a console that cannot print ° must not stop a calibration
-            stream.reconfigure(errors="replace")
     # one thread a factorisation: these are tall and narrow, threads only wait for each other, and the sums keep their order
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     argv = list(sys.argv[1:] if arguments is None else arguments)
+    prepare(argv)
     sys.exit(guarded(lambda: cli.main(argv, prog_name="calibkit", standalone_mode=False), as_json="--json" in argv))

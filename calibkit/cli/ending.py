@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
-from calibkit.cli.console import print_json
+from calibkit.cli.console import note, print_json, say
 from calibkit.errors import CalibkitError, OutputError
 
 if TYPE_CHECKING:
@@ -29,7 +29,14 @@ def _silence_stdout() -> None:
         os.close(nowhere)
 
 
-def guarded(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 (one return a kind of ending)
+def guarded(run: Callable[[], Any], *, as_json: bool) -> int:
+    """Exit code of a command, which the log file ends with."""
+    code = _outcome(run, as_json=as_json)
+    note("ended", f"exit code {code}")
+    return code
+
+
+def _outcome(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 (one return a kind of ending)
     """Exit code of a command; every failure becomes one message, and one JSON document where JSON was asked for."""
     try:
         code = run()
@@ -64,7 +71,8 @@ def guarded(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 (
 def _fail(exit_code: int, code: str, message: str, hint: str, *, as_json: bool) -> int:
     """Say what went wrong, on stderr or as JSON, and return the exit code."""
     if as_json:
+        note("say", f"calibkit: {message}{f'; {hint}' if hint else ''}")
         print_json({"ok": False, "error": {"code": code, "message": message, "hint": hint}})
     else:
-        click.echo(f"calibkit: {message}{f'; {hint}' if hint else ''}", err=True)
+        say(f"calibkit: {message}{f'; {hint}' if hint else ''}")
     return exit_code

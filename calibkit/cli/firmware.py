@@ -7,10 +7,10 @@ from pathlib import Path
 import click
 
 from calibkit.cli.console import print_json
-from calibkit.cli.options import JSON, RUN, RUNS
+from calibkit.cli.options import JSON, RUN, RUNS, command
 
 
-@click.command()
+@command()
 @RUN
 @click.option("--target", required=True, help="c")
 @click.option("--number", default="f32", show_default=True, help="f32, f64, q31 or q15")

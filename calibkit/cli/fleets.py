@@ -6,12 +6,12 @@ from pathlib import Path
 
 import click
 
-from calibkit.cli.console import print_json, progress
-from calibkit.cli.options import JSON, RECIPE, SET, day_of
+from calibkit.cli.console import print_json, progress, say
+from calibkit.cli.options import JSON, RECIPE, SET, command, day_of
 from calibkit.errors import UsageError
 
 
-@click.command()
+@command()
 @RECIPE
 @click.option("--data", required=True, type=click.Path(path_type=Path), help="folder with one sub-folder a unit")
 @click.option("--out", default="runs", show_default=True, type=click.Path(path_type=Path), help="where runs are kept")
@@ -51,7 +51,7 @@ def fleet(
         find(recipe, overrides), data, out, day, progress, jobs=jobs or 0, address=cluster, keep_going=keep_going
     )
     for guess in done.guesses:
-        click.echo(f"? {guess}", err=True)
+        say(f"? {guess}")
     if as_json:
         print_json(told.document(done))
     else:

@@ -3,14 +3,22 @@
 from __future__ import annotations
 
 import datetime as dt
+import functools
+import shlex
 from pathlib import Path
+from typing import Any
 
 import click
 
+from calibkit import __version__
+from calibkit.cli import completion, console
 from calibkit.errors import UsageError
 
-RECIPE = click.argument("recipe")
-RUN = click.argument("run")
+EXAMPLE = "calibkit "
+"""Start of an example's line in the help of a command."""
+
+RECIPE = click.argument("recipe", shell_complete=completion.recipes)
+RUN = click.argument("run", shell_complete=completion.runs)
 DATA = click.option("--data", required=True, type=click.Path(path_type=Path), help="folder with the logs")
 RUNS = click.option("--runs", default="runs", show_default=True, type=click.Path(path_type=Path), help="where runs are")
 JSON = click.option("--json", "as_json", is_flag=True, help="one JSON document on stdout, also on failure")
@@ -18,8 +26,89 @@ CSV = click.option("--csv", "as_csv", is_flag=True, help="CSV on stdout, one lin
 SET = click.option("--set", "overrides", multiple=True, metavar="table.key=value", help="override a recipe key")
 
 
-class Group(click.Group):
+def _quiet(ctx: click.Context, param: click.Parameter, value: bool) -> None:  # noqa: ARG001, FBT001 (click's signature)
+    """Take --quiet."""
+    console.TALK.quiet = value
+
+
+def _verbose(ctx: click.Context, param: click.Parameter, value: bool) -> None:  # noqa: ARG001, FBT001 (click's signature)
+    """Take --verbose; it contradicts --quiet."""
+    if value and console.TALK.quiet:
+        raise UsageError("--quiet and --verbose contradict each other", hint="give one of them")
+    console.TALK.verbose = value
+
+
+def _log_file(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:  # noqa: ARG001 (click's signature)
+    """Take --log-file and begin it with the command as it was called."""
+    if value is not None:
+        console.log_to(value, f"calibkit {__version__}: {shlex.join(console.TALK.called)}")
+
+
+def _common() -> list[click.Option]:
+    """Options that every command has."""
+    quiet = click.Option(
+        ["-q", "--quiet"],
+        is_flag=True,
+        expose_value=False,
+        callback=_quiet,
+        is_eager=True,
+        help="say only what matters",
+    )
+    verbose = click.Option(
+        ["-v", "--verbose"], is_flag=True, expose_value=False, callback=_verbose, help="say what is done as it is done"
+    )
+    log_file = click.Option(
+        ["--log-file"],
+        type=click.Path(path_type=Path, dir_okay=False),
+        expose_value=False,
+        callback=_log_file,
+        help="file to append to: the call, what is said, the end",
+    )
+    return [quiet, verbose, log_file]
+
+
+class Explained(click.Command):
+    """A command or group whose help starts with its examples: the lines of its docstring that call calibkit."""
+
+    def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """Examples, then usage, text and options."""
+        with formatter.section("Examples"):
+            formatter.write("".join(f"  {line}\n" for line in _examples(self.help or "")))
+        formatter.write_paragraph()
+        super().format_help(ctx, formatter)
+
+    def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
+        """The text without its examples, which stand above."""
+        whole = self.help
+        paragraphs = (whole or "").split("\n\n")
+        self.help = "\n\n".join(paragraph for paragraph in paragraphs if not _examples(paragraph))
+        try:
+            super().format_help_text(ctx, formatter)
+        finally:
+            self.help = whole
+
+
+def _examples(text: str) -> list[str]:
+    """Lines of a help text that are examples."""
+    return [line.strip() for line in text.splitlines() if line.strip().startswith(EXAMPLE)]
+
+
+class Command(Explained):
+    """A command that can be quiet, verbose and logged."""
+
+    def __init__(self, *arguments: Any, **settings: Any) -> None:  # noqa: ANN401 (click's own parameters)
+        super().__init__(*arguments, **settings)
+        self.params += _common()
+
+
+command = functools.partial(click.command, cls=Command)
+"""Decorator of a command."""
+
+
+class Group(Explained, click.Group):
     """Commands in the order of the work, not of the alphabet."""
+
+    command_class = Command
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's signature)
         """Names of the commands as they were added."""

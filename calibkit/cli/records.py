@@ -7,14 +7,15 @@ from typing import Any
 
 import click
 
-from calibkit.cli.console import print_json, print_summary
-from calibkit.cli.options import CSV, JSON, RUN, RUNS, day_of
+from calibkit.cli import completion
+from calibkit.cli.console import print_data, print_json, print_summary, say
+from calibkit.cli.options import CSV, JSON, RUN, RUNS, command, day_of
 from calibkit.errors import CalibkitError, CoefficientError, UsageError
 
 ON = click.option("--date", default=None, metavar="YYYY-MM-DD", help="of a SERIAL, the run in force on that date")
 
 
-@click.command()
+@command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
     "--trust", multiple=True, type=click.Path(path_type=Path), help="certificate whose signatures are trusted"
@@ -44,15 +45,17 @@ def verify(files: tuple[Path, ...], trust: tuple[Path, ...], schema_dir: Path | 
         print_json({"ok": worst == 0, "files": results})
     else:
         for result in results:
-            click.echo(
-                f"{'ok    ' if result['ok'] else 'FAILED'} {result['file']}: {result['what']}", err=not result["ok"]
-            )
+            line = f"{'ok    ' if result['ok'] else 'FAILED'} {result['file']}: {result['what']}"
+            if result["ok"]:
+                click.echo(line)
+            else:
+                say(line)
             for warning in result["warnings"]:
-                click.echo(f"! {result['file']}: {warning}", err=True)
+                say(f"! {result['file']}: {warning}")
     return worst
 
 
-@click.command()
+@command()
 @RUN
 @RUNS
 @ON
@@ -77,15 +80,15 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
         records = {name: asdict(record) for name, record in found.records.items()}
         print_json({"ok": True, "run": dict(found.document), "records": records})
     elif as_csv:
-        click.echo(said.run_csv(found), nl=False)
+        print_data(said.run_csv(found))
     else:
         print_summary(summary(found.name, found.document, found.records))
     return 0
 
 
-@click.command()
-@click.argument("before", metavar="RUN")
-@click.argument("after", metavar="RUN")
+@command()
+@click.argument("before", metavar="RUN", shell_complete=completion.runs)
+@click.argument("after", metavar="RUN", shell_complete=completion.runs)
 @RUNS
 @CSV
 @JSON
@@ -107,14 +110,14 @@ def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) ->
     if as_json:
         print_json({"ok": True, **said.difference_document(found)})
     elif as_csv:
-        click.echo(said.difference_csv(found), nl=False)
+        print_data(said.difference_csv(found))
     else:
         print_summary(said.difference_summary(found))
     return 0
 
 
-@click.command()
-@click.argument("serial")
+@command()
+@click.argument("serial", shell_complete=completion.runs)
 @RUNS
 @click.option("--only", default="", metavar="PATTERN", help="coefficients and figures to follow, stage.model.name")
 @click.option("--figure", type=click.Path(path_type=Path), help="PDF or PNG to write: each quantity over time")
@@ -140,7 +143,7 @@ def history(serial: str, runs: Path, only: str, figure: Path | None, *, as_csv: 
     if as_json:
         print_json({"ok": found.sound, **said.timeline_document(found)})
     elif as_csv:
-        click.echo(said.timeline_csv(found), nl=False)
+        print_data(said.timeline_csv(found))
     else:
         print_summary(said.timeline_summary(found))
     return 0 if found.sound else CoefficientError.exit_code

@@ -1,0 +1,50 @@
+"""What a shell offers for a RECIPE, a RUN or a SERIAL that is being typed, and the script that makes it do so."""
+
+from __future__ import annotations
+
+import os
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from click.shell_completion import CompletionItem, get_completion_class
+
+from calibkit.errors import UsageError
+
+if TYPE_CHECKING:
+    import click
+
+SHELLS = ("bash", "zsh", "fish")
+
+
+def recipes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG001
+    """Shipped recipes and files."""
+    package = Path(__file__).resolve().parents[1]
+    folders = (package / "recipes", package.parent / "recipes")
+    names = sorted({path.stem for folder in folders for path in folder.glob("*.toml")})
+    found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return [*found, CompletionItem(incomplete, type="file")]
+
+
+def runs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG001
+    """Serials under --runs, behind an @ their revisions, and folders."""
+    root = Path(ctx.params.get("runs") or "runs")
+    serial, at, _ = incomplete.partition("@")
+    names = [f"{serial}@{name}" for name in _folders(root / serial)] if at else _folders(root)
+    found = [CompletionItem(name) for name in names if name.startswith(incomplete)]
+    return found if at else [*found, CompletionItem(incomplete, type="dir")]
+
+
+def _folders(root: Path) -> list[str]:
+    """Names of the folders in a folder that begin with a letter or a digit."""
+    try:
+        return sorted(entry.name for entry in os.scandir(root) if entry.is_dir() and entry.name[0].isalnum())
+    except OSError:
+        return []
+
+
+def script(shell: str, program: click.Command) -> str:
+    """Text that a shell's start-up file runs; UsageError for a shell that is not known."""
+    kind = get_completion_class(shell)
+    if kind is None or shell not in SHELLS:
+        raise UsageError(f"shell '{shell}' is not known", hint=f"one of {', '.join(SHELLS)}")
+    return kind(program, {}, "calibkit", "_CALIBKIT_COMPLETE").source()

@@ -1,0 +1,27 @@
+"""The log file of a command: what was called, what was said, how it ended. It is talk: no result is ever read from it."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from calibkit import store
+from calibkit.cli.options import now
+from calibkit.errors import OutputError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+
+def write(path: Path, level: str, text: str) -> None:
+    """Append lines to a log file, each with the time (UTC) and its kind; OutputError where that is not possible.
+
+    A log file is the one file that calibkit adds to; it is never opened inside a run folder.
+    """
+    store.refuse_run_folder(path)
+    at = now().strftime("%Y-%m-%dT%H:%M:%SZ")
+    lines = "".join(f"{at} {level:8} {line}\n" for line in text.splitlines())
+    try:
+        with path.open("a", encoding="utf-8", errors="backslashreplace", newline="\n") as stream:
+            stream.write(lines)
+    except OSError as error:
+        raise OutputError(f"--log-file {path}: {error.strerror}", hint="give another file") from None

@@ -1,0 +1,523 @@
+"""The command line on any console: encodings, colours, quiet and verbose, the log file, dry runs, completion, exit codes."""
+
+import ast
+import codecs
+import hashlib
+import json
+import os
+import re
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from calibkit import cli, pipeline
+from calibkit.cli import console, options
+from conftest import ROOT
+from kept import keep, model
+
+TITLE = 'title="温度 γ ±0.5 °C 陀螺"'
+COMMANDS = sorted(cli.cli.commands)
+
+
+def run(*arguments, cwd=ROOT, python=(), **environment):
+    """Run calibkit in a process of its own, with nothing of this one's locale."""
+    kept = {
+        key: value for key, value in os.environ.items() if not key.startswith(("LC_", "LANG", "PYTHON", "NO_COLOR"))
+    }
+    return subprocess.run(
+        [sys.executable, *python, "-m", "calibkit", *map(str, arguments)],
+        capture_output=True,
+        check=False,
+        timeout=120,
+        cwd=cwd,
+        env=kept | {"PYTHONPATH": str(ROOT)} | environment,
+    )
+
+
+def warm_up(folder):
+    """Write a short log of a static gyro that warms up, which takes no time to fit."""
+    rows = [f"{k},{20.0 + 0.1 * k},{0.5 + 0.01 * k + 0.001 * (k * k % 7)}" for k in range(300)]
+    folder.mkdir(parents=True, exist_ok=True)
+    path = folder / "warm.csv"
+    path.write_text("\n".join(["time_s,temp_case_degc,gyro_dph", *rows, ""]), encoding="utf-8", newline="\n")
+    return folder
+
+
+@pytest.fixture(scope="module")
+def fitted(tmp_path_factory):
+    """Return, per console, what a fit with Chinese text printed and the files it wrote."""
+    consoles = {
+        "utf-8": {"PYTHONIOENCODING": "utf-8"},
+        "ascii": {"PYTHONIOENCODING": "ascii"},
+        "gbk": {"PYTHONIOENCODING": "gbk"},
+        "C": {"LC_ALL": "C", "PYTHONUTF8": "0", "PYTHONCOERCECLOCALE": "0"},
+    }
+    results = {}
+    for name, environment in consoles.items():
+        out = tmp_path_factory.mktemp(name.replace("-", ""))
+        data = warm_up(out / "logs")
+        # the text comes from a recipe file: a C locale cannot carry it on the command line
+        recipe = out / "recipe.toml"
+        shipped = (ROOT / "recipes" / "bias_temperature.toml").read_text(encoding="utf-8")
+        recipe.write_text(re.sub(r"^title *=.*$", TITLE, shipped, flags=re.MULTILINE), encoding="utf-8")
+        call = ("fit", recipe, "--data", data, "--serial", "QA-1", "--date", "2026-11-21", "--out", out / "runs")
+        done = run(*call, **environment)
+        folder = out / "runs" / "QA-1" / "r001"
+        results[name] = (done, {path.name: path.read_bytes() for path in folder.glob("*")}, out / "runs")
+    return results
+
+
+@pytest.mark.parametrize("name", ["utf-8", "ascii", "gbk", "C"])
+def test_no_console_stops_a_fit_and_the_files_are_the_same_bytes(fitted, name):
+    """A fit with °, ± and 温度 in it ends well on consoles that lack them, and writes UTF-8 with LF whatever the console."""
+    done, files, _ = fitted[name]
+    assert done.returncode == 0, done.stderr
+    assert set(files) >= {"run.json", "report.txt", "bias.json"}
+    assert files == fitted["utf-8"][1]
+    assert "温度" in files["run.json"].decode("utf-8")
+    assert b"\r" not in files["run.json"] + files["report.txt"] + files["bias.json"]
+
+
+def test_what_a_console_lacks_has_a_readable_stand_in(fitted):
+    """On an ASCII console ° is deg and ± is +-; GBK has both characters and 温度 and prints them; a C locale prints UTF-8."""
+    ascii_, gbk, c = (fitted[name][0].stdout for name in ("ascii", "gbk", "C"))
+    text = ascii_.decode("ascii")
+    assert "?? gamma +-0.5 degC ??" in text
+    assert "温度 γ ±0.5 °C 陀螺" in gbk.decode("gbk")
+    assert "温度 γ ±0.5 °C 陀螺" in c.decode("utf-8")
+
+
+@pytest.mark.parametrize(
+    ("encoding", "command"),
+    [("ascii", "show"), ("ascii", "check"), ("gbk", "history"), ("gbk", "verify")],
+)
+def test_json_is_whole_on_every_console(fitted, encoding, command):
+    """A JSON document on a console that is not Unicode is the same document, other characters escaped."""
+    folder = fitted["utf-8"][2]
+    calls = {
+        "show": ("show", "QA-1", "--runs", folder),
+        "history": ("history", "QA-1", "--runs", folder),
+        "verify": ("verify", folder / "QA-1" / "r001"),
+        "check": ("check", "bias_temperature", "--data", folder.parent / "logs"),
+    }
+    printed = run(*calls[command], "--json", PYTHONIOENCODING=encoding).stdout
+    assert json.loads(printed.decode("ascii"))["ok"] is True
+    unicode = run(*calls[command], "--json").stdout
+    assert json.loads(printed) == json.loads(unicode.decode("utf-8"))
+
+
+def test_csv_on_a_poor_console_escapes_and_loses_nothing(tmp_path):
+    """A model named 温度 in CSV on an ASCII console is escaped, not turned into question marks; UTF-8 where redirected."""
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}, name="温度"), serial="陀螺-1")
+    call = ("show", "陀螺-1", "--runs", tmp_path, "--csv")
+    assert b"\\u6e29\\u5ea6" in run(*call, PYTHONIOENCODING="ascii").stdout
+    assert "温度".encode() in run(*call).stdout
+    assert "温度".encode("gbk") in run(*call, PYTHONIOENCODING="gbk").stdout
+
+
+@pytest.mark.parametrize(("encoding", "command"), [("gbk", "fit"), *(("ascii", command) for command in COMMANDS)])
+def test_help_and_refusals_print_on_every_console(encoding, command):
+    """The help of every command, and a refusal that quotes 温度 and half a surrogate, end with their own exit code."""
+    assert run(command, "--help", PYTHONIOENCODING=encoding).returncode == 0
+    refused = run(command, "--nonsense-温度-\udcff", PYTHONIOENCODING=encoding)
+    assert refused.returncode == 2, refused.stderr
+    assert b"Traceback" not in refused.stderr
+
+
+def test_the_stand_ins_are_ascii_and_cover_what_the_package_prints():
+    """Each stand-in is ASCII, and every letter or sign in calibkit's own texts has one, Chinese and box lines aside."""
+    assert all(text.isascii() for text in console.READABLE.values())
+    printed = set()
+    for path in (ROOT / "calibkit").rglob("*.py"):
+        if "certificate" in path.parts:  # typeset, not printed
+            continue
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if isinstance(node, ast.JoinedStr | ast.Raise):
+                constants = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
+                printed |= {char for text in constants if isinstance(text, str) for char in text if ord(char) > 127}
+    lacking = {char for char in printed if char not in console.READABLE and not "⺀" <= char <= "\uffef"}
+    assert lacking == set()
+
+
+def test_output_ends_lines_with_lf_only(tmp_path, monkeypatch):
+    """Stdout is set to LF and a redirected one to UTF-8, as it has to be said on Windows."""
+    calls = []
+
+    class Stream:
+        encoding = "cp936"
+
+        def isatty(self):
+            return False
+
+        def reconfigure(self, **settings):
+            calls.append(settings)
+
+    monkeypatch.delenv("PYTHONIOENCODING", raising=False)
+    monkeypatch.setattr(sys, "stdout", Stream())
+    monkeypatch.setattr(sys, "stderr", None)  # as under pythonw
+    console.prepare([])
+    assert calls == [{"encoding": "utf-8", "errors": "calibkit", "newline": "\n"}]
+
+
+def test_every_text_file_is_opened_with_its_encoding():
+    """No call opens a text in the locale's encoding: open, read_text and write_text say which one, or are binary."""
+    for path in sorted((ROOT / "calibkit").rglob("*.py")):
+        for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
+            if not isinstance(node, ast.Call):
+                continue
+            name = getattr(node.func, "attr", getattr(node.func, "id", ""))
+            owner = getattr(getattr(node.func, "value", None), "id", "")
+            texts = [entry.value for entry in node.args if isinstance(entry, ast.Constant)]
+            binary = any(isinstance(text, str) and "b" in text for text in texts)
+            if name in {"read_text", "write_text"} or (name == "open" and owner not in {"os", "h5py"} and not binary):
+                keywords = {keyword.arg for keyword in node.keywords}
+                library = isinstance(node.func, ast.Attribute) and isinstance(node.func.value, ast.Attribute)
+                assert "encoding" in keywords or library, f"{path}:{node.lineno}"
+                assert name != "write_text" or "newline" in keywords, f"{path}:{node.lineno}: CRLF on Windows"
+
+
+POSIX_ONLY = {
+    "fork", "geteuid", "getuid", "chown", "setsid", "killpg", "getpgid", "mkfifo", "nice", "alarm", "setitimer", "uname",
+    "wait3", "forkpty", "openpty", "sched_setaffinity", "sched_getaffinity", "statvfs", "O_DIRECTORY", "O_NOFOLLOW",
+    "SIGKILL", "SIGALRM", "SIGUSR1", "SIGHUP", "setrlimit",
+}  # fmt: skip
+POSIX_MODULES = {"fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "syslog", "crypt"}
+
+
+def test_no_posix_only_call_stands_without_a_fallback():
+    """What only POSIX has is imported inside a try that catches its absence, and its names are not used anywhere."""
+    for path in sorted((ROOT / "calibkit").rglob("*.py")):
+        tree = ast.parse(path.read_text(encoding="utf-8"))
+        guarded = {
+            id(inner)
+            for node in ast.walk(tree)
+            if isinstance(node, ast.Try)
+            and any(getattr(handler.type, "id", "") in {"ImportError", "AttributeError"} for handler in node.handlers)
+            for inner in ast.walk(node)
+        }
+        for node in ast.walk(tree):
+            if id(node) in guarded:
+                continue
+            if isinstance(node, ast.Attribute):
+                assert node.attr not in POSIX_ONLY, f"{path}:{node.lineno}: {node.attr}"
+            if isinstance(node, ast.Import):
+                assert not {name.name for name in node.names} & POSIX_MODULES, f"{path}:{node.lineno}"
+
+
+# colours
+
+
+@pytest.mark.skipif(os.name != "posix", reason="needs a pseudo-terminal")
+@pytest.mark.parametrize(
+    ("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"NO_COLOR": ""}, True)]
+)
+def test_no_color_means_no_escape_sequence(tmp_path, environment, coloured):
+    """On a terminal a summary is coloured; with NO_COLOR set to anything there is no escape character at all."""
+    import pty
+
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
+    controller, terminal = pty.openpty()
+    kept = {key: value for key, value in os.environ.items() if key != "NO_COLOR"}
+    done = subprocess.Popen(
+        [sys.executable, "-m", "calibkit", "show", "S-1", "--runs", str(tmp_path)],
+        stdout=terminal,
+        stderr=subprocess.DEVNULL,
+        cwd=ROOT,
+        env=kept | {"TERM": "xterm-256color", "PYTHONPATH": str(ROOT)} | environment,
+    )
+    os.close(terminal)
+    printed = b""
+    while True:
+        try:
+            chunk = os.read(controller, 65536)
+        except OSError:
+            break
+        if not chunk:
+            break
+        printed += chunk
+    os.close(controller)
+    assert done.wait(timeout=60) == 0
+    assert (b"\x1b[" in printed) is coloured
+
+
+def test_a_redirected_stdout_has_no_colours(tmp_path):
+    """A pipe gets plain text, whatever the terminal's name."""
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
+    assert b"\x1b" not in run("show", "S-1", "--runs", tmp_path, TERM="xterm-256color", COLORTERM="truecolor").stdout
+
+
+# help
+
+
+@pytest.mark.parametrize("command", ["", *COMMANDS])
+def test_the_help_starts_with_two_examples(calibkit, command):
+    """The first lines of every help are examples that can be typed; they do not stand there twice."""
+    outcome = calibkit(*filter(None, [command, "--help"]))
+    lines = outcome.out.splitlines()
+    assert lines[0] == "Examples:"
+    start = f"  calibkit {command}".rstrip()
+    assert lines[1].startswith(start)
+    assert lines[2].startswith(start)
+    assert sum(line.strip() == lines[1].strip() for line in lines) == 1
+    assert "\n\n\n" not in outcome.out
+
+
+@pytest.mark.parametrize("command", COMMANDS)
+def test_every_command_has_the_common_options(command):
+    """--json, --quiet, --verbose and --log-file are on all commands."""
+    found = {name for parameter in cli.cli.commands[command].params for name in parameter.opts}
+    assert {"--json", "--quiet", "--verbose", "--log-file"} <= found
+    assert isinstance(cli.cli.commands[command], options.Command)
+
+
+def test_every_example_can_be_parsed():
+    """Options in the examples exist: each line is parsed by the command that it shows (values are not looked up)."""
+    import shlex
+
+    for name, command in cli.cli.commands.items():
+        for line in options._examples(command.help or ""):
+            words = shlex.split(line.split(" >")[0])
+            assert words[:2] == ["calibkit", name]
+            context = command.make_context(name, words[2:], resilient_parsing=True)
+            assert context.params, line
+
+
+# quiet, verbose, log
+
+
+def test_quiet_leaves_warnings_and_verbose_adds_what_is_done(tmp_path, calibkit):
+    """Quiet prints only the run folder and flags, verbose names every log on stderr; neither changes the result."""
+    call = (
+        "fit",
+        "bias_temperature",
+        "--data",
+        warm_up(tmp_path / "logs"),
+        "--serial",
+        "S",
+        "--dry-run",
+        "--out",
+        tmp_path,
+    )
+    quiet, verbose = calibkit(*call, "--quiet"), calibkit(*call, "-v")
+    assert quiet.out.splitlines() == [f"{tmp_path / 'S' / 'r001'} (dry run: not written)"]
+    assert [line for line in quiet.err.splitlines() if not line.startswith(("!", "?"))] == []
+    assert len(verbose.out.splitlines()) > 5
+    assert verbose.out.splitlines()[-1] == quiet.out.splitlines()[-1]
+    assert "read warm.csv: 300 rows, sha256 " in verbose.err
+    assert calibkit(*call, "-q", "-v").code == 2
+
+
+def test_a_dry_run_says_what_would_be_and_writes_nothing(tmp_path, calibkit):
+    """--dry-run fits, names the folder, exits as the fit would, writes nothing; its digests are those the fit then writes."""
+    out, data = tmp_path / "runs", warm_up(tmp_path / "logs")
+    call = ("fit", "bias_temperature", "--data", data, "--serial", "S", "--out", out, "--date", "2026-11-21", "--json")
+    rehearsed = calibkit(*call, "--dry-run")
+    assert rehearsed.code == 0
+    assert rehearsed.json["dry_run"] is True
+    assert not out.exists()
+    written = calibkit(*call)
+    assert "dry_run" not in written.json
+    assert {key: value for key, value in rehearsed.json.items() if key != "dry_run"} == written.json
+    digest = {entry["name"]: entry["sha256"] for entry in rehearsed.json["files"]}["report.pdf"]
+    assert hashlib.sha256((out / "S" / "r001" / "report.pdf").read_bytes()).hexdigest() == digest
+
+
+def test_the_log_file_keeps_the_call_what_was_said_and_the_end(tmp_path, calibkit):
+    """Two calls are appended, each from its arguments to its exit code, with times in UTC; nothing else goes there."""
+    log = tmp_path / "calibkit.log"
+    keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
+    assert calibkit("show", "S-1", "--runs", tmp_path / "runs", "--log-file", log).code == 0
+    assert calibkit("show", "S-2", "--runs", tmp_path / "runs", "--log-file", log).code == 2
+    lines = log.read_text(encoding="utf-8").splitlines()
+    assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ (called|summary|say|ended) ", line) for line in lines)
+    ends = [line.split("exit code ")[1] for line in lines if " ended " in line]
+    assert ends == ["0", "2"]
+    assert any("calibkit: run 'S-2' is neither" in line for line in lines)
+    assert sum(" called " in line for line in lines) == 2
+
+
+def test_a_log_file_that_cannot_be_written_is_exit_code_4(tmp_path, calibkit):
+    """A log file in a folder that is not there, or in a run folder, is refused before anything is done."""
+    folder = keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
+    call = ("show", "S-1", "--runs", tmp_path / "runs", "--log-file")
+    assert calibkit(*call, tmp_path / "none" / "x.log").code == 4
+    inside = calibkit(*call, folder / "x.log")
+    assert inside.code == 4
+    assert "run folder" in inside.err
+    assert calibkit("show", "S-1", "--runs", tmp_path / "runs").code == 0
+
+
+def test_a_log_file_that_fails_later_does_not_fail_the_command(tmp_path, calibkit, monkeypatch):
+    """When the disk fills up under the log, the command says so once and goes on."""
+    from calibkit.cli import log
+    from calibkit.errors import OutputError
+
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
+    own, calls = log.write, []
+
+    def fails_after_the_first(*arguments):
+        calls.append(arguments)
+        if len(calls) > 1:
+            raise OutputError("--log-file: No space left on device")
+        own(*arguments)
+
+    monkeypatch.setattr(log, "write", fails_after_the_first)
+    outcome = calibkit("show", "S-1", "--runs", tmp_path, "--log-file", tmp_path / "x.log")
+    assert outcome.code == 0
+    assert outcome.err.count("no more is logged") == 1
+
+
+# completion
+
+
+def completed(shell_line, cwd):
+    """What bash would be offered for a line that is being typed."""
+    words = shell_line.split(" ")
+    environment = {"COMP_WORDS": shell_line, "COMP_CWORD": str(len(words) - 1), "_CALIBKIT_COMPLETE": "bash_complete"}
+    done = run(cwd=cwd, **environment)
+    assert done.returncode == 0, done.stderr
+    return {line.split(",")[1] for line in done.stdout.decode().splitlines() if line.startswith("plain,")}
+
+
+def test_a_shell_is_offered_commands_recipes_serials_and_revisions(tmp_path):
+    """Completion knows the commands, their options, the shipped recipes, the serials under runs and their revisions."""
+    keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}), serial="FOG-1")
+    keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}), serial="FOG-1")
+    assert completed("calibkit va", tmp_path) == {"validate"}
+    assert completed("calibkit fit --dry", tmp_path) == {"--dry-run"}
+    assert completed("calibkit fit gyro_", tmp_path) >= {"gyro_pair", "gyro_triad"}
+    assert completed("calibkit show F", tmp_path) == {"FOG-1"}
+    assert completed("calibkit diff FOG-1 FOG-1@", tmp_path) == {"FOG-1@r001", "FOG-1@r002"}
+    assert completed("calibkit history X", tmp_path) == set()
+
+
+@pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
+def test_the_completion_script_is_printed(calibkit, shell):
+    """Each shell gets a script that asks calibkit; another shell is usage."""
+    assert "_CALIBKIT_COMPLETE" in calibkit("completion", shell).out
+    assert calibkit("completion", shell, "--json").json["shell"] == shell
+    assert calibkit("completion", "cmd").code == 2
+
+
+# exit codes: one test each, as the contract lists them
+
+
+def test_exit_code_0_is_done(tmp_path, calibkit):
+    """A command that did what it was asked and met every limit exits with 0."""
+    keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
+    assert calibkit("show", "S-1", "--runs", tmp_path).code == 0
+
+
+def test_exit_code_1_is_a_limit_that_failed(campaign, tmp_path, calibkit):
+    """The run is written whole but was not accepted; --quiet does not hide that."""
+    limit = ("--set", "acceptance.max_drift_rms_dph=1e-9", "--quiet")
+    outcome = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path, *limit)
+    assert outcome.code == 1
+    assert "REJECTED" in outcome.err
+    assert outcome.out == f"{tmp_path / 'S' / 'r001'}\n"
+    assert calibkit("show", "S", "--runs", tmp_path, "--json").json["run"]["accepted"] is False
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        (),
+        ("fitt",),
+        ("fit", "fog_thermal"),
+        ("fit", "no_such_recipe", "--data", "."),
+        ("fit", "fog_thermal", "--data", "no_such_folder", "--serial", "S"),
+        ("fit", "fog_thermal", "--data", "datasets/fog_thermal"),
+        ("fit", "fog_thermal", "--data", "datasets/fog_thermal", "--serial", "S", "--date", "tomorrow"),
+        ("check", "fog_thermal", "--data", "datasets/fog_thermal", "--set", "drift.ordre=2"),
+        ("show", "NOBODY"),
+    ],
+)
+def test_exit_code_2_is_usage_or_recipe(calibkit, call, monkeypatch):
+    """What cannot be meant is refused before any log is read, as one message, and as one JSON document with --json."""
+    monkeypatch.chdir(ROOT)
+    assert calibkit(*call).code == 2
+    if call:
+        refused = calibkit(*call, "--json")
+        assert refused.code == 2
+        assert refused.json["ok"] is False
+        assert set(refused.json["error"]) == {"code", "message", "hint"}
+
+
+def test_exit_code_3_is_data(tmp_path, calibkit):
+    """A folder without a matching log, and a log that is no log, are data: 3."""
+    call = ("fit", "fog_thermal", "--data", tmp_path, "--serial", "S", "--out", tmp_path / "runs", "--json")
+    assert calibkit(*call).code == 3
+    (tmp_path / "ramp.csv").write_bytes(b"time_s,temp_case_degc,gyro_dph\n0,1\n")
+    outcome = calibkit(*call)
+    assert (outcome.code, outcome.json["ok"]) == (3, False)
+
+
+def test_exit_code_4_is_output_or_verification(tmp_path, calibkit):
+    """An output that exists and a digest that is wrong are 4, with the error's own code in JSON."""
+    (tmp_path / "room_1.csv").write_bytes(b"mine")
+    exists = calibkit("simulate", "rate_table", "--out", tmp_path, "--seed", 1, "--json")
+    assert (exists.code, exists.json["error"]["code"]) == (4, "output")
+    folder = keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
+    (folder / "report.txt").write_bytes(b"other")
+    changed = calibkit("show", folder, "--json")
+    assert (changed.code, changed.json["error"]["code"]) == (4, "coefficients")
+
+
+def test_exit_code_70_is_an_internal_error(tmp_path, calibkit, monkeypatch):
+    """What nobody foresaw is one line that says how to report it, in JSON too."""
+
+    def broken(path):
+        raise ZeroDivisionError("division by zero")
+
+    monkeypatch.setattr(pipeline, "verify", broken)
+    outcome = calibkit("verify", tmp_path, "--json")
+    assert (outcome.code, outcome.json["error"]["code"]) == (70, "internal")
+    assert "CALIBKIT_DEBUG=1" in outcome.json["error"]["hint"]
+    assert "Traceback" not in outcome.err
+
+
+def test_exit_code_130_is_interrupted(tmp_path, calibkit, monkeypatch):
+    """Ctrl-C is 130 and one line, no traceback."""
+
+    def interrupted(path):
+        raise KeyboardInterrupt
+
+    monkeypatch.setattr(pipeline, "verify", interrupted)
+    outcome = calibkit("verify", tmp_path)
+    assert outcome.code == 130
+    assert outcome.err.strip() == "calibkit: interrupted; what was not finished was not written"
+    assert calibkit("verify", tmp_path, "--json").json["error"]["code"] == "interrupted"
+
+
+def test_the_documented_exit_codes_are_these():
+    """The help and the README list the same codes, each of which a test above reaches."""
+    tested = {int(code) for code in re.findall(r"def test_exit_code_(\d+)", Path(__file__).read_text(encoding="utf-8"))}
+    for text in (cli.cli.help, (ROOT / "README.md").read_text(encoding="utf-8")):
+        codes = re.search(r"Exit codes: (.+?interrupted)", text.replace("\n", " ")).group(1)
+        assert {int(code) for code in re.findall(r"\b\d+\b", codes)} == tested
+
+
+def test_a_reader_that_has_seen_enough_is_no_error(tmp_path):
+    """`calibkit show | head -1` ends quietly."""
+    keep(tmp_path, model({f"K{k}": (1.0, "1", 0.1) for k in range(3000)}, covariance=[]))
+    with subprocess.Popen(
+        [sys.executable, "-m", "calibkit", "show", "S-1", "--runs", str(tmp_path), "--csv"],
+        stdout=subprocess.PIPE,
+        stderr=subprocess.PIPE,
+        cwd=ROOT,
+    ) as process:
+        process.stdout.readline()
+        process.stdout.close()
+        assert process.stderr.read() == b""
+        assert process.wait(timeout=60) == 0
+
+
+def test_the_error_handler_is_for_encoding_only():
+    """The stand-ins are for output; a text that cannot be decoded stays an error."""
+    console.prepare([])
+    with pytest.raises(UnicodeDecodeError):
+        b"\xff".decode("utf-8", "calibkit")
+    assert "5 °C ± 1 温".encode("ascii", "calibkit") == b"5 degC +- 1 ?"
+    assert codecs.lookup_error("calibkit")
