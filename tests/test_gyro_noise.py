@@ -179,6 +179,16 @@ def test_a_record_that_has_no_deviation_is_refused_with_its_place(calibkit, whit
     assert calibkit("check", "gyro_noise", "--data", tmp_path / "d").code == 3
 
 
+def test_a_record_is_checked_and_a_case_that_moved_is_flagged(calibkit, white, tmp_path, log_writer):
+    """`check` accepts the record; on a ramp of 30 °C the fit says that the case moved, and goes on."""
+    assert calibkit("check", "gyro_noise", "--data", white[0]).code == 0
+    case = np.linspace(10.0, 40.0, 8000)
+    log_writer(tmp_path / "d/still.csv", time_s=np.arange(8000) * 0.5, gyro_dph=white[1], temp_case_degc=case)
+    outcome, run = fitted(calibkit, tmp_path / "d", tmp_path)
+    assert outcome.code == 0, outcome.err
+    assert any("the case moved by 30.0 °C" in flag for flag in run.document["flags"])
+
+
 def test_the_simulated_record_shows_its_noise_terms(calibkit, tmp_path):
     """Of the simulated gyro N and B are within three standard uncertainties of the truth, the gap notwithstanding."""
     made = simulate.campaign(3)

@@ -27,8 +27,8 @@ if TYPE_CHECKING:
 
 
 def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
-    """One log in canonical columns."""
-    return reader(spec, data / file, file, ("time_s", *spec.noise.columns))
+    """One log in canonical columns; the case temperature is read where the log has it."""
+    return reader(spec, data / file, file, ("time_s", *spec.noise.columns), (gyro_noise.CASE,))
 
 
 def examine(spec: GyroNoiseRecipe, log: Log) -> Examined:

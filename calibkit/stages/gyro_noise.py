@@ -24,6 +24,9 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
+CASE = "temp_case_degc"
+STEADY_DEGC = 2.0
+"""Change of the case temperature [°C] up to which a record counts as one of noise."""
 OFF_GRID = 0.25
 """Share of the sampling interval by which a sample may be off its place."""
 LONGEST_GRID = 1 << 27
@@ -89,7 +92,27 @@ def findings(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
             wild = check.plausible_rate(log, column)
             # where rates are missing the rows are no even series
             found += wild or (check.series.indication(log, column, "deg/h") if present.size == rate.size else [])
-    return found
+    return [*found, *_steady(log)]
+
+
+def _steady(log: Log) -> list[Finding]:
+    """Flag a case whose temperature moved: drift is then in every figure of the longer averaging times."""
+    if CASE not in log.frame.columns:
+        return []
+    case = values(log.frame, CASE)
+    moved = float(np.nanmax(case) - np.nanmin(case)) if np.isfinite(case).any() else 0.0
+    if moved <= STEADY_DEGC:
+        return []
+    return [
+        Finding(
+            f"{log.file}: column '{CASE}'",
+            f"the case moved by {moved:.1f} °C",
+            f"at most {STEADY_DEGC:g} °C in a record of noise",
+            "hold the temperature, or read the longer averaging times as drift",
+            severity="warn",
+            name="unsteady_temperature",
+        )
+    ]
 
 
 def records(log: Log, columns: Sequence[str]) -> list[Record]:
