@@ -221,15 +221,25 @@ def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     return recipe.parse(source).model_copy(update={"exclude": ()})
 
 
-def apply(run: store.Run, data: Path, out: Path, overrides: tuple[str, ...]) -> tuple[str, ...]:
-    """Compensate one log with a run's coefficients and write every row and column of it; returns the flags."""
+def apply(
+    run: store.Run, data: Path, out: Path, overrides: tuple[str, ...], *, as_firmware: str | None = None
+) -> tuple[str, ...]:
+    """Compensate one log with a run's coefficients and write every row and column of it; returns the flags.
+
+    With `as_firmware`, a number format, as the exported firmware would: by its bit-exact twin.
+    """
     store.refuse_existing(out)
     spec = run_recipe(run, overrides)
     if not data.is_file():
         raise UsageError(f"--data {data}: no such file", hint="name one log")
     # every row is written: one file as it is, none of its rows left out
     spec = spec.model_copy(update={"logs": spec.logs.model_copy(update={"split": False, "missing": "refuse"})})
-    content, flags = procedures.of(spec).apply(spec, run.records, data)
+    if as_firmware is None:
+        content, flags = procedures.of(spec).apply(spec, run.records, data)
+    else:
+        from calibkit.procedures import as_firmware as firmware_twin
+
+        content, flags = firmware_twin.apply(spec, run.records, data, as_firmware)
     store.write_new(out, content)
     corrected = (
         f"{entry.column} corrected by certificate {entry.certificate}: --set correction=[] where other instruments measured"

@@ -132,10 +132,20 @@ def init(folder: Path, *, as_json: bool) -> int:
 @RUN
 @click.option("--data", required=True, type=click.Path(path_type=Path), help="one log")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="file to write")
+@click.option("--as-firmware", default=None, metavar="NUMBER", help="as the export in f32, f64, q31 or q15 will do it")
 @SET
 @RUNS
 @JSON
-def apply(run: str, data: Path, out: Path, overrides: tuple[str, ...], runs: Path, *, as_json: bool) -> int:
+def apply(
+    run: str,
+    data: Path,
+    out: Path,
+    as_firmware: str | None,
+    overrides: tuple[str, ...],
+    runs: Path,
+    *,
+    as_json: bool,
+) -> int:
     """Compensate a log with the coefficients of a run; every row and column is written.
 
     \b
@@ -145,7 +155,7 @@ def apply(run: str, data: Path, out: Path, overrides: tuple[str, ...], runs: Pat
     from calibkit import pipeline, store
 
     found = store.load(store.find(run, runs))
-    flags = pipeline.apply(found, data, out, overrides)
+    flags = pipeline.apply(found, data, out, overrides, as_firmware=as_firmware)
     if as_json:
         print_json({"ok": True, "run": found.name, "out": str(out), "flags": list(flags)})
     else:

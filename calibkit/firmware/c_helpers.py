@@ -48,10 +48,13 @@ static @real @p_polynomial(const @real c[], uint32_t count, @real x)
 static @real @p_slope(@real history[], @real x, uint32_t updates, const @real weights[], uint32_t flag,
                       uint32_t *status)
 {
-    const uint32_t count = (updates < (@P_WINDOW - 1U)) ? (updates + 1U) : @P_WINDOW;
+    uint32_t count = @P_WINDOW;
     @real rate = @zero;
     uint32_t i;
 
+    if (updates < @P_WINDOW) {
+        count = updates + 1U;
+    }
     for (i = @P_WINDOW - 1U; i > 0U; i--) {
         history[i] = history[i - 1U];
     }
@@ -112,9 +115,13 @@ static int32_t @p_limited(@wide x, const @word range[], uint32_t flag, uint32_t 
 static @wide @p_rounded(@wide x, uint32_t places)
 {
     const @uwide bias = (@uwide)1U << @topU;
-    const @uwide word = ((@uwide)x + bias) + ((@uwide)1U << (places - 1U));
+    const uint32_t before = places - 1U;
+    const @uwide half = (@uwide)1U << before;
+    const @uwide word = (@uwide)x + bias + half;
+    const @uwide lifted = word >> places;
+    const @uwide lift = bias >> places;
 
-    return (@wide)(word >> places) - (@wide)(bias >> places);
+    return (@wide)lifted - (@wide)lift;
 }
 """,
     "scaled": """
@@ -151,9 +158,10 @@ static int32_t @p_polynomial(const @word c[], uint32_t count, int32_t x, uint32_
 /* numerator 2^places / denominator, cut off towards 0 */
 static int32_t @p_quotient(int32_t numerator, int32_t denominator, uint32_t places)
 {
-    const @wide dividend = (@wide)numerator * ((@wide)1 << places);
+    const @uwide factor = (@uwide)1U << places;
+    const @wide ratio = ((@wide)numerator * (@wide)factor) / (@wide)denominator;
 
-    return (int32_t)(dividend / (@wide)denominator);
+    return (int32_t)ratio;
 }
 """,
     "slope": """
@@ -161,10 +169,13 @@ static int32_t @p_quotient(int32_t numerator, int32_t denominator, uint32_t plac
 static int32_t @p_slope(int32_t history[], int32_t x, uint32_t updates, const @word weights[], uint32_t places,
                         uint32_t flag, uint32_t *status)
 {
-    const uint32_t count = (updates < (@P_WINDOW - 1U)) ? (updates + 1U) : @P_WINDOW;
+    uint32_t count = @P_WINDOW;
     int32_t rate = 0;
     uint32_t i;
 
+    if (updates < @P_WINDOW) {
+        count = updates + 1U;
+    }
     for (i = @P_WINDOW - 1U; i > 0U; i--) {
         history[i] = history[i - 1U];
     }

@@ -268,7 +268,7 @@ def _selftest(export: Export) -> str:
         else:
             tolerance = export.program.format.text(tolerance_of(export, output.name))
             checks.append(f"(@p_near(out.{output.name}, @p_test_out[k].{output.name}, {tolerance}) == 0U)")
-    memory = structure.interval_s is not None
+    memory, zero = structure.interval_s is not None, c_steps.Body(export.program).zero
     calls = ["        const uint32_t status = @p_correct(&@p_test_in[k], &out);"]
     if memory:
         calls = [
@@ -297,7 +297,11 @@ def _selftest(export: Export) -> str:
         *(["    @p_state state;"] if memory else []),
         *(["", "    @p_reset(&state);"] if memory and not structure.summing else [""]),
         "    for (k = 0U; k < @P_TESTS; k++) {",
-        "        @p_out out;",
+        *(
+            ["        @p_out out = {" + ", ".join([zero] * len(structure.outputs)) + "};"]
+            if memory
+            else ["        @p_out out;"]
+        ),
         *calls,
         "",
         "        if (" + "\n            || ".join(checks) + ") {",

@@ -39,7 +39,8 @@ def of(spec: Recipe, records: Mapping[str, Record]) -> Chain:
     """Chain of a run: the correction that its recipe chose, with the numbers of its coefficient files."""
     if isinstance(spec, FogThermalRecipe):
         record = _record(records, "drift_rate.json", spec)
-        return drift_chain.chain(record.models, spec.reference_temp_degc, spec.drift.compensation)
+        mode, window = spec.drift.compensation, spec.segments.slope_window_s
+        return drift_chain.chain(record.models, spec.reference_temp_degc, mode, window)
     if isinstance(spec, AccelerometerRecipe):
         return triad_chain.chain(records, spec.compensation, spec.reference.convention)
     if isinstance(spec, InclinometerRecipe):

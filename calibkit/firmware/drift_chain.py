@@ -32,7 +32,7 @@ FORMULA = "corrected = indication - drift, both in deg/h; the drift is 0 at rest
 RECURSIVE = "corrected = indication - drift, both in deg/h; the drift is 0 at the reset, or where it is anchored"
 
 
-def chain(models: Sequence[Model], reference_degc: float, mode: str) -> Chain:
+def chain(models: Sequence[Model], reference_degc: float, mode: str, slope_window_s: float) -> Chain:
     """Chain of the drift term that a run exports; OutputError where it has none, or one that removes the true rate."""
     if not models:
         raise OutputError(
@@ -44,7 +44,7 @@ def chain(models: Sequence[Model], reference_degc: float, mode: str) -> Chain:
                 "compensation 'one_step' removes the true rate (rate gain 0)",
                 hint="fit with drift.compensation = 'recursive'",
             )
-        return _recursive(models)
+        return _recursive(models, slope_window_s)
     if models[0].form == "fog-drift-lagged/1":
         return _lagged(models[0], reference_degc)
     return _level(models[0], reference_degc)
@@ -247,7 +247,7 @@ def _weights(h: Fraction, length: int, least: int) -> exact.Poly:
     return tuple(rows)
 
 
-def _recursive(models: Sequence[Model]) -> Chain:
+def _recursive(models: Sequence[Model], slope_window_s: float) -> Chain:
     """D ← D + Δ, Δ = Σ_j a_j(r) G^j of the side that the chamber moves on, from the values of the update before."""
     draft, h = Draft(), Fraction(models[0].value("interval"))
     cases = [model.valid["temp_case_degc"] for model in models]
@@ -256,7 +256,7 @@ def _recursive(models: Sequence[Model]) -> Chain:
     draft.input("temp_case_degc", "degC", CASE, reach, "TEMP_CLAMPED")
     draft.input("temp_env_degc", "degC", AIR, reach, "AIR_CLAMPED")
     fastest = 4 * max(_largest(model, "temp_rate_degc_min") for model in models)
-    meaning = "rate of the air, slope by least squares over the 60 s before the end of the interval"
+    meaning = f"rate of the air, slope by least squares over the {slope_window_s:g} s before the end of the interval"
     draft.input("temp_env_rate_degc_min", "degC/min", meaning, (-fastest, fastest))  # the sides limit it, and say so
     draft.sum("apart", factor("temp_case_degc"), factor("temp_env_degc", -1))
     selected = [case for model in models for case in _side(draft, model)]

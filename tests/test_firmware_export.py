@@ -1,0 +1,190 @@
+"""`calibkit export`, `verify` of exports and `apply --as-firmware` from the command line."""
+
+import os
+import re
+import shutil
+import subprocess
+import sys
+from dataclasses import replace
+
+import numpy as np
+import pandas as pd
+import pytest
+
+from calibkit import pipeline
+from calibkit.errors import OutputError
+from calibkit.firmware import c_text, drift_chain, formats, identifiers
+from conftest import ROOT
+from firmware_runs import cached
+
+
+@pytest.fixture(scope="module")
+def drift_run(tmp_path_factory):
+    """Return the folder of a run with a lagged drift model."""
+    return cached("lagged", tmp_path_factory).run.folder
+
+
+@pytest.fixture(scope="module")
+def triad_run(tmp_path_factory):
+    """Return the folder of a run of a triad."""
+    return cached("k", tmp_path_factory).run.folder
+
+
+@pytest.mark.parametrize("number", ["f32", "f64", "q31", "q15"])
+def test_an_export_verifies_and_is_the_same_in_another_process(number, drift_run, tmp_path, calibkit):
+    """Header and source are written, verified, and byte-identical from a process with another hash seed and locale."""
+    arguments = ("export", str(drift_run), "--target", "c", "--number", number, "--prefix", "gyro")
+    outcome = calibkit(*arguments, "--out", tmp_path / "a", "--json")
+    assert outcome.code == 0
+    files = [tmp_path / "a" / "gyro.c", tmp_path / "a" / "gyro.h"]
+    assert outcome.json["files"] == [str(path) for path in files]
+    verified = calibkit("verify", *files)
+    assert verified.code == 0
+    assert "vectors recomputed" in verified.out
+    subprocess.run(
+        [sys.executable, "-m", "calibkit", *arguments, "--out", str(tmp_path / "b")],
+        cwd=ROOT,
+        check=True,
+        capture_output=True,
+        env={"PATH": "", "PYTHONHASHSEED": "7", "LC_ALL": "C", "PYTHONPATH": os.pathsep.join(sys.path)},
+    )
+    for path in files:
+        assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
+
+
+def test_nothing_is_overwritten_and_nothing_is_half_written(triad_run, tmp_path, calibkit):
+    """A file in the way stops the export before it writes the other one."""
+    (tmp_path / "cal.h").write_text("mine")
+    outcome = calibkit("export", triad_run, "--target", "c", "--out", tmp_path)
+    assert outcome.code == 4
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["cal.h"]
+
+
+@pytest.mark.parametrize("prefix", ["int", "class", "9lives", "a__b", "_x", "x_", "a-b", "x" * 21, "printf", ""])
+def test_a_prefix_that_c_or_cpp_forbid_is_refused(prefix, triad_run, tmp_path, calibkit):
+    """Keywords, reserved names and names that are none exit with 2 and a word of advice."""
+    outcome = calibkit("export", triad_run, "--target", "c", "--prefix", prefix, "--out", tmp_path / "x")
+    assert outcome.code == 2
+    assert not (tmp_path / "x").exists()
+    assert identifiers.check_prefix("gyro_7") == "gyro_7"
+
+
+def test_unknown_targets_and_numbers_name_those_there_are(triad_run, tmp_path, calibkit):
+    """Exit code 2, and the list."""
+    outcome = calibkit("export", triad_run, "--target", "cobol", "--out", tmp_path)
+    assert outcome.code == 2
+    assert "the targets are c" in outcome.err
+    outcome = calibkit("export", triad_run, "--target", "c", "--number", "q7", "--out", tmp_path)
+    assert outcome.code == 2
+    assert "f32" in outcome.err
+
+
+def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
+    """A run that failed a limit exits with 4; told otherwise, every file says REJECTED and the header's macro is 0."""
+    run = cached("k", tmp_path_factory).run
+    failed = {"name": "residual rms", "value": 2.0, "limit": 1.0, "unit": "g", "passed": False}
+    run = replace(run, document={**run.document, "accepted": False, "acceptance": [failed]})
+    with pytest.raises(OutputError, match="residual rms") as refused:
+        pipeline.export(run, "c", "f32", "cal", tmp_path, allow_rejected=False)
+    assert refused.value.exit_code == 4
+    assert list(tmp_path.iterdir()) == []
+    for path in pipeline.export(run, "c", "f32", "cal", tmp_path, allow_rejected=True):
+        assert "REJECTED" in path.read_text()
+    assert "#define CAL_ACCEPTED 0" in (tmp_path / "cal.h").read_text()
+
+
+def test_a_changed_digit_fails_verification_even_under_a_new_digest(drift_run, tmp_path, calibkit):
+    """The digest finds any change; the recomputed vectors find a changed coefficient whose file was sealed again."""
+    assert calibkit("export", drift_run, "--target", "c", "--out", tmp_path).code == 0
+    source = tmp_path / "cal.c"
+    text = source.read_text()
+    constant = re.search(r"static const float cal_by_gradient = (-?\d\.\d+)F;", text)
+    assert constant is not None
+    wrong = text.replace(constant.group(1), f"{float(constant.group(1)) * 1.0001:.9g}", 1)
+    source.write_text(wrong)
+    outcome = calibkit("verify", source)
+    assert outcome.code == 4
+    assert "digest" in outcome.err
+    source.write_text(c_text.sealed(wrong[: wrong.rindex("/* sha256")]))
+    outcome = calibkit("verify", source)
+    assert outcome.code == 4
+    assert "vectors" in outcome.err
+    source.write_text(text[: len(text) // 2])
+    assert calibkit("verify", source).code == 4
+    (tmp_path / "cal.h").write_text("int x;\n")
+    assert calibkit("verify", tmp_path / "cal.h").code == 4
+
+
+def test_a_run_without_a_drift_term_or_with_one_that_removes_the_rate_is_refused(tmp_path_factory):
+    """There is nothing to export, or something that must not be; exit code 4."""
+    models = cached("gradient", tmp_path_factory).record("drift_rate.json").models
+    with pytest.raises(OutputError, match="no drift term") as refused:
+        drift_chain.chain((), 25.0, "recursive", 60.0)
+    assert refused.value.exit_code == 4
+    with pytest.raises(OutputError, match="removes the true rate"):
+        drift_chain.chain(models, 25.0, "one_step", 60.0)
+
+
+def test_literals_read_back_to_the_same_number_in_c():
+    """Nine and seventeen significant digits, with a point or an exponent, and F for single precision."""
+    f32, f64 = formats.of("f32"), formats.of("f64")
+    assert f32.text(1.0) == "1.0F"
+    assert f32.text(f32.nearest(formats.Fraction(1, 10))) == "0.100000001F"
+    assert f64.text(0.1) == "0.10000000000000001"
+    rng = np.random.default_rng(3)
+    for x in rng.normal(size=200) * 10.0 ** rng.integers(-40, 30, 200):
+        exact = formats.Fraction(float(x))
+        assert f32.nearest(exact) == float(np.float32(x))
+        assert np.float32(f32.text(f32.nearest(exact))[:-1]) == np.float32(x)
+        assert f64.nearest(exact) == x
+
+
+def test_apply_as_firmware_is_what_the_target_will_do(drift_run, triad_run, tmp_path, calibkit):
+    """Corrected by the twin: within the float32 bound of the float64 result for a triad; one interval late for a drift."""
+    data = ROOT / "datasets/accelerometer/positions.csv"
+    for name, extra in (("a", ()), ("b", ("--as-firmware", "f32")), ("c", ("--as-firmware", "q15"))):
+        assert calibkit("apply", triad_run, "--data", data, "--out", tmp_path / f"{name}.csv", *extra).code == 0
+    a, b, c = (pd.read_csv(tmp_path / f"{name}.csv") for name in "abc")
+    columns = [f"accel_{axis}_g" for axis in "xyz"]
+    assert (a[columns] - b[columns]).abs().to_numpy().max() < 1e-6  # g
+    assert 1e-6 < (a[columns] - c[columns]).abs().to_numpy().max() < 1e-3  # g
+    log = ROOT / "datasets/fog_thermal/withheld/ramp_heating_03.csv"
+    outcome = calibkit("apply", drift_run, "--data", log, "--out", tmp_path / "f.csv", "--as-firmware", "f32")
+    assert outcome.code == 0
+    assert "interval" in outcome.err
+    raw, out = pd.read_csv(log)["gyro_dph"], pd.read_csv(tmp_path / "f.csv")["gyro_dph"]
+    assert out.rolling(100).mean().std() < 0.3 * raw.rolling(100).mean().std()
+    drift = (raw - out).to_numpy()
+    assert all(np.ptp(drift[k : k + 10]) < 1e-9 for k in range(0, drift.size - 10, 10))  # °/h, held over an interval
+    assert calibkit("apply", drift_run, "--data", log, "--out", tmp_path / "g.csv", "--as-firmware", "q7").code == 2
+
+
+ADVISORY = {"2.5", "8.7", "8.9"}
+"""MISRA C:2012 rules that generated files deviate from, all advisory: status macros are for the application (2.5), functions
+are called from another file (8.7), tables stand together at file scope, where a reviewer looks for them (8.9)."""
+
+
+@pytest.mark.parametrize("number", ["f32", "q31", "q15"])
+def test_cppcheck_finds_no_misra_deviation_but_the_three_on_the_list(number, drift_run, triad_run, tmp_path, calibkit):
+    """The addon's rules over sources with and without memory, and no other finding."""
+    if shutil.which("cppcheck") is None:
+        pytest.skip("cppcheck is not installed")
+    for k, run in enumerate((drift_run, triad_run)):
+        assert (
+            calibkit("export", run, "--target", "c", "--number", number, "--prefix", f"m{k}", "--out", tmp_path).code
+            == 0
+        )
+    done = subprocess.run(
+        [
+            *("cppcheck", "--addon=misra", "--std=c99", "--enable=all", "-q", "--suppress=missingIncludeSystem"),
+            *("--suppress=unusedFunction", "m0.c", "m1.c"),
+        ],
+        cwd=tmp_path,
+        capture_output=True,
+        text=True,
+        check=False,
+    )
+    found = re.findall(r"^\S+:\d+:\d+: .*\[([\w.-]+)\]$", done.stderr, re.MULTILINE)
+    if "misra" not in done.stderr:
+        pytest.skip("cppcheck has no MISRA addon here")
+    assert {rule.removeprefix("misra-c2012-") for rule in found} <= ADVISORY
