@@ -99,6 +99,22 @@ def test_a_row_lost_in_the_preamble_is_refused(tmp_path):
         read(tmp_path, content.encode(), format="text", needed=("t", "a"))
 
 
+def test_a_damaged_first_row_is_not_a_preamble(tmp_path):
+    """Without a header nothing stands above the rows: a first row with a field too many or too few is refused."""
+    rows = "".join(f"{k},1,2\n" for k in range(2, 9))
+    for first in ("0,7,1,2\n", "0,1\n", "damaged\n"):
+        with pytest.raises(LogFormatError, match=r"log.dat:1: \d fields, expected 3 as in the rows below"):
+            read(tmp_path, (first + rows).encode(), format="text", names=("a", "b", "c"))
+    pinned = read(
+        tmp_path,
+        b"title\n" + rows.encode(),
+        format="text",
+        names=("a", "b", "c"),
+        text=recipe.logs.TextSpec(skip_lines=1),
+    )
+    assert pinned.frame["a"].tolist() == [float(k) for k in range(2, 9)]
+
+
 def test_a_recording_that_was_cut_off_is_refused(tmp_path):
     """A TDMS file whose second segment was not finished holds whole rows, and is not whole."""
     import nptdms
@@ -177,6 +193,18 @@ def test_a_labview_file_that_is_not_whole_is_refused(tmp_path, change, fragment)
     with pytest.raises(LogFormatError) as refused:
         read(tmp_path, change(LVM).encode("cp1252"), "log.lvm", format="lvm")
     assert fragment in str(refused.value)
+
+
+def test_packets_below_one_header_need_their_times(tmp_path):
+    """Twice as many rows as samples are two packets; without X values the time between them is not known."""
+    text = DIALECTS["LVM"].write(Clean([[str(k), "1.5", "2.5", "3.5"] for k in range(24)])).decode("cp1252")
+    packets = text.replace("Samples\t24\t24\t24", "Samples\t12\t12\t12")
+    assert len(read(tmp_path, packets.encode("cp1252"), "log.lvm", format="lvm").frame) == 24
+    timeless = re.sub(r"(?m)^\d+\t", "\t", packets)
+    with pytest.raises(LogFormatError, match="no single X0 and Delta_X for all rows"):
+        read(tmp_path, timeless.encode("cp1252"), "log.lvm", format="lvm")
+    with pytest.raises(LogFormatError, match="header says 24 samples"):
+        read(tmp_path, text.rsplit("\r\n", 2)[0].encode("cp1252") + b"\r\n", "log.lvm", format="lvm")
 
 
 def test_segments_of_a_labview_file_follow_each_other(tmp_path):

@@ -5,7 +5,8 @@ Format: text; a file header of `key<separator>value` lines from `LabVIEW Measure
 Samples, Y_Unit_Label, X0, Delta_X) to `***End_of_Header***`, a line of names (`X_Value`, one name a channel,
 `Comment`), and one line a sample. With X_Columns `No` the first field is empty and the time is X0 + k·Delta_X; with
 `Multi` every channel has its own X column, which must agree. The time column is called `X_Value` [s]. Segments follow
-each other where their channels are the same. Uncertainty: X_Value to the digits written; a computed time is the
+each other where their channels are the same; with Multi_Headings `No` packets of as many samples follow each other
+below one header, and then X values are needed. Uncertainty: X_Value to the digits written; a computed time is the
 float64 nearest to X0 + k·Delta_X.
 """
 
@@ -114,7 +115,8 @@ def _segment(
     if not numbers:
         raise LogFormatError(f"{file}:{end + 2}: names but no rows", hint="remove the segment or copy the file again")
     rows = np.array([_row(lines[n], names, separator, decimal, n + 1, file) for n in numbers])
-    _refuse_lost(header.get("Samples", []), len(numbers), numbers[-1] + 1, file)
+    packets = _value(lines, "Multi_Headings", "Yes").lower() == "no" and names[0] == TIME
+    _refuse_lost(header.get("Samples", []), len(numbers), numbers[-1] + 1, file, packets=packets)
     unit = [entry.strip() for entry in header.get("Y_Unit_Label", [])]
     channels = [name for name in names if name != TIME]
     stated = {name: units.of_text(label) for name, label in zip(channels, unit, strict=False) if units.of_text(label)}
@@ -145,12 +147,12 @@ def _row(line: str, names: Sequence[str], separator: str, decimal: str, number: 
     return made
 
 
-def _refuse_lost(samples: Sequence[str], rows: int, line: int, file: str) -> None:
-    """Refuse a segment that has fewer or more rows than its header says."""
-    stated = {int(entry) for entry in samples if entry.strip().isdigit()}
-    if len(stated) == 1 and rows not in stated:
+def _refuse_lost(samples: Sequence[str], rows: int, line: int, file: str, *, packets: bool) -> None:
+    """Refuse a segment that has fewer or more rows than its header says, or no whole number of such packets."""
+    stated = max((int(entry) for entry in samples if entry.strip().isdigit()), default=0)
+    if stated and (rows % stated if packets else rows - stated):
         raise LogFormatError(
-            f"{file}:{line}: {rows} rows, the segment's header says {next(iter(stated))} samples",
+            f"{file}:{line}: {rows} rows, the segment's header says {stated} samples",
             hint="the file is cut off or was written on; copy it again",
         )
 
@@ -167,9 +169,10 @@ def _timed(
     time = rows[:, 0]
     if np.isnan(time).all():
         starts, steps = (_header_numbers(header.get(key, []), key, file, line) for key in ("X0", "Delta_X"))
-        if len(set(starts)) != 1 or len(set(steps)) != 1:
+        samples = max((int(entry) for entry in header.get("Samples", []) if entry.strip().isdigit()), default=len(rows))
+        if len(set(starts)) != 1 or len(set(steps)) != 1 or len(rows) > samples:
             raise LogFormatError(
-                f"{file}:{line}: no X column, and no single X0 and Delta_X", hint="save with an X column"
+                f"{file}:{line}: no X column, and no single X0 and Delta_X for all rows", hint="save with an X column"
             )
         time = starts[0] + units.scaled(np.arange(len(rows), dtype=np.float64), steps[0])
     return np.column_stack([time, rows[:, keep]]), [TIME, *(names[k] for k in keep)]

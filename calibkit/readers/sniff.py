@@ -244,6 +244,12 @@ def _dialect(layout: _Layout, decimal: str, encoding: str, file: str, spec: Text
     header, stated = _header(layout, width, file, spec, names)
     skip = layout.first - header
     _refuse_rows_above(layout.above[:skip], layout.delimiter, layout.widths, width, file)
+    if not header and skip and spec.skip_lines == "auto":
+        fields = len(tokens.split(layout.above[0], layout.delimiter, layout.widths))
+        raise LogFormatError(
+            f"{file}:1: {fields} fields, expected {width} as in the rows below",
+            hint="repair the row, or pin skip_lines in [logs.text] where rows begin further down",
+        )
     kinds = [_kind([row[k] for row in layout.rows if len(row) == width], decimal) for k in range(width)]
     columns = tuple(
         ColumnGuess(name, unit, kind, form) for (name, unit), (kind, form) in zip(stated, kinds, strict=True)
