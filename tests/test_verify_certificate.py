@@ -299,7 +299,9 @@ def attached(certificate, changes):
 
 def test_the_record_itself_is_verified(record, tmp_path):
     """What the forgeries below start from is accepted."""
-    assert "22 rows" not in verify.verify(written(record, tmp_path / "plain.pdf")).what
+    found = verify.verify(written(record, tmp_path / "plain.pdf"))
+    assert int(re.search(r"(\d+) rows", found.what).group(1)) > 40
+    assert found.warnings == ("not signed: nothing says who made it",)
 
 
 def test_numbers_that_do_not_follow_from_the_attached_files_are_named(record, run, tmp_path):
@@ -369,7 +371,7 @@ def test_text_of_every_kind_in_a_profile_raises_no_false_alarm(text, run, tmp_pa
     lines += [f"name = {json.dumps(text)}", "[[type_b]]", f"name = {json.dumps(text)}", 'quantity = "time_s"']
     lines += ['unit = "ppm"', "half_width = 1"]
     path = tmp_path / "lab.toml"
-    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    path.write_text("\n".join(lines), encoding="utf-8")  # no line end: the overrides stand behind it
     out = tmp_path / "certificate.pdf"
     code = called(
         "certify",

@@ -202,7 +202,8 @@ def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, s
         except (OSError, UnicodeDecodeError) as error:
             raise RecipeError(f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile") from None
     said = "".join(f"# --set {override}\n" for override in overrides)
-    return parsed(name, text, overrides), text + said
+    end = "\n" if said and text and not text.endswith("\n") else ""
+    return parsed(name, text, overrides), text + end + said
 
 
 def parsed(name: str, text: str, overrides: tuple[str, ...] = ()) -> Profile:
