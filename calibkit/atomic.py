@@ -22,6 +22,9 @@ SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
 BUSY = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 """Errors of a lock that another process holds; any other means that the file system has no locks."""
 
+REMOVABLE = os.name == "posix"
+"""Whether an open file can be removed; where it cannot, as on Windows, an empty lock file stays and keeps its name."""
+
 
 def write_synced(path: Path, content: bytes) -> None:
     """Write bytes and wait until they are on the disk."""
@@ -84,8 +87,9 @@ def locked(path: Path, what: str, wait_s: float = WAIT_S) -> Iterator[None]:
     try:
         yield
     finally:
-        with contextlib.suppress(OSError):  # Windows does not remove an open file; an empty one may stay
-            path.unlink()
+        if REMOVABLE:
+            with contextlib.suppress(OSError):
+                path.unlink()
         os.close(handle)
 
 
@@ -96,7 +100,7 @@ def _acquired(path: Path, what: str, attempts: int) -> int:
             time.sleep(PAUSE_S)
         handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         try:
-            if _taken(handle) and _same(path, handle):
+            if _taken(handle) and (not REMOVABLE or _same(path, handle)):
                 return handle
         except BaseException:
             os.close(handle)

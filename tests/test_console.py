@@ -393,6 +393,17 @@ def test_a_shell_is_offered_commands_recipes_serials_and_revisions(tmp_path):
     assert completed("calibkit history X", tmp_path) == set()
 
 
+@pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
+def test_a_recipe_that_a_windows_shell_or_editor_saved_is_read(tmp_path, calibkit, encoding):
+    """Notepad's UTF-8 with a mark, PowerShell's UTF-16, CR LF: the recipe is the same, its digest too."""
+    text = (ROOT / "recipes" / "bias_temperature.toml").read_text(encoding="utf-8")
+    path = tmp_path / "mine.toml"
+    path.write_bytes(text.replace("\n", "\r\n").encode(encoding))
+    call = ("--data", warm_up(tmp_path / "logs"), "--serial", "S", "--date", "2026-11-21", "--dry-run", "--json")
+    (own, shipped) = (calibkit("fit", recipe, *call).json["files"] for recipe in (path, "bias_temperature"))
+    assert own == shipped
+
+
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
 def test_the_completion_script_is_printed(calibkit, shell):
     """Each shell gets a script that asks calibkit; another shell is usage."""
@@ -463,6 +474,9 @@ def test_exit_code_4_is_output_or_verification(tmp_path, calibkit):
     (folder / "report.txt").write_bytes(b"other")
     changed = calibkit("show", folder, "--json")
     assert (changed.code, changed.json["error"]["code"]) == (4, "coefficients")
+    for call in (("verify", folder), ("history", "S-1", "--runs", tmp_path / "runs")):
+        found = calibkit(*call, "--json")
+        assert (found.code, found.json["ok"], found.json["error"]["code"]) == (4, False, "coefficients")
 
 
 def test_exit_code_70_is_an_internal_error(tmp_path, calibkit, monkeypatch):

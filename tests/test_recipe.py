@@ -95,7 +95,7 @@ def test_an_unknown_recipe_is_answered_with_the_shipped_ones(tmp_path):
     with pytest.raises(UsageError, match="did you mean 'fog_thermal'"):
         recipe.find("fog_termal")
     bad = tmp_path / "b.toml"
-    bad.write_bytes(b"\xff\xfe")
+    bad.write_bytes(b"\xff\xfa")
     with pytest.raises(RecipeError, match="UTF-8"):
         recipe.find(str(bad))
 

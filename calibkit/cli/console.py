@@ -19,6 +19,7 @@ if TYPE_CHECKING:
 
     from rich.console import Console
 
+    from calibkit.errors import CalibkitError
     from calibkit.report.summary import Summary
 
 WIDTH = 110
@@ -173,6 +174,11 @@ def print_json(document: dict[str, Any]) -> None:
     """Print one JSON document on stdout; where that is not Unicode, other characters are escaped and nothing is lost."""
     unicode = codecs.lookup(sys.stdout.encoding or "utf-8").name.startswith("utf")
     click.echo(json.dumps(document, ensure_ascii=not unicode, indent=1))
+
+
+def as_document(error: CalibkitError) -> dict[str, str]:
+    """An error as --json says it."""
+    return {"code": error.code, "message": error.message, "hint": error.hint}
 
 
 def print_data(text: str) -> None:

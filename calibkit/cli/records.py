@@ -8,7 +8,7 @@ from typing import Any
 import click
 
 from calibkit.cli import completion
-from calibkit.cli.console import print_data, print_json, print_summary, say
+from calibkit.cli.console import as_document, print_data, print_json, print_summary, say
 from calibkit.cli.options import CSV, JSON, RUN, RUNS, command, day_of
 from calibkit.errors import CalibkitError, CoefficientError, UsageError
 
@@ -33,16 +33,17 @@ def verify(files: tuple[Path, ...], trust: tuple[Path, ...], schema_dir: Path | 
     from calibkit import pipeline
 
     results: list[dict[str, Any]] = []
-    worst = 0
+    failed: list[CalibkitError] = []
     for path in files:
         try:
             found = pipeline.verified(path, trust, schema_dir)
             results.append({"file": str(path), "ok": True, "what": found.what, "warnings": list(found.warnings)})
         except CalibkitError as error:
             results.append({"file": str(path), "ok": False, "what": str(error), "warnings": []})
-            worst = max(worst, error.exit_code)
+            failed.append(error)
+    worst = max(failed, key=lambda error: error.exit_code, default=None)
     if as_json:
-        print_json({"ok": worst == 0, "files": results})
+        print_json({"ok": not failed, **({"error": as_document(worst)} if worst else {}), "files": results})
     else:
         for result in results:
             line = f"{'ok    ' if result['ok'] else 'FAILED'} {result['file']}: {result['what']}"
@@ -52,7 +53,7 @@ def verify(files: tuple[Path, ...], trust: tuple[Path, ...], schema_dir: Path | 
                 say(line)
             for warning in result["warnings"]:
                 say(f"! {result['file']}: {warning}")
-    return worst
+    return worst.exit_code if worst else 0
 
 
 @command()
@@ -140,13 +141,18 @@ def history(serial: str, runs: Path, only: str, figure: Path | None, *, as_csv: 
     found = timeline.of(serial, runs, only)
     if figure is not None:
         store.write_new(figure, drawing.render(found, figure.suffix))
+    broken = None
+    if not found.sound:
+        faults = (*(entry.reason for entry in found.refused), *found.breaks)
+        broken = CoefficientError(f"{serial}: {faults[0]}", hint="restore the run folders from a copy")
     if as_json:
-        print_json({"ok": found.sound, **said.timeline_document(found)})
+        error = {"error": as_document(broken)} if broken else {}
+        print_json({"ok": found.sound, **error, **said.timeline_document(found)})
     elif as_csv:
         print_data(said.timeline_csv(found))
     else:
         print_summary(said.timeline_summary(found))
-    return 0 if found.sound else CoefficientError.exit_code
+    return broken.exit_code if broken else 0
 
 
 def _one_format(*, as_csv: bool, as_json: bool) -> None:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import codecs
 import difflib
 import hashlib
 import re
@@ -82,7 +83,9 @@ def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
             )
         path = recipes[name]
     try:
-        text = path.read_bytes().decode("utf-8-sig")
+        content = path.read_bytes()
+        utf_16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # what PowerShell's > makes of init
+        text = content.decode("utf-16" if utf_16 else "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise RecipeError(f"{name}: cannot be read as UTF-8 text: {error}", hint="save the recipe as UTF-8") from None
     return Source(path.name, text.replace("\r\n", "\n"), overrides)
