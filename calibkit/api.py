@@ -169,7 +169,7 @@ def export_firmware(
     run: Run | AnyPath, target: str, out: AnyPath, *, number: str = "f32", prefix: str = "cal"
 ) -> tuple[Path, ...]:
     """Write a run's correction chain for a firmware target; a rejected run is refused; `calibkit export`."""
-    return tuple(pipeline.export(_run(run), target, number, prefix, Path(out), allow_rejected=False))
+    return tuple(pipeline.export([_run(run)], target, number, prefix, Path(out)))
 
 
 def verify(path: AnyPath) -> str:

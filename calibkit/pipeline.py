@@ -308,12 +308,22 @@ def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected:
     return export.of(chain, identity, formats.of(number), prefix)
 
 
-def export(run: store.Run, target: str, number: str, prefix: str, out: Path, *, allow_rejected: bool) -> list[Path]:
-    """Write a run's correction chain for a firmware target; returns the files."""
+def export(
+    runs: Sequence[store.Run],
+    target: str,
+    number: str,
+    prefix: str,
+    out: Path,
+    *,
+    address: int = 0,
+    allow_rejected: bool = False,
+) -> list[Path]:
+    """Write the correction chains of one run or of a fleet's for a firmware target; returns the files."""
     from calibkit.firmware import targets
 
     chosen = targets.of(target, number)
-    files = chosen.render(firmware_export(run, number, prefix, allow_rejected=allow_rejected))
+    exports = [firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
+    files = targets.files(chosen, exports, address)
     for name in files:
         store.refuse_existing(out / name)
     for name, content in files.items():
@@ -353,8 +363,10 @@ def _what(path: Path) -> str:
         raise CoefficientError(
             f"{path}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
         ) from None
-    formats = (*coefficients.FORMATS, *store.RUN_FORMATS, VALIDATION_FORMAT)
+    formats = (*coefficients.FORMATS, *store.RUN_FORMATS, VALIDATION_FORMAT, targets.MANIFEST)
     document = coefficients.unseal(text, str(path), formats)
+    if document["format"] == targets.MANIFEST:
+        return targets.verify_manifest(path)
     if document["format"] in coefficients.FORMATS:
         record = coefficients.loads(text, str(path))
         return f"{record.stage} of {record.serial} r{record.revision:03d}, effective from {record.effective_from}"

@@ -1,55 +1,118 @@
-"""Targets of `calibkit export`: what each writes, and how a written file is verified again."""
+"""Targets of `calibkit export`: what each writes of one run or of a fleet's, and how a written file is verified again."""
 
 from __future__ import annotations
 
+import hashlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
-from calibkit.errors import UsageError
-from calibkit.firmware import blob, c_header, c_loader, c_reader, c_source
+from calibkit import coefficients
+from calibkit.errors import CoefficientError, OutputError, UsageError
+from calibkit.firmware import blob, c_header, c_loader, c_reader, c_source, flash, parameters, table
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
+    from pathlib import Path
 
     from calibkit.firmware.export import Export
+
+MANIFEST = "calibkit-manifest/1"
+FLOATS = ("f32", "f64")
 
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A kind of export: its number formats and the files that it makes of one run."""
+    """A kind of export: its number formats, the files of one unit (by a stem of their names), the files of all units."""
 
     numbers: tuple[str, ...]
-    render: Callable[[Export], dict[str, bytes]]
+    unit: Callable[[Export, str, int], dict[str, bytes]]
+    """Export, stem and address → files."""
+    shared: Callable[[Sequence[Export]], dict[str, bytes]]
+    several: bool = True
 
 
-def _c(export: Export) -> dict[str, bytes]:
+def _c(export: Export, stem: str, address: int) -> dict[str, bytes]:
     """C99 header and source."""
+    del address
     return {
-        f"{export.prefix}.h": c_header.render(export).encode("ascii"),
-        f"{export.prefix}.c": c_source.render(export).encode("ascii"),
+        f"{stem}.h": c_header.render(export).encode("ascii"),
+        f"{stem}.c": c_source.render(export).encode("ascii"),
     }
 
 
-def _blob(export: Export) -> dict[str, bytes]:
-    """Numbers of one unit, and the C99 that takes them."""
+def _blob(export: Export, stem: str, address: int) -> dict[str, bytes]:
+    """Numbers of one unit."""
+    del address
+    return {f"{stem}.bin": blob.render(export)}
+
+
+def _hex(export: Export, stem: str, address: int) -> dict[str, bytes]:
+    """The blob as Intel HEX."""
+    return {f"{stem}.hex": flash.intel_hex(blob.render(export), address)}
+
+
+def _srec(export: Export, stem: str, address: int) -> dict[str, bytes]:
+    """The blob as Motorola S-records."""
+    return {f"{stem}.srec": flash.s_records(blob.render(export), address)}
+
+
+def _loader(exports: Sequence[Export]) -> dict[str, bytes]:
+    """The C99 that takes every unit's numbers; OutputError where they need different ones."""
+    first = exports[0]
+    for other in exports[1:]:
+        if blob.shape(other.program).digest != blob.shape(first.program).digest:
+            raise OutputError(
+                f"{other.identity.serial} and {first.identity.serial} need different loaders: their models differ in form "
+                "or degree",
+                hint="pin models and orders in the recipe, or export them apart",
+            )
     return {
-        f"{export.prefix}.bin": blob.render(export),
-        f"{export.prefix}.h": c_loader.header(export),
-        f"{export.prefix}.c": c_loader.source(export),
+        f"{first.prefix}.h": c_loader.header(first),
+        f"{first.prefix}.c": c_loader.source(first),
     }
 
 
-FLOATS = ("f32", "f64")
+def _table(exports: Sequence[Export]) -> dict[str, bytes]:
+    """One row a unit."""
+    return {f"{exports[0].prefix}.csv": table.render(exports)}
+
+
+def _px4(export: Export, stem: str, address: int) -> dict[str, bytes]:
+    """Parameters of PX4's thermal compensation."""
+    del address
+    return {f"{stem}.params": parameters.px4(export)}
+
+
+def _ardupilot(export: Export, stem: str, address: int) -> dict[str, bytes]:
+    """Parameters of ArduPilot's temperature calibration."""
+    del address
+    return {f"{stem}.param": parameters.ardupilot(export)}
+
+
+def _none(*_: object) -> dict[str, bytes]:
+    """No files."""
+    return {}
+
 
 TARGETS: Mapping[str, Target] = {
-    "c": Target((*FLOATS, "q31", "q15"), _c),
-    "blob": Target(FLOATS, _blob),
+    "c": Target((*FLOATS, "q31", "q15"), _c, _none, several=False),
+    "blob": Target(FLOATS, _blob, _loader),
+    "hex": Target(FLOATS, _hex, _loader),
+    "srec": Target(FLOATS, _srec, _loader),
+    "px4": Target(("f32",), _px4, _none),
+    "ardupilot": Target(("f32",), _ardupilot, _none),
+    "csv": Target((*FLOATS, "q31", "q15"), _none, _table),
 }
 
 READERS: Mapping[str, Callable[[str, bytes], str]] = {
     ".c": c_reader.verify_source,
     ".h": c_reader.verify_header,
     ".bin": blob.verify,
+    ".hex": flash.verify_hex,
+    ".srec": flash.verify_srec,
+    ".csv": table.verify,
+    ".params": parameters.verify,
+    ".param": parameters.verify,
 }
 """Suffix → function that checks a file's content and says what it is, or raises CoefficientError."""
 
@@ -64,3 +127,59 @@ def of(name: str, number: str) -> Target:
             f"--target {name} with --number {number}", hint=f"its number formats are {', '.join(target.numbers)}"
         )
     return target
+
+
+def files(target: Target, exports: Sequence[Export], address: int) -> dict[str, bytes]:
+    """Files of one run, or of several with a manifest; raises OutputError for what one set of files cannot hold."""
+    if len(exports) > 1 and not target.several:
+        raise OutputError(f"{len(exports)} runs: this target takes one", hint="export them one by one, or as a blob")
+    serials = [export.identity.serial for export in exports]
+    if twice := next((serial for serial in serials if serials.count(serial) > 1), None):
+        raise OutputError(f"{twice} stands twice among the runs", hint="name one revision of each unit")
+    prefix, shared = exports[0].prefix, target.shared(exports)
+    if len(exports) == 1:
+        return shared | target.unit(exports[0], prefix, address)
+    own = {
+        serial: target.unit(export, f"{prefix}_{serial}", address)
+        for serial, export in zip(serials, exports, strict=True)
+    }
+    everything = shared | {name: content for part in own.values() for name, content in part.items()}
+    return everything | {f"{prefix}_manifest.json": _manifest(exports, own, shared)}
+
+
+def _manifest(exports: Sequence[Export], own: Mapping[str, Mapping[str, bytes]], shared: Mapping[str, bytes]) -> bytes:
+    """What was delivered: every unit with its run and its files, every file with its digest."""
+
+    def listed(content: Mapping[str, bytes]) -> list[dict[str, str]]:
+        return [{"name": name, "sha256": hashlib.sha256(data).hexdigest()} for name, data in sorted(content.items())]
+
+    document: dict[str, Any] = {
+        "format": MANIFEST,
+        "software": exports[0].identity.software,
+        "files": listed(shared),
+        "units": [
+            {
+                "serial": export.identity.serial,
+                "revision": export.identity.revision,
+                "effective_from": export.identity.effective_from,
+                "run_sha256": export.identity.run_sha256,
+                "accepted": export.identity.accepted,
+                "files": listed(own[export.identity.serial]),
+            }
+            for export in exports
+        ],
+    }
+    return coefficients.seal(document).encode()
+
+
+def verify_manifest(path: Path) -> str:
+    """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
+    document = coefficients.unseal(path.read_text(encoding="utf-8"), str(path), (MANIFEST,))
+    entries = [*document["files"], *(entry for unit in document["units"] for entry in unit["files"])]
+    for entry in entries:
+        file = path.parent / entry["name"]
+        if not file.is_file():
+            raise CoefficientError(f"{path}: {entry['name']} is missing beside it", hint="deliver all of its files")
+        if hashlib.sha256(file.read_bytes()).hexdigest() != entry["sha256"]:
+            raise CoefficientError(f"{file}: not the file that the manifest lists", hint="export it again")
+    return f"manifest of {len(document['units'])} units, {len(entries)} files"

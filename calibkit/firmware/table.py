@@ -1,0 +1,108 @@
+"""One row a unit, for factory flashing: every number under a name of its own, what it means, and enough to prove the row."""
+
+from __future__ import annotations
+
+import csv
+import hashlib
+import io
+import json
+from typing import TYPE_CHECKING
+
+from calibkit.errors import CoefficientError, OutputError
+from calibkit.firmware import blob, c_text, layout, vectors
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from calibkit.firmware.export import Export
+
+FACTS = ("serial", "revision", "effective_from", "accepted", "run_sha256", "number", "formula", "fitted_over")
+PROOF = ("program", "vectors", "row_sha256")
+
+
+def render(exports: Sequence[Export]) -> bytes:
+    """CSV of runs (RFC 4180, UTF-8, LF); OutputError where they would need different columns."""
+    rows = [_row(export) for export in exports]
+    heads = list(rows[0])
+    for row, export in zip(rows, exports, strict=True):
+        if list(row) != heads:
+            raise OutputError(
+                f"{export.identity.serial} and {exports[0].identity.serial} need different columns: their models differ in "
+                "form or degree",
+                hint="pin models and orders in the recipe, or export them apart",
+            )
+    buffer = io.StringIO()
+    writer = csv.writer(buffer, lineterminator="\n")
+    writer.writerow([*heads, PROOF[-1]])
+    writer.writerows([*row.values(), _digest(row)] for row in rows)
+    return buffer.getvalue().encode()
+
+
+def _row(export: Export) -> dict[str, str]:
+    """Column → text of one unit; a table's number k stands under table[k], index = power where it is a polynomial."""
+    identity, program, structure = export.identity, export.program, export.chain.structure
+    row = {
+        "serial": identity.serial,
+        "revision": str(identity.revision),
+        "effective_from": identity.effective_from,
+        "accepted": str(int(identity.accepted)),
+        "run_sha256": identity.run_sha256,
+        "number": program.format.name,
+        "formula": c_text.ascii_only(structure.formula),
+        "fitted_over": "; ".join(export.chain.ranges),
+    }
+    row |= {f"bound_{output.name} [{output.unit}]": f"{export.bounds[output.name]:.1e}" for output in structure.outputs}
+    for name in blob.table_names(structure):
+        numbers = program.tables[name]
+        row |= {f"{name}[{k}]": program.format.text(x).rstrip("F") for k, x in enumerate(numbers)}
+    row |= {f"scale {name}": str(scale) for name, scale in program.scales.items()}
+    stated = export.vectors
+    row["program"] = "\n".join(layout.lines(program))
+    row["vectors"] = json.dumps(
+        {"inputs": stated.inputs, "updates": stated.updates, "outputs": stated.outputs, "status": stated.status},
+        separators=(",", ":"),
+    )
+    return row
+
+
+def _digest(row: Mapping[str, str]) -> str:
+    """SHA-256 over all names and texts of a row."""
+    return hashlib.sha256("\0".join(f"{name}={text}" for name, text in row.items()).encode()).hexdigest()
+
+
+def verify(name: str, content: bytes) -> str:
+    """Check every row's digest and recompute its vectors from its own numbers; returns what the file is."""
+    try:
+        rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"), newline=""), strict=True))
+    except (UnicodeDecodeError, csv.Error) as error:
+        raise CoefficientError(f"{name}: not a table that calibkit wrote: {error}", hint="export it again") from None
+    if not rows or not {*FACTS, *PROOF} <= set(rows[0]):
+        raise CoefficientError(f"{name}: not a table of units", hint="verify takes calibkit's own files")
+    for number, row in enumerate(rows, start=1):
+        place = f"{name}: row {number}"
+        stated = row.pop(PROOF[-1])
+        if None in row or None in row.values() or _digest(row) != stated:
+            raise CoefficientError(f"{place}: its digest is not that of its content", hint="export it again")
+        _recomputed(row, place)
+    return f"table of {len(rows)} units, {rows[0]['number']}, their vectors recomputed"
+
+
+def _recomputed(row: Mapping[str, str], place: str) -> None:
+    """Hold a row's vectors against what its numbers give."""
+    lines = row["program"].splitlines()
+    bare = layout.program(lines, {}, place)
+    tables = {}
+    for table in blob.table_names(bare.structure):
+        texts = [text for column, text in row.items() if column.startswith(f"{table}[")]
+        tables[table] = tuple(int(text) if bare.format.fixed else float(text) for text in texts)
+    program = layout.program(lines, tables, place)
+    try:
+        stated = json.loads(row["vectors"])
+        inputs = {key: tuple(column) for key, column in stated["inputs"].items()}
+        again = vectors.recomputed(program, inputs, tuple(stated["updates"]))
+        outputs = {key: tuple(column) for key, column in stated["outputs"].items()}
+        same = (dict(again.outputs), again.status) == (outputs, tuple(stated["status"]))
+    except (ValueError, KeyError, TypeError) as error:
+        raise CoefficientError(f"{place}: its vectors cannot be read: {error}", hint="export it again") from None
+    if not same:
+        raise CoefficientError(f"{place}: its vectors are not those of its numbers", hint="export it again")
