@@ -60,6 +60,26 @@ def test_a_unit_of_another_dimension_is_refused_with_the_log(tmp_path):
         read(tmp_path, "x,T (VDC)\n0,1\n", 'temp_case_degc = { from = "T" }', ("temp_case_degc",))
 
 
+@pytest.mark.parametrize("unit", ["", 'unit = "1", ', 'unit = "1/sample", '])
+@pytest.mark.parametrize("header", ["n", "n (counts)"])
+def test_a_counter_counts_whatever_says_so(tmp_path, header, unit):
+    """Differences of a counter are counts per sample, said or not; a counter of anything else is refused."""
+    mapping = f'time_s = {{ from = "t" }}\ngyro_x_lsb = {{ from = "n", {unit}accumulated = true }}'
+    log = read(tmp_path, f"t,{header}\n0,0\n0.5,10\n1.5,20\n", mapping, ("time_s", "gyro_x_lsb"))
+    assert column(log, "gyro_x_lsb") == [20.0, 10.0]
+    with pytest.raises(CalibkitError, match="accumulated 1/s, expected accumulated counts"):
+        read(tmp_path, "t,n (counts/s)\n0,0\n1,1\n", mapping.replace(unit or "@", ""), ("time_s", "gyro_x_lsb"))
+
+
+def test_counts_of_a_header_take_their_time_from_the_recipe(tmp_path):
+    """`counts` leaves open whether per sample or per second: the recipe says, or the log is refused."""
+    content = "t,n (counts)\n0,5\n1,7\n"
+    per_sample = 'gyro_x_lsb = { from = "n", unit = "1/sample", interval_s = 0.5 }'
+    assert column(read(tmp_path, content, per_sample, ("gyro_x_lsb",)), "gyro_x_lsb") == [10.0, 14.0]
+    with pytest.raises(CalibkitError, match="'1' is a count, '1/s' a count rate"):
+        read(tmp_path, content, 'gyro_x_lsb = { from = "n" }', ("gyro_x_lsb",))
+
+
 def test_accumulated_pulses_become_rates_across_a_wrap(tmp_path):
     """A sixteen-bit counter at irregular times: counts per second, the wrap said, the first row removed and said."""
     content = "t,n\n0,65000\n0.5,65500\n1.5,964\n2.0,1464\n"

@@ -110,9 +110,19 @@ def stated_unit(table: Table, source: str, column: Column | None, name: str) -> 
     target = units.column_unit(name)
     header = table.units.get(source) or units.of_header(source)
     pinned = column.unit if column else ""
+    if column is not None and column.accumulated:
+        # differences of a counter are counts per sample, whether the log or the recipe says so or neither
+        if not {pinned, header} <= {"", "1", "1/sample"}:
+            raise RecipeError(
+                f"{table.file}: column '{source}': accumulated {pinned or header}, expected accumulated counts",
+                hint=f"correct unit or accumulated in [columns.{name}]",
+            )
+        return "1/sample"
     if not pinned or column is None:
         return header or target
-    changed = column.scale != 1.0 or column.offset != 0.0 or column.accumulated
+    if header == "1" and pinned in {"1/sample", "1/s"}:
+        return pinned  # "counts" in a header leaves open of how long
+    changed = column.scale != 1.0 or column.offset != 0.0
     if header and header != pinned and not changed and column.header_unit == "must agree":
         raise FrameError(
             f"{table.file}: column '{source}': the log states {header}, [columns.{name}] says {pinned}",
@@ -135,7 +145,6 @@ def value(table: Table, source: str, column: Column | None, name: str, recipe: R
         raw, said = unwrapped(raw, column.wraps_at, source)
     if column and column.accumulated:
         raw = np.concatenate([[np.nan], np.diff(raw)])
-        unit = "1/sample" if unit == "1" else unit
     scale, offset, sign = (column.scale, column.offset, column.sign) if column else (1.0, 0.0, 1)
     values = units.scaled(raw, scale) if scale != 1.0 else raw
     values = values + offset if offset else values

@@ -76,7 +76,7 @@ def known_logs(where: str, names: Iterable[str], found: Sequence[str], *, at: tu
         if name not in there:
             close = difflib.get_close_matches(name, sorted(there), n=1)
             guess = f"did you mean '{close[0]}'?" if close else f"logs: {', '.join(found)}"
-            place = (*at, name) if len(at) > 1 else (*at, number, "log")
+            place: tuple[str | int, ...] = (*at, name) if len(at) > 1 else (*at, number, "log")
             raise RecipeError(f"{where} = '{name}': no such log", hint=guess, at=place)
 
 
