@@ -21,43 +21,7 @@ from calibkit.errors import CalibkitError, StoppedError
 from calibkit.fleet import files, keys, local, run, table, unit
 from calibkit.procedures import bias_temperature
 from conftest import ROOT, write_log
-
-RECIPE = """\
-procedure = "bias_temperature"
-title = "Bias of many"
-[logs]
-files = ["*.csv"]
-[polynomials]
-abscissa = "temp_case_degc"
-bias = [{ indication = "gyro_dph", order = 1 }]
-"""
-DAY = "2026-11-21"
-ROWS = 40
-
-
-def unit_log(folder, number, *, offset=0.0):
-    """Write a warm-up of one gyro: a bias linear in temperature, 0.01 °/h of noise; return its columns."""
-    rng = np.random.default_rng(number)
-    temperature = np.linspace(20.0, 60.0, ROWS)
-    gyro = rng.normal(0.5, 0.1) + offset + rng.normal(0.02, 0.002) * temperature + rng.normal(0.0, 0.01, ROWS)
-    write_log(folder / "warmup.csv", time_s=np.arange(float(ROWS)), temp_case_degc=temperature, gyro_dph=gyro)
-    return temperature, gyro
-
-
-def fleet_logs(data, count):
-    """Write the logs of units U000 … and return serial → (temperature, gyro)."""
-    return {f"U{k:03d}": unit_log(data / f"U{k:03d}", k) for k in range(count)}
-
-
-def fit(data, out, *, jobs=1, keep_going=False, date=DAY, text=RECIPE, progress=procedures.silent, address=""):
-    """Run a fleet in this process."""
-    source = recipe.Source("bias.toml", text)
-    return run.run(source, data, out, date, progress, jobs=jobs, address=address, keep_going=keep_going)
-
-
-def tree(folder):
-    """Relative name → bytes of all files below a folder."""
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 
 
 @pytest.fixture
@@ -71,11 +35,6 @@ def coefficients(out, serial, revision=1):
     """p0 and p1 of a unit's run, whose digests are checked on the way."""
     record = store.load(out / serial / f"r{revision:03d}").records["bias.json"]
     return [entry.value for entry in record.model("gyro_dph").coefficients]
-
-
-def left_over(out):
-    """What a writer left unfinished, locks included."""
-    return [path for path in out.rglob("*") if path.name.startswith(".")]
 
 
 def test_a_fleet_of_200_units_survives_a_killed_process(tmp_path, quick):

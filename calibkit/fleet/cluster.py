@@ -40,7 +40,7 @@ def outcomes(plan: Plan, serials: Sequence[str], address: str) -> Generator[Outc
         futures = client.map(partial(_outcome, plan), serials, pure=False)
         named = {future.key: serial for future, serial in zip(futures, serials, strict=True)}
         try:
-            for future in as_completed(futures):
+            for future in as_completed(futures, loop=client.loop):
                 # the scheduler gives a lost worker's unit to another, a few times, and then calls it an error
                 serial = named[future.key]
                 yield unit.Failure.lost(serial) if future.status == "error" else future.result()
