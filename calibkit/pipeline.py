@@ -348,6 +348,9 @@ def verify(path: Path) -> str:
 
 def _what(path: Path) -> str:
     """Check the digests of calibkit's files and recompute the vectors of its exports; returns what a file is."""
+    if (path / store.FLEET_FILE).is_file():
+        fleet = store.load_fleet(path)
+        return f"fleet of {len(fleet['units'])} units, {len(fleet['files'])} files"
     if path.is_dir():
         run = store.load(path)
         return f"run {run.name}, {len(run.document['files'])} files"

@@ -35,6 +35,7 @@ TABLES: dict[str, dict[str, Kind]] = {
     "files": {"name": str, "sha256": str},
 }
 RECIPE_SHAPE: dict[str, Kind] = {"name": str, "sha256": str, "text": str, "overrides": list}
+FLEET_SHAPE: dict[str, Kind] = {"software": str, "effective_from": str, "units": list, "figures": list, "files": list}
 _FILE_NAME = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 
 
@@ -45,6 +46,20 @@ def require_shape(document: Mapping[str, Any], path: str) -> None:
     )
     if faults:
         raise CoefficientError(f"{path}: not a run document: {faults[0]}", hint="restore the run folder")
+    _require_file_names(document, path)
+
+
+def require_fleet_shape(document: Mapping[str, Any], path: str) -> None:
+    """Raise CoefficientError for a sealed fleet.json that lacks something, or whose files are not in the folder."""
+    faults = _misshapen(document, FLEET_SHAPE, "")
+    faults = faults or [fault for entry in document["files"] for fault in _misshapen(entry, TABLES["files"], "files: ")]
+    if faults:
+        raise CoefficientError(f"{path}: not a fleet's record: {faults[0]}", hint="restore the folder")
+    _require_file_names(document, path)
+
+
+def _require_file_names(document: Mapping[str, Any], path: str) -> None:
+    """Raise CoefficientError for a listed file whose name is that of no file in the folder."""
     for entry in document["files"]:
         if not _FILE_NAME.fullmatch(entry["name"]):
             raise CoefficientError(f"{path}: file name '{entry['name']}' leaves the folder", hint="do not use this run")

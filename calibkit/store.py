@@ -242,24 +242,36 @@ def load(folder: Path) -> Run:
     """Read a run folder whole, or raise CoefficientError that names the first file that cannot be trusted."""
     document = coefficients.unseal(_text(folder / RUN_FILE), f"{folder / RUN_FILE}", RUN_FORMATS)
     run_document.require_shape(document, f"{folder / RUN_FILE}")
-    records = {}
+    paths = _listed(folder, document, RUN_FILE)
+    records = {path.name: _own_record(document, path) for path in paths if path.suffix == ".json"}
+    return Run(folder, document, records)
+
+
+def load_fleet(folder: Path) -> Mapping[str, Any]:
+    """Read the record of a fleet whose files are whole and as it lists them, or raise CoefficientError."""
+    name = f"{folder / FLEET_FILE}"
+    document = coefficients.unseal(_text(folder / FLEET_FILE), name, (FLEET_FORMAT,))
+    run_document.require_fleet_shape(document, name)
+    _listed(folder, document, FLEET_FILE)
+    return document
+
+
+def _listed(folder: Path, document: Mapping[str, Any], listing: str) -> list[Path]:
+    """Paths of the files that a folder's record lists; CoefficientError unless each is there as listed, and no other."""
+    paths = []
     for entry in document["files"]:
         path = folder / entry["name"]
-        content = _bytes(path)
-        if hashlib.sha256(content).hexdigest() != entry["sha256"]:
+        if hashlib.sha256(_bytes(path)).hexdigest() != entry["sha256"]:
             raise CoefficientError(
-                f"{path}: not the file that run.json lists", hint="the file was changed; do not use it"
+                f"{path}: not the file that {listing} lists", hint="the file was changed; do not use it"
             )
-        if path.suffix == ".json":
-            records[path.name] = _own_record(document, path)
-    extra = sorted(
-        {path.name for path in _entries(folder)} - {RUN_FILE, *(entry["name"] for entry in document["files"])}
-    )
+        paths.append(path)
+    extra = sorted({path.name for path in _entries(folder)} - {listing, *(path.name for path in paths)})
     if extra:
         raise CoefficientError(
-            f"{folder}: holds files that run.json does not list: {', '.join(extra)}", hint="move them out"
+            f"{folder}: holds files that {listing} does not list: {', '.join(extra)}", hint="move them out"
         )
-    return Run(folder, document, records)
+    return paths
 
 
 def _own_record(document: Mapping[str, Any], path: Path) -> coefficients.Record:

@@ -119,6 +119,8 @@ def test_a_finished_fleet_called_again_writes_nothing(tmp_path, quick):
     fleet_logs(tmp_path / "units", 3)
     first = fit(tmp_path / "units", tmp_path / "runs")
     before = tree(tmp_path / "runs")
+    (tmp_path / "runs" / "U001" / f"{store.WRITING}killed").mkdir()
+    (tmp_path / "runs" / ".U002.lock").touch()  # killed between the rename and the end
     second = fit(tmp_path / "units", tmp_path / "runs")
     assert (first.before, second.before) == (0, 3)
     assert second.folder == first.folder
@@ -238,6 +240,8 @@ def test_the_unit_that_is_not_like_the_others_is_named_everywhere(tmp_path, quic
     rows = list(csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8"))))
     assert [row["serial"] for row in rows if row["outlier_in"]] == ["U007"]
     record = json.loads((done.folder / "fleet.json").read_text(encoding="utf-8"))
+    schema = json.loads((ROOT / "docs" / "schemas" / "calibkit-fleet-1.schema.json").read_text(encoding="utf-8"))
+    pytest.importorskip("jsonschema").Draft202012Validator(schema).validate(record)
     at_reference = record["figures"][0]
     values = np.array([float(row["bias.gyro_dph at 25 degC [deg/h]"]) for row in rows])
     assert at_reference["centre"] == np.median(values)
@@ -262,6 +266,25 @@ def test_the_table_holds_what_the_coefficient_files_hold(tmp_path, quick):
             assert row[name] == float(texts[name]) == entry.value
             assert row[f"u(bias.gyro_dph.{entry.name}) [{entry.unit}]"] == entry.standard_uncertainty
             assert found.schema.field(name).metadata == {b"unit": entry.unit.encode()}
+
+
+def test_verify_says_whether_a_fleets_files_are_what_they_were(tmp_path, quick, calibkit):
+    """The folder verifies as it was written; with one byte changed, one file more or one less it does not."""
+    fleet_logs(tmp_path / "units", 2)
+    folder = fit(tmp_path / "units", tmp_path / "runs").folder
+    found = calibkit("verify", folder)
+    assert (found.code, "fleet of 2 units" in found.out) == (0, True)
+    table_of, charts = folder / "fleet.csv", folder / "control_charts.pdf"
+    before = table_of.read_bytes()
+    table_of.write_bytes(before.replace(b"no limits", b"accepted!"))
+    assert calibkit("verify", folder).code == 4
+    table_of.write_bytes(before)
+    (folder / "note.txt").touch()
+    assert calibkit("verify", folder).code == 4
+    (folder / "note.txt").unlink()
+    assert calibkit("verify", folder).code == 0
+    charts.unlink()
+    assert calibkit("verify", folder).code == 4
 
 
 def test_without_pyarrow_there_is_no_parquet_and_everything_else(tmp_path, quick, monkeypatch):

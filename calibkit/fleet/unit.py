@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import hashlib
 import re
 from dataclasses import dataclass
@@ -114,19 +115,20 @@ def already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
     """Newest run of a unit by this software with this recipe, date and logs, whole and with right digests, or None."""
     candidates = []
     for number in reversed(store.revisions(plan.out / serial)):
-        folder = plan.out / serial / f"r{number:03d}"
-        document = _document(folder)
-        if document is not None and _same_terms(document, plan):
-            candidates.append((folder, document))
+        # what cannot be trusted is never used again, and never touched
+        with contextlib.suppress(CoefficientError):
+            run = store.load_revision(plan.out, serial, number)
+            if _same_terms(run.document, plan):
+                candidates.append(run)
     if not candidates:
         return None
     logs = {file: ingest.digest(spec, plan.data / serial, file) for file in ingest.find_logs(spec, plan.data / serial)}
     beside = _second_loggers(plan.data / serial, spec)
-    for folder, document in candidates:
-        inputs = {entry["name"]: entry["sha256"] for entry in document["inputs"]}
-        joined = _joined(document)
+    for run in candidates:
+        inputs = {entry["name"]: entry["sha256"] for entry in run.document["inputs"]}
+        joined = _joined(run.document)
         if inputs == logs and joined <= beside and bool(joined) == (spec.chamber is not None):
-            return store.load(folder)
+            return run
     return None
 
 
@@ -148,17 +150,7 @@ def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
     return {_sha256(path) for pattern in patterns for path in folder.glob(pattern) if path.is_file()}
 
 
-def _document(folder: Path) -> dict[str, Any] | None:
-    """run.json of a run folder, or None where it cannot be trusted: such a run is never used, and never touched."""
-    from calibkit.coefficients import unseal
-
-    try:
-        return unseal((folder / store.RUN_FILE).read_text(encoding="utf-8"), str(folder), store.RUN_FORMATS)
-    except (OSError, UnicodeDecodeError, CoefficientError):
-        return None
-
-
-def _same_terms(document: dict[str, Any], plan: Plan) -> bool:
+def _same_terms(document: Mapping[str, Any], plan: Plan) -> bool:
     """Whether a run was made by this software with the plan's recipe, for its date."""
     found = document["software"], document["recipe"]["sha256"], document["effective_from"]
     return found == (pipeline.SOFTWARE, plan.source.sha256, plan.date)
