@@ -21,7 +21,7 @@ def benchmark():
 
 
 def test_intervals_of_level_coefficients_cover_the_truth(benchmark):
-    """Eight gyros of the fitted family, some three independent coefficients each: at least 80 % within 2 u (95 % less 3 sigma)."""
+    """Eight gyros of the fitted family, some three independent coefficients each: 80 % or more within 2 u (95 % less 3 sigma)."""
     found = np.concatenate([benchmark.of_the_family(81_000 + k, "level") for k in range(8)])
     z = found[np.isfinite(found)]
     assert z.size >= 64
