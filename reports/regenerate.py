@@ -1,4 +1,4 @@
-"""Regenerate sample reports, sample certificates and the README's picture from the sample logs: `python reports/regenerate.py`."""
+"""Regenerate sample reports and certificates and the README's picture from the sample logs: `python reports/regenerate.py`."""
 
 from __future__ import annotations
 

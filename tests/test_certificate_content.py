@@ -20,10 +20,10 @@ from calibkit.recipe import TypeB
 NO_TERMS = uncertainty.Source(())
 
 
-def result(value, expanded=None, *, unit="ppm", interval=None, exact=False):
+def result(value, expanded=None, *, unit="ppm", interval=None):
     """A result with an expanded uncertainty of k = 2."""
     u = None if expanded is None else Uncertainty((), expanded / 2.0, math.inf, 2.0, expanded, 0.9545)
-    return Result("stage.model.name", "stage.json", "x", Words("x"), value, unit, u, interval, exact=exact)
+    return Result("stage.model.name", "stage.json", "x", Words("x"), value, unit, u, interval)
 
 
 @pytest.mark.parametrize(
@@ -94,7 +94,6 @@ def test_no_statement_is_possible_where_the_uncertainty_exceeds_the_tolerance_or
     for rule in ("guarded", "simple", "four_way"):
         assert conformity.judge(result(0.0, 11.0), -10.0, 10.0, rule)[0] == "no statement possible"
         assert conformity.judge(result(0.0), -10.0, 10.0, rule)[0] == "no statement possible"
-    assert conformity.judge(result(0.0, exact=True), -10.0, 10.0, "guarded")[0] == "pass"
 
 
 def test_a_magnitude_is_judged_by_the_upper_end_of_its_interval():
@@ -190,11 +189,11 @@ def test_terms_of_the_profile_replace_those_of_the_recipe_by_name_and_unused_one
 
 @pytest.mark.parametrize(("value", "u"), [(0.3, 0.5), (2.4, 0.44), (0.0, 1.0), (5.0, 0.1)])
 def test_interval_of_a_magnitude_covers_what_its_folded_distribution_says(value, u):
-    """The Monte Carlo interval holds 95.45 % of |N(value, u)|, by the exact distribution function, within 0.3 %."""
+    """The Monte Carlo interval holds 95.45 % of |N(value, u)|, by the exact distribution function, within 0.02 %."""
     low, high = uncertainty.magnitude_interval(value, Uncertainty((), u, math.inf, 2.0, 2 * u, 0.9545))
     folded = stats.foldnorm(abs(value) / u, scale=u)
     assert low >= 0.0
-    assert folded.cdf(high) - folded.cdf(low) == pytest.approx(0.9545, abs=3e-3)
+    assert folded.cdf(high) - folded.cdf(low) == pytest.approx(0.9545, abs=2e-4)
 
 
 def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
@@ -204,7 +203,7 @@ def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
     assert few[1] - few[0] > 2.0 * (many[1] - many[0])
 
 
-@given(st.floats(-200.0, 200.0), st.floats(0.5, 400.0))
+@given(st.floats(-200.0, 200.0).map(lambda low: round(low, 3)), st.floats(0.5, 400.0))
 def test_default_temperatures_are_round_and_inside_the_range(low, width):
     """Between two and eight numbers of at most three digits' step, none outside."""
     found = stated.round_numbers(low, low + width)

@@ -99,8 +99,6 @@ def _statement(result: Result, specification: Specification, rule: Rule) -> Stat
 
 def expansion(result: Result) -> tuple[float, float]:
     """How far the result may lie below and above its value: ± U, or the ends of its interval; infinite where unknown."""
-    if result.exact:
-        return 0.0, 0.0
     if result.interval is not None:
         return result.value - result.interval[0], result.interval[1] - result.value
     if result.uncertainty is None:

@@ -103,8 +103,6 @@ def _at_rest(stated: Stated, record: Record, model: Model) -> Callable[[float], 
 
     def at(t: float) -> Result:
         weights, slope = powers("b", model, t)
-        if t == reference:
-            return _zero(record, model, t)
         zero, _ = powers("b", model, reference)
         difference = {name: weights[name] - zero[name] for name in weights}
         return stated.linear(
@@ -122,13 +120,6 @@ def _at_rest(stated: Stated, record: Record, model: Model) -> Callable[[float], 
         )
 
     return at
-
-
-def _zero(record: Record, model: Model, t: float) -> Result:
-    """The drift at the reference, which is zero by definition."""
-    key = f"{record.stage}.{model.name}.drift@{t:g}"
-    words = Words("zero by definition", "定义为零")
-    return Result(key, f"{record.stage}.json", "D", words, 0.0, "deg/h", at=((TEMPERATURE, t, "degC"),), exact=True)
 
 
 def _model_error(model: Model) -> tuple[tuple[str, float, float], ...]:

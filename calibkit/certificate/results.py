@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from decimal import Decimal
+from decimal import Context, Decimal
 from typing import TYPE_CHECKING, Literal
 
 from calibkit.numeric import gum
@@ -72,8 +72,6 @@ class Result:
     """Standard whose definition is meant where several define the same word."""
     principal: bool = False
     """Whether its budget is printed in full."""
-    exact: bool = False
-    """Whether the value is one by definition, which no uncertainty belongs to."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -171,6 +169,8 @@ PLAIN = range(-5, 7)
 """Decimal exponents of the larger of value and uncertainty for which no power of ten is printed."""
 
 
+DIGITS = Context(prec=700)
+"""Enough digits for any float64 beside any other."""
 COUNTS = 100_000
 """Whole numbers below this are printed as they are."""
 
@@ -182,8 +182,8 @@ def printed(value: float, uncertainty: float) -> Printed:
     if exponent in PLAIN:
         return Printed(shown, u)
     place = Decimal(1).scaleb(Decimal(u).adjusted() - 1 - exponent)  # zeros before the point are no digits behind it
-    scaled = (Decimal(text).scaleb(-exponent).quantize(place) for text in (shown, u))
-    return Printed(*(f"{number:f}" for number in scaled), exponent)
+    scaled = [Decimal(text).scaleb(-exponent).quantize(place, context=DIGITS) for text in (shown, u)]
+    return Printed(f"{scaled[0]:f}", f"{scaled[1]:f}", exponent)
 
 
 def descriptor(value: float) -> Printed:

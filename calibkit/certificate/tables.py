@@ -48,8 +48,6 @@ def cells(result: Result | None) -> tuple[str, str]:
     """Value and U, or the coverage interval of a magnitude, as printed."""
     if result is None:
         return ABSENT, ""
-    if result.exact:
-        return plain(result.value), ""
     if result.uncertainty is None:
         shown = descriptor(result.value)
         return number(shown.value, shown.exponent), ""

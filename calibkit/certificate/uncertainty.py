@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import lru_cache
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,13 +18,14 @@ from calibkit.recipe import type_b
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
+    from numpy.typing import NDArray
+
     from calibkit.recipe import TypeB
 
 TYPE_A = "fit to the logs"
 """Name of the type A contribution: the fit's covariance."""
-TRIALS = 100_000
-SEED = 20_010_101
-"""Of the Monte Carlo intervals: the same certificate has the same bytes."""
+TRIALS = 20_000
+"""Of the Monte Carlo intervals, one at each of as many equal probabilities."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,15 +127,20 @@ def unused(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ..
 
 
 def magnitude_interval(value: float, uncertainty: Uncertainty) -> tuple[float, float]:
-    """95.45 % coverage interval of a quantity that cannot be negative, by Monte Carlo (JCGM 101): |value + u·t|."""
-    generator = np.random.Generator(np.random.PCG64(SEED))
+    """95.45 % coverage interval of a quantity that cannot be negative: |value + u·t| by Monte Carlo (JCGM 101)."""
     dof = uncertainty.effective_dof
-    drawn = generator.standard_normal(TRIALS)
-    if math.isfinite(dof) and dof < gum.FEW_DOF:
-        drawn = generator.standard_t(math.floor(dof), TRIALS)
     found = gum.monte_carlo(
-        lambda trials: np.abs(value + uncertainty.standard_uncertainty * trials[:, 0]),
-        drawn[:, None],
+        lambda drawn: np.abs(value + uncertainty.standard_uncertainty * drawn[:, 0]),
+        _draws(math.floor(dof) if dof < gum.FEW_DOF else 0),
         probability=gum.TWO_SIGMA,
     )
     return found.low, found.high
+
+
+@lru_cache
+def _draws(dof: int) -> NDArray[np.float64]:
+    """Equally probable draws [trials, 1] of Student's distribution, of the normal one for 0: the same on every machine."""
+    from scipy.special import ndtri, stdtrit
+
+    probability = (np.arange(TRIALS) + 0.5) / TRIALS
+    return np.asarray(stdtrit(dof, probability) if dof else ndtri(probability), dtype=np.float64)[:, None]

@@ -1,0 +1,215 @@
+"""Certificates of every procedure: what each layout states of real run folders, against the coefficient files themselves."""
+
+import datetime as dt
+import json
+import math
+
+import numpy as np
+import pytest
+
+from calibkit import pipeline, recipe, store
+from calibkit.certificate import as_found, content, pdf, profile
+from calibkit.numeric import accel_k, coil
+from calibkit.numeric.thermal_terms import TERMS, raw_design
+from calibkit.procedures import silent
+from conftest import ROOT, write_log
+
+ISSUED = dt.date(2026, 11, 21)
+
+
+def fitted(folder, name, data=None, serial="S-1", overrides=()):
+    """Run of a procedure's sample logs."""
+    source = recipe.find(str(ROOT / "recipes" / f"{name}.toml"), overrides)
+    outcome = pipeline.fit(source, data or ROOT / "datasets" / name, serial, folder, "2026-11-21", silent)
+    return store.load(outcome.folder)
+
+
+@pytest.fixture(scope="module")
+def run(tmp_path_factory):
+    """Fit a procedure's sample logs once."""
+    folder, made = tmp_path_factory.mktemp("runs"), {}
+
+    def of(name):
+        if name not in made:
+            made[name] = fitted(folder / name, name)
+        return made[name]
+
+    return of
+
+
+def certificate(run, name=None, *overrides, validation=None):
+    """Certificate of a run after the sample profile, or without one."""
+    path = None if name is None else ROOT / "reports" / "profiles" / f"{name}.toml"
+    return content.build(run, *profile.load(path, overrides), validation, ISSUED)
+
+
+def by_key(found):
+    """Result by its key."""
+    return {result.key: result for result in found.results}
+
+
+PROCEDURES = ("fog_thermal", "accelerometer", "gyro_pair", "rate_table", "inclinometer")
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_the_sample_profile_of_a_procedure_is_whole_and_every_term_in_it_is_used(run, name):
+    """Nothing missing but as found and as left where the sample has a validation; no type B term without an effect."""
+    made = certificate(run(name), name)
+    validated = name in {"fog_thermal", "inclinometer"}
+    assert [item.key for item in made.missing] == (["adjustment.statement"] if validated else [])
+    assert made.unused_terms == ()
+    assert made.statements
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_every_coefficient_of_every_file_is_stated_with_its_value(run, name):
+    """Each fitted coefficient of each model of the run is on the certificate, under its key, and none is another number."""
+    found = by_key(certificate(run(name)))
+    for file, record in run(name).records.items():
+        if file == "denoise.json":
+            continue
+        for model in record.models:
+            for c in model.coefficients:
+                if c.value or c.standard_uncertainty:
+                    stated = found[f"{record.stage}.{model.name}.{c.name}"]
+                    assert (stated.value, stated.unit, stated.file) == (c.value, c.unit, file)
+                    if c.standard_uncertainty:
+                        assert stated.uncertainty.type_a == pytest.approx(c.standard_uncertainty, rel=1e-6)
+
+
+@pytest.mark.parametrize("name", PROCEDURES)
+def test_keys_are_distinct_and_every_uncertainty_adds_up(run, name):
+    """No two results share a key; u_c² is the sum of the contributions, U = k u_c."""
+    made = certificate(run(name), name)
+    assert len(by_key(made)) == len(made.results)
+    for result in made.results:
+        if (u := result.uncertainty) is not None:
+            assert u.standard_uncertainty == pytest.approx(math.hypot(u.type_a, u.type_b), rel=1e-12)
+            assert u.expanded_uncertainty == pytest.approx(u.coverage_factor * u.standard_uncertainty, rel=1e-12)
+
+
+def test_scale_and_zero_of_an_accelerometer_are_what_the_k_factor_gives(run):
+    """G' of G = 0 is minus the zero offset, of G = 1 on one axis the scale less the zero: the numeric core as the judge."""
+    record = run("accelerometer").records["accel_k.json"]
+    found = by_key(certificate(run("accelerometer"), "accelerometer"))
+    K = np.array([[c.value for c in model.coefficients] for model in record.models])
+    for t in (-20.0, 25.0, 125.0):
+        zero = accel_k.correct(K, np.zeros((1, 3)), np.array([t]))[0]
+        ones = accel_k.correct(K, np.eye(3), np.full(3, t))
+        for k, axis in enumerate("xyz"):
+            assert found[f"accel_k.accel_{axis}.zero@{t:g}"].value == pytest.approx(-zero[k], rel=1e-12)
+            assert found[f"accel_k.accel_{axis}.scale@{t:g}"].value == pytest.approx(ones[k, k] - zero[k], rel=1e-12)
+
+
+def test_drift_on_a_ramp_is_what_the_model_gives_on_a_log_of_such_a_ramp(run):
+    """Simulate a case that climbs at 5 °C/min: once the lags are over, the model's drift is the certificate's, to 1e-6 °/h."""
+    made = run("fog_thermal")
+    found = by_key(certificate(made, "fog_thermal"))
+    record = made.records["drift_rate.json"]
+    model = record.models[0]
+    names = [c.name for c in model.coefficients]
+    value = dict(zip(names, (c.value for c in model.coefficients), strict=True))
+    rate = 5.0
+    time = np.arange(0.0, 7200.0, 1.0)
+    case = -560.0 + rate * time / 60.0  # long before 25 °C, so that the start is forgotten
+    drivers = coil.drivers(coil.path([(time, case)]), value["tau_outer"], value["tau_inner"])
+    drift = raw_design(drivers) @ np.array([value[term] for term in TERMS])
+    at_rest = sum(value[f"b{k}"] * 25.0**k for k in range(4))
+    for t in (0.0, 15.0, 25.0):
+        key = f"drift_rate.drift.drift_+5@{t:g}"
+        assert np.interp(t, case, drift) - at_rest == pytest.approx(found[key].value, abs=1e-5)
+
+
+def test_drift_at_rest_has_the_uncertainty_that_the_run_states(run):
+    """The certificate and run.json say the same of the drift at 25 °C: U from the model error on ramps left out."""
+    made = run("fog_thermal")
+    stated = next(e for e in made.document["uncertainty"] if e["where"] == "at rest" and e["temp_case_degc"] == 25.0)
+    found = by_key(certificate(made, None, "results.temperatures_degc=[25.0]"))["drift_rate.drift.drift@25"]
+    assert found.value == pytest.approx(stated["value"], abs=1e-12)
+    assert found.uncertainty.expanded_uncertainty == pytest.approx(stated["expanded_uncertainty"], rel=1e-9)
+
+
+def test_type_b_of_a_rate_table_scales_k_and_leaves_the_pair_alone(run):
+    """1.7 ppm and 0.5 ppm/√3 of K, whatever the table was; N, γ and α do not see the table's rate."""
+    found = by_key(certificate(run("gyro_pair"), "gyro_pair"))
+    K = found["gyro_scale.a_about_a.K"]
+    assert K.uncertainty.type_b == pytest.approx(K.value * 1e-6 * math.hypot(1.7, 0.5 / math.sqrt(3.0)), rel=1e-9)
+    ieee = found["gyro_scale.scale_factor.IEEE Std 952.a_about_a"]
+    assert ieee.uncertainty.type_b / ieee.value == pytest.approx(K.uncertainty.type_b / K.value, rel=1e-9)
+    assert found["gyro_orthogonality.pair.N"].uncertainty.type_b == 0.0
+    assert found["gyro_orthogonality.pair.alpha_deg"].uncertainty.type_b == pytest.approx(3.0 / 3600.0 / math.sqrt(3.0))
+
+
+def test_a_few_runs_widen_the_coverage_factor(run):
+    """K over temperature of six runs at four temperatures has 4 degrees of freedom: k = 2.87 without type B."""
+    found = by_key(certificate(run("rate_table")))
+    assert found["gyro_scale.gyro_x.K_over_temperature.value@25"].uncertainty.coverage_factor == pytest.approx(
+        2.869, abs=1e-3
+    )
+    assert found["gyro_scale.repeatability.GJB 2426A.gyro_x"].uncertainty.coverage_factor == pytest.approx(
+        4.527, abs=1e-3
+    )
+
+
+def test_as_found_and_as_left_come_from_logs_that_were_not_fitted(run, tmp_path):
+    """The withheld ramps of the sample gyro, before and after, with the rate gain; the file is attached."""
+    made = run("fog_thermal")
+    out = tmp_path / "validation.json"
+    document, _ = pipeline.validate(made, ROOT / "datasets" / "fog_thermal" / "withheld", out, silent)
+    validation = as_found.load(out, made)
+    rows = {(row.log, row.what.en): (row.found, row.left) for row in validation.rows}
+    entry = document["logs"][0]
+    assert rows[entry["name"], "drift rms, 100 s means"] == (entry["drift_rms_before"], entry["drift_rms_after"])
+    assert not {name for name, _, _ in validation.logs} & {entry["name"] for entry in made.document["inputs"]}
+    made = certificate(made, "fog_thermal", validation=validation)
+    assert made.missing == ()
+    assert {a.name: a for a in made.attachments}["validation.json"].content == out.read_bytes()
+
+
+def test_no_exported_drift_term_is_said_and_not_made_up(tmp_path):
+    """Logs of a gyro without drift: the certificate says that no drift term is exported."""
+    rng = np.random.default_rng(5)
+    for k, rate in enumerate((2.0, 5.0, -2.0, -5.0)):
+        time = np.arange(0.0, 1800.0)
+        env = np.sign(rate) * -20.0 + rate * np.clip(time - 300.0, 0.0, 480.0) / 60.0
+        case = np.convolve(np.pad(env, (199, 0), mode="edge"), np.full(200, 1.0 / 200.0), mode="valid")
+        write_log(
+            tmp_path / "logs" / f"r{k}.csv",
+            time_s=time,
+            temp_case_degc=case,
+            temp_env_degc=env,
+            gyro_dph=rng.normal(7.0, 0.5, 1800),
+        )
+    made = fitted(tmp_path / "runs", "fog_thermal", tmp_path / "logs")
+    found = certificate(made)
+    assert made.records["drift_rate.json"].models == ()
+    assert any("No drift term is exported" in note.en for block in found.blocks for note in block.notes)
+    assert pdf.render(found, "en").startswith(b"%PDF")
+
+
+@pytest.mark.parametrize("name", ["bias_temperature", "accelerometer_magnitude"])
+def test_other_procedures_have_certificates_too(tmp_path, name):
+    """A polynomial of temperature, and a triad without a turntable."""
+    if name == "bias_temperature":
+        t = np.linspace(20.0, 45.0, 400)
+        noise = np.random.default_rng(1).normal(0.0, 0.05, t.size)
+        write_log(tmp_path / "a.csv", time_s=np.arange(400.0), temp_case_degc=t, gyro_dph=3.0 + 0.02 * t + noise)
+        data = tmp_path
+    else:
+        data = ROOT / "datasets" / "accelerometer"
+    overrides = ('dwells.mode="rows"',) if name == "accelerometer_magnitude" else ()
+    found = certificate(fitted(tmp_path / "runs", name, data, overrides=overrides))
+    assert found.results
+    assert pdf.render(found, "en").startswith(b"%PDF")
+
+
+def test_excluded_logs_and_flags_are_on_the_certificate(run):
+    """What was left out, why and by whom is stated as the run has it."""
+    made = run("gyro_pair")
+    document = json.loads(json.dumps(made.document))
+    document["excluded"] = [{"log": "a.csv", "from_s": 10.0, "to_s": 20.0, "reason": "door opened", "person": "op"}]
+    document["flags"] = ["something odd"]
+    changed = store.Run(made.folder, document, made.records)
+    found = certificate(changed)
+    assert found.run.excluded == (("a.csv from 10 s to 20 s", "door opened", "op"),)
+    assert found.run.flags == ("something odd",)
