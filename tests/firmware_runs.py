@@ -15,10 +15,11 @@ RUNS = {
     "kq": ("accelerometer", ("compensation=kq", "k.cross=false")),
     "pair": ("gyro_pair", ()),
     "rate": ("rate_table", ()),
+    "triad": ("gyro_triad", ("site.latitude_deg=34.2",)),
     "scale": ("inclinometer", ()),
 }
 """Name → procedure and overrides."""
-MEMORYLESS = ("affine", "k", "kq", "pair", "rate", "scale")
+MEMORYLESS = ("affine", "k", "kq", "pair", "rate", "triad", "scale")
 
 
 @dataclass(frozen=True)

