@@ -1,0 +1,32 @@
+#include "console.h"
+
+#ifdef __ARM_EABI__
+void print_text(const char *text)
+{
+    register uint32_t operation __asm__("r0") = 4U; /* semihosting SYS_WRITE0 */
+    register const char *argument __asm__("r1") = text;
+
+    __asm__ volatile("bkpt 0xAB" : "+r"(operation) : "r"(argument) : "memory");
+}
+#else
+#include <stdio.h>
+
+void print_text(const char *text)
+{
+    (void)fputs(text, stdout);
+}
+#endif
+
+void print_hex(const char *label, uint32_t word)
+{
+    char digits[10];
+    uint32_t k;
+
+    for (k = 0U; k < 8U; k++) {
+        digits[k] = "0123456789abcdef"[(word >> (28U - (4U * k))) & 15U];
+    }
+    digits[8] = '\n';
+    digits[9] = '\0';
+    print_text(label);
+    print_text(digits);
+}
