@@ -242,7 +242,7 @@ def test_a_spike_is_pointed_out(tmp_path, calibkit, log_writer):
     [
         ('[[exclude]]\nlog = "a"\nfrom_s = 9000.0\nto_s = 9100.0\nreason = "r"\nperson = "p"', "no row between 9000 s"),
         ('[[exclude]]\nlog = "b"\nreason = "r"\nperson = "p"', "no such log"),
-        ('[columns.gyro_dph]\nfrom = "gyro_dph"\nunit = "degC"', "'degC' is a temperature, 'deg/h' a angular rate"),
+        ('[columns.gyro_dph]\nfrom = "gyro_dph"\nunit = "degC"', "'degC' is a temperature, 'deg/h' an angular rate"),
         ("[drift.rates_degc_min]\nb = 1.0", "no such log"),
     ],
 )

@@ -116,6 +116,7 @@ def stated_unit(table: Table, source: str, column: Column | None, name: str) -> 
             raise RecipeError(
                 f"{table.file}: column '{source}': accumulated {pinned or header}, expected accumulated counts",
                 hint=f"correct unit or accumulated in [columns.{name}]",
+                at=("columns", name, "accumulated"),
             )
         return "1/sample"
     if not pinned or column is None:
