@@ -58,13 +58,17 @@ def temperatures(log: Log, case: str, air: str) -> list[Finding]:
     for column, data in ((case, of_case), (air, of_air)):
         found += spikes(log, column, data, "°C", least=SPIKE_DEGC)
     moved = max(LEAD_DEGC, 5.0 * anomalies.resolution(of_case))
-    frozen = (anomalies.stuck_against(of_case, of_air, moved), anomalies.frozen(of_case, SPIKE_DEGC))
+    runs = anomalies.equal_runs(of_case, anomalies.SHORTEST_RUN)
+    frozen = (
+        anomalies.stuck_against(of_case, of_air, moved, runs),
+        anomalies.frozen(of_case, SPIKE_DEGC, runs),
+    )
     found += stuck_runs(log, case, of_case, np.unique(np.concatenate(frozen), axis=0), "°C")
     # a case comes to meet the air that stands still; a case that leaves it was driven by air that the log does not show
     runs = anomalies.equal_runs(of_air, anomalies.SHORTEST_RUN)
-    away = np.abs(of_case - of_air)
-    left = [k for k, (a, b) in enumerate(runs.tolist()) if float(away[b - 1] - away[a]) > moved]
-    frozen = (runs[left], anomalies.frozen(of_air, SPIKE_DEGC))
+    first, last = runs[:, 0], runs[:, 1] - 1
+    left = np.abs(of_case[last] - of_air[last]) - np.abs(of_case[first] - of_air[first]) > moved
+    frozen = (runs[left], anomalies.frozen(of_air, SPIKE_DEGC, runs))
     return [*found, *stuck_runs(log, air, of_air, np.unique(np.concatenate(frozen), axis=0), "°C")]
 
 
@@ -79,7 +83,8 @@ def driven(log: Log, column: str, driver: str, unit: str, full_span: float) -> l
     `full_span` is the largest span of an indication in the log: a table's unevenness is a share of it, across its axis too.
     """
     data, cause = values(log.frame, column), values(log.frame, driver)
-    runs = anomalies.stuck_against(data, cause, 0.01 * float(np.ptp(cause)))
+    runs = anomalies.equal_runs(data, anomalies.SHORTEST_RUN)
+    runs = anomalies.stuck_against(data, cause, 0.01 * float(np.ptp(cause)), runs)
     noisy = anomalies.stuck(data)
     # an indication of held rates may be coarser than its noise: only values at an extreme are called clipped then
     at_end = [k for k, (a, _) in enumerate(noisy.tolist()) if data[a] in (data.max(), data.min())]
@@ -206,8 +211,10 @@ def start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
 def coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """An indication whose steps hide its noise."""
     step = anomalies.resolution(data)
+    if data.size < 100 or step == 0.0 or np.unique(anomalies.sample(data)).size > LEVELS:
+        return []
     distinct = int(np.unique(data[: 4 * PIECE]).size)
-    if data.size < 100 or step == 0.0 or distinct > LEVELS or anomalies.repeats(data) < anomalies.NOISY:
+    if distinct > LEVELS or anomalies.repeats(data) < anomalies.NOISY:
         return []
     if step < COARSE * anomalies.scatter(data) and distinct > 4:
         return []

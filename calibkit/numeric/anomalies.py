@@ -17,6 +17,8 @@ if TYPE_CHECKING:
 
 MAD_TO_SIGMA = 1.0 / 0.6744897501960817
 """Standard deviation of normal noise over its median absolute deviation."""
+SAMPLE = 1 << 16
+"""Rows that the noise and the resolution of a series are taken from."""
 HIGH = 0.85
 """Share of deviations that are ordinary, whatever the rest holds."""
 HIGH_TO_SIGMA = 1.0 / 1.4395314709384563
@@ -41,6 +43,8 @@ PILE = 10
 """Rows at the extreme value from which clipping is looked for."""
 PILED = 5.0
 """How many times as many rows the extreme value has as its neighbour where a series is clipped."""
+MOST_MEANS = 1 << 17
+"""Rows above which jumps are looked for in block means."""
 JUMP = 8.0
 """Standard deviations that a change of level must have."""
 SUDDEN = 0.6
@@ -49,10 +53,20 @@ START_UP = 10.0
 """Standard deviations from the line through the rows behind them that make rows start-up rows."""
 
 
+def sample(values: Array) -> Array:
+    """At most 65,536 rows of a series [n], in sixteen stretches of neighbours spread over it."""
+    if values.size <= SAMPLE:
+        return values
+    length = SAMPLE // 16
+    starts = np.linspace(0, values.size - length, 16).astype(np.int64)
+    return np.concatenate([values[start : start + length] for start in starts])
+
+
 def scatter(values: Array) -> float:
     """Standard deviation of the noise of a series [n], from second differences; 0 where most of them are 0."""
     if values.size < 3:
         return 0.0
+    values = sample(values)
     second = np.abs(values[:-2] - 2.0 * values[1:-1] + values[2:])
     return MAD_TO_SIGMA * float(np.median(second)) / float(np.sqrt(6.0))
 
@@ -73,6 +87,7 @@ def span(values: Array) -> float:
 
 def repeats(values: Array) -> float:
     """Share [1] of a series' values that equal the value before them."""
+    values = sample(values)
     return float(np.mean(values[1:] == values[:-1])) if values.size > 1 else 0.0
 
 
@@ -85,37 +100,53 @@ def spikes(values: Array, *, least: float = 0.0) -> Rows:
     """
     if values.size < 8 * WIDTH:
         return np.zeros(0, dtype=np.int64)
-    off = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
-    sigma = _local(off)
     floor = max(least, 5.0 * resolution(values), SMALL * span(values))
-    # half of a spike two rows wide is seen here: only such rows are looked at closer
-    near = np.flatnonzero(off > np.maximum(SPIKE / 3.0 * sigma, floor / 3.0)) + 1
-    near = np.unique(np.clip(near[:, None] + np.arange(-1, 2), 0, values.size - 1))
+    # whatever stands out steps away from a neighbour: only rows after a large step are looked at closer
+    step = np.diff(values)
+    np.abs(step, out=step)
+    usual = HIGH_TO_SIGMA * float(np.quantile(sample(step), HIGH)) / np.sqrt(2.0)
+    wide = np.flatnonzero(step > max(SPIKE / 2.0 * usual, floor / 2.0))
+    if wide.size > values.size // 20:  # not one scatter throughout
+        wide = np.arange(values.size - 1)
+    if not wide.size:
+        return wide
+    near = np.unique(np.clip(wide[:, None] + np.arange(-1, 3), 0, values.size - 1))
     around = values[np.clip(near[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)]
     from_median = np.abs(values[near] - np.median(around, axis=1))
-    limit = np.maximum(SPIKE * sigma[np.clip(near - 1, 0, sigma.size - 1)], floor)
+    suspect = from_median > max(SPIKE / 2.0 * usual, floor)
+    near, from_median = near[suspect], from_median[suspect]
+    limit = np.maximum(SPIKE * _local(values, near), floor)
     return np.asarray(near[from_median > limit], dtype=np.int64)
 
 
-def _local(deviation: Array) -> Array:
-    """Standard deviation [n] of the noise about each row, from deviations [n] from the neighbours' mean."""
-    blocks = max(1, deviation.size // BLOCK)
-    edges = np.linspace(0, deviation.size, blocks + 1).astype(np.int64)
-    thinned = max(1, BLOCK // 128)
-    # a high quantile: most rows of a coarse series do not differ at all; all blocks at once, the same number of rows of each
-    size = -(-int(np.min(np.diff(edges))) // thinned)
-    rows = edges[:-1, None] + thinned * np.arange(size)
-    own = np.quantile(deviation[rows], HIGH, axis=1)
-    sigma = HIGH_TO_SIGMA * np.maximum(own, np.median(own)) / np.sqrt(1.5)
-    return np.repeat(sigma, np.diff(edges))
+def _local(values: Array, rows: Rows) -> Array:
+    """Standard deviation of the noise of a series [n] about rows [m]: that of the block, or of the whole where it is larger."""
+    whole = _noise(sample(values))
+    blocks = max(1, values.size // BLOCK)
+    edges = np.linspace(0, values.size, blocks + 1).astype(np.int64)
+    number = np.searchsorted(edges, rows, side="right") - 1
+    own = {k: _noise(values[edges[k] : edges[k + 1]]) for k in np.unique(number).tolist()}
+    return np.array([max(whole, own[k]) for k in number.tolist()], dtype=np.float64)
+
+
+def _noise(values: Array) -> float:
+    """Standard deviation of noise from a high quantile of differences from the neighbours' mean.
+
+    Most rows of a coarse series do not differ at all: a median would see no noise.
+    """
+    if values.size < 3:
+        return 0.0
+    off = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
+    return HIGH_TO_SIGMA * float(np.quantile(off, HIGH)) / float(np.sqrt(1.5))
 
 
 def equal_runs(values: Array, shortest: int) -> Rows:
     """First row and the row after the last [m, 2] of the runs of at least `shortest` equal values in a series [n]."""
-    same = np.concatenate(([0], (values[1:] == values[:-1]).astype(np.int8), [0]))
-    edges = np.flatnonzero(np.diff(same))
-    runs = np.column_stack((edges[0::2], edges[1::2] + 1))
-    return np.asarray(runs[runs[:, 1] - runs[:, 0] >= shortest], dtype=np.int64)
+    # the rows at which the value changes: a run lies between two of them that are far enough apart
+    edges = np.flatnonzero(values[1:] != values[:-1]) + 1
+    bounds = np.concatenate(([0], edges, [values.size]))
+    long = np.flatnonzero(np.diff(bounds) >= shortest)
+    return np.column_stack((bounds[long], bounds[long + 1])).astype(np.int64)
 
 
 def stuck(values: Array) -> Rows:
@@ -137,24 +168,27 @@ def stuck(values: Array) -> Rows:
     return np.asarray(runs[runs[:, 1] - runs[:, 0] >= shortest], dtype=np.int64)
 
 
-def stuck_against(values: Array, driver: Array, moved: float) -> Rows:
-    """Runs [m, 2] of equal values of a series [n] during which what drives it [n] moves by more than `moved`."""
-    runs = equal_runs(values, SHORTEST_RUN)
-    kept = [k for k, (a, b) in enumerate(runs.tolist()) if np.ptp(driver[a:b]) > moved]
-    return np.asarray(runs[kept], dtype=np.int64)
+def stuck_against(values: Array, driver: Array, moved: float, runs: Rows) -> Rows:
+    """Those runs [m, 2] of equal values of a series [n] during which what drives it [n] moves by more than `moved`."""
+    if not len(runs):
+        return runs
+    # the runs' rows are pairs of first and stop: every second piece between them is a run
+    pairs = np.minimum(runs.ravel(), values.size - 1)
+    span_of = (np.maximum.reduceat(driver, pairs) - np.minimum.reduceat(driver, pairs))[::2]
+    return np.asarray(runs[span_of > moved], dtype=np.int64)
 
 
-def frozen(values: Array, least: float) -> Rows:
-    """Runs [m, 2] of equal values of a smooth series [n] that ends in a leap: what it did meanwhile was not logged.
+def frozen(values: Array, least: float, runs: Rows) -> Rows:
+    """Those runs [m, 2] of equal values of a smooth series [n] that end in a leap: what it did meanwhile was not logged.
 
     The leap exceeds twenty of the series' usual steps and `least` [unit of the series].
     """
-    runs = equal_runs(values, SHORTEST_RUN)
-    step = np.abs(np.diff(values))
+    step = np.abs(np.diff(sample(values)))
     if not len(runs) or not step.any():
         return runs[:0]
     limit = max(20.0 * float(np.median(step[step > 0.0])), least)
-    leaps = [bool(b < values.size and step[b - 1] > limit) for _, b in runs.tolist()]
+    stop = np.minimum(runs[:, 1], values.size - 1)
+    leaps = np.abs(values[stop] - values[runs[:, 1] - 1]) > limit
     return np.asarray(runs[leaps], dtype=np.int64)
 
 
@@ -174,7 +208,7 @@ def clipped(values: Array) -> tuple[int, float] | None:
     if values.size < 10 * PILE or repeats(values) > NOISY or scatter(values) < QUIET * span(values):
         return None
     for end, sense in ((float(values.max()), 1.0), (float(values.min()), -1.0)):
-        at = int(np.sum(values == end))
+        at = int(np.count_nonzero(values == end))
         if at < PILE:
             continue
         others = values[values != end]
@@ -192,6 +226,11 @@ def jumps(values: Array, window: int) -> tuple[Rows, Array]:
     The change between the means of the windows before and after a row, less the change that the windows farther out
     let expect, must exceed eight standard deviations and happen within an eighth of a window: drift does not.
     """
+    every = values.size // MOST_MEANS + 1
+    if every > 1:
+        means = values[: values.size // every * every].reshape(-1, every).mean(axis=1)
+        rows, change = jumps(means, max(window // every, 20))
+        return np.asarray(rows * every + every // 2, dtype=np.int64), change
     none = np.zeros(0, dtype=np.int64), np.zeros(0)
     short = max(window // 8, 3)
     if values.size < 5 * window:
