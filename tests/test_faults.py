@@ -190,6 +190,34 @@ def test_threads_of_one_process_take_turns_too(tmp_path):
     assert most == [1] * 8
 
 
+def test_a_lock_file_that_its_holder_has_just_removed_is_no_lock(tmp_path, monkeypatch):
+    """Who waited for a lock whose holder removed the file takes a new one: the next to come must meet it."""
+    own, calls = atomic._taken, []
+
+    def taken(handle):
+        calls.append(handle)
+        if len(calls) == 1:
+            (tmp_path / "lock").unlink()
+        return own(handle)
+
+    monkeypatch.setattr(atomic, "_taken", taken)
+    monkeypatch.setattr(atomic, "PAUSE_S", 0.001)
+    with atomic.locked(tmp_path / "lock", "it"):
+        assert len(calls) == 2
+        assert (tmp_path / "lock").exists()
+
+
+def test_a_run_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
+    """Every file and the temporary folder are synced before the rename, the folder above after it."""
+    events = []
+    synced, renamed = os.fsync, type(tmp_path).rename
+    monkeypatch.setattr(os, "fsync", lambda handle: (events.append("sync"), synced(handle))[1])
+    monkeypatch.setattr(type(tmp_path), "rename", lambda path, to: (events.append("rename"), renamed(path, to))[1])
+    (tmp_path / "S-1").mkdir()
+    folder = keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
+    assert events == ["sync"] * (len(list(folder.iterdir())) + 1) + ["rename", "sync"]
+
+
 def test_a_lock_that_stays_taken_is_refused_by_name(tmp_path, monkeypatch):
     """A serial that another process is writing is waited for, then refused with exit code 4; nothing is written."""
     monkeypatch.setattr(atomic, "PAUSE_S", 0.001)
