@@ -1,0 +1,149 @@
+"""What generated firmware costs: bytes of flash and instructions a call, by core and number format.
+
+    PYTHONPATH=.:tests python benchmarks/firmware_cost.py
+
+Bytes are those of the object file without the self-test (arm-none-eabi-size, -O2). Instructions are counted on qemu-system-arm,
+which runs one instruction a nanosecond of its own time: 1000 calls on the first vector against 1000 of an empty function.
+"""
+
+from __future__ import annotations
+
+import re
+import subprocess
+import tempfile
+from pathlib import Path
+
+from calibkit import pipeline, recipe, store
+from calibkit.firmware import c_header, c_source, chains, export, formats
+from calibkit.procedures import silent
+
+ROOT = Path(__file__).resolve().parents[1]
+RUNS = {
+    "gyro K(T), F0(T)": ("rate_table", ()),
+    "accelerometer triad, affine": ("accelerometer", ()),
+    "drift, level": ("fog_thermal", ("drift.model=level",)),
+    "drift, lagged": ("fog_thermal", ("drift.model=lagged",)),
+}
+CORES = {
+    "cortex-m0": ("microbit", ()),
+    "cortex-m4": ("mps2-an386", ("-mfpu=fpv4-sp-d16", "-mfloat-abi=hard")),
+}
+CALLS = 1000
+TICK = 40
+"""Instructions a tick of SysTick: 25 MHz where an instruction takes a nanosecond."""
+MAIN = """
+#include "unit.h"
+extern uint32_t stack_top[];
+int main(void);
+void reset(void);
+static uint32_t call(const unit_in *in, unit_out *out) __attribute__((noinline));
+static uint32_t empty(const unit_in *in, unit_out *out) __attribute__((noinline));
+STATE
+static uint32_t call(const unit_in *in, unit_out *out) { return CALL; }
+static uint32_t empty(const unit_in *in, unit_out *out) { __asm__ volatile("" : : "r"(in), "r"(out)); return 0U; }
+static void put(const char *text)
+{
+    register uint32_t operation __asm__("r0") = 4U;
+    register const char *argument __asm__("r1") = text;
+    __asm__ volatile("bkpt 0xAB" : "+r"(operation) : "r"(argument) : "memory");
+}
+static void print(uint32_t word)
+{
+    char digits[10];
+    uint32_t k;
+    for (k = 0U; k < 8U; k++) { digits[k] = "0123456789abcdef"[(word >> (28U - (4U * k))) & 15U]; }
+    digits[8] = ' '; digits[9] = 0; put(digits);
+}
+#define TIMER ((volatile uint32_t *)0xE000E010U)
+static uint32_t ticks(uint32_t (*f)(const unit_in *, unit_out *))
+{
+    static const unit_in in = {INPUT};
+    unit_out out;
+    uint32_t k, start;
+    TIMER[1] = 0xFFFFFFU; TIMER[2] = 0U; TIMER[0] = 5U;
+    start = TIMER[2];
+    for (k = 0U; k < 1000U; k++) { (void)f(&in, &out); }
+    return (start - TIMER[2]) & 0xFFFFFFU;
+}
+int main(void) { START print(ticks(empty)); print(ticks(call)); return 0; }
+void reset(void)
+{
+#ifdef __ARM_FP
+    *(volatile uint32_t *)0xE000ED88U |= 0xFU << 20U;
+#endif
+    (void)main();
+    { register uint32_t o __asm__("r0") = 0x18U; register uint32_t r __asm__("r1") = 0x20026U;
+      __asm__ volatile("bkpt 0xAB" : : "r"(o), "r"(r)); }
+}
+__attribute__((section(".vectors"), used)) static const uintptr_t vectors[2] = {(uintptr_t)stack_top, (uintptr_t)reset};
+"""
+LINKER = """
+MEMORY { FLASH (rx) : ORIGIN = 0, LENGTH = 256K RAM (rwx) : ORIGIN = 0x20000000, LENGTH = 16K }
+stack_top = ORIGIN(RAM) + LENGTH(RAM);
+SECTIONS { .text : { KEEP(*(.vectors)) *(.text*) *(.rodata*) } > FLASH .data : { *(.data*) *(.bss*) *(COMMON) } > RAM }
+"""
+
+
+def ran(*command: str, cwd: Path) -> str:
+    """Output of a command that must succeed."""
+    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=120)
+    if done.returncode:
+        raise SystemExit(done.stderr)
+    return done.stdout + done.stderr
+
+
+def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int]:
+    """Bytes of flash and instructions a call."""
+    machine, options = CORES[core]
+    memory = one.chain.structure.interval_s is not None
+    texts = [one.program.format.text(one.vectors.inputs[entry.name][0]) for entry in one.chain.structure.inputs]
+    main = MAIN.replace("INPUT", ", ".join(texts))
+    main = main.replace("STATE", "static unit_state state;" if memory else "")
+    main = main.replace("START", "unit_reset(&state);" if memory else "")
+    main = main.replace("CALL", "unit_update(&state, in, out)" if memory else "unit_correct(in, out)")
+    files = {"unit.h": c_header.render(one), "unit.c": c_source.render(one), "main.c": main, "core.ld": LINKER}
+    for name, text in files.items():
+        (folder / name).write_text(text, encoding="ascii")
+    flags = ("-mthumb", f"-mcpu={core}", *options, "-O2", "-ffp-contract=off", "-ffreestanding", "-DCAL_NO_SELFTEST")
+    ran("arm-none-eabi-gcc", *flags, "-c", "unit.c", "-o", "unit.o", cwd=folder)
+    size = int(ran("arm-none-eabi-size", "unit.o", cwd=folder).splitlines()[1].split()[0])
+    ran(
+        "arm-none-eabi-gcc",
+        *flags,
+        "-nostdlib",
+        "-T",
+        "core.ld",
+        "main.c",
+        "unit.o",
+        "-lgcc",
+        "-o",
+        "e.elf",
+        cwd=folder,
+    )
+    console = ("-nographic", "-semihosting-config", "enable=on,target=native", "-icount", "shift=0")
+    said = ran("qemu-system-arm", "-M", machine, *console, "-kernel", "e.elf", cwd=folder)
+    empty, called = (int(word, 16) for word in re.findall(r"[0-9a-f]{8}", said)[:2])
+    tick = TICK if core != "cortex-m0" else 62  # the microbit's core runs at 16 MHz
+    return size, round((called - empty) * tick / CALLS)
+
+
+def main() -> None:
+    """Print the table."""
+    print("| chain | number | " + " | ".join(f"{core}: bytes | instructions" for core in CORES) + " |")
+    print("|---|---|" + "---|---|" * len(CORES))
+    with tempfile.TemporaryDirectory() as place:
+        for name, (procedure, overrides) in RUNS.items():
+            folder = Path(place) / name.replace(" ", "_").replace(",", "")
+            data = ROOT / "datasets" / procedure
+            outcome = pipeline.fit(recipe.find(procedure, overrides), data, "U", folder, "2026-11-21", silent)
+            run = store.load(outcome.folder)
+            chain = chains.of(pipeline.run_recipe(run, ()), run.records)
+            identity = export.Identity("U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", accepted=True)
+            for number in ("f32", "f64", "q31", "q15"):
+                one = export.of(chain, identity, formats.of(number), "unit")
+                cells = [f"{size} | {count}" for size, count in (cost(one, folder, core) for core in CORES)]
+                print(f"| {name} | {number} | {' | '.join(cells)} |")
+
+
+if __name__ == "__main__":
+    main()
