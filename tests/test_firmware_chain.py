@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibkit.firmware import bounds, exact, formats, program, ranges, twin
+from calibkit.firmware import bounds, exact, formats, program, ranges, triad_chain, twin
 from calibkit.numeric import drift, thermal_drift
 from calibkit.stages import (
     accel_results,
@@ -202,6 +202,19 @@ def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
     for output in this.chain.structure.outputs:
         value = result.outputs[output.name][1]
         assert np.isnan(value) if state is None else value == 0.0
+
+
+@pytest.mark.parametrize("name", ["affine", "k", "kq"])
+def test_a_sensor_of_specific_force_is_corrected_in_its_own_sign(name, runs):
+    """Bias and second order turn their sign with the convention: f(V) of one is −f(−V) of the other."""
+    this = runs(name)
+    turned = triad_chain.chain(this.run.records, name, "specific_force")
+    columns = within_ranges(this.chain, 500, 4)
+    opposite = {column: -v if column.startswith("accel") else v for column, v in columns.items()}
+    expected = twin.call(program.of(this.chain, formats.of("f64")), columns).outputs
+    found = twin.call(program.of(turned, formats.of("f64")), opposite).outputs
+    for output, values in expected.items():
+        np.testing.assert_allclose(found[output], -values, rtol=0.0, atol=1e-15)
 
 
 def test_exact_arithmetic_does_not_hang_on_a_mathematics_library():

@@ -51,7 +51,8 @@ def _bounds(export: Export) -> list[str]:
     lines = []
     for output in export.chain.structure.outputs:
         bound = f"{export.bounds[output.name]:.1e}"
-        lines.append(f"error bound   {output.name}: {bound} {output.unit}{_each(export)}")
+        unit = "" if output.unit == "1" else f" {output.unit}"
+        lines.append(f"error bound   {output.name}: {bound}{unit}{_each(export)}")
     if export.chain.condition:
         lines.append(f"              (worst case of evaluation, while {export.chain.condition})")
     else:
