@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 from calibkit.certificate import gyro_triad
 from calibkit.certificate.results import Block, Equation, Figure, GridTable, ListTable, Result, Series
-from calibkit.certificate.stated import powers, range_words, residual_words
+from calibkit.certificate.stated import many_residuals, powers, range_words
 from calibkit.certificate.words import Words
 
 if TYPE_CHECKING:
@@ -93,7 +93,7 @@ def _scale(stated: Stated, record: Record) -> Block:
             figures.append(_plot(table, relative=letter == "K"))
     tables += _figures(stated, record, [model.name for model in lines])
     equations = (LINE, *([CURVE] if any(m.form == "polynomial/1" for m in others) else ()))
-    notes = [*(residual_words(model) for model in lines), *dict.fromkeys(notes)]
+    notes = [*many_residuals(lines), *dict.fromkeys(notes)]
     title = Words("Scale factors on the rate table", "转台标度因数")
     return Block(record.stage, f"{record.stage}.json", title, equations, tuple(tables), tuple(figures), tuple(notes))
 

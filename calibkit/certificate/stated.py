@@ -19,6 +19,8 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Figure, Model, Record
 
 TEMPERATURE = "temp_case_degc"
+MOST_NOTES = 8
+"""Models up to which each has a note of its own."""
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0, 20.0, 25.0)
 MOST_TEMPERATURES = 8
 """Temperatures that values are stated at where the profile names none."""
@@ -251,6 +253,22 @@ def _range(column: str, low: float, high: float) -> Words:
     words, unit = QUANTITIES.get(column, (Words(column), ""))
     ends = f"{low:.4g}".replace("-", "−"), f"{high:.4g}".replace("-", "−")
     return words + Words(f" {ends[0]} … {ends[1]} {unit}".rstrip())
+
+
+def many_residuals(models: Sequence[Model]) -> tuple[Words, ...]:
+    """What the fits left: a note a model, or one for all where there are many."""
+    if len(models) <= MOST_NOTES:
+        return tuple(map(residual_words, models))
+    rms = sorted(model.residual_rms for model in models)
+    unit, dof = unit_mark(models[0].residual_unit), min(model.dof for model in models)
+    return (
+        Words(
+            f"Residual rms of the {len(models)} fits {rms[0]:.2g} … {rms[-1]:.2g} {unit}, "
+            f"at least {dof} degrees of freedom (descriptors, not uncertainties).",
+            f"{len(models)} 次拟合的残差均方根 {rms[0]:.2g} … {rms[-1]:.2g} {unit}，"
+            f"自由度不少于 {dof}（仅为描述量，并非不确定度）。",
+        ),
+    )
 
 
 def residual_words(model: Model) -> Words:
