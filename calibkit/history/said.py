@@ -224,7 +224,7 @@ def _run_rows(run: Run) -> Iterable[tuple[Any, ...]]:
 
 def timeline_summary(found: Timeline) -> Summary:
     """Every revision with the dates on which it holds, the chain, and the coefficients of each model over time."""
-    columns = ("revision", "effective from", "in force before", "accepted", "procedure", "logs", "software", "recipe")
+    columns = ("revision", "effective from", "in force before", "accepted", "procedure", "logs", "calibkit", "recipe")
     tables = [SummaryTable("revisions", columns, tuple(_revision_row(found, run) for run in found.runs))]
     blocks: dict[str, list[Series]] = {}
     for series in found.series:
@@ -241,7 +241,8 @@ def timeline_summary(found: Timeline) -> Summary:
         *((OVER_TIME, TYPE_A) if found.series else ()),
     )
     said = "each revision supersedes the one before" if found.sound else "THE CHAIN OF REVISIONS IS BROKEN"
-    return Summary(f"{found.serial}: {len(found.runs)} runs", tuple(tables), flags, (), said)
+    count = f"{len(found.runs)} run{'s' if len(found.runs) != 1 else ''}"
+    return Summary(f"{found.serial}: {count}", tuple(tables), flags, (), said)
 
 
 def _revision_row(found: Timeline, run: Run) -> tuple[str, ...]:
@@ -256,7 +257,7 @@ def _revision_row(found: Timeline, run: Run) -> tuple[str, ...]:
         "yes" if document["accepted"] else "NO",
         document["procedure"],
         f"{len(document['inputs'])}",
-        document["software"],
+        document["software"].removeprefix("calibkit "),
         f"{document['recipe']['sha256'][:8]}…",
     )
 
