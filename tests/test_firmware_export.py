@@ -85,10 +85,10 @@ def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
     failed = {"name": "residual rms", "value": 2.0, "limit": 1.0, "unit": "g", "passed": False}
     run = replace(run, document={**run.document, "accepted": False, "acceptance": [failed]})
     with pytest.raises(OutputError, match="residual rms") as refused:
-        pipeline.export(run, "c", "f32", "cal", tmp_path, allow_rejected=False)
+        pipeline.export([run], "c", "f32", "cal", tmp_path, allow_rejected=False)
     assert refused.value.exit_code == 4
     assert list(tmp_path.iterdir()) == []
-    for path in pipeline.export(run, "c", "f32", "cal", tmp_path, allow_rejected=True):
+    for path in pipeline.export([run], "c", "f32", "cal", tmp_path, allow_rejected=True):
         assert "REJECTED" in path.read_text()
     assert "#define CAL_ACCEPTED 0" in (tmp_path / "cal.h").read_text()
 
