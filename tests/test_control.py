@@ -14,7 +14,7 @@ SIZES = (10, 17, 33, 150, 700)
 
 @pytest.mark.parametrize("count", SIZES)
 def test_a_faultless_fleet_has_somebody_named_once_in_a_hundred(count):
-    """Of thousands of samples of normal values 1 % have a value beyond the limit, within 4 standard errors and the table's steps."""
+    """Of many samples of normal values 1 % have a value beyond the limit, within 4 standard errors and the steps of the table."""
     rng = np.random.default_rng(count)
     samples = 8_000 if count < 100 else 4_000
     named = sum(bool(control.control(rng.standard_normal(count)).outliers) for _ in range(samples))
