@@ -72,12 +72,12 @@ def test_a_gap_between_two_pieces_is_seen(small, tmp_path):
     """Rows lost where two pieces meet are a gap of that length."""
     planted(tmp_path, [])
     lines = (tmp_path / FILE).read_text(encoding="utf-8").splitlines()
-    (tmp_path / FILE).write_text("\n".join([*lines[:999], *lines[1100:]]) + "\n", encoding="utf-8")
+    (tmp_path / FILE).write_text("\n".join([*lines[:1001], *lines[1102:]]) + "\n", encoding="utf-8")
     for report in both(tmp_path):
         gap = next(finding for finding in report.findings if finding.name == "gap")
         assert gap.refused
         assert gap.figure == pytest.approx(102.0)
-        assert gap.line == 1000
+        assert gap.line == 1002
 
 
 def test_what_needs_the_rows_before_is_read_whole(small, tmp_path):

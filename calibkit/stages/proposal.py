@@ -26,6 +26,9 @@ SKIPPED = re.compile(
 """Files that are no logs."""
 
 
+TEMPERATURES = frozenset({"temp_case_degc", "temp_env_degc", "temp_degc"})
+
+
 @dataclass(frozen=True, slots=True)
 class Group:
     """Logs that are written alike: their files, columns, and how they are written."""
@@ -288,9 +291,8 @@ def _header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
     for other in rest:
         names = ", ".join(column.name for column in other.columns)
         lines.append(f"# Not read: {', '.join(other.files[:4])}{', …' if len(other.files) > 4 else ''} ({names})")
-        if choice.recipe == "bias_temperature" and any(
-            naming.canonical(column).startswith("temp") for column in other.columns
-        ):
+        meant = {naming.canonical(column) for column in other.columns}
+        if "time_s" in meant and meant & TEMPERATURES and meant <= {"", "time_s", *TEMPERATURES}:
             lines.append(
                 "# These look like a second logger's (a chamber's): see [chamber] in docs/check.md to join them."
             )
