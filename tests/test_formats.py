@@ -115,6 +115,23 @@ def test_a_damaged_first_row_is_not_a_preamble(tmp_path):
     assert pinned.frame["a"].tolist() == [float(k) for k in range(2, 9)]
 
 
+@pytest.mark.parametrize("place", [128, 136, 132, 144, 152])
+def test_elements_of_a_matlab_file_must_nest(tmp_path, place):
+    """A damaged tag is refused before the library that reads it can fall over it."""
+    data = bytearray(DIALECTS["MATLAB v5"].write(CLEAN))
+    data[place] ^= 0x60
+    with pytest.raises(LogFormatError, match=r"x.mat: not a whole MATLAB file: "):
+        read(tmp_path, bytes(data), "x.mat", format="matlab", table="log")
+
+
+def test_days_that_no_calendar_has_are_no_times(tmp_path):
+    """A damaged spreadsheet day is missing rather than some other day."""
+    from calibkit.readers import times
+
+    seconds = times.spreadsheet(np.array([40000.0, 40000.5, 1e300, np.nan, 40001.0]))
+    np.testing.assert_array_equal(seconds, [0.0, 43200.0, np.nan, np.nan, 86400.0])
+
+
 def test_a_recording_that_was_cut_off_is_refused(tmp_path):
     """A TDMS file whose second segment was not finished holds whole rows, and is not whole."""
     import nptdms

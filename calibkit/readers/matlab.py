@@ -9,6 +9,8 @@ from __future__ import annotations
 
 import hashlib
 import io
+import struct
+import zlib
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -26,6 +28,14 @@ if TYPE_CHECKING:
     from calibkit.recipe.logs import Logs
 
 
+HEADER_BYTES = 128
+KINDS = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 14, 15, 16, 17, 18})
+"""Types of data elements that the format defines."""
+MATRIX, COMPRESSED = 14, 15
+DEEPEST = 30
+"""Nesting beyond which a file is not believed."""
+
+
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one struct, or one matrix, of a MAT-file, or raise LogFormatError."""
     data = delimited.load(path, file)
@@ -38,10 +48,44 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         )
     from scipy import io as scipy_io
 
+    if data.startswith(b"MATLAB 5.0"):
+        _elements(data, HEADER_BYTES, len(data), "<" if data[126:128] == b"IM" else ">", file)
     with optional.damaged(file, "MATLAB"):
         variables = scipy_io.loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type] # files are read too
     frame, how = arrays.frame(_flat(variables), file, logs, needed)
     return Table(file, hashlib.sha256(data).hexdigest(), frame, (), (f"MATLAB, {len(frame)} rows", *how))
+
+
+def _elements(data: bytes, start: int, stop: int, order: str, file: str, depth: int = 0) -> None:
+    """Refuse a file whose elements do not nest: the library that reads it does not check, and can bring the program down."""
+    position = start
+    while position < stop:
+        if position + 8 > stop or depth > DEEPEST:
+            raise _broken(file, position)
+        word, size = struct.unpack_from(order + "II", data, position)
+        kind, begin = word, position + 8
+        if word >> 16:  # a small element: its size and bytes stand in the tag
+            kind, size, begin = word & 0xFFFF, word >> 16, position + 4
+        end = begin + size
+        if kind not in KINDS or end > stop or (word >> 16 and size > 4):
+            raise _broken(file, position)
+        if kind == COMPRESSED:
+            with optional.damaged(file, "MATLAB"):
+                inner = zlib.decompress(data[begin:end])
+            _elements(inner, 0, len(inner), order, file, depth + 1)
+        elif kind == MATRIX and size:
+            _elements(data, begin, end, order, file, depth + 1)
+        position = end if kind == COMPRESSED else position + 8 if word >> 16 else end + -size % 8
+    if position != stop:
+        raise _broken(file, position)
+
+
+def _broken(file: str, position: int) -> LogFormatError:
+    """The error of elements that do not nest."""
+    return LogFormatError(
+        f"{file}: not a whole MATLAB file: broken at byte {position}",
+        hint="the file is damaged or cut off; copy it again",
+    )
 
 
 def _flat(variables: Mapping[str, Any], above: str = "") -> dict[str, NDArray[np.generic]]:

@@ -29,6 +29,8 @@ EXCEL, ELAPSED, DECIMAL = "excel", "elapsed", "decimal"
 """Formats that are words: spreadsheet days, h:m:s since the start, decimal seconds."""
 EITHER = "%?"
 """Stands for day and month in an order that is not known yet."""
+SPREADSHEET_DAYS = 2_958_466
+"""Days from 1899-12-30 to the end of the year 9999."""
 FIRST_YEAR, LAST_YEAR = 1678, 2261
 """Years that nanoseconds in 64 bits reach; a time of day alone counts from 1900."""
 
@@ -126,8 +128,8 @@ def seconds(fields: pd.Series, form: str, place: str) -> Clock:
 
 
 def spreadsheet(days: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Seconds since the first row of days [n] since 1899-12-30, rounded to the microsecond."""
-    finite = np.isfinite(days)
+    """Seconds since the first row of days [n] since 1899-12-30, rounded to the microsecond; days no calendar has are missing."""
+    finite = np.isfinite(days) & (np.abs(days) < SPREADSHEET_DAYS)
     microseconds = np.zeros(days.shape, dtype=np.int64)
     microseconds[finite] = np.round(days[finite] * 86400e6).astype(np.int64)
     return _since_first(microseconds * 1000, ~finite, ()).seconds
