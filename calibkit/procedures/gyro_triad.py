@@ -65,7 +65,7 @@ def fit(spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progr
     logs = [run.log for axis in gyro_axes.AXES for run in runs[axis]]
     return Fitted(
         (scales, gyro_axes_results.orthogonality_result(fitted, spec)),
-        tuple(Input(log.file, log.sha256, log.rows) for log in logs),
+        tuple(map(Input.of, logs)),
         Summary(spec.title, tables, fitted.flags, gyro_axes_report.criteria(fitted, scales.figures, spec.acceptance)),
         gyro_axes_report.drawing(fitted),
     )
