@@ -482,10 +482,10 @@ def test_exit_code_4_is_output_or_verification(tmp_path, calibkit):
 def test_exit_code_70_is_an_internal_error(tmp_path, calibkit, monkeypatch):
     """What nobody foresaw is one line that says how to report it, in JSON too."""
 
-    def broken(path):
+    def broken(path, trust, schema_dir):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(pipeline, "verify", broken)
+    monkeypatch.setattr(pipeline, "verified", broken)
     outcome = calibkit("verify", tmp_path, "--json")
     assert (outcome.code, outcome.json["error"]["code"]) == (70, "internal")
     assert "CALIBKIT_DEBUG=1" in outcome.json["error"]["hint"]
@@ -495,10 +495,10 @@ def test_exit_code_70_is_an_internal_error(tmp_path, calibkit, monkeypatch):
 def test_exit_code_130_is_interrupted(tmp_path, calibkit, monkeypatch):
     """Ctrl-C is 130 and one line, no traceback."""
 
-    def interrupted(path):
+    def interrupted(path, trust, schema_dir):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "verify", interrupted)
+    monkeypatch.setattr(pipeline, "verified", interrupted)
     outcome = calibkit("verify", tmp_path)
     assert outcome.code == 130
     assert outcome.err.strip() == "calibkit: interrupted; what was not finished was not written"
