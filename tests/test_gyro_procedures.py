@@ -525,7 +525,7 @@ def test_an_unusable_log_is_refused_by_check_and_fit(name, tmp_path, calibkit, l
     assert not (tmp_path / "runs").exists()
 
 
-@pytest.mark.parametrize(("word", "named"), [("turned", "found 'turned'"), ("overflow", "1 missing or infinite value")])
+@pytest.mark.parametrize(("word", "named"), [("overflow", "found 'overflow'"), ("OVLD", "1 missing or infinite value")])
 def test_text_in_a_number_is_refused(tmp_path, calibkit, log_writer, word, named):
     """A word among the counts is named with its line, one that loggers write for a missing value too; exit code 3."""
     path = log_writer(tmp_path / "logs" / "run.csv", **healthy())
