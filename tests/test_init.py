@@ -10,7 +10,7 @@ from calibkit import procedures, recipe
 from calibkit.simulate import campaigns
 from conftest import ROOT
 
-SHIPPED = ("accelerometer", "fog_thermal", "gyro_pair", "inclinometer", "rate_table")
+SHIPPED = ("accelerometer", "fog_thermal", "gyro_noise", "gyro_pair", "gyro_triad", "inclinometer", "rate_table")
 READ = (
     "semicolons and decimal commas",
     "Windows-1252 and German units",
@@ -118,3 +118,56 @@ def test_two_temperatures_without_a_word_are_told_from_each_other_aloud(tmp_path
     spec = tomllib.loads(text)
     assert {spec["columns"][name]["from"] for name in ("temp_case_degc", "temp_env_degc")} == {"T1", "T2"}
     assert "Check every unit, sign and column" in text
+
+
+def triad_log(write, path, **names):
+    """Write a table run of three gyros with other axis names."""
+    rate = np.repeat([0.0, 2.0, -2.0, 5.0, -5.0], 20)
+    noise = np.random.default_rng(len(path.name)).normal(0.0, 3.0, (3, rate.size))
+    gyros = {name: gain * rate + row for (name, gain), row in zip(names.items(), noise, strict=True)}
+    write(path, time_s=np.arange(1.0, rate.size + 1.0), table_rate_dps=rate, **gyros)
+
+
+def test_gyros_over_three_named_table_axes_are_a_triad_with_its_axes(tmp_path, calibkit, log_writer):
+    """The letter in a log's name is its table axis; without one in each name the logs are runs of a rate table."""
+    for name in ("run1_X", "run2_X", "run1_Y", "run1_Z"):
+        triad_log(log_writer, tmp_path / f"{name}.csv", gyro_a_lsb=9000.0, gyro_b_lsb=20.0, gyro_c_lsb=-30.0)
+    spec = tomllib.loads(proposed(calibkit, tmp_path))
+    assert spec["procedure"] == "gyro_triad"
+    assert spec["gyros"] == ["a", "b", "c"]
+    assert spec["axes"] == {"x": ["run*_X.csv"], "y": ["run1_Y.csv"], "z": ["run1_Z.csv"]}
+    (tmp_path / "run1_Z.csv").rename(tmp_path / "run1_last.csv")
+    assert tomllib.loads(proposed(calibkit, tmp_path))["procedure"] == "rate_table"
+
+
+@pytest.mark.parametrize(
+    ("rows", "step_s", "moved_degc", "procedure"),
+    [
+        (2000, 1.0, 0.5, "gyro_noise"),
+        (2000, 1.0, 5.0, "bias_temperature"),
+        (900, 1.0, 0.5, "bias_temperature"),
+        (2000, 0.01, 0.5, "bias_temperature"),
+    ],
+)
+def test_a_long_record_at_one_temperature_is_one_of_noise(
+    rows, step_s, moved_degc, procedure, tmp_path, calibkit, log_writer
+):
+    """Rows and minutes enough within two degrees are noise; a ramp, a short record and ten quick seconds are not."""
+    rng = np.random.default_rng(4)
+    case = 25.0 + moved_degc * np.linspace(0.0, 1.0, rows)
+    rate = {f"gyro_{axis}_dph": 8.0 + rng.normal(0.0, 0.2, rows) for axis in "xy"}
+    log_writer(tmp_path / "a.csv", time_s=step_s * np.arange(rows), temp_case_degc=case, **rate)
+    text = proposed(calibkit, tmp_path)
+    spec = tomllib.loads(text)
+    assert spec["procedure"] == procedure
+    assert (procedure == "gyro_noise") == ("a log cannot show it" in text)
+    if procedure == "gyro_noise":
+        assert spec["noise"]["columns"] == ["gyro_x_dph", "gyro_y_dph"]
+
+
+def test_rates_beside_a_chamber_log_are_no_record_at_rest(tmp_path, calibkit, log_writer):
+    """Where only another logger has the temperature, nothing is proposed: nothing says that it stood still."""
+    time = np.arange(2000.0)
+    log_writer(tmp_path / "gyro.csv", time_s=time, gyro_dph=8.0 + np.random.default_rng(4).normal(0.0, 0.2, time.size))
+    log_writer(tmp_path / "chamber.csv", time_s=time, temp_env_degc=25.0 + time / 100.0)
+    assert calibkit("init", "--from", tmp_path).code == 3

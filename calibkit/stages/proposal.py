@@ -11,8 +11,10 @@ from typing import TYPE_CHECKING
 from calibkit import recipe, units
 from calibkit.errors import FrameError, LogFormatError, UsageError
 from calibkit.readers import registry, sniff, times
+from calibkit.recipe.gyro import GyroTriadRecipe
+from calibkit.recipe.gyro_noise import GyroNoiseRecipe
 from calibkit.recipe.logs import Logs
-from calibkit.stages import naming
+from calibkit.stages import naming, proposal_gyro
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -42,7 +44,7 @@ class Group:
 def proposed(folder: Path) -> str:
     """Text of a recipe for the logs of a folder; raises LogFormatError or FrameError where none can be proposed."""
     groups = grouped(folder)
-    choices = [(chosen, group) for group in groups if (chosen := _procedure(group)) is not None]
+    choices = [(chosen, group) for group in groups if (chosen := _chosen_of(folder, group, groups)) is not None]
     if not choices:
         columns = "; ".join(
             f"{group.files[0]}: {', '.join(column.name for column in group.columns)}" for group in groups
@@ -54,6 +56,20 @@ def proposed(folder: Path) -> str:
     # the procedure that more of the logs are for
     chosen, group = max(choices, key=lambda choice: len(choice[1].files))
     return _written(folder, chosen, group, [other for other in groups if other is not group])
+
+
+def _chosen_of(folder: Path, group: Group, groups: Sequence[Group]) -> Choice | None:
+    """Shipped recipe for a group; a record at rest is told from a thermal run by its numbers."""
+    chosen = _procedure(group)
+    if chosen is not None and chosen.recipe not in ("fog_thermal", "bias_temperature"):
+        return chosen
+    noise = _noise(group)
+    if noise is None or (chosen is None and any(_second_logger(other) for other in groups)):
+        return chosen
+    spec = recipe.parse(recipe.Source("proposed recipe", _written(folder, noise, group, ())))
+    if isinstance(spec, GyroNoiseRecipe) and proposal_gyro.at_rest(spec, folder, group.files):
+        return noise
+    return chosen
 
 
 def grouped(folder: Path) -> list[Group]:
@@ -182,7 +198,7 @@ def _chosen(
 def _table(
     group: Group, taken: Mapping[str, Column], gyros: Mapping[str, Column], others: Sequence[tuple[str, Column]]
 ) -> Choice:
-    """Two gyros in two logs are a pair, anything else is runs of a rate table."""
+    """Two gyros in two logs are a pair, several in logs named by three axes a triad, anything else is runs of a rate table."""
     axes = [(name.split("_")[1] if name.count("_") > 1 else "x", column) for name, column in gyros.items()]
     base = {name: column for name, column in taken.items() if name not in gyros}
     wanted = ("time_s", "table_rate_dps", "table_angle_deg", "temp_case_degc")
@@ -194,8 +210,32 @@ def _table(
         return _chosen("gyro_pair", base | renamed, others, (*wanted, *renamed), keys)
     renamed = {f"gyro_{axis}_lsb": column for axis, column in axes}
     names = [axis for axis, _ in axes]
+    if len(names) > 1 and (turned := proposal_gyro.table_axes(group.files)):
+        return _chosen("gyro_triad", base | renamed, others, (*wanted, *renamed), _triad_keys(names, turned))
     keys = {} if names == ["x"] else {"gyros": json.dumps(names)}
     return _chosen("rate_table", base | renamed, others, (*wanted, *renamed), keys)
+
+
+def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Keys of the recipe of a triad: its gyros, and the logs of each table axis, where they are not the shipped ones."""
+    keys = {} if names == ["x", "y", "z"] else {"gyros": json.dumps(names)}
+    shipped = recipe.parse(recipe.find("gyro_triad"))
+    if isinstance(shipped, GyroTriadRecipe) and proposal_gyro.alike(
+        turned, {axis: getattr(shipped.axes, axis) for axis in turned}
+    ):
+        return keys
+    every = [file for files in turned.values() for file in files]
+    return keys | {axis: json.dumps(_patterns(files, every), ensure_ascii=False) for axis, files in turned.items()}
+
+
+def _noise(group: Group) -> Choice | None:
+    """Recipe of noise where a group has times and rates of gyros, and no reference that they are held against."""
+    taken, others = naming.named(group.columns)
+    rates = [name for name in taken if re.fullmatch(r"gyro(_[a-z0-9]+)?_dph", name)]
+    if "time_s" not in taken or not rates:
+        return None
+    keys = {} if rates == ["gyro_dph"] else {"columns": json.dumps(rates)}
+    return _chosen("gyro_noise", taken, others, ("time_s", "temp_case_degc", "temp_env_degc", *rates), keys)
 
 
 def _thermal(
@@ -288,12 +328,19 @@ def _header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
     lines.append(
         "# Check every unit, sign and column below before you trust a number: calibkit check RECIPE --data DIR"
     )
+    if choice.recipe == "gyro_noise":
+        lines.append("# Taken for gyros at rest, for want of anything that says they moved: a log cannot show it.")
     for other in rest:
         names = ", ".join(column.name for column in other.columns)
         lines.append(f"# Not read: {', '.join(other.files[:4])}{', …' if len(other.files) > 4 else ''} ({names})")
-        meant = {naming.canonical(column) for column in other.columns}
-        if "time_s" in meant and meant & TEMPERATURES and meant <= {"", "time_s", *TEMPERATURES}:
+        if _second_logger(other):
             lines.append(
                 "# These look like a second logger's (a chamber's): see [chamber] in docs/check.md to join them."
             )
     return "\n".join(lines) + "\n"
+
+
+def _second_logger(group: Group) -> bool:
+    """Whether logs hold temperatures over time and nothing else that is known."""
+    meant = {naming.canonical(column) for column in group.columns}
+    return "time_s" in meant and bool(meant & TEMPERATURES) and meant <= {"", "time_s", *TEMPERATURES}
