@@ -5,7 +5,7 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, frame, pipeline, store
+from calibkit import coefficients, frame, pipeline, procedures, store
 from calibkit import recipe as recipes
 from calibkit.certificate import certify as certificates
 from calibkit.errors import CalibkitError, CoefficientError
@@ -15,7 +15,7 @@ from calibkit.numeric.gum import combine as combine_uncertainty
 from calibkit.procedures import silent
 from calibkit.recipe import Source
 from calibkit.simulate import campaigns
-from calibkit.stages import ingest
+from calibkit.stages import examination, ingest
 
 if TYPE_CHECKING:
     import os
@@ -188,12 +188,21 @@ def load_coefficients(path: AnyPath) -> Record:
 
 
 def read_log(recipe: Source | AnyPath, log: AnyPath) -> pd.DataFrame:
-    """Tidy frame of a log: every canonical column that the recipe finds in it, in canonical units and signs."""
+    """Tidy frame of a log: every canonical column that the recipe finds in it, in canonical units and signs.
+
+    Where the recipe's procedure finds held conditions, those that `calibkit check` lists (soaks, ramps, held rates,
+    dwells, stations), `segment` is their number, from 1 in order of time, and NaN on rows between them. A log's own
+    `segment` is kept.
+    """
     spec = recipes.parse(_source(recipe))
     named = [f"{kind}_{axis}_{unit}" for kind, unit in KINDS for axis in AXES]
     wanted = dict.fromkeys((*frame.CANONICAL, *named, *spec.columns, *spec.own_columns()))
     file = Path(log)
-    return ingest.read_log(spec, file, file.name, (), tuple(wanted)).frame
+    tidy = ingest.read_log(spec, file, file.name, (), tuple(wanted)).frame
+    if "segment" in tidy.columns:
+        return tidy
+    numbers = examination.segment_numbers(procedures.of(spec), spec, file.parent, file.name)
+    return tidy if numbers is None else tidy.assign(segment=numbers.reindex(tidy.index))
 
 
 def simulated(procedure: str, seed: int) -> Campaign:

@@ -74,6 +74,34 @@ def test_a_log_is_read_in_canonical_columns():
     assert len(frame) > 100
 
 
+def test_rows_carry_the_number_of_their_held_condition():
+    """The segments are those that check lists, by time; rows between held rates have none, and a record at rest has no column."""
+    folder = ROOT / "datasets" / "gyro_pair"
+    frame = calibkit.read_log("gyro_pair", folder / "table_axis_a.csv")
+    held = next(r for r in calibkit.examine("gyro_pair", folder) if r.file == "table_axis_a.csv").held
+    spans = [(part["time_s"].iloc[0], part["time_s"].iloc[-1], len(part)) for _, part in frame.groupby("segment")]
+    assert spans == [(part.first, part.last, part.rows) for part in held]
+    assert sorted(frame["segment"].dropna().unique()) == [k + 1.0 for k in range(len(held))]
+    assert 0 < frame["segment"].isna().sum() < len(frame) / 2
+    assert "segment" not in calibkit.read_log("gyro_noise", ROOT / "datasets" / "gyro_noise" / "static.csv").columns
+
+
+def test_stated_segments_and_a_log_s_own_are_numbered_as_they_are(tmp_path):
+    """A pinned ramp replaces the found ones, soak around it; a log's own column stays, and a log too short to fit has none."""
+    log = ROOT / "datasets" / "fog_thermal" / "ramp_heating_05.csv"
+    pin = '\n[[segment]]\nlog = "ramp_heating_05"\nkind = "ramp"\nfrom_s = 640.0\nto_s = 1800.0\n'
+    (tmp_path / "r.toml").write_text(calibkit.load_recipe("fog_thermal").text + pin, encoding="utf-8")
+    frame = calibkit.read_log(tmp_path / "r.toml", log)
+    assert frame.loc[frame["time_s"].between(640.0, 1800.0), "segment"].unique().tolist() == [2.0]
+    assert frame["segment"].iloc[[0, -1]].tolist() == [1.0, 3.0]
+    lines = log.read_text(encoding="utf-8").splitlines()
+    own = [lines[0] + ",segment", *(f"{line},{7 + (k > 500)}" for k, line in enumerate(lines[1:]))]
+    (tmp_path / "own.csv").write_text("\n".join(own) + "\n", encoding="utf-8")
+    assert set(calibkit.read_log("fog_thermal", tmp_path / "own.csv")["segment"]) == {7.0, 8.0}
+    (tmp_path / "short.csv").write_text("\n".join(lines[:20]) + "\n", encoding="utf-8")
+    assert "segment" not in calibkit.read_log("fog_thermal", tmp_path / "short.csv").columns
+
+
 def test_the_numeric_core_s_functions_are_the_core_s(tmp_path):
     """Simulated logs carry their truth; denoising keeps the length; a missing file is a CalibkitError."""
     campaign = calibkit.simulated("gyro_pair", 1)

@@ -18,6 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
+    import pandas as pd
+
     from calibkit.frame import Examined, Held, Log
     from calibkit.recipe import Recipe
     from calibkit.stages.ingest import Reader
@@ -70,6 +72,26 @@ def of(procedure: Examiner, spec: object, data: Path, file: str, *, largest: int
     held = tuple(_condition(log, part) for part in found)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
     return Outcome(report, _figure(log, held, findings), None if report.refused else _drift_slope(log))
+
+
+def segment_numbers(procedure: Examiner, spec: object, data: Path, file: str) -> pd.Series[float] | None:
+    """Number of the held condition of each row of a log, from 1 in order of time, NaN between them; index as the log's.
+
+    None where the procedure cannot read the log or finds no held condition in it. The segments are those of `of`.
+    """
+    import pandas as pd
+
+    try:
+        log = procedure.read(spec, data, file)
+        held = procedure.examine(spec, log).held
+    except (LogFormatError, FrameError, FitError):
+        return None
+    if not held:
+        return None
+    number = np.full(len(log.frame), np.nan)
+    for k, part in enumerate(sorted(held, key=lambda part: part.start)):
+        number[part.start : part.stop] = k + 1.0
+    return pd.Series(number, index=log.frame.index)
 
 
 def _drift_slope(log: Log) -> float | None:
