@@ -70,6 +70,29 @@ def test_without_them_the_bias_is_not_stated(calibkit, campaign, tmp_path):
     assert "not known without [site] latitude_deg" in outcome.out
 
 
+@pytest.mark.parametrize("setting", ["drift.order=2", 'logs.files=["ramp_heating_05.csv"]'])
+def test_without_a_model_on_levels_no_rate_at_rest_is_stated(calibkit, campaign, tmp_path, setting):
+    """The published scheme, or one ramp: the logs' means hold their drift; neither mean rate nor bias, and the run says why."""
+    outcome = calibkit(
+        *("fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path),
+        *PLACE,
+        *("--set", setting, "--set", "acceptance={}"),
+    )
+    assert outcome.code == 0, outcome.err
+    found, document = figures(tmp_path / "F/r001")
+    assert not {"mean_rate_at_reference", "bias_at_reference"} & set(found)
+    assert any("no rate at rest and no bias is stated" in flag for flag in document["flags"])
+
+
+def test_a_reference_beyond_the_fitted_temperatures_is_said(calibkit, campaign, tmp_path):
+    """400 °C: the rate is that of the warmest fitted temperature and the run says so; below absolute zero is refused."""
+    arguments = ("fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path)
+    outcome = calibkit(*arguments, "--set", "reference_temp_degc=400.0")
+    assert outcome.code == 0, outcome.err
+    assert "reference_temp_degc = 400 lies outside the fitted temperatures" in outcome.out
+    assert calibkit(*arguments, "--set", "reference_temp_degc=-300.0").code == 2
+
+
 def test_an_uncertain_latitude_makes_the_bias_uncertain(run):
     """0.5° at 34.2° are 0.5 π/180 · 15.04 cos 34.2° = 0.109 °/h, combined with type A."""
     document = json.loads((run / "run.json").read_text(encoding="utf-8"))

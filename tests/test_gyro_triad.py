@@ -96,7 +96,7 @@ def test_what_cannot_be_a_triad_is_refused():
 
 
 def test_sensitivities_over_temperature_come_back_at_any_temperature():
-    """Axes that turn by 0.001°/°C: angles at 40 °C to 1e-6° of the truth; beyond the range clamped and flagged."""
+    """Axes that turn by 0.001°/°C: angles at 40 °C to 1e-6° of the truth, as well known as by one run; beyond clamped and flagged."""
 
     def at(temperature):
         turn = np.radians(0.001 * temperature)
@@ -106,7 +106,7 @@ def test_sensitivities_over_temperature_come_back_at_any_temperature():
     over = gyro_triad.over_temperature([gyro_triad.triad(at(t), np.eye(9)) for t in temperature], temperature, order=2)
     found = over.at(40.0)
     assert found.angles_deg[0, 1] == pytest.approx(90.0 - 0.04, abs=1e-6)
-    assert 0.0 < found.magnitude_uncertainty[1] < 1.0
+    assert 0.95 < found.magnitude_uncertainty[1] < 1.2  # nowhere better known than one run, whose own is 1
     beyond = over.at(120.0)
     assert beyond.angles_deg[0, 1] == over.at(85.0).angles_deg[0, 1]
     assert any("clamped" in flag for flag in beyond.flags)

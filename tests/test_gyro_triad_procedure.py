@@ -235,6 +235,35 @@ def test_logs_that_are_not_of_three_axes_are_refused_by_name(calibkit, tmp_path,
     assert not (tmp_path / "r").exists()
 
 
+@pytest.mark.usefixtures("undrawn")
+def test_exchanged_logs_are_refused_in_fit_and_in_validation(calibkit, tmp_path, log_writer):
+    """About x and about y under each other's names: gyro x senses axis y most; in `validate` the rate is not the table's."""
+    for name in ("good", "exchanged", "new"):
+        (tmp_path / name).mkdir()
+        exact(tmp_path / name, log_writer, TETRAD[:3] * (1.0 if name != "new" else 1.001), BIAS[:3], ("x", "y", "z"))
+    for name in ("exchanged", "new"):
+        x, y = (tmp_path / name / f"about_{axis}.csv" for axis in "xy")
+        first, second = x.read_bytes(), y.read_bytes()
+        x.write_bytes(second)
+        y.write_bytes(first)
+    outcome = fit(calibkit, tmp_path / "exchanged", tmp_path / "r", LATITUDE, code=3)
+    assert "gyro x senses table axis y most" in outcome.err
+    fit(calibkit, tmp_path / "good", tmp_path / "runs", LATITUDE)
+    outcome = calibkit(
+        "validate", "G", "--runs", tmp_path / "runs", "--data", tmp_path / "new", "--out", tmp_path / "v.json"
+    )
+    assert outcome.code == 3
+    assert "the rate about x comes out" in outcome.err
+    assert not (tmp_path / "v.json").exists()
+
+
+def test_two_gyros_without_one_along_an_axis_are_checked_without_a_word(calibkit, campaign):
+    """Gyros x and y while the table turns about z: their misalignment has either sign, no sign is suspected."""
+    outcome = calibkit("check", "gyro_triad", "--data", campaign[0], "--set", "gyros=['x','y']")
+    assert outcome.code == 0, outcome.out
+    assert "sign = -1" not in outcome.out
+
+
 def test_a_temperature_without_a_run_about_each_axis_is_refused(calibkit, tmp_path, log_writer):
     """Three axes at 25 °C and two of them at 60 °C: the missing one is named with its temperature."""
     (tmp_path / "logs").mkdir()

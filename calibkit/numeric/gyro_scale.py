@@ -251,8 +251,12 @@ def over_temperature(
     # runs repeat less well than their noise: the larger of both covariances, by the trace in K over the range
     powers = np.vander(temp_degc, chosen + 1, increasing=True)
     scatter, stated = (float(np.einsum("ti,ij,tj->", powers, c, powers)) for c in (covariance, noise))
+    larger = np.array(covariance if scatter > stated else noise)
+    # what the runs share does not average: nowhere is the curve better known than a run of its own would tell it
+    least = float(np.min(np.einsum("ti,ij,tj->t", powers, larger, powers)))
+    larger[0, 0] += max(float(np.mean(standard_uncertainty**2)) - least, 0.0)
     limits = (float(np.min(temp_degc)), float(np.max(temp_degc)))
-    return ScaleOverTemperature(raw, covariance if scatter > stated else noise, fit.dof, fit.residual_rms, limits)
+    return ScaleOverTemperature(raw, larger, fit.dof, fit.residual_rms, limits)
 
 
 def _raw_noise(standard_uncertainty: Array, temp_degc: Array, order: int) -> Array:

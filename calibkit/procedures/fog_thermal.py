@@ -57,7 +57,12 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     results = (
         fog_ramps.denoise_result(prepared),
         fog_drift.drift_result(ramps, spec.drift),
-        replace(exported, figures=(*exported.figures, *more), conditions=fog_bias.conditions(spec)),
+        replace(
+            exported,
+            figures=(*exported.figures, *more),
+            conditions=fog_bias.conditions(spec),
+            flags=(*exported.flags, *fog_bias.flags(rest, spec)),
+        ),
     )
     flags = [flag for result in results[1:] for flag in result.flags]
     stated = fog_uncertainty.stated(model, prepared, spec.type_b)
@@ -67,7 +72,7 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     tested = fog_report.tested(choices, levels, export)
     criteria = _fit_criteria(spec, export, figures)
     summary = fog_report.summary(spec.title, figures, ramps, tested, stated, flags, criteria)
-    summary = replace(summary, tables=(*summary.tables, fog_bias.table(rest), *fog_bias.hysteresis_tables(left)))
+    summary = replace(summary, tables=(*summary.tables, *fog_bias.tables(rest), *fog_bias.hysteresis_tables(left)))
     report = fog_report.drift_report(spec.title or spec.procedure, prepared, ramps, choices, tested, model)
     report = replace(report, hysteresis=fog_report.hysteresis_view(left))
     sources = tuple(log.source for log in prepared)

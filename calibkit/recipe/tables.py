@@ -158,7 +158,7 @@ class Recipe(Table):
     procedure: str
     title: str = ""
     serial: str = ""
-    reference_temp_degc: float = 25.0
+    reference_temp_degc: Annotated[float, Field(ge=-273.15)] = 25.0
     logs: Logs
     columns: dict[str, Column] = {}
     site: Site = Site()

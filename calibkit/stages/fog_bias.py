@@ -56,21 +56,16 @@ def earth_rate(recipe: FogThermalRecipe) -> float | None:
     return float(earth.along_axis(latitude, axis.elevation_deg, axis.azimuth_deg or 0.0))
 
 
-def at_rest(model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe) -> Rest:
-    """Rate at rest at the reference temperature: of a model on levels, or the mean of the logs where there is none."""
-    means = np.array([log.thermal.indication.mean() for log in logs])
-    temperature = recipe.reference_temp_degc
-    turn_on: tuple[tuple[str, float], ...] = ()
+def at_rest(model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe) -> Rest | None:
+    """Rate at rest at the reference temperature; none without a model on levels, which alone tells it from the drift."""
     if model.thermal is None:
-        rate = float(means.mean())
-        u = float(means.std(ddof=1) / np.sqrt(means.size)) if means.size > 1 else 0.0
-    else:
-        low, high = model.thermal.valid.temperature
-        temperature = min(max(temperature, low), high)
-        row = thermal_drift.at_rest(model.thermal, temperature)[0]
-        rate = float(row @ model.thermal.coefficients)
-        u = float(np.sqrt(row @ model.thermal.covariance[:9, :9] @ row))
-        turn_on = tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True))
+        return None
+    low, high = model.thermal.valid.temperature
+    temperature = min(max(recipe.reference_temp_degc, low), high)
+    row = thermal_drift.at_rest(model.thermal, temperature)[0]
+    rate = float(row @ model.thermal.coefficients)
+    u = float(np.sqrt(row @ model.thermal.covariance[:9, :9] @ row))
+    turn_on = tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True))
     seen, slope = earth_rate(recipe), 0.0
     if seen is not None and recipe.site.latitude_deg is not None:
         moved = recipe.model_copy(
@@ -78,6 +73,18 @@ def at_rest(model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRe
         )
         slope = ((earth_rate(moved) or 0.0) - seen) / STEP_DEG
     return Rest(temperature, rate, u, seen, slope, turn_on)
+
+
+def flags(rest: Rest | None, recipe: FogThermalRecipe) -> list[str]:
+    """Why no rate at rest is stated, or that it is not at the temperature that was asked for."""
+    if rest is None:
+        return [
+            "no rate at rest and no bias is stated: without a model on levels the drift of the logs is in their means"
+        ]
+    if rest.temp_degc != recipe.reference_temp_degc:
+        asked = f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted temperatures"
+        return [f"{asked}: rate and bias are those at {rest.temp_degc:.1f} °C"]
+    return []
 
 
 def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
@@ -92,8 +99,10 @@ def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
     return tuple(found)
 
 
-def figures(rest: Rest) -> tuple[Figure, ...]:
+def figures(rest: Rest | None) -> tuple[Figure, ...]:
     """Figures of drift_rate.json, type A."""
+    if rest is None:
+        return ()
     found = [Figure("mean_rate_at_reference", rest.rate_dph, "deg/h", rest.standard_uncertainty)]
     if rest.earth_dph is not None and rest.bias_dph is not None:
         found.append(Figure("earth_rate_along_input_axis", rest.earth_dph, "deg/h", 0.0))
@@ -101,9 +110,9 @@ def figures(rest: Rest) -> tuple[Figure, ...]:
     return (*found, *(Figure(f"turn_on_bias.{name}", value, "deg/h", 0.0) for name, value in rest.turn_on))
 
 
-def uncertainty(rest: Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
+def uncertainty(rest: Rest | None, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
     """Combined uncertainty of the bias as a JSON object, type B terms of the latitude and of the rate in it; none without one."""
-    if rest.bias_dph is None or recipe.site.latitude_deg is None:
+    if rest is None or rest.bias_dph is None or recipe.site.latitude_deg is None:
         return []
     known = {"latitude_deg": (recipe.site.latitude_deg, -rest.by_latitude), "gyro_dph": (rest.rate_dph, 1.0)}
     parts = type_b.terms_of(recipe.type_b, RESULT, rest.bias_dph, known).components
@@ -133,8 +142,10 @@ def uncertainty(rest: Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
     ]
 
 
-def table(rest: Rest) -> SummaryTable:
+def tables(rest: Rest | None) -> tuple[SummaryTable, ...]:
     """Mean rate, the earth's part, the bias, and the turn-on bias of each log."""
+    if rest is None:
+        return ()
     u = number(rest.standard_uncertainty, 2)
     rows = [("mean rate", f"{rest.rate_dph:+.4f}", u)]
     if rest.earth_dph is None:
@@ -144,7 +155,7 @@ def table(rest: Rest) -> SummaryTable:
         rows.append(("bias", f"{rest.rate_dph - rest.earth_dph:+.4f}", u))
     rows += [(f"turn-on bias of {name}", f"{value:+.4f}", "") for name, value in rest.turn_on]
     title = f"At rest at {rest.temp_degc:g} °C [°/h]; turn-on biases of the logs against their mean"
-    return SummaryTable(title, ("", "rate", "standard uncertainty"), tuple(rows))
+    return (SummaryTable(title, ("", "rate", "standard uncertainty"), tuple(rows)),)
 
 
 @dataclass(frozen=True, slots=True)

@@ -103,14 +103,34 @@ def fit(spec: GyroTriadRecipe, runs: Mapping[str, tuple[TableRun, ...]]) -> Axes
     if not known and len(every) > len(AXES):
         flags.append("temperature is not logged in every run: nothing is fitted over it, all runs count as repeated")
     sets = tuple(_set_of(group, spec) for group in (_groups(runs) if known else [dict(runs)]))
+    for one in sets:
+        _require_own_axes(one, spec.gyros)
     temperature = np.array([one.temp_degc for one in sets])
     reference = int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if known else 0
     several = len(sets) > 1
     over = gyro_triad.over_temperature([one.triad for one in sets], temperature) if several else None
     bias_over = _bias_over(sets, temperature) if several else ()
     flags += [f"{_at(one)}{flag}" for one in sets for flag in one.triad.flags]
-    flags += [*_uncertain(sets, spec.gyros), *_bias_flags(spec, sets)]
+    flags += [*_handed(sets, spec.gyros), *_uncertain(sets, spec.gyros), *_bias_flags(spec, sets)]
     return AxesFit(spec.gyros, runs, sets, reference, over, bias_over, tuple(dict.fromkeys(flags)))
+
+
+def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
+    """Refuse a gyro named x, y or z that senses another of these axes most: logs or columns are exchanged."""
+    for gyro, row in zip(gyros, one.triad.misalignment, strict=True):
+        most = AXES[int(np.argmax(np.abs(row)))]
+        if gyro in AXES and most != gyro:
+            raise FitError(
+                f"{_at(one)}gyro {gyro} senses table axis {most} most ({row[AXES.index(most)]:+.3f})",
+                hint="logs are exchanged under [axes], or columns; gyros that are not mounted so need other names",
+            )
+
+
+def _handed(sets: Sequence[AxesSet], gyros: Sequence[str]) -> list[str]:
+    """Flag for three input axes that make a left-handed system."""
+    if len(gyros) != len(AXES) or not (np.array([np.linalg.det(one.triad.misalignment) for one in sets]) < 0.0).any():
+        return []
+    return ["the input axes make a left-handed system: logs or signs may be exchanged"]
 
 
 def _uncertain(sets: Sequence[AxesSet], gyros: Sequence[str]) -> list[str]:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import check
-from calibkit.errors import CoefficientError
+from calibkit.errors import CoefficientError, FrameError
 from calibkit.frame import refuse, values
 from calibkit.stages import ingest
 from calibkit.stages.gyro_axes import AXES
@@ -30,6 +30,8 @@ if TYPE_CHECKING:
 PPM = 1e6
 LARGEST_CONDITION = 1e3
 """Of the unit vectors of the input axes: beyond it noise of the gyros comes out a thousand times larger."""
+OTHER_AXIS = 0.1
+"""Departure of a rate gain from 1 that no drift of a scale factor makes."""
 TEMPERATURE_SLACK = 5.0
 """Kelvin beyond the fitted temperatures at which one matrix for all of them is still used without a flag."""
 
@@ -153,12 +155,18 @@ def stand(run: TableRun, axis: str, known: Base, vertical_dps: float) -> tuple[d
     true = np.zeros_like(rates)
     true[:, a] = held.rate_dps + vertical_dps
     flags = _temperature_flags(run.log.file, known, temperature) if np.isfinite(run.temp_degc) else []
+    gain = float(np.polyfit(held.rate_dps, rates[:, a], 1)[0])
+    if not abs(gain - 1.0) < OTHER_AXIS:
+        raise FrameError(
+            f"{run.log.file}: the rate about {axis} comes out {gain:.4f} times the table's, expected about 1",
+            hint="it turns about another axis ([axes]), is in another unit or sign, or is of another unit's gyros",
+        )
     return {
         "axis": axis,
         "before_is": "each gyro by its scale factor about the axis that it senses most",
         "before": _errors(alone - true[:, main], main == a, held.rate_dps),
         "after": _errors(rates - true, np.arange(len(AXES)) == a, held.rate_dps),
-        "rate_gain": float(np.polyfit(held.rate_dps, rates[:, a], 1)[0]),
+        "rate_gain": gain,
     }, flags
 
 

@@ -365,12 +365,23 @@ def _propagated(function: Callable[[Array], float], values: Array, uncertainty: 
     return at, float(np.sqrt(np.sum(np.square(steps))))
 
 
+def _apart(one: GyroOverRuns) -> list[str]:
+    """Flag for a run at the reference temperature whose K is not that of the others: another gyro or setting."""
+    K = np.array([run.scale(one.gyro).K for run in one.at_room])
+    off = np.abs(K / np.median(K) - 1.0)
+    if len(K) < 2 or not _repeats(one) or not off.max() > UNCERTAIN:
+        return []
+    name = one.at_room[int(np.argmax(off))].log.file
+    return [f"gyro_{one.gyro}: K of {name} is {PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"]
+
+
 def run_flags(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> list[str]:
     """What a reader of figures over several runs must know."""
     temperature = np.array([run.temp_degc for run in gyros[0].runs])
     flags = uncertain(
         [(f"gyro_{one.gyro} in {run.log.file}", run.scale(one.gyro)) for one in gyros for run in one.runs]
     )
+    flags += [flag for one in gyros for flag in _apart(one)]
     if len(temperature) > 1 and np.isnan(temperature).any():
         flags.append("temperature is not logged in every run: nothing is fitted over it, all runs count as repeated")
     elif not (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC).any() and np.isfinite(temperature).all():

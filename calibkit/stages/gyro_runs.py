@@ -32,6 +32,8 @@ FASTEST_DPS = 2e4
 ONE_TABLE = 0.01
 """Relative difference between table angle and table rate beyond which one of them is in another unit or sign."""
 LEAST_ROWS = 16
+LEAST_TRIAD = 3
+"""Gyros over three axes from which one of them is along the table axis of every log."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -139,7 +141,8 @@ def _suspicious(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Findin
     along = max(spans, key=lambda gyro: spans[gyro])
     for gyro in gyros:
         found += check.series.driven(log, column(gyro), RATE, "1/s", spans[along])
-    found += check.magnitude.rotation(log, column(along), RATE)
+    if not (spec.procedure == "gyro_triad" and len(gyros) < LEAST_TRIAD):  # none of two need be along this axis
+        found += check.magnitude.rotation(log, column(along), RATE)
     return [*found, *check.magnitude.compensated(log, spec, [column(gyro) for gyro in gyros])]
 
 
