@@ -96,7 +96,7 @@ def test_what_cannot_be_a_triad_is_refused():
 
 
 def test_sensitivities_over_temperature_come_back_at_any_temperature():
-    """Axes that turn by 0.001°/°C: angles at 40 °C to 1e-6° of the truth, as well known as by one run; beyond clamped and flagged."""
+    """Axes that turn by 0.001°/°C: angles at 40 °C to 1e-6° of the truth, known as by one run; beyond clamped and flagged."""
 
     def at(temperature):
         turn = np.radians(0.001 * temperature)
