@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from calibkit.errors import CoefficientError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Mapping, Sequence
 
     from calibkit.frame import Log
 
@@ -62,11 +62,13 @@ class Input:
     rows: int
     reading: tuple[str, ...] = ()
     """How the log was read; kept in run.json, not in coefficient files: the same numbers are the same coefficients."""
+    clock: tuple[float, float] | None = None
+    """Offset of a second logger's clock [s] and its standard uncertainty [s]; a condition in coefficient files."""
 
     @classmethod
     def of(cls, log: Log) -> Input:
         """The input that a log is."""
-        return cls(log.file, log.sha256, log.rows, log.reading)
+        return cls(log.file, log.sha256, log.rows, log.reading, log.clock)
 
     def identity(self) -> dict[str, str | int]:
         """What identifies the log in a coefficient file."""
@@ -163,11 +165,20 @@ def record(result: StageResult, identity: Identity, supersedes: str) -> Record:
         effective_from=identity.effective_from,
         software=identity.software,
         recipe_sha256=identity.recipe_sha256,
-        inputs=tuple(replace(entry, reading=()) for entry in identity.inputs),
-        conditions=result.conditions,
+        inputs=tuple(replace(entry, reading=(), clock=None) for entry in identity.inputs),
+        conditions=(*result.conditions, *_clocks(identity.inputs)),
         models=result.models,
         figures=result.figures,
         flags=result.flags,
+    )
+
+
+def _clocks(inputs: Sequence[Input]) -> tuple[Condition, ...]:
+    """Clock of the second logger of each log that has one: its uncertainty is in no covariance of the models."""
+    return tuple(
+        Condition(f"second_logger_clock_offset.{entry.name}", entry.clock[0], "s", entry.clock[1])
+        for entry in inputs
+        if entry.clock is not None
     )
 
 

@@ -55,6 +55,8 @@ class Log:
     notes: tuple[str, ...] = ()
     reading: tuple[str, ...] = ()
     parts: tuple[tuple[str, int], ...] = ()
+    clock: tuple[float, float] | None = None
+    """Offset of a second logger's clock [s] and the largest standard uncertainty of its times [s], where one was joined."""
 
     def place(self, row: int) -> str:
         """file:line that a row of the frame came from, in the part of a split log that holds it."""

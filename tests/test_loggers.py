@@ -5,7 +5,8 @@ import json
 import numpy as np
 import pytest
 
-from calibkit import procedures, recipe
+import calibkit as calibkit_api
+from calibkit import coefficients, procedures, recipe
 from calibkit.simulate import fog_thermal
 
 OFFSET_S = 17.3
@@ -76,6 +77,38 @@ def test_a_fit_records_the_clock(tmp_path, columns, log_writer, calibkit):
     assert made.code in (0, 1), made.err
     document = json.loads((tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8"))
     assert "clock of chamber" in json.dumps(document["inputs"])
+    clock = next(line for line in document["inputs"][0]["reading"] if line.startswith("clock of"))
+    paths = sorted((tmp_path / "runs" / "S" / "r001").glob("d*.json"))
+    assert "drift_rate.json" in [path.name for path in paths]
+    for path in paths:
+        stated = {c.name: c for c in calibkit_api.load_coefficients(path).conditions}[
+            f"second_logger_clock_offset.{LOG}.csv"
+        ]
+        assert stated.unit == "s"
+        assert f"offset {stated.value:+.3f} s" in clock
+        # at the worse end: the drift's part is in it
+        middle = float(clock.split("uncertainty")[1].split()[0])
+        assert middle < stated.standard_uncertainty < 3.0 * middle
+
+
+@pytest.mark.parametrize(
+    ("table", "expected"),
+    [
+        (f'clock = "stated"\noffset_s = {OFFSET_S}\nstandard_uncertainty_s = 0.5', (OFFSET_S, 0.5)),
+        ('clock = "same"', None),
+    ],
+)
+def test_a_stated_clock_is_a_condition_and_one_clock_is_none(table, expected, tmp_path, columns, log_writer):
+    """What the recipe states of the clock goes with the log; where there is only one clock there is nothing to state."""
+    write(tmp_path, columns, log_writer, probe=False)
+    log = joined(tmp_path, table)
+    assert log.clock == expected
+    entry = coefficients.Input.of(log)
+    identity = coefficients.Identity("S", 1, "2026-11-21", "calibkit", "0" * 64, (entry,))
+    made = coefficients.record(coefficients.StageResult("drift", (), ()), identity, "")
+    found = [(c.name, c.value, c.unit, c.standard_uncertainty) for c in made.conditions]
+    name = f"second_logger_clock_offset.{LOG}.csv"
+    assert found == ([] if expected is None else [(name, OFFSET_S, "s", 0.5)])
 
 
 def test_a_gap_of_the_chamber_log_stays_a_gap(tmp_path, columns, log_writer):

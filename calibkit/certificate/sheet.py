@@ -160,7 +160,12 @@ def _conditions(certificate: Certificate, lang: Lang) -> Rows:
     rows += [["", text] for text in stated.others if text.strip()]
     for condition in certificate.run.conditions:
         label = Words("In the computation: ", "计算中采用：") + Words(condition.name.replace("_", " "))
-        rows.append([label.of(lang), f"{tables.plain(condition.value, 8)} {unit_mark(condition.unit)}".strip()])
+        unit = unit_mark(condition.unit)
+        text = f"{tables.plain(condition.value, 8)} {unit}".strip()
+        if condition.standard_uncertainty > 0.0:
+            said = Words("standard uncertainty", "标准不确定度").of(lang)
+            text += f" ({said} {f'{tables.plain(condition.standard_uncertainty, 2)} {unit}'.strip()})"
+        rows.append([label.of(lang), text])
     return rows
 
 

@@ -79,6 +79,7 @@ def joined(
     frame = frame[[name for name in (*needed, *optional) if name in frame.columns]]
     return replace(
         first,
+        clock=_uncertain(chamber, clock, second),
         frame=frame,
         notes=(
             *first.notes,
@@ -162,6 +163,13 @@ def _clock(chamber: SecondLogger, first: Log, probe: str, second: Log) -> clocks
             hint="log a change that both loggers see, set drift = false, or raise max_uncertainty_s in [chamber]",
         )
     return found
+
+
+def _uncertain(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[float, float] | None:
+    """Offset of the clock and its standard uncertainty at the worse end of the log [s]; none where the clock is one."""
+    if chamber.clock == "same":
+        return None
+    return clock.offset_s, clock.largest_uncertainty(values(second.frame, "time_s"))
 
 
 def _at(time_b: Array, value: Array, time: Array) -> Array:
