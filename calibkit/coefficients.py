@@ -64,11 +64,13 @@ class Input:
     """How the log was read; kept in run.json, not in coefficient files: the same numbers are the same coefficients."""
     clock: tuple[float, float] | None = None
     """Offset of a second logger's clock [s] and its standard uncertainty [s]; a condition in coefficient files."""
+    content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
+    """First rows of its values, by which copies are seen; kept nowhere."""
 
     @classmethod
     def of(cls, log: Log) -> Input:
         """The input that a log is."""
-        return cls(log.file, log.sha256, log.rows, log.reading, log.clock)
+        return cls(log.file, log.sha256, log.rows, log.reading, log.clock, content=log.first_rows())
 
     def identity(self) -> dict[str, str | int]:
         """What identifies the log in a coefficient file."""
@@ -165,7 +167,7 @@ def record(result: StageResult, identity: Identity, supersedes: str) -> Record:
         effective_from=identity.effective_from,
         software=identity.software,
         recipe_sha256=identity.recipe_sha256,
-        inputs=tuple(replace(entry, reading=(), clock=None) for entry in identity.inputs),
+        inputs=tuple(replace(entry, reading=(), clock=None, content=frozenset()) for entry in identity.inputs),
         conditions=(*result.conditions, *_clocks(identity.inputs)),
         models=result.models,
         figures=result.figures,

@@ -40,6 +40,10 @@ PATTERNS = (r"gyro_[a-z0-9]+_dph", r"gyro_[a-z0-9]+_lsb", r"accel_[a-z0-9]+_g", 
 """Canonical columns that are named after their axis."""
 
 
+COMPARED_ROWS = 1000
+"""Rows of a log by which it is held against others."""
+
+
 @dataclass(frozen=True, slots=True)
 class Log:
     """One log as it was read: its file, the digest of its bytes, its rows, what was noted, how it was read, the tidy frame.
@@ -65,6 +69,12 @@ class Log:
             if index >= offset - 1:
                 return f"{file}:{index - offset + 2}"
         return f"{self.file}:{index + 2}"
+
+    def first_rows(self) -> frozenset[bytes]:
+        """Different ones of the first rows, the bytes of their values as they were mapped; words are left out."""
+        head = self.frame.head(COMPARED_ROWS).select_dtypes("number").to_numpy(dtype=np.float64)
+        # −0 is 0
+        return frozenset(row.tobytes() for row in head + 0.0) if head.shape[1] else frozenset()
 
 
 @dataclass(frozen=True, slots=True)

@@ -10,6 +10,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from calibkit import __version__, coefficients, procedures, recipe, store
+from calibkit.check import copies
 from calibkit.errors import CoefficientError, FrameError, OutputError, RecipeError, UsageError
 from calibkit.recipe import type_b
 from calibkit.stages import budget, ingest
@@ -104,11 +105,8 @@ def guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
 
 def _distinct(inputs: tuple[coefficients.Input, ...]) -> None:
     """Refuse a log that came in twice under two names: it would vouch for itself when one of them is left out."""
-    first: dict[str, str] = {}
-    for entry in inputs:
-        if entry.sha256 in first:
-            raise FrameError(f"{entry.name}: the same bytes as {first[entry.sha256]}", hint="keep one of the two logs")
-        first[entry.sha256] = entry.name
+    for file, said in copies.of((entry.name, entry.sha256, entry.content) for entry in inputs):
+        raise FrameError(f"{file}: {said}", hint="keep one of the two logs")
 
 
 def _uncertainty(fitted: Fitted, spec: recipe.Recipe) -> list[Mapping[str, Any]]:

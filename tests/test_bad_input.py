@@ -176,7 +176,8 @@ def test_json_failures_are_one_document_on_stdout(tmp_path, calibkit):
 def test_check_names_every_fault_and_fits_nothing(tmp_path, calibkit, log_writer):
     """`check` exits with 3 where fit would, lists each log, and `--json` carries place and advice."""
     log_writer(tmp_path / "logs" / "a.csv", **healthy())
-    log_writer(tmp_path / "logs" / "b.csv", **changed("gyro_dph", slice(400, 450), np.nan))
+    other = changed("gyro_dph", slice(400, 450), np.nan)
+    log_writer(tmp_path / "logs" / "b.csv", **other | {"gyro_dph": other["gyro_dph"] + 0.5})  # another measurement
     said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
     assert said.code == 3
     assert "a.csv: ok" in said.out
@@ -214,6 +215,26 @@ def test_the_same_log_under_two_names_is_refused(tmp_path, calibkit, log_writer)
     outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
     assert outcome.code == 3
     assert "b.csv: the same bytes as a.csv" in outcome.err
+    assert not (tmp_path / "runs").exists()
+
+
+@pytest.mark.parametrize("written", ["line_ends", "a_row_less", "other_digits"])
+def test_a_copy_with_other_bytes_is_refused_by_fit_and_check(tmp_path, calibkit, log_writer, written):
+    """Other line ends, a row less or zeros behind the digits make no other measurement of a log."""
+    text = log_writer(tmp_path / "logs" / "a.csv", **healthy()).read_text()
+    rows = text.splitlines()
+    other = {
+        "line_ends": "\r\n".join(rows) + "\r\n",
+        "a_row_less": "\n".join([rows[0], *rows[2:]]) + "\n",
+        "other_digits": "\n".join(
+            [rows[0], *(f"{row}0" if "." in row.rpartition(",")[2] else row for row in rows[1:])]
+        ),
+    }[written]
+    (tmp_path / "logs" / "b.csv").write_bytes(other.encode())
+    for command in (["fit", "fog_thermal", "--serial", "S", "--out", tmp_path / "runs"], ["check", "fog_thermal"]):
+        outcome = calibkit(*command, "--data", tmp_path / "logs")
+        assert outcome.code == 3
+        assert "the same values as a.csv" in outcome.out + outcome.err
     assert not (tmp_path / "runs").exists()
 
 

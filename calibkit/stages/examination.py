@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from calibkit.check import facts, magnitude
+from calibkit.check import copies, facts, magnitude
 from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
 from calibkit.frame import Finding, values
@@ -43,6 +43,8 @@ class Outcome:
     figure: LogFigure | None
     drift_slope: float | None = None
     """Slope of a gyro's indication over its case temperature [°/h/K], where both were read whole."""
+    content: frozenset[bytes] = frozenset()
+    """Its first rows, by which copies are seen."""
 
 
 def of(procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = pieces.LARGEST) -> Outcome:
@@ -71,7 +73,9 @@ def of(procedure: Examiner, spec: object, data: Path, file: str, *, largest: int
         findings, whole = (*seen[0].findings, *rest), seen[0].facts
     held = tuple(_condition(log, part) for part in found)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
-    return Outcome(report, _figure(log, held, findings), None if report.refused else _drift_slope(log))
+    return Outcome(
+        report, _figure(log, held, findings), None if report.refused else _drift_slope(log), log.first_rows()
+    )
 
 
 def segment_numbers(procedure: Examiner, spec: object, data: Path, file: str) -> pd.Series[float] | None:
@@ -104,7 +108,7 @@ def _drift_slope(log: Log) -> float | None:
 def together(outcomes: Sequence[Outcome]) -> list[tuple[str, Finding]]:
     """What only several logs show: copies, and logs that do not drift like the others."""
     slopes = {outcome.report.file: outcome.drift_slope for outcome in outcomes if outcome.drift_slope is not None}
-    return [*copies([outcome.report for outcome in outcomes]), *magnitude.compensated_before(slopes)]
+    return [*_copies(outcomes), *magnitude.compensated_before(slopes)]
 
 
 def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:
@@ -113,18 +117,13 @@ def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:
     return Finding(finding.place, finding.found, "a log that can be read", finding.advice, name="unreadable")
 
 
-def copies(reports: Sequence[LogReport]) -> list[tuple[str, Finding]]:
+def _copies(outcomes: Sequence[Outcome]) -> list[tuple[str, Finding]]:
     """Logs that came in twice under two names, with the finding of each: one would vouch for the other."""
-    first: dict[str, str] = {}
-    found = []
-    for report in reports:
-        if report.sha256 and report.sha256 in first:
-            what = f"the same bytes as {first[report.sha256]}"
-            found.append(
-                (report.file, Finding(report.file, what, "another log", "keep one of the two logs", name="copy"))
-            )
-        first.setdefault(report.sha256, report.file)
-    return found
+    logs = ((outcome.report.file, outcome.report.sha256, outcome.content) for outcome in outcomes)
+    return [
+        (file, Finding(file, said, "another log", "keep one of the two logs", name="copy"))
+        for file, said in copies.of(logs)
+    ]
 
 
 def _condition(log: Log, held: Held) -> HeldCondition:
