@@ -131,6 +131,9 @@ def refuse_existing(path: Path) -> None:
     """Raise OutputError when something of that name exists, or when it would lie in a run folder."""
     if os.path.lexists(path):
         raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name or remove it")
+    above = next((parent for parent in path.parents if os.path.lexists(parent)), None)
+    if above is not None and not os.path.isdir(above):  # noqa: PTH112 - Path.is_dir raises where it may not look
+        raise OutputError(f"{above}: is no folder, {path.name} cannot lie in it", hint="give another place")
     refuse_run_folder(path)
 
 

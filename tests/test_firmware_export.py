@@ -1,5 +1,6 @@
 """`calibkit export`, `verify` of exports and `apply --as-firmware` from the command line."""
 
+import json
 import os
 import re
 import shutil
@@ -41,6 +42,7 @@ def test_an_export_verifies_and_is_the_same_in_another_process(number, drift_run
     verified = calibkit("verify", *files)
     assert verified.code == 0
     assert "vectors recomputed" in verified.out
+    assert "REJECTED" not in verified.out
     subprocess.run(
         [sys.executable, "-m", "calibkit", *arguments, "--out", str(tmp_path / "b")],
         cwd=ROOT,
@@ -60,13 +62,43 @@ def test_nothing_is_overwritten_and_nothing_is_half_written(triad_run, tmp_path,
     assert sorted(path.name for path in tmp_path.iterdir()) == ["cal.h"]
 
 
-@pytest.mark.parametrize("prefix", ["int", "class", "9lives", "a__b", "_x", "x_", "a-b", "x" * 21, "printf", ""])
+@pytest.mark.parametrize(
+    "prefix",
+    ["int", "class", "9lives", "a__b", "_x", "x_", "a-b", "x" * 21, "printf", "stdint", "STDLIB", "limits", ""],
+)
 def test_a_prefix_that_c_or_cpp_forbid_is_refused(prefix, triad_run, tmp_path, calibkit):
-    """Keywords, reserved names and names that are none exit with 2 and a word of advice."""
+    """Keywords, reserved names, headers of the C library and names that are none exit with 2 and a word of advice."""
     outcome = calibkit("export", triad_run, "--target", "c", "--prefix", prefix, "--out", tmp_path / "x")
     assert outcome.code == 2
     assert not (tmp_path / "x").exists()
     assert identifiers.check_prefix("gyro_7") == "gyro_7"
+
+
+def test_a_plain_file_as_folder_is_named_as_such(triad_run, tmp_path, calibkit):
+    """--out on a file, or below one: it is no folder, instead of a file in it that exists already."""
+    (tmp_path / "afile").write_text("mine")
+    for out in (tmp_path / "afile", tmp_path / "afile" / "below"):
+        outcome = calibkit("export", triad_run, "--target", "c", "--out", out)
+        assert outcome.code == 4
+        assert f"{tmp_path / 'afile'}: is no folder" in outcome.err
+        assert "exists already" not in outcome.err
+    assert (tmp_path / "afile").read_text() == "mine"
+
+
+@pytest.mark.parametrize(("target", "number"), [("c", "f32"), ("blob", "f32"), ("csv", "q31")])
+def test_the_digests_are_the_fields_of_the_files_and_said_to_be(target, number, drift_run, tmp_path, calibkit):
+    """Every digest is labelled as the field sha256 of its file, and is that, not the digest of the file's bytes."""
+    assert calibkit("export", drift_run, "--target", target, "--number", number, "--out", tmp_path).code == 0
+    file = tmp_path / {"c": "cal.h", "blob": "cal.bin", "csv": "cal.csv"}[target]
+    text = file.read_bytes().decode("ascii", "replace")
+    words = " ".join(text.replace("\n *", " ").split())
+    for name in ("run.json",) if target == "csv" else ("run.json", "drift_rate.json"):
+        field = json.loads((drift_run / name).read_text(encoding="utf-8"))["sha256"]
+        label = "" if target == "csv" else f"{name} content digest (field sha256) "
+        assert f"{label}{field}" in words
+        assert f"{name} sha256" not in words
+    if target == "c":
+        assert f'of drift_rate.json */ #define CAL_COEFFICIENTS_SHA256 "{field}"' in words
 
 
 def test_unknown_targets_and_numbers_name_those_there_are(triad_run, tmp_path, calibkit):
@@ -90,6 +122,7 @@ def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
     assert list(tmp_path.iterdir()) == []
     for path in pipeline.export([run], "c", "f32", "cal", tmp_path, allow_rejected=True):
         assert "REJECTED" in path.read_text()
+        assert pipeline.verify(path).endswith(", REJECTED")
     assert "#define CAL_ACCEPTED 0" in (tmp_path / "cal.h").read_text()
 
 

@@ -3,11 +3,12 @@
 import csv
 import io
 import json
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from calibkit import coefficients
+from calibkit import coefficients, pipeline, store
 from calibkit.firmware import parameters, targets
 
 ORDERS = {"gyro_x_dph": 3, "gyro_y_dph": 3, "gyro_z_dph": 2, "accel_x_g": 3, "accel_z_g": 1}
@@ -201,6 +202,24 @@ def test_several_units_are_delivered_with_a_manifest(calibkit, runs, tmp_path, t
     assert "not the file that the manifest lists" in outcome.err + outcome.out
     first.unlink()
     assert calibkit("verify", manifest).code == 4
+
+
+@pytest.mark.parametrize("target", ["blob", "hex", "srec", "csv", "px4", "ardupilot"])
+def test_verify_says_of_every_target_that_a_unit_was_rejected(runs, tmp_path, target):
+    """One rejected unit beside an accepted one: its own file, the table of both and the manifest say so, the other does not."""
+    good, bad = (store.load(runs / name / "r001") for name in UNITS[:2])
+    bad = replace(bad, document={**bad.document, "accepted": False, "acceptance": []})
+    said = {
+        path.name: pipeline.verify(path)
+        for path in pipeline.export([good, bad], target, "f32", "cal", tmp_path, allow_rejected=True)
+    }
+    for name, what in said.items():
+        if "IMU-2" in name:
+            assert what.endswith(", REJECTED")
+        elif name.endswith(("manifest.json", ".csv")):
+            assert what.endswith(", REJECTED: IMU-2")
+        else:
+            assert "REJECTED" not in what
 
 
 def test_what_cannot_be_delivered_together_is_refused(calibkit, runs, tmp_path):

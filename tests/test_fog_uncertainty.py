@@ -3,11 +3,12 @@
 import csv
 import json
 import math
+from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from calibkit import recipe, store
+from calibkit import pipeline, recipe, store
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.errors import FitError
 from calibkit.numeric import gum, thermal_drift
@@ -50,6 +51,35 @@ def thermal(found):
     """Thermal model of a run."""
     (model,) = found.records["drift_rate.json"].models
     return fog_levels.thermal_model(model)
+
+
+# files
+
+
+def test_a_file_of_before_the_degrees_of_freedom_is_read_with_infinite_ones_and_flagged(run):
+    """Without model_error_dof the model is the same but for infinite degrees of freedom and a flag that says so."""
+    (whole,) = run[0].records["drift_rate.json"].models
+    older = replace(whole, parameters=tuple(p for p in whole.parameters if p.name != "model_error_dof"))
+    new, old = fog_levels.thermal_model(whole), fog_levels.thermal_model(older)
+    assert (new.model_error_dof, new.flags) == (whole.value("model_error_dof"), ())
+    assert math.isfinite(new.model_error_dof)
+    assert (old.model_error_dof, old.flags) == (math.inf, (fog_levels.UNKNOWN_DOF,))
+    assert (old.model_error, old.coefficients.tolist()) == (new.model_error, new.coefficients.tolist())
+
+
+def test_a_validation_by_such_a_file_flags_it(run, campaign):
+    """The expanded uncertainty that it holds against the log stands on an assumption, and the summary says so."""
+    from calibkit.procedures import fog_thermal, silent
+
+    spec = pipeline.run_recipe(run[0], ())
+    record = run[0].records["drift_rate.json"]
+    (whole,) = record.models
+    older = replace(whole, parameters=tuple(p for p in whole.parameters if p.name != "model_error_dof"))
+    records = {**run[0].records, "drift_rate.json": replace(record, models=(older,))}
+    file = min(path.name for path in campaign.glob("*.csv"))
+    for held, flagged in ((records, True), (run[0].records, False)):
+        _, summary = fog_thermal.validate(spec, held, campaign, [file], silent)
+        assert (fog_levels.UNKNOWN_DOF in summary.flags) is flagged
 
 
 # numbers

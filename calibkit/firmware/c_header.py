@@ -44,10 +44,11 @@ def render(export: Export) -> str:
 def _identity(export: Export) -> str:
     """Whose chain it is, for code that reports it."""
     identity = export.identity
-    digest = next(iter(identity.files.values()))
+    name, digest = next(iter(identity.files.items()))
     serial = "".join(chr(b) if 32 <= b < 127 else f"\\{b:03o}" for b in identity.serial.encode())
     return (
         f'#define @P_SERIAL "{serial}"\n#define @P_REVISION {identity.revision}\n'
+        f"/* {c_text.CONTENT} of {name} */\n"
         f'#define @P_COEFFICIENTS_SHA256 "{digest}"\n#define @P_ACCEPTED {int(identity.accepted)}\n'
     )
 

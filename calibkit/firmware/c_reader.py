@@ -29,7 +29,7 @@ def verify_header(name: str, content: bytes) -> str:
     text = c_text.unsealed(_ascii(name, content), name)
     if LOADER in text[:200]:
         return "C header of a loader of blobs"
-    return f"C header of {_found(DEVICE, text, name)}"
+    return f"C header of {_found(DEVICE, text, name)}{_mark(text)}"
 
 
 def verify_source(name: str, content: bytes) -> str:
@@ -42,7 +42,7 @@ def verify_source(name: str, content: bytes) -> str:
     if (again.outputs, again.status) != (stated.outputs, stated.status):
         raise CoefficientError(f"{name}: its vectors are not those of its coefficients", hint="export it again")
     count, number = len(stated.status), program.format.name
-    return f"C source of {_found(DEVICE, text, name)}, {number}, {count} vectors recomputed"
+    return f"C source of {_found(DEVICE, text, name)}, {number}, {count} vectors recomputed{_mark(text)}"
 
 
 def read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
@@ -66,6 +66,11 @@ def read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
         _columns(names_in, inputs), tuple(map(int, updates)), _columns(names_out, outputs), tuple(map(int, status))
     )
     return layout.program(lines, tables, name), stated
+
+
+def _mark(text: str) -> str:
+    """Mark of a rejected run, by the facts in the comment at the top."""
+    return c_text.mark(line.removeprefix(" * ") for line in text.partition("*/")[0].splitlines())
 
 
 def _number(digits: str, number: Format) -> float:

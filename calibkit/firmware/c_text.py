@@ -22,6 +22,9 @@ NUMBERS = {
     "q15": "fixed point in words of 16 bits",
 }
 WIDTH = 100
+CONTENT = "content digest (field sha256)"
+"""A sealed file's digest of its other keys, which the file states itself; that of its bytes is another."""
+REJECTED = "REJECTED"
 DIGEST = re.compile(r"/\* sha256 of all lines above: ([0-9a-f]{64}) \*/\n\Z")
 
 
@@ -32,8 +35,8 @@ def facts(export: Export) -> list[str]:
     lines = [
         f"device        {identity.serial} revision {identity.revision}, effective from {identity.effective_from}",
         f"forms         {', '.join(structure.forms)}",
-        *(f"coefficients  {name} sha256 {digest}" for name, digest in identity.files.items()),
-        f"run           run.json sha256 {identity.run_sha256}",
+        *(f"coefficients  {name} {CONTENT} {digest}" for name, digest in identity.files.items()),
+        f"run           run.json {CONTENT} {identity.run_sha256}",
         f"schema        {SCHEMA}, made by {identity.software}",
         f"number        {number}: {NUMBERS[number]}",
         f"formula       {structure.formula}",
@@ -42,7 +45,7 @@ def facts(export: Export) -> list[str]:
     if structure.interval_s is not None:
         lines.append(f"interval      update every {structure.interval_s:g} s, with means over it")
     if not identity.accepted:
-        lines.insert(0, "REJECTED      this run failed its acceptance limits: not for use in a product")
+        lines.insert(0, f"{REJECTED}      this run failed its acceptance limits: not for use in a product")
     return [ascii_only(line) for line in lines + _bounds(export)]
 
 
@@ -63,6 +66,11 @@ def _bounds(export: Export) -> list[str]:
 def _each(export: Export) -> str:
     """What the bound of a sum is per."""
     return " for each update" if export.chain.structure.summing else ""
+
+
+def mark(lines: Iterable[str]) -> str:
+    """What verify appends for a file whose facts, one a line, say that its run was rejected."""
+    return f", {REJECTED}" if any(line.startswith(f"{REJECTED} ") for line in lines) else ""
 
 
 def ascii_only(text: str) -> str:

@@ -18,6 +18,14 @@ CPP_WORDS = (
     "typeid typename using virtual wchar_t xor xor_eq final override import module"
 )
 LIBRARY = "main errno assert abort exit malloc free memcpy memset printf std int8 int16 int32 int64 uint8 uint16 uint32 uint64"
+HEADERS = (
+    "complex ctype fenv inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic stdbit stdbool stdckdint "
+    "stddef stdint stdio stdlib stdnoreturn string tgmath threads time uchar wchar wctype "
+    "aio cpio dirent dlfcn fcntl fmtmsg fnmatch ftw glob grp iconv langinfo libgen monetary mqueue ndbm netdb nl_types poll "
+    "pthread pwd regex sched search semaphore spawn strings stropts syslog tar termios ulimit unistd utime utmpx wordexp "
+    "alloca byteswap endian features malloc memory"
+)
+"""Headers of C99 to C23 and POSIX (and those every libc adds): <prefix>.h would be found in their place."""
 LONGEST = 20
 """Characters of a prefix: C99 tells external names apart by their first 31, and `_selftest` follows."""
 
@@ -33,4 +41,8 @@ def check_prefix(prefix: str) -> str:
         raise UsageError(f"--prefix '{prefix}' has {len(prefix)} characters", hint=f"use at most {LONGEST}")
     if prefix.lower() in f"{C_WORDS} {CPP_WORDS} {LIBRARY}".split():
         raise UsageError(f"--prefix '{prefix}' is a word of C, C++ or their library", hint="choose another prefix")
+    if prefix.lower() in HEADERS.split():
+        raise UsageError(
+            f"--prefix '{prefix}' gives {prefix}.h, which is a header of the C library", hint="choose another prefix"
+        )
     return prefix

@@ -248,7 +248,8 @@ def verify(name: str, content: bytes) -> str:
     except (StopIteration, ValueError, KeyError, IndexError, TypeError) as error:
         raise CoefficientError(f"{name}: cannot be read: {error!r}", hint="export it again") from None
     device = next((line[16:] for line in lines if line.startswith("# device")), "a unit")
-    return f"{stated['pilot']} parameters of {device}, {len(channels)} channels recomputed"
+    mark = c_text.mark(line[2:] for line in lines if line.startswith("#"))
+    return f"{stated['pilot']} parameters of {device}, {len(channels)} channels recomputed{mark}"
 
 
 def _stated(key: str, entry: Mapping[str, Sequence[str]]) -> Channel:

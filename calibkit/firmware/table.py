@@ -84,7 +84,9 @@ def verify(name: str, content: bytes) -> str:
         if None in row or None in row.values() or _digest(row) != stated:
             raise CoefficientError(f"{place}: its digest is not that of its content", hint="export it again")
         _recomputed(row, place)
-    return f"table of {len(rows)} units, {rows[0]['number']}, their vectors recomputed"
+    rejected = [row["serial"] for row in rows if row["accepted"] != "1"]
+    mark = f", {c_text.REJECTED}: {', '.join(rejected)}" if rejected else ""
+    return f"table of {len(rows)} units, {rows[0]['number']}, their vectors recomputed{mark}"
 
 
 def _recomputed(row: Mapping[str, str], place: str) -> None:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import coefficients
 from calibkit.errors import CoefficientError, OutputError, UsageError
-from calibkit.firmware import blob, c_header, c_loader, c_reader, c_source, flash, parameters, table
+from calibkit.firmware import blob, c_header, c_loader, c_reader, c_source, c_text, flash, parameters, table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -182,4 +182,6 @@ def verify_manifest(path: Path) -> str:
             raise CoefficientError(f"{path}: {entry['name']} is missing beside it", hint="deliver all of its files")
         if hashlib.sha256(file.read_bytes()).hexdigest() != entry["sha256"]:
             raise CoefficientError(f"{file}: not the file that the manifest lists", hint="export it again")
-    return f"manifest of {len(document['units'])} units, {len(entries)} files"
+    rejected = [unit["serial"] for unit in document["units"] if not unit["accepted"]]
+    mark = f", {c_text.REJECTED}: {', '.join(rejected)}" if rejected else ""
+    return f"manifest of {len(document['units'])} units, {len(entries)} files{mark}"

@@ -167,6 +167,7 @@ def validate(
         entry = fog_report.validation_entry(log, found, model) | {"uncertainty": stated}
         logs.append(entry | {"allan_deviation": fog_noise.residual(time, gyro, output)})
     flags = tuple(flag for log in figures for flag in log.flags)
+    flags += model.thermal.flags if model.thermal is not None else ()
     if not model.exported:
         flags = ("the run exports no drift term: before and after are the same", *flags)
     if model.mode == "one_step":

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -20,6 +21,7 @@ if TYPE_CHECKING:
 
 FORMS = {"level": "fog-drift-level/1", "lagged": "fog-drift-lagged/1"}
 LAGS = ("tau_outer", "tau_inner")
+UNKNOWN_DOF = "degrees of freedom of the model error: not in the file, taken as infinite; fit again to have them"
 RANGES = ("temp_case_degc", "temp_rate_degc_min", "gradient_degc", "gradient_rate_degc_min")
 """Names under which a model's fitted ranges stand in its file; of a lagged model they are those of its coil."""
 
@@ -66,9 +68,13 @@ def file_model(model: ThermalModel, interval_s: float) -> Model:
 
 
 def thermal_model(model: Model) -> ThermalModel:
-    """Thermal model of its file: the inverse of file_model, but for the turn-on biases of the fitted logs."""
+    """Thermal model of its file: the inverse of file_model, but for the turn-on biases of the fitted logs.
+
+    Files of before the degrees of freedom of the model error were stated are taken as they were then: infinite, and flagged.
+    """
     form = next(name for name, written in FORMS.items() if written == model.form)
     named = {c.name: c for c in model.coefficients}
+    stated = any(parameter.name == "model_error_dof" for parameter in model.parameters)
     return ThermalModel(
         form="lagged" if form == "lagged" else "level",
         terms=tuple(name for name in TERMS if named[name].standard_uncertainty > 0.0 or named[name].value != 0.0),
@@ -82,9 +88,9 @@ def thermal_model(model: Model) -> ThermalModel:
         residual_rms=model.residual_rms,
         noise=Noise(model.value("white_variance"), model.value("flicker")),
         model_error=model.value("model_error"),
-        model_error_dof=model.value("model_error_dof"),
+        model_error_dof=model.value("model_error_dof") if stated else math.inf,
         entangled=(),
-        flags=(),
+        flags=() if stated else (UNKNOWN_DOF,),
     )
 
 
