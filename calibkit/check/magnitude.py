@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import re
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -22,6 +23,10 @@ if TYPE_CHECKING:
 
 QUIETEST_DPH = 0.02
 """Span [°/h] that the indication of no logged gyro stays within: its white noise alone is wider."""
+QUIETEST_MEAN_DPH = 0.1
+"""Indication [°/h] of a still gyro below which so small a span is another unit's: the earth's rate alone is larger."""
+SLOWEST_SAMPLING_S = 100.0
+"""Interval [s] at which nobody records the noise of a gyro."""
 FASTEST_DPH = 36_000.0
 """Bias [°/h] that no gyro at rest has: 10 °/s."""
 SPAN_DEGC = 5.0
@@ -61,6 +66,27 @@ def gyro(log: Log, column: str) -> list[Finding]:
     else:
         return []
     return [at_row(log, 0, column, what, expected, advice, "unit", severity="warn", figure=span)]
+
+
+def at_rest(log: Log, column: str) -> list[Finding]:
+    """A gyro in a record of noise whose indication is too small or too large for °/h; what is missing is left out.
+
+    Its noise alone may be that of a quiet gyro: the span tells °/s only where the whole indication is that small too.
+    """
+    data = values(log.frame, column)
+    kept = data[np.isfinite(data)]
+    if kept.size and float(np.ptp(kept)) < QUIETEST_DPH and abs(float(np.median(kept))) > QUIETEST_MEAN_DPH:
+        return []
+    return gyro(replace(log, frame=log.frame[np.isfinite(data)]), column)
+
+
+def interval(log: Log) -> list[Finding]:
+    """A clock whose unit makes a record of noise one sample in minutes."""
+    step = float(np.median(np.diff(values(log.frame, "time_s"))))
+    if step < SLOWEST_SAMPLING_S:
+        return []
+    advice = 'time looks like milliseconds: state it, [columns.time_s] unit = "ms"'
+    return [_warn(log, "time_s", f"a sample every {step:g} s", "a gyro sampled faster", advice, "unit", step)]
 
 
 def thermometers(log: Log, case: str, air: str) -> list[Finding]:

@@ -91,7 +91,12 @@ def findings(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
         else:
             wild = check.plausible_rate(log, column)
             # where rates are missing the rows are no even series
-            found += wild or (check.series.indication(log, column, "deg/h") if present.size == rate.size else [])
+            found += wild or check.magnitude.at_rest(log, column)
+            found += (
+                [] if wild else (check.series.indication(log, column, "deg/h") if present.size == rate.size else [])
+            )
+    if not any(finding.refused for finding in found):
+        found += check.magnitude.interval(log)
     return [*found, *_steady(log)]
 
 
