@@ -152,10 +152,12 @@ def values(frame: pd.DataFrame, column: str) -> NDArray[np.float64]:
 
 def require(file: str, present: Iterable[str], needed: Iterable[str]) -> None:
     """Raise FrameError naming the first needed column that is absent, with the closest one that is there."""
-    there = [str(column) for column in present]
+    there, needed = [str(column) for column in present], list(needed)
+    # a column that is needed itself is no other's
+    free = [column for column in there if column not in needed]
     for column in needed:
         if column not in there:
-            close = difflib.get_close_matches(column, there, n=1)
+            close = difflib.get_close_matches(column, free, n=1)
             guess = f"did you mean '{close[0]}'? " if close else ""
             raise FrameError(
                 f"{file}:1: column '{column}' is missing, found {', '.join(there)}",

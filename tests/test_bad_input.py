@@ -238,6 +238,16 @@ def test_a_copy_with_other_bytes_is_refused_by_fit_and_check(tmp_path, calibkit,
     assert not (tmp_path / "runs").exists()
 
 
+def test_a_column_that_is_needed_itself_is_not_proposed_for_another(tmp_path, calibkit, log_writer):
+    """Without the chamber air the case is not offered in its place: one column would be both."""
+    columns = {name: column for name, column in healthy().items() if name != "temp_env_degc"}
+    log_writer(tmp_path / "logs" / "a.csv", **columns)
+    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
+    assert outcome.code == 3
+    assert "'temp_env_degc' is missing" in outcome.err
+    assert "did you mean" not in outcome.err
+
+
 def test_check_refuses_what_a_fit_would_refuse(tmp_path, calibkit, log_writer):
     """A log without a ramp is refused by `check` too."""
     columns = healthy()
