@@ -365,3 +365,36 @@ def test_a_validation_of_another_run_is_refused(tmp_path):
     run = SimpleNamespace(document={"sha256": "this"}, name="S@r001")
     with pytest.raises(CoefficientError, match="not of S@r001 as it is here"):
         as_found.load(path, run)
+
+
+@pytest.mark.parametrize(
+    ("value", "shown"),
+    [
+        (9958.61, "9958.61"),
+        (10.0, "10"),
+        (-0.1, "−0.1"),
+        (123456.789012, "123456.789012"),
+        (1e-5, "1 × 10⁻⁵"),
+        (2.5e22, "2.5 × 10²²"),
+    ],
+)
+def test_a_stated_limit_is_printed_with_every_digit_that_was_stated(value, shown):
+    """Five digits made 9958.6 of 9958.61: another limit than the one that was judged by."""
+    assert tables.exact(value) == shown
+
+
+def test_an_acceptance_limit_is_printed_to_one_place_more_than_u():
+    """9958.61 + 0.056 is 9958.666, not 9958.7 beside the value 9958.678 that passes; a simple rule prints its limit as it is."""
+    found = conformity.statements([limits(9958.61, 9960.0)], [result(9958.678, 0.0562)], "guarded")[0]
+    assert found.verdict == "pass"
+    assert [
+        tables.acceptance(a, b, found.result) for a, b in zip(found.acceptance, (9958.61, 9960.0), strict=True)
+    ] == [
+        "9958.6662",
+        "9959.9438",
+    ]
+    simple = conformity.statements([limits(9958.61, None, "simple")], [result(9958.678, 0.0562)], "simple")[0]
+    assert tables.acceptance(simple.acceptance[0], simple.lower, simple.result) == "9958.61"
+    assert tables.limits("1", None) == "≥ 1"
+    assert tables.limits(None, "2") == "≤ 2"
+    assert tables.limits("1", "2") == "1 … 2"

@@ -345,3 +345,11 @@ def test_json_gives_every_result_by_the_key_that_specifications_use(runs, tmp_pa
     keys = {result["key"] for result in said["results"]}
     assert {"gyro_scale.a_about_a.K", "gyro_orthogonality.pair.gamma"} <= keys
     assert {"key": "gyro_orthogonality.pair.alpha_deg", "rule": "guarded", "verdict": "fail"} in said["statements"]
+
+
+@pytest.mark.parametrize("out", [".", "/", "", "..", "certificate", "certificate.xml"])
+def test_a_name_that_is_no_pdf_is_refused_with_what_to_name(out, runs, calibkit):
+    """Folders, the empty name, and the name of the DCC: exit 2, not a fault of the program."""
+    outcome = calibkit("certify", "PAIR-1", "--runs", runs, "--out", out, "--profile", PROFILE)
+    assert outcome.code == 2
+    assert "ends in .pdf" in outcome.err

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import store
 from calibkit.certificate import as_found, content, dcc, pdf, profile, sign
+from calibkit.errors import UsageError
 
 if TYPE_CHECKING:
     from calibkit.certificate.checklist import Missing
@@ -44,8 +45,12 @@ def certify(
 
     Before it is signed, a pure function of the run folder, the profile with its overrides, the validation and the date. Raises
     RecipeError for a faulty profile, CoefficientError for files that are not what they claim to be, UsageError for a key that
-    cannot sign, OutputError where a file exists or a DCC does not fit the schema.
+    cannot sign or an `out` that is no .pdf, OutputError where a file exists or a DCC does not fit the schema.
     """
+    if out.suffix.lower() != ".pdf" or out.is_dir():
+        raise UsageError(
+            f"--out {str(out)!r} is no name of a PDF", hint="name a file that ends in .pdf; its DCC is put beside it"
+        )
     beside = out.with_name(f"{out.stem}.xml")
     for path in (out, beside):
         store.refuse_existing(path)

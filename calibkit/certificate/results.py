@@ -175,13 +175,15 @@ COUNTS = 100_000
 """Whole numbers below this are printed as they are."""
 
 
-def printed(value: float, uncertainty: float) -> Printed:
+def printed(value: float, uncertainty: float, *, digits: int = 2) -> Printed:
     """Value and uncertainty with two significant digits of the uncertainty, the value to the same place (JCGM 100 7.2.6)."""
-    shown, u = gum.rounded(value, uncertainty)
+    shown, u = gum.rounded(value, uncertainty, digits=digits)
     exponent = max(Decimal(shown).adjusted() if Decimal(shown) else -999, Decimal(u).adjusted())
     if exponent in PLAIN:
         return Printed(shown, u)
-    place = Decimal(1).scaleb(Decimal(u).adjusted() - 1 - exponent)  # zeros before the point are no digits behind it
+    place = Decimal(1).scaleb(
+        Decimal(u).adjusted() - digits + 1 - exponent
+    )  # zeros before the point are no digits behind it
     scaled = [Decimal(text).scaleb(-exponent).quantize(place, context=DIGITS) for text in (shown, u)]
     return Printed(f"{scaled[0]:f}", f"{scaled[1]:f}", exponent)
 

@@ -234,7 +234,7 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 
 def _criterion(name: str, value: float, limit: float, unit: str, *, passed: bool) -> Words:
     """An acceptance limit of the recipe, and how the result stands against it."""
-    shown, bound = tables.plain(value), f"{tables.plain(limit)} {unit_mark(unit)}".strip()
+    shown, bound = tables.plain(value), f"{tables.exact(limit)} {unit_mark(unit)}".strip()
     return Words(
         f"Limit of the recipe: {name} {shown} against {bound}: {'held' if passed else 'NOT held'}.",
         f"配方限值：{name} {shown}，限值 {bound}：{'满足' if passed else '不满足'}。",
@@ -289,7 +289,9 @@ def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         unit = unit_mark(s.result.unit)
         verdict = conformity.VERDICTS[s.verdict].of(lang) + (f": {s.reason.of(lang)}" if s.reason.en else "")
         named = " ".join(filter(None, (s.name, s.source)))
-        limits = f"{_limits(s.lower, s.upper)} {unit}".strip()
+        stated = [None if limit is None else tables.exact(limit) for limit in (s.lower, s.upper)]
+        limits = f"{tables.limits(*stated)} {unit}".strip()
+        accepted = [tables.acceptance(*pair, s.result) for pair in zip(s.acceptance, (s.lower, s.upper), strict=True)]
         rows.append(
             [
                 tables.breakable(s.result.key),
@@ -297,7 +299,7 @@ def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
                 value,
                 U,
                 limits,
-                _limits(*s.acceptance),
+                tables.limits(*accepted),
                 s.rule.replace("_", "-"),
                 verdict,
             ]
@@ -307,15 +309,6 @@ def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     align = ["left", "left", "right", "right", "left", "left", "left", "left"]
     table = {"title": "", "groups": [], "heads": [h.of(lang) for h in heads], "align": align, "rows": rows, "notes": []}
     return {"text": text.of(lang), "table": table, "rules": rules}
-
-
-def _limits(lower: float | None, upper: float | None) -> str:
-    """Limits as an interval, or as one bound."""
-    if lower is None:
-        return f"≤ {tables.plain(upper, 5)}"
-    if upper is None:
-        return f"≥ {tables.plain(lower, 5)}"
-    return f"{tables.plain(lower, 5)} … {tables.plain(upper, 5)}"
 
 
 def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:

@@ -71,6 +71,29 @@ def plain(value: float | None, digits: int = 4) -> str:
     return number(mantissa, int(exponent or 0))
 
 
+def exact(value: float) -> str:
+    """A number that somebody stated, with every digit that was stated (its shortest form)."""
+    if math.isinf(value):
+        return plain(value)
+    mantissa, _, exponent = repr(float(value)).partition("e")
+    return number(mantissa.removesuffix(".0"), int(exponent or 0))
+
+
+def limits(lower: str | None, upper: str | None) -> str:
+    """Limits as an interval, or as one bound."""
+    if lower is None:
+        return f"≤ {upper or ABSENT}"
+    return f"≥ {lower}" if upper is None else f"{lower} … {upper}"
+
+
+def acceptance(limit: float | None, stated: float | None, result: Result) -> str | None:
+    """An acceptance limit: as stated where nothing was taken off, else to one place more than U."""
+    if limit is None or limit == stated or result.uncertainty is None:
+        return None if limit is None else exact(limit)
+    shown = printed(limit, result.uncertainty.expanded_uncertainty, digits=3)
+    return number(shown.value, shown.exponent)
+
+
 def significant(value: float) -> str:
     """A standard uncertainty with two significant digits, a trailing zero kept."""
     if not value:
