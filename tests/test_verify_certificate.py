@@ -484,3 +484,14 @@ def test_an_absent_library_names_the_command_that_installs_it(module, words, sig
     with pytest.raises(OutputError) as caught:
         verify.verify(signed)
     assert words in str(caught.value)
+
+
+def test_a_draft_is_not_signed(run, key, tmp_path, monkeypatch, calibkit):
+    """A signature makes a certificate of what it stands under: exit 2, what is missing, nothing written."""
+    monkeypatch.setenv(sign.PASSPHRASE, "a secret")
+    out = tmp_path / "c.pdf"
+    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--set", 'customer.name="计"', "--sign", key)
+    outcome = calibkit("certify", run.folder, "--out", out, *arguments)
+    assert outcome.code == 2
+    assert "certificate.fonts" in outcome.err
+    assert not out.exists()

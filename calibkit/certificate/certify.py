@@ -61,14 +61,32 @@ def certify(
     certificate = content.build(run, stated, text, validated, dt.date.fromisoformat(date))
     folder = Path() if profile_path is None else profile_path.parent
     fonts = tuple(folder / font for font in stated.certificate.fonts)
-    digital = dcc.attachment(certificate, lang, schema_dir)
-    certificate = replace(certificate, attachments=(*certificate.attachments, digital))
-    document = pdf.render(certificate, lang, fonts)
+    certificate, digital, document = _rendered(certificate, lang, fonts, schema_dir)
     if key is not None:
+        if certificate.draft:
+            listed = ", ".join(item.key for item in certificate.missing)
+            raise UsageError(
+                f"a DRAFT is not signed; missing: {listed}", hint="state what is missing, or leave out --sign"
+            )
         document = sign.signed(document, signer, key.now)
     store.write_new(out, document)
     store.write_new(beside, digital.content)
     return Issued((out, beside), certificate)
+
+
+def _rendered(
+    certificate: content.Certificate, lang: Lang, fonts: tuple[Path, ...], schema_dir: Path | None
+) -> tuple[content.Certificate, content.Attachment, bytes]:
+    """The certificate with its DCC, the DCC, the PDF; made anew as a DRAFT where no font has a character."""
+    digital = dcc.attachment(certificate, lang, schema_dir)
+    whole = replace(certificate, attachments=(*certificate.attachments, digital))
+    try:
+        return whole, digital, pdf.render(whole, lang, fonts)
+    except pdf.UnshownError as found:
+        draft = content.without_glyphs(certificate, found.characters)
+        if draft.unshown == certificate.unshown:
+            raise
+    return _rendered(draft, lang, fonts, schema_dir)
 
 
 def said(issued: Issued) -> dict[str, Any]:

@@ -9,7 +9,7 @@ from calibkit.certificate.words import Words
 
 if TYPE_CHECKING:
     import datetime as dt
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from calibkit.certificate.profile import Profile
 
@@ -42,6 +42,10 @@ FIELDS: dict[str, Words] = {
 }
 
 
+FONTS = "certificate.fonts"
+"""Key of what is missing where no font has a character."""
+
+
 @dataclass(frozen=True, slots=True)
 class Missing:
     """One item that the certificate lacks: the key that would state it, and what it is."""
@@ -59,6 +63,17 @@ def missing(profile: Profile, issued: dt.date, *, validated: bool) -> tuple[Miss
         *_amendment(profile),
         *_left(profile, validated=validated),
     )
+
+
+def code(character: str) -> str:
+    """A character by its number."""
+    return f"[U+{ord(character):04X}]"
+
+
+def glyphs(characters: Iterable[str]) -> Missing:
+    """A font with these characters."""
+    listed = " ".join(map(code, characters))
+    return Missing(FONTS, Words(f"characters that no font has: {listed}", f"字体中没有的字符：{listed}"))
 
 
 def _fields(profile: Profile) -> Iterator[Missing]:

@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import hashlib
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
 from calibkit.certificate import (
@@ -25,7 +25,7 @@ from calibkit.store import RUN_FILE
 
 if TYPE_CHECKING:
     import datetime as dt
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Iterable, Mapping
 
     from calibkit.certificate.as_found import AsFoundAsLeft
     from calibkit.certificate.profile import Profile
@@ -104,6 +104,8 @@ class Certificate:
     unused_terms: tuple[str, ...]
     """Type B terms that entered no result."""
     missing: tuple[checklist.Missing, ...]
+    unshown: str = ""
+    """Characters that no font has: printed by their numbers."""
 
     @property
     def draft(self) -> bool:
@@ -144,6 +146,15 @@ def build(
         unused_terms=uncertainty.unused(terms.terms, used),
         missing=checklist.missing(profile, issued, validated=as_found is not None),
     )
+
+
+def without_glyphs(certificate: Certificate, characters: Iterable[str]) -> Certificate:
+    """The certificate with characters that no font has: they are printed by their numbers and make it a DRAFT."""
+    unshown = "".join(sorted({*certificate.unshown, *characters}))
+    if not unshown:
+        return certificate
+    kept = tuple(item for item in certificate.missing if item.key != checklist.FONTS)
+    return replace(certificate, missing=(*kept, checklist.glyphs(unshown)), unshown=unshown)
 
 
 def _facts(run: Run, title: str) -> RunFacts:

@@ -11,8 +11,8 @@ import unicodedata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit.certificate.sheet import sheet
-from calibkit.certificate.words import Words
+from calibkit.certificate.checklist import code
+from calibkit.certificate.sheet import HEADINGS, SENTENCES, sheet
 from calibkit.errors import OutputError, RecipeError, UsageError
 
 if TYPE_CHECKING:
@@ -26,20 +26,30 @@ LONGEST_WORD = 36
 """Characters without a space, behind which a line may break."""
 JOINERS = "\u00ad\u200b\u200c\u200d\u200e\u200f\u2060"
 """Invisible characters that text may hold: hyphenation, joiners, and marks of direction that reorder nothing."""
+FIRST_CJK = 0x2E80
 _UNSHOWN = re.compile(r'the text `"(.*?)"` could not be displayed', re.DOTALL)
 _ESCAPE = re.compile(r"\\u\{([0-9a-f]+)\}")
+
+
+class UnshownError(Exception):
+    """Characters that no font has and the certificate does not yet say so of."""
+
+    def __init__(self, characters: str) -> None:
+        super().__init__(characters)
+        self.characters = characters
 
 
 def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = (), more: Sequence[Attachment] = ()) -> bytes:
     """PDF/A-3b bytes of a certificate, the same for the same input; `more` is attached beside its own files.
 
-    Raises UsageError for Chinese without a font that has it, or for a font that is none; OutputError without typst.
+    Raises UnshownError for characters that no font has, UsageError for Chinese without a font that has it, or for a font
+    that is none; OutputError without typst.
     """
     if lang != "en" and not fonts:
         raise UsageError(
             f"--lang {lang} needs a font with Chinese", hint='name one in the profile: [certificate] fonts = ["…"]'
         )
-    document = cleaned(sheet(certificate, lang))
+    document = cleaned(sheet(certificate, lang), certificate.unshown)
     attached = [
         {
             "name": a.name,
@@ -62,7 +72,7 @@ def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = (), mor
 
 
 def _shown(document: dict[str, Any], compiled: Callable[[dict[str, Any]], bytes], lang: Lang) -> bytes:
-    """Compile; characters that no font has are printed by their numbers and make a DRAFT."""
+    """Compile; UnshownError for characters that no font has, UsageError where the certificate's own words are among them."""
     import typst
 
     try:
@@ -71,13 +81,14 @@ def _shown(document: dict[str, Any], compiled: Callable[[dict[str, Any]], bytes]
         unshown = set(_unshown(error.diagnostic))
         if not unshown:
             raise OutputError(f"typst: {error.message}", hint="this is a bug") from error
-    if lang != "en" and any(ord(character) > 0x2E80 for character in unshown):
-        listed = "".join(sorted(unshown)[:10])
-        raise UsageError(f"no font has {listed}", hint="name a font with Chinese in [certificate] fonts")
-    what = Words("characters that no font has: ").of(lang) + " ".join(_code(c) for c in sorted(unshown))
-    document = _mapped(document, lambda text: "".join(_code(c) if c in unshown else c for c in text))
-    document |= {"draft": True, "missing": [*document["missing"], ["certificate.fonts", what]]}
-    return compiled(document)
+    if lang != "en" and (own := sorted(unshown & _chinese())):
+        raise UsageError(f"no font has {''.join(own[:10])}", hint="name a font with Chinese in [certificate] fonts")
+    raise UnshownError("".join(sorted(unshown)))
+
+
+def _chinese() -> set[str]:
+    """Characters of the certificate's own words in Chinese that no text in English has."""
+    return {c for words in (*HEADINGS.values(), *SENTENCES.values()) for c in words.zh if ord(c) >= FIRST_CJK}
 
 
 def _unshown(diagnostic: str) -> list[str]:
@@ -124,9 +135,13 @@ def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
     return families
 
 
-def cleaned(document: dict[str, Any]) -> dict[str, Any]:
-    """The sheet without control characters and overrides of direction, long words with places to break."""
-    made: dict[str, Any] = _mapped(document, lambda text: _breakable("".join(map(_safe, text))))
+def cleaned(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
+    """The sheet without control characters, overrides of direction, and what no font has; long words with places to break."""
+
+    def change(text: str) -> str:
+        return _breakable("".join(code(c) if c in unshown else _safe(c) for c in text))
+
+    made: dict[str, Any] = _mapped(document, change)
     return made
 
 
@@ -138,12 +153,7 @@ def _safe(character: str) -> str:
         or unicodedata.category(character) not in {"Cc", "Cf", "Cs", "Co", "Cn"}
     ):
         return character
-    return _code(character)
-
-
-def _code(character: str) -> str:
-    """A character by its number."""
-    return f"[U+{ord(character):04X}]"
+    return code(character)
 
 
 def _breakable(text: str) -> str:

@@ -11,13 +11,25 @@ import base64
 import hashlib
 import io
 import math
+import re
 import tempfile
 from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibkit import coefficients, store
-from calibkit.certificate import as_found, content, dcc, dcc_check, pdf, profile, sheet, verify_signature, verify_text
+from calibkit.certificate import (
+    as_found,
+    checklist,
+    content,
+    dcc,
+    dcc_check,
+    pdf,
+    profile,
+    sheet,
+    verify_signature,
+    verify_text,
+)
 from calibkit.certificate.content import Attachment
 from calibkit.certificate.dcc_xml import NAMES
 from calibkit.certificate.sign import quiet
@@ -187,14 +199,14 @@ def _remade(
         f" (made by calibkit {release}, checked by {dcc.RELEASE}: check it with that)" if release != dcc.RELEASE else ""
     )
     try:
-        certificate = rebuilt(attached, issued)
+        certificate = content.without_glyphs(rebuilt(attached, issued), _unshown(root))
         made = dcc.render(certificate, lang)
     except (CalibkitError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
         return [f"the attached files do not make a certificate: {error}{other}"], 0, False
     faults = [f"{dcc.FILE}: {difference}{other}" for difference in _differences(root, dcc_check.parse(made))]
     data = Attachment(dcc.FILE, stated, *dcc.DESCRIBED)
     whole = replace(certificate, attachments=(*certificate.attachments, data))
-    missing, count = verify_text.faults(pdf.cleaned(sheet.sheet(whole, lang)), pages)
+    missing, count = verify_text.faults(pdf.cleaned(sheet.sheet(whole, lang), whole.unshown), pages)
     return [*faults, *(f"{fault}{other}" for fault in missing)], count, certificate.draft
 
 
@@ -207,6 +219,15 @@ def _facts(root: _Element) -> tuple[Lang, dt.date, str]:
     lang: Lang = "both" if codes == {"en", "zh"} else "zh" if codes == {"zh"} else "en"
     issued = dt.date.fromisoformat(root.findtext(f"{core}/dcc:issueDate", "", NAMES))
     return lang, issued, root.findtext("dcc:administrativeData/dcc:dccSoftware/dcc:software/dcc:release", "", NAMES)
+
+
+def _unshown(root: _Element) -> set[str]:
+    """Characters that the DCC of a DRAFT says no font had: the fonts are not attached."""
+    statements = root.iterfind("dcc:administrativeData/dcc:statements/dcc:statement", NAMES)
+    drafts = (s for s in statements if s.findtext("dcc:name/dcc:content", "", NAMES).startswith(("DRAFT", "草稿")))
+    texts = (one.text or "" for s in drafts for one in s.iterfind("dcc:declaration/dcc:content", NAMES))
+    listed = (text for text in texts if text.startswith(f"{checklist.FONTS}: "))
+    return {chr(int(digits, 16)) for text in listed for digits in re.findall(r"\[U\+([0-9A-F]{4,6})\]", text)}
 
 
 def rebuilt(attached: Mapping[str, bytes], issued: dt.date) -> content.Certificate:
