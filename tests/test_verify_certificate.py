@@ -495,3 +495,25 @@ def test_a_draft_is_not_signed(run, key, tmp_path, monkeypatch, calibkit):
     assert outcome.code == 2
     assert "certificate.fonts" in outcome.err
     assert not out.exists()
+
+
+def test_a_rejected_run_is_called_one_on_its_first_page_and_by_every_command(run, tmp_path, calibkit):
+    """A run that failed its limits: a line on page 1, --json, a warning of certify and one of verify."""
+    from pypdf import PdfReader
+
+    folder = tmp_path / "r001"
+    shutil.copytree(run.folder, folder)
+    document = json.loads((folder / "run.json").read_text(encoding="utf-8"))
+    limit = {"name": "scale_residual", "value": 2.0, "limit": 1.0, "unit": "ppm", "passed": False}
+    changed_run = coefficients.seal(document | {"accepted": False, "acceptance": [limit]})
+    (folder / "run.json").chmod(0o644)
+    (folder / "run.json").write_bytes(changed_run.encode())
+    out = tmp_path / "c.pdf"
+    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--json")
+    outcome = calibkit("certify", folder, "--out", out, *arguments)
+    assert outcome.json["accepted"] is False
+    assert "failed its acceptance limits: scale_residual" in outcome.err
+    assert "failed its acceptance limits: scale_residual" in " ".join(PdfReader(out).pages[0].extract_text().split())
+    checked = calibkit("verify", out)
+    assert checked.code == 0
+    assert "failed its acceptance limits" in checked.err

@@ -106,6 +106,7 @@ def said(issued: Issued) -> dict[str, Any]:
         "out": [str(path) for path in issued.files],
         "number": certificate.profile.certificate.number,
         "draft": certificate.draft,
+        "accepted": certificate.run.accepted,
         "missing": [{"key": item.key, "what": item.what.en} for item in issued.missing],
         "results": results,
         "statements": [{"key": s.result.key, "rule": s.rule, "verdict": s.verdict} for s in certificate.statements],

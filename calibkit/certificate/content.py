@@ -86,6 +86,8 @@ class RunFacts:
     """Acceptance limits of the recipe: name, value, limit, unit, whether it held."""
     flags: tuple[str, ...]
     conditions: tuple[Condition, ...]
+    accepted: bool
+    """Whether the run held its acceptance limits."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -106,6 +108,14 @@ class Certificate:
     missing: tuple[checklist.Missing, ...]
     unshown: str = ""
     """Characters that no font has: printed by their numbers."""
+
+    @property
+    def rejection(self) -> Words:
+        """What is to be known of a run that failed its acceptance limits; nothing of one that held them."""
+        if self.run.accepted:
+            return Words("")
+        failed = ", ".join(name for name, *_, passed in self.run.criteria if not passed) or "acceptance"
+        return Words(f"The run failed its acceptance limits: {failed}", f"本次处理未满足接受限：{failed}")
 
     @property
     def draft(self) -> bool:
@@ -178,6 +188,7 @@ def _facts(run: Run, title: str) -> RunFacts:
         criteria=tuple((c["name"], c["value"], c["limit"], c["unit"], c["passed"]) for c in get("acceptance")),
         flags=tuple(get("flags")),
         conditions=tuple(conditions.values()),
+        accepted=bool(document["accepted"]),
     )
 
 

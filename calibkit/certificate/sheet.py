@@ -75,6 +75,7 @@ def sheet(certificate: Certificate, lang: Lang) -> dict[str, Any]:
             key: words.of(lang) for key, words in (HEADINGS | {f"s_{k}": v for k, v in SENTENCES.items()}).items()
         },
         "missing": [[m.key, m.what.of(lang)] for m in certificate.missing],
+        "rejected": certificate.rejection.of(lang),
         "amendment": _amendment(profile, lang),
         "parties": [
             _party(profile.laboratory, lang, laboratory=True),

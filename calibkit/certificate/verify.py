@@ -96,6 +96,8 @@ def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = Non
         warnings.append("not signed: nothing says who made it")
     if draft:
         warnings.append("a DRAFT: not a calibration certificate")
+    if not _document(attached)["accepted"]:
+        warnings.append("the run failed its acceptance limits")
     return Verified(_what(attached, signatures, count), tuple(warnings))
 
 

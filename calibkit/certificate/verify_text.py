@@ -144,6 +144,8 @@ def _marks(sheet: dict[str, Any], text: Text) -> Iterator[str]:
 def _facts(sheet: dict[str, Any], text: Text) -> Iterator[str]:
     """Laboratory, customer, item, method, conditions, person: each text somewhere on the pages."""
     body = "".join(_body(sheet, page) for page in text.pages)
+    if readable(sheet["rejected"]) and compact(sheet["rejected"]) not in body:
+        yield f"'{sheet['rejected']}' is not printed"
     groups = [*sheet["parties"], sheet["item"], sheet["method"], sheet["conditions"], sheet["authorisation"]]
     for label, value in (row for group in groups for row in group):
         if value.strip() and readable(value) and compact(value) not in body:

@@ -238,6 +238,8 @@ def certify(
         schema_dir=schema_dir,
         key=None if key is None else sign.Key(key, os.environ.get(sign.PASSPHRASE, ""), now()),
     )
+    if rejection := issued.certificate.rejection.en:
+        say(f"! {rejection}")
     if as_json:
         print_json({"ok": True, **certificates.said(issued)})
         return 0
