@@ -244,7 +244,12 @@ def dumps(record: Record) -> str:
                 raise CoefficientError(
                     f"{record.stage} {model.name}: {entry.name} is {entry.value}", hint="this is a bug"
                 )
-    return seal(asdict(record) | {"inputs": [entry.identity() for entry in record.inputs]})
+    return seal(document(record))
+
+
+def document(record: Record) -> dict[str, Any]:
+    """Content of a coefficient file without its digest: of each input only what identifies it."""
+    return asdict(record) | {"inputs": [entry.identity() for entry in record.inputs]}
 
 
 def loads(text: str, name: str) -> Record:

@@ -69,16 +69,15 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
     calibkit show FOG-0001 --date 2026-05-01
     calibkit show runs/FOG-0001/r002 --csv
     """
-    from dataclasses import asdict
-
     from calibkit import store
+    from calibkit.coefficients import document
     from calibkit.history import said
     from calibkit.report.run import summary
 
     _one_format(as_csv=as_csv, as_json=as_json)
     found = store.load(store.find(run, runs, day_of(date) if date else ""))
     if as_json:
-        records = {name: asdict(record) for name, record in found.records.items()}
+        records = {name: document(record) for name, record in found.records.items()}
         print_json({"ok": True, "run": dict(found.document), "records": records})
     elif as_csv:
         print_data(said.run_csv(found))
