@@ -10,45 +10,15 @@ import pytest
 
 from calibkit import coefficients, pipeline, store
 from calibkit.firmware import parameters, targets
+from firmware_runs import ORDERS, UNITS, warmed_up
 
-ORDERS = {"gyro_x_dph": 3, "gyro_y_dph": 3, "gyro_z_dph": 2, "accel_x_g": 3, "accel_z_g": 1}
-"""Channels of the simulated warm-up and the degree of each bias."""
 RAD_S = np.pi / 180.0 / 3600.0
-UNITS = ("IMU-1", "IMU-2", "IMU-3")
-
-
-def truth(column, temperature, unit):
-    """Bias of a channel: cubic for gyros, quadratic for accelerometers; each unit has its own."""
-    d = temperature - 25.0
-    size = 1.0 + 0.1 * unit
-    if column.startswith("gyro"):
-        return size * (50.0 + 8.0 * d - 0.2 * d**2 + 0.01 * d**3)
-    return size * (1e-4 * d + 2e-6 * d**2)
 
 
 @pytest.fixture(scope="module")
 def runs(tmp_path_factory):
     """Return the folder of runs of three units that warmed up."""
-    from calibkit import pipeline, recipe
-    from calibkit.procedures import silent
-
-    root = tmp_path_factory.mktemp("units")
-    entries = ",".join(f'{{indication="{name}",order={order}}}' for name, order in ORDERS.items())
-    source = recipe.find("bias_temperature", (f"polynomials.bias=[{entries}]",))
-    time = np.arange(3000) * 1.0
-    temperature = 20.0 + 15.0 * (1.0 - np.exp(-time / 1500.0)) + 10.0 * np.sin(time / 1200.0)
-    for number, unit in enumerate(UNITS):
-        rng = np.random.default_rng(number)
-        columns = {"time_s": time, "temp_case_degc": temperature}
-        for name in ORDERS:
-            noise = 20.0 if name.startswith("gyro") else 1e-3
-            columns[name] = truth(name, temperature, number) + rng.normal(0.0, noise, time.size)
-        folder = root / unit
-        folder.mkdir()
-        rows = "\n".join(",".join(f"{x:.6f}" for x in row) for row in zip(*columns.values(), strict=True))
-        (folder / "warm.csv").write_text(",".join(columns) + "\n" + rows + "\n", encoding="utf-8")
-        pipeline.fit(source, folder, unit, root / "runs", "2026-11-21", silent)
-    return root / "runs"
+    return warmed_up(tmp_path_factory.mktemp("units"))
 
 
 def export(calibkit, runs, out, target, *names, code=0, **options):
