@@ -398,3 +398,31 @@ def test_an_acceptance_limit_is_printed_to_one_place_more_than_u():
     assert tables.limits("1", None) == "≥ 1"
     assert tables.limits(None, "2") == "≤ 2"
     assert tables.limits("1", "2") == "1 … 2"
+
+
+@pytest.mark.parametrize(
+    ("value", "limit", "shown"),
+    [
+        (0.99996, 1.0, "0.99996"),
+        (1.00004, 1.0, "1.00004"),
+        (0.16092, 1.0, "0.1609"),
+        (100.04, 100.25, "100.04"),
+        (12345.6789, 12345.7, "12345.68"),
+        (9958.6149, 9958.61, "9958.615"),
+        (0.1, 0.1, "0.1"),
+        (-2e-7, 1e-3, "−2 × 10⁻⁷"),
+        (math.inf, 1.0, "∞"),
+    ],
+)
+def test_a_value_beside_its_limit_never_contradicts_the_decision(value, limit, shown):
+    """Four digits made 1 of 0.99996 beside the limit 1: printed it lies on the side that it was judged to lie on."""
+    assert tables.beside(value, limit) == shown
+
+
+@given(st.floats(-1e6, 1e6), st.floats(-1e-3, 1e-3) | st.just(0.0))
+def test_a_printed_value_lies_on_the_side_of_its_limit_that_it_lies_on(limit, share):
+    """Whatever the limit and however near the value."""
+    value = limit + share * max(abs(limit), 1e-9)
+    text = tables.beside(value, limit).replace("−", "-").replace(" × 10", "e")
+    printed = float(text.translate(str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")))
+    assert (printed > limit, printed < limit) == (value > limit, value < limit)

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from calibkit import pipeline, recipe, store
-from calibkit.certificate import as_found, content, pdf, profile
+from calibkit.certificate import as_found, content, pdf, profile, tables
+from calibkit.errors import RecipeError
 from calibkit.numeric import accel_k, coil
 from calibkit.numeric.thermal_terms import TERMS, raw_design
 from calibkit.procedures import silent
@@ -121,12 +122,46 @@ def test_drift_on_a_ramp_is_what_the_model_gives_on_a_log_of_such_a_ramp(run):
 
 
 def test_drift_at_rest_has_the_uncertainty_that_the_run_states(run):
-    """The certificate and run.json say the same of the drift at 25 °C: U from the model error on ramps left out."""
+    """The certificate and run.json say the same of the drift at each temperature, but at 25 °C it is the reference."""
     made = run("fog_thermal")
-    stated = next(e for e in made.document["uncertainty"] if e["where"] == "at rest" and e["temp_case_degc"] == 25.0)
-    found = by_key(certificate(made, None, "results.temperatures_degc=[25.0]"))["drift_rate.drift.drift@25"]
-    assert found.value == pytest.approx(stated["value"], abs=1e-12)
-    assert found.uncertainty.expanded_uncertainty == pytest.approx(stated["expanded_uncertainty"], rel=1e-9)
+    stated = {e["temp_case_degc"]: e for e in made.document["uncertainty"] if e["where"] == "at rest"}
+    assert len(stated) > 3
+    listed = ",".join(map(repr, stated))
+    found = by_key(certificate(made, None, f"results.temperatures_degc=[{listed}]"))
+    for t, entry in stated.items():
+        drift = found[f"drift_rate.drift.drift@{t:g}"]
+        assert drift.value == pytest.approx(entry["value"], abs=1e-12)
+        assert drift.by_definition == (t == 25.0)
+        if not drift.by_definition:
+            assert drift.uncertainty.expanded_uncertainty == pytest.approx(entry["expanded_uncertainty"], rel=1e-9)
+
+
+def test_what_is_zero_by_definition_is_printed_as_the_reference_and_not_judged(run):
+    """No U at 25 °C, no statement by a *, and naming it is an error with the line of the specification."""
+    made = certificate(run("fog_thermal"), "fog_thermal")
+    drift = by_key(made)["drift_rate.drift.drift@25"]
+    assert tables.cells(drift) == ("0", "ref.")
+    assert drift.uncertainty is None
+    judged = {s.result.key for s in made.statements}
+    assert "drift_rate.drift.drift@40" in judged
+    assert drift.key not in judged
+    with pytest.raises(RecipeError, match="0 by definition"):
+        certificate(
+            run("fog_thermal"),
+            "fog_thermal",
+            'specification=[{result="drift_rate.drift.drift@25",unit="deg/h",upper=1.0}]',
+        )
+
+
+def test_each_scale_factor_stands_with_the_temperature_that_it_was_found_at(run):
+    """A line at −40 °C is no line at 25 °C: the row names the case temperature, the result carries it as a condition."""
+    record = run("rate_table").records["gyro_scale.json"]
+    made = certificate(run("rate_table"), "rate_table")
+    labels = made.blocks[0].tables[0].labels
+    assert labels[1] == "gyro_x.at_-40 (−39.9 °C)"
+    assert labels[0] == "gyro_x (25.1 °C)"
+    (parameter,) = record.model("gyro_x.at_-40").parameters
+    assert by_key(made)["gyro_scale.gyro_x.at_-40.K"].at == (("temp_case_degc", parameter.value, "degC"),)
 
 
 def test_type_b_of_a_rate_table_scales_k_and_leaves_the_pair_alone(run):

@@ -175,6 +175,38 @@ def test_digests_of_all_attachments_are_printed(certificate):
             assert hashlib.sha256(spec.get_file().read_bytes()).hexdigest() in whole, name
 
 
+@needs_pdftotext
+def test_the_digest_of_the_run_says_what_it_is_compared_with(certificate, runs):
+    """It is the field sha256 inside run.json, and called that; the digest of the file is another and stands in the list."""
+    whole = squeezed("".join(text_of(certificate)))
+    path = runs / "PAIR-1" / "r001" / "run.json"
+    own = json.loads(path.read_text(encoding="utf-8"))["sha256"]
+    assert f"digestofitscontent(fieldsha256ofrun.json;theSHA-256ofthefileisanother):{own}" in whole
+    assert f"SHA-256{own}" not in whole
+    assert hashlib.sha256(path.read_bytes()).hexdigest() in whole
+    assert f"fieldsha256ofrun.json;theSHA-256ofthefileisanother):{own}" in squeezed(
+        certificate.with_suffix(".xml").read_text(encoding="utf-8")
+    )
+
+
+@needs_pdftotext
+def test_a_long_word_in_an_address_stays_in_its_column(issue, tmp_path):
+    """Wide capitals without a space, and a long address of e-mail: nothing reaches into the customer's column."""
+    text = PROFILE.read_text(encoding="utf-8").replace('"""1 Sample Street', f'"""{"MUSTERWEG" * 6}\n1 Sample Street')
+    text = text.replace("[customer]", f'email = "{"office." * 8}institute@example.org"\n\n[customer]', 1)
+    (tmp_path / "lab.toml").write_text(text, encoding="utf-8")
+    out = issue(profile=tmp_path / "lab.toml")
+    page = subprocess.run(
+        ["pdftotext", "-bbox", "-l", "1", out, "-"], capture_output=True, text=True, check=True
+    ).stdout
+    words = re.findall(r'xMin="([\d.]+)" yMin="([\d.]+)" xMax="([\d.]+)" yMax="[\d.]+">([^<]*)<', page)
+    (customer,) = (float(x) for x, _, _, word in words if word == "Customer")
+    top, bottom = (float(next(y for _, y, _, word in words if word == name)) for name in ("Customer", "Item"))
+    inside = [(x, end, squeezed(word)) for x, y, end, word in words if top <= float(y) < bottom and float(x) < customer]
+    assert any("MUSTER" in word for *_, word in inside)
+    assert [(word, end) for _, end, word in inside if float(end) > customer] == []
+
+
 @pytest.mark.skipif(shutil.which("qpdf") is None, reason="qpdf is not installed")
 def test_qpdf_finds_nothing(certificate):
     """The command qpdf --check ends with 0 and no warning."""
@@ -257,6 +289,42 @@ def test_an_amendment_names_the_former_certificate_and_what_changed(issue):
     assert "the customer moved" in first
     assert "DRAFT" not in first
     assert "DRAFT" in text_of(issue(*amended[:4]))[0]
+
+
+def test_an_amendment_of_a_later_certificate_is_refused_with_its_line(runs, tmp_path, calibkit):
+    """amends_issued after the date of issue: exit 2 with the line; of the same day it may be; without amends it is refused."""
+
+    def code(line):
+        text = PROFILE.read_text(encoding="utf-8").replace("[laboratory]", f"changes = ['x']\n{line}\n[laboratory]", 1)
+        (tmp_path / "lab.toml").write_text(text, encoding="utf-8")
+        stated = ("--profile", tmp_path / "lab.toml", "--date", "2026-11-21", "--out", tmp_path / "c.pdf")
+        return calibkit("certify", "PAIR-1", "--runs", runs, *stated)
+
+    late = code("amends = 'A'\namends_issued = 2026-11-22")
+    assert late.code == 2
+    line = (tmp_path / "lab.toml").read_text(encoding="utf-8").splitlines().index("amends_issued = 2026-11-22") + 1
+    assert (
+        f"lab.toml:{line}: certificate.amends_issued: 2026-11-22 is later than the date of issue 2026-11-21" in late.err
+    )
+    assert "amends names no certificate" in code("amends_issued = 2026-11-20").err
+    assert not (tmp_path / "c.pdf").exists()
+    assert code("amends = 'A'\namends_issued = 2026-11-21").code == 0
+
+
+def test_a_specification_that_does_not_fit_the_run_is_named_with_its_line(runs, tmp_path, calibkit):
+    """A result that the run has not, and another unit: file and line of the key."""
+    start = PROFILE.read_text(encoding="utf-8")
+    for wrong, said in (
+        ("result = 'gyro_scale.nothing'\nunit = 'ppm'", "is no result of this run"),
+        ("unit = 'g'\nresult = 'gyro_orthogonality.pair.N'", "is in 'g'"),
+    ):
+        (tmp_path / "lab.toml").write_text(f"{start}\n[[specification]]\n{wrong}\nupper = 1.0\n", encoding="utf-8")
+        found = calibkit(
+            "certify", "PAIR-1", "--runs", runs, "--profile", tmp_path / "lab.toml", "--out", tmp_path / "c.pdf"
+        )
+        assert found.code == 2
+        assert f"lab.toml:{len(start.splitlines()) + 3}: [[specification]]" in found.err
+        assert said in found.err
 
 
 NASTY = {

@@ -9,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import store
 from calibkit.certificate import as_found, content, dcc, pdf, profile, sign
-from calibkit.errors import UsageError
+from calibkit.errors import RecipeError, UsageError
+from calibkit.recipe import loader
 
 if TYPE_CHECKING:
     from calibkit.certificate.checklist import Missing
@@ -58,7 +59,11 @@ def certify(
     run = store.load(run_folder)
     stated, text = profile.load(profile_path, overrides)
     validated = None if validation is None else as_found.load(validation, run)
-    certificate = content.build(run, stated, text, validated, dt.date.fromisoformat(date))
+    try:
+        certificate = content.build(run, stated, text, validated, dt.date.fromisoformat(date))
+    except RecipeError as error:
+        name = "profile" if profile_path is None else profile_path.name
+        raise loader.located(loader.Source(name, text, overrides), error) from None
     folder = Path() if profile_path is None else profile_path.parent
     fonts = tuple(folder / font for font in stated.certificate.fonts)
     certificate, digital, document = _rendered(certificate, lang, fonts, schema_dir)

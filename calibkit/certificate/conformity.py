@@ -61,19 +61,28 @@ def statements(
 ) -> tuple[Statement, ...]:
     """Statement for every result that a specification names; RecipeError where it names none or in another unit."""
     made = []
-    for specification in specifications:
+    for k, specification in enumerate(specifications):
         named = [r for r in results if fnmatch.fnmatchcase(r.key, specification.result)]
         if not named:
             close = difflib.get_close_matches(specification.result, [r.key for r in results], n=1, cutoff=0.3)
             guess = f"did you mean '{close[0]}'?" if close else "see the keys in docs/certificate.md"
             raise RecipeError(
-                f"[[specification]] result = '{specification.result}' is no result of this run", hint=guess
+                f"[[specification]] result = '{specification.result}' is no result of this run",
+                hint=guess,
+                at=("specification", k, "result"),
             )
-        for result in named:
+        if not (judged := [r for r in named if not r.by_definition]):
+            raise RecipeError(
+                f"[[specification]] result = '{specification.result}' is {named[0].value:g} by definition",
+                hint="there is nothing to judge; name values at other temperatures",
+                at=("specification", k, "result"),
+            )
+        for result in judged:
             if specification.unit not in (result.unit, *_spellings(result.unit)):
                 raise RecipeError(
                     f"[[specification]] '{specification.result}' is in '{specification.unit}', {result.key} in '{result.unit}'",
                     hint="state the limits in the unit of the result",
+                    at=("specification", k, "unit"),
                 )
             made.append(_statement(result, specification, specification.rule or default))
     return tuple(made)

@@ -19,7 +19,7 @@ from calibkit.certificate import (
 )
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
-from calibkit.errors import UsageError
+from calibkit.errors import RecipeError, UsageError
 from calibkit.recipe import Source, loader, type_b
 from calibkit.store import RUN_FILE
 
@@ -89,6 +89,15 @@ class RunFacts:
     accepted: bool
     """Whether the run held its acceptance limits."""
 
+    @property
+    def content_digest(self) -> Words:
+        """The run with the digest of its content, which is not that of its file: with what to compare it."""
+        label = Words(
+            f"Run {self.name}, digest of its content (field sha256 of run.json; the SHA-256 of the file is another): ",
+            f"处理记录 {self.name}，内容摘要（run.json 的 sha256 字段，并非文件的 SHA-256）：",
+        )
+        return label + Words(self.sha256)
+
 
 @dataclass(frozen=True, slots=True)
 class Certificate:
@@ -131,7 +140,8 @@ class Certificate:
 def build(
     run: Run, profile: Profile, profile_text: str, as_found: AsFoundAsLeft | None, issued: dt.date
 ) -> Certificate:
-    """Certificate of a run; RecipeError for a profile that does not fit it."""
+    """Certificate of a run; RecipeError for a profile that does not fit it or the date of issue."""
+    _amended_before(profile, issued)
     procedure = str(run.document["procedure"])
     if procedure not in LAYOUTS:
         raise UsageError(f"{run.name}: no certificate layout for procedure '{procedure}'", hint="use a newer calibkit")
@@ -156,6 +166,17 @@ def build(
         unused_terms=uncertainty.unused(terms.terms, used),
         missing=checklist.missing(profile, issued, validated=as_found is not None),
     )
+
+
+def _amended_before(profile: Profile, issued: dt.date) -> None:
+    """RecipeError for an amendment of a certificate that is issued later than it."""
+    former = profile.certificate.amends_issued
+    if former is not None and former > issued:
+        raise RecipeError(
+            f"certificate.amends_issued: {former} is later than the date of issue {issued}",
+            hint="state when the amended certificate was issued, or give the right --date",
+            at=("certificate", "amends_issued"),
+        )
 
 
 def without_glyphs(certificate: Certificate, characters: Iterable[str]) -> Certificate:

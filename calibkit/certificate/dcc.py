@@ -276,8 +276,17 @@ def _methods(parent: _Element, certificate: Certificate, block: Block, lang: Lan
     made = add(methods, "dcc:usedMethod")
     xml.text(made, "dcc:name", f"{run.software}: {run.procedure}, {block.stage}", lang)
     where = [equation.where for equation in block.equations]
-    digest = f"Recipe {run.recipe}, SHA-256 {run.recipe_sha256}; run {run.name}, SHA-256 {run.sha256}"
-    xml.rich(made, "dcc:description", [digest, *where], lang, [equation.latex for equation in block.equations])
+    recipe = Words(
+        f"Recipe {run.recipe}, digest of its text and of what --set changed (field recipe.sha256 of run.json): ",
+        f"配方 {run.recipe}，文本及 --set 修改的摘要（run.json 的 recipe.sha256 字段）：",
+    ) + Words(run.recipe_sha256)
+    xml.rich(
+        made,
+        "dcc:description",
+        [recipe, run.content_digest, *where],
+        lang,
+        [equation.latex for equation in block.equations],
+    )
 
 
 def _influences(parent: _Element, certificate: Certificate, gravity: float | None, lang: Lang) -> None:

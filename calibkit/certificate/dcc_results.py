@@ -45,8 +45,12 @@ def table(parent: _Element, shown: ListTable | GridTable, gravity: float | None,
     xml.rich(made, "dcc:description", [*([shown.note] if shown.note else []), *_ratio(found, gravity)], lang)
     into = add(add(made, "dcc:data"), "dcc:list")
     for k, column in enumerate(columns):
-        if len(column) > 1 and _uniform(column):
-            _series(into, column, shown.heads[k] if isinstance(shown, GridTable) else shown.title, gravity, lang)
+        certain = tuple(r for r in column if not r.by_definition)
+        if len(certain) > 1 and _uniform(certain):
+            for result in column:
+                if result.by_definition:
+                    real(into, result, gravity, lang)
+            _series(into, certain, shown.heads[k] if isinstance(shown, GridTable) else shown.title, gravity, lang)
         else:
             for result in column:
                 real(into, result, gravity, lang)
@@ -59,8 +63,10 @@ def _columns(grid: GridTable) -> list[tuple[Result, ...]]:
 
 def _uniform(column: Sequence[Result]) -> bool:
     """Whether results have one unit, an expanded uncertainty each, and are values of one quantity at conditions."""
-    same = len({r.unit for r in column}) == 1 and len({tuple(name for name, _, _ in r.at) for r in column}) == 1
-    return same and bool(column[0].at) and all(r.uncertainty is not None and r.interval is None for r in column)
+    kinds = {(r.key.partition("@")[0], r.unit, tuple(name for name, _, _ in r.at)) for r in column}
+    return (
+        len(kinds) == 1 and bool(column[0].at) and all(r.uncertainty is not None and r.interval is None for r in column)
+    )
 
 
 def _ratio(results: Sequence[Result], gravity: float | None) -> tuple[Words, ...]:

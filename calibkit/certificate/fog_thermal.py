@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -105,7 +106,7 @@ def _at_rest(stated: Stated, record: Record, model: Model) -> Callable[[float], 
         weights, slope = powers("b", model, t)
         zero, _ = powers("b", model, reference)
         difference = {name: weights[name] - zero[name] for name in weights}
-        return stated.linear(
+        found = stated.linear(
             record,
             model,
             "drift",
@@ -118,6 +119,7 @@ def _at_rest(stated: Stated, record: Record, model: Model) -> Callable[[float], 
             principal=t == max(stated.grid(model)),
             more=_model_error(model),
         )
+        return replace(found, uncertainty=None, by_definition=True) if t == reference else found
 
     return at
 
@@ -172,7 +174,11 @@ def _level_values(stated: Stated, record: Record, model: Model) -> tuple[list[Li
             (Words("heating − cooling", "升温 − 降温"), "deg/h", _on_ramp(stated, record, model, rate, -rate)),
         ]
     head = Words(f"Thermal drift against {reference:g} °C at rest", f"相对 {reference:g} °C 稳态的热致漂移")
-    table = stated.over(head, temperatures, columns)
+    note = Words(
+        f"ref.: at rest at {reference:g} °C the drift is zero by definition.",
+        f"ref.：按定义，{reference:g} °C 稳态漂移为零。",
+    )
+    table = stated.over(head, temperatures, columns, note=note if reference in temperatures else None)
     tables.append(table)
     return tables, [_plot(table)]
 
@@ -243,8 +249,8 @@ def _plot(table: GridTable) -> Figure:
     """Drift over case temperature, at rest and on ramps."""
     series = []
     for k, head in enumerate(table.heads[:3]):
-        points = [r for row in table.cells if (r := row[k]) is not None and r.uncertainty is not None]
-        U = tuple(r.uncertainty.expanded_uncertainty for r in points if r.uncertainty is not None)
+        points = [r for row in table.cells if (r := row[k]) is not None and (r.uncertainty or r.by_definition)]
+        U = tuple(r.uncertainty.expanded_uncertainty if r.uncertainty else 0.0 for r in points)
         series.append(Series(head, tuple(r.at[0][1] for r in points), tuple(r.value for r in points), U))
     label = Words("drift [°/h]", "漂移 [°/h]")
     return Figure(table.title, Words("case temperature [°C]", "壳温 [°C]"), label, tuple(series))

@@ -3,12 +3,13 @@
 from __future__ import annotations
 
 import math
+from dataclasses import replace
 from functools import partial
 from typing import TYPE_CHECKING
 
 from calibkit.certificate import gyro_triad
 from calibkit.certificate.results import Block, Equation, Figure, GridTable, ListTable, Result, Series
-from calibkit.certificate.stated import many_residuals, powers, range_words
+from calibkit.certificate.stated import TEMPERATURE, many_residuals, powers, range_words
 from calibkit.certificate.words import Words
 
 if TYPE_CHECKING:
@@ -98,6 +99,8 @@ def _scale(stated: Stated, record: Record) -> Block:
     return Block(record.stage, f"{record.stage}.json", title, equations, tuple(tables), tuple(figures), tuple(notes))
 
 
+ONE_TEMPERATURE_DEGC = 1.0
+"""Span of the runs' case temperatures above which both ends are printed."""
 FULL_SCALE = 100.0
 """Table rate [°/s] that shares of it are taken of where a model does not name its own."""
 
@@ -127,15 +130,34 @@ def _lines(stated: Stated, record: Record, models: Sequence[Model]) -> GridTable
             principal=model.name in _principal(models),
         )
         F0 = stated.linear(record, model, "F0", Words("zero-rate indication", "零速率示值"), {"F0": 1.0}, "1/s")
-        cells.append((K, F0))
+        at = _temperature(model)
+        cells.append((K, F0) if at is None else (replace(K, at=at), replace(F0, at=at)))
     return GridTable(
         Words("Scale factor and zero-rate indication", "标度因数与零速率示值"),
         Words("gyro, run", "陀螺、测次"),
         (Words("K"), Words("F₀")),
         ("1/deg", "1/s"),
-        tuple(model.name for model in models),
+        tuple(_label(model) for model in models),
         tuple(cells),
     )
+
+
+def _temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None:
+    """Mean case temperature that a line was found at, as a condition, where it was logged."""
+    if TEMPERATURE not in model.valid:
+        return None
+    known = {parameter.name: parameter.value for parameter in model.parameters}
+    return ((TEMPERATURE, known.get("temp_case", sum(model.valid[TEMPERATURE]) / 2.0), "degC"),)
+
+
+def _label(model: Model) -> str:
+    """A line by its name and the case temperature that it holds at; both ends where its runs lie apart."""
+    at = _temperature(model)
+    if at is None:
+        return model.name
+    low, high = model.valid[TEMPERATURE]
+    text = f"{low:.1f} … {high:.1f}" if high - low > ONE_TEMPERATURE_DEGC else f"{at[0][1]:.1f}"
+    return f"{model.name} ({text} °C)".replace("(-", "(−").replace("… -", "… −")
 
 
 def _principal(models: Sequence[Model]) -> list[str]:
@@ -316,6 +338,4 @@ def _bounded(alpha: Result, low: float, high: float) -> Result:
     U = alpha.uncertainty.expanded_uncertainty
     if alpha.value - U > 0.0 and alpha.value + U < 180.0:
         return alpha
-    from dataclasses import replace
-
     return replace(alpha, interval=(low, high))

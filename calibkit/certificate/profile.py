@@ -64,6 +64,8 @@ class Numbering(Table):
     def _another_number(self) -> Numbering:
         if self.amends and self.amends == self.number:
             raise ValueError(f"an amendment of {self.amends} needs a number of its own")
+        if self.amends_issued is not None and not self.amends.strip():
+            raise ValueError(f"amends_issued = {self.amends_issued}, but amends names no certificate")
         return self
 
 

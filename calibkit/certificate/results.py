@@ -72,6 +72,8 @@ class Result:
     """Standard whose definition is meant where several define the same word."""
     principal: bool = False
     """Whether its budget is printed in full."""
+    by_definition: bool = False
+    """Whether it is what others are stated against: it has no uncertainty, and nothing can be judged by it."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -235,7 +235,7 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 
 def _criterion(name: str, value: float, limit: float, unit: str, *, passed: bool) -> Words:
     """An acceptance limit of the recipe, and how the result stands against it."""
-    shown, bound = tables.plain(value), f"{tables.exact(limit)} {unit_mark(unit)}".strip()
+    shown, bound = tables.beside(value, limit), f"{tables.exact(limit)} {unit_mark(unit)}".strip()
     return Words(
         f"Limit of the recipe: {name} {shown} against {bound}: {'held' if passed else 'NOT held'}.",
         f"配方限值：{name} {shown}，限值 {bound}：{'满足' if passed else '不满足'}。",
@@ -355,7 +355,7 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         word = Words("validation", "验证").of(lang)
         logs += [[f"{name} ({word})", str(rows), digest] for name, digest, rows in certificate.as_found.logs]
     notes = [
-        Words("Run ", "处理记录 ").of(lang) + f"{run.name}, SHA-256 {run.sha256}",
+        run.content_digest.of(lang),
         Words("Coefficients hold from ", "系数生效日期 ").of(lang) + run.effective_from,
     ]
     for name, value, limit, unit, passed in run.criteria:

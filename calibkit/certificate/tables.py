@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from decimal import Decimal
 from typing import TYPE_CHECKING, Any
 
 from calibkit.certificate.results import GridTable, ListTable, descriptor, printed
@@ -23,6 +24,8 @@ LONGEST = 12
 MANY = 10_000.0
 """Degrees of freedom that are printed as infinite."""
 ABSENT = "—"
+FEWEST, MOST_DIGITS = 4, 17
+"""Significant digits of a number without an uncertainty, and those that hold any float64."""
 VALUE, U = Words("value", "值"), Words("U")
 
 
@@ -50,7 +53,7 @@ def cells(result: Result | None) -> tuple[str, str]:
         return ABSENT, ""
     if result.uncertainty is None:
         shown = descriptor(result.value)
-        return number(shown.value, shown.exponent), ""
+        return number(shown.value, shown.exponent), "ref." if result.by_definition else ""
     expanded = result.uncertainty.expanded_uncertainty
     shown = printed(result.value, expanded)
     if result.interval is None:
@@ -84,6 +87,20 @@ def limits(lower: str | None, upper: str | None) -> str:
     if lower is None:
         return f"≤ {upper or ABSENT}"
     return f"≥ {lower}" if upper is None else f"{lower} … {upper}"
+
+
+def beside(value: float, limit: float) -> str:
+    """A number beside a limit that it was judged by: to the limit's place, and as far as it takes to lie on its side."""
+    if not (math.isfinite(value) and math.isfinite(limit)):
+        return plain(value)
+    found, stated = Decimal(repr(value)), Decimal(repr(limit))
+    place = int(stated.normalize().as_tuple().exponent)
+    first = max(FEWEST, found.adjusted() - place + 1)
+    for digits in range(first, MOST_DIGITS):
+        shown = Decimal(f"{value:.{digits}g}")
+        if (shown > stated) == (found > stated) and (shown < stated) == (found < stated):
+            return plain(value, digits)
+    return exact(value)
 
 
 def acceptance(limit: float | None, stated: float | None, result: Result) -> str | None:
