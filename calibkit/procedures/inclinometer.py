@@ -18,6 +18,7 @@ from calibkit.report.summary import text as plain
 from calibkit.stages import (
     accel_fit,
     inclinometer_azimuth,
+    inclinometer_dwells,
     inclinometer_results,
     inclinometer_solve,
     inclinometer_stations,
@@ -58,7 +59,8 @@ def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Pr
     logs = [read(spec, data, file) for file in progress(files, "reading")]
     found = [finding for log in logs for finding in inclinometer_stations.findings(log, spec)]
     refuse(found)
-    stations = inclinometer_stations.stations(inclinometer_stations.gather(logs, _on_site(spec)), spec)
+    rows = inclinometer_stations.gather([inclinometer_dwells.of(log, spec).log for log in logs], _on_site(spec))
+    stations = inclinometer_stations.stations(rows, spec)
     fits, seen = inclinometer_solve.fit(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in found if finding.flagged]
@@ -74,7 +76,7 @@ def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Pr
 def _seek(
     spec: InclinometerRecipe, records: Mapping[str, Record], log: Log
 ) -> tuple[inclinometer_stations.Stations, inclinometer_solve.Seen, tuple[str, ...]]:
-    """Stations of one log, solved with a run's s(T), and the flags."""
+    """Stations of one log with a row a position, solved with a run's s(T), and the flags."""
     models = inclinometer_results.models(records, spec)
     rows = inclinometer_stations.gather([log], _on_site(spec))
     stations = inclinometer_stations.stations(rows, spec, {axis: model.noise for axis, model in models.items()})
@@ -88,12 +90,16 @@ def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -
     """Correct the rates of every row, in the log's own unit, and add each station's angles to its rows."""
     log = read(spec, data.parent, data.name)
     refuse(inclinometer_stations.unusable(log, spec))
-    stations, seen, flags = _seek(spec, records, log)
+    dwelt = inclinometer_dwells.of(log, spec)
+    refuse(dwelt.findings)
+    stations, seen, flags = _seek(spec, records, dwelt.log)
+    rows = len(log.frame)
     columns = {}
     for axis, solution in seen.solutions.items():
         # a station without a result still has the s(T) of its calibration
         s = np.where(np.isfinite(solution.s), solution.s, seen.priors[axis].s)
-        columns[f"gyro_{axis}_dph"] = s[stations.row_station] * values(log.frame, f"gyro_{axis}_dph")
+        along = dwelt.along(s[stations.row_station], rows)
+        columns[f"gyro_{axis}_dph"] = along * values(log.frame, f"gyro_{axis}_dph")
     joined = seen.joined
     angles = {
         "inclination_deg": joined.inclination_deg,
@@ -102,7 +108,12 @@ def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -
     }
     if spec.output.azimuth_uncertainty:
         angles["azimuth_standard_uncertainty_deg"] = joined.standard_uncertainty[:, 2]
-    derived = {name: np.where(seen.refused, np.nan, angle)[stations.row_station] for name, angle in angles.items()}
+    # while the tool turns it has no angles
+    standing = dwelt.standing(rows)
+    derived = {
+        name: np.where(standing, dwelt.along(np.where(seen.refused, np.nan, angle)[stations.row_station], rows), np.nan)
+        for name, angle in angles.items()
+    }
     return write_back.replaced(_on_site(spec), data, columns, derived), flags
 
 
@@ -114,7 +125,7 @@ def validate(
     for file in progress(files, "validating"):
         log = read(spec, data, file)
         refuse(inclinometer_stations.findings(log, spec))
-        stations, seen, found = _seek(spec, records, log)
+        stations, seen, found = _seek(spec, records, inclinometer_dwells.of(log, spec).log)
         errors = inclinometer_azimuth.errors(stations, seen)
         if not errors.known.any():
             raise FrameError(

@@ -32,6 +32,8 @@ class StationSpec(Table):
     gyro_ramp: bool = False
     gyro_noise_dph: Positive | Literal["auto"] = "auto"
     accel_noise_g: Positive | Literal["auto"] = "auto"
+    dwell_s: Positive = 20.0
+    settle_s: NonNegative = 2.0
 
     @model_validator(mode="after")
     def _ramp_by_least_squares(self) -> StationSpec:

@@ -3,15 +3,15 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import check
 from calibkit.errors import FitError
-from calibkit.frame import Examined, Finding, Held, Log, values
+from calibkit.frame import Examined, Finding, Log, values
 from calibkit.numeric import northseek, northseek_fit
+from calibkit.stages import inclinometer_dwells
 from calibkit.stages.ingest import unmapped
 
 if TYPE_CHECKING:
@@ -25,7 +25,7 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
     Index = NDArray[np.int64]
 
-PLAIN = ("station", "position_deg")
+PLAIN = ("position_deg",)
 TEMPERATURE = "temp_case_degc"
 REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
@@ -92,40 +92,38 @@ def needed(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
         wanted.append("time_s")
     if spec.root.choice == "heading":
         wanted.append("azimuth_deg")
-    return tuple(wanted), tuple(name for name in ("time_s", TEMPERATURE, *REFERENCE) if name not in wanted)
+    return tuple(wanted), tuple(name for name in ("station", "time_s", TEMPERATURE, *REFERENCE) if name not in wanted)
 
 
 def findings(log: Log, spec: InclinometerRecipe) -> list[Finding]:
     """Everything that is wrong with a log and its stations; a calibration takes only logs without a refused finding."""
-    columns = [name for name in log.frame.columns if name not in REFERENCE]
-    early = [*check.rows(log, 3), *check.finite(log, columns)]
-    if any(finding.refused for finding in early):
-        return early
-    found = [*early, *unusable(log, spec)]
-    if spec.stations.method == "four_differences":
-        found += _positions(log)
-    gyros = [f"gyro_{axis}_dph" for axis in spec.axes]
-    if not any(finding.refused for finding in found):
-        found += [finding for gyro in gyros for finding in check.magnitude.gyro(log, gyro)]
-        found += check.magnitude.compensated(log, spec, gyros)
-    return found
+    return list(examine(log, spec).findings)
 
 
 def examine(log: Log, spec: InclinometerRecipe) -> Examined:
-    """Findings of a log, and its stations: the rows of one station number that follow each other."""
-    found = findings(log, spec)
+    """Findings of a log, and its stations: the rows of one station number that follow each other, or its dwells."""
+    columns = [name for name in log.frame.columns if name not in REFERENCE]
+    found = [*check.rows(log, 3), *check.finite(log, columns)]
     if any(finding.refused for finding in found):
         return Examined(tuple(found))
-    station = values(log.frame, "station")
-    bounds = [0, *(np.flatnonzero(np.diff(station)) + 1).tolist(), station.size]
-    held = tuple(Held("station", a, b, float(b - a), "positions") for a, b in pairwise(bounds))
-    return Examined(tuple(found), held)
+    found += unusable(log, spec)
+    if any(finding.refused for finding in found):
+        return Examined(tuple(found))
+    dwelt = inclinometer_dwells.of(log, spec)
+    found += dwelt.findings
+    if spec.stations.method == "four_differences":
+        found += _positions(dwelt.log)
+    if not any(finding.refused for finding in found):
+        gyros = [f"gyro_{axis}_dph" for axis in spec.axes]
+        found += [finding for gyro in gyros for finding in check.magnitude.gyro(log, gyro)]
+        found += check.magnitude.compensated(log, spec, gyros)
+    return Examined(tuple(found), (*dwelt.held("station"), *dwelt.held("dwell")))
 
 
 def unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
     """What is wrong with a log as a whole; nothing of it can be used."""
     timed = "time_s" in log.frame.columns
-    found = check.finite(log, ["station", *(["time_s"] if timed else [])])
+    found = check.finite(log, [name for name in ("station", "time_s") if name in log.frame.columns])
     if timed:
         found += check.monotonic(log)
     if TEMPERATURE in log.frame.columns:

@@ -162,7 +162,7 @@ def _by_columns(group: Group, taken: Mapping[str, Column], others: Sequence[tupl
     triad = {f"accel_{axis}_g" for axis in "xyz"}
     if {"time_s", "table_rate_dps"} <= taken.keys() and gyros:
         return _table(group, taken, gyros, others)
-    if {"station", "position_deg"} <= taken.keys() and gyros:
+    if "position_deg" in taken and {"station", "time_s"} & taken.keys() and gyros:
         return _chosen("inclinometer", taken, others, _INCLINOMETER)
     if triad <= taken.keys() and {"inclination_deg", "toolface_deg", "temp_case_degc"} <= taken.keys():
         return _chosen("accelerometer", taken, others, _ACCELEROMETER)
