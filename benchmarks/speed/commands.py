@@ -1,0 +1,301 @@
+"""Rows of the table that compare whole commands: processes of their own, their time and the peak of their memory."""
+
+from __future__ import annotations
+
+import json
+import os
+import re
+import subprocess
+import sys
+import tempfile
+import time
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+import fleet
+import numpy as np
+
+from speed.goals import Goal, Line
+from speed.pairs import ONE_THREAD, ROOT, Spread, Worker
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+    Python = Callable[[str], Path]
+    """Interpreter of a peer by its name."""
+
+BYTES = 1024
+LEAST = 10_000
+"""Rows of four ramps at an interval that a fit accepts."""
+RATES = (1.0, 2.0, 5.0, 10.0)
+READ = "import polars as pl, sys; frames = [pl.read_csv(path) for path in sys.argv[1:]]"
+CALIBKIT = (sys.executable, "-m", "calibkit")
+DATE = ("--date", "2026-11-21")
+
+
+@dataclass(frozen=True, slots=True)
+class Spent:
+    """What a process took, with its children: wall and processor time [s], peak resident set [bytes]."""
+
+    wall: float
+    cpu: float
+    peak: int
+
+
+def spent(command: Sequence[object], *, accepted: Sequence[int] = (0,), compiled: str = "") -> Spent:
+    """Run a command to its end; raises RuntimeError for an exit code that is not accepted.
+
+    `compiled` is a folder for byte code where starting is what is measured: an installed package has its own.
+    """
+    environment = os.environ | ONE_THREAD | {"PYTHONPATH": str(ROOT)}
+    if compiled:
+        environment["PYTHONPYCACHEPREFIX"] = compiled
+        environment.pop("PYTHONDONTWRITEBYTECODE", None)
+    with tempfile.TemporaryFile() as said:
+        start = time.perf_counter()
+        child = subprocess.Popen([str(part) for part in command], stdout=said, stderr=said, env=environment)
+        _, status, usage = os.wait4(child.pid, 0)
+        wall = time.perf_counter() - start
+        child.returncode = os.waitstatus_to_exitcode(status)
+        if child.returncode not in accepted:
+            said.seek(0)
+            text = said.read().decode(errors="replace")[-2000:]
+            raise RuntimeError(f"{Path(str(command[0])).name} ended with {child.returncode}: {text}")
+    return Spent(wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * BYTES)
+
+
+def line(
+    goal: Goal,
+    rows: int,
+    pairs: Sequence[tuple[Spent, Spent]],
+    *,
+    digits: float | None = None,
+    memory: bool = True,
+) -> Line:
+    """Ratios of turns of calibkit and peer, each turn (ours, theirs); `memory` where a peak tells something."""
+    ratios = {
+        clock: Spread.of(
+            [
+                getattr(b, clock) / getattr(a, clock) if goal.faster else getattr(a, clock) / getattr(b, clock)
+                for a, b in pairs
+            ]
+        )
+        for clock in (("cpu", "wall", "peak") if memory else ("cpu", "wall"))
+    }
+    middle = sorted(pairs, key=lambda pair: pair[0].wall)[len(pairs) // 2]
+    seconds = (middle[0].wall, middle[1].wall)
+    peaks = (middle[0].peak, middle[1].peak) if memory else (0, 0)
+    return Line(goal.name, rows, ratios, seconds, peaks, digits)
+
+
+def ramps(rows: int) -> dict[str, dict[str, Array]]:
+    """Four heating ramps of a simulated gyro, 27,600 s with their soaks, `rows` samples in all: name → columns."""
+    from calibkit.simulate import fog_thermal as fog
+    from calibkit.simulate.chamber import Chamber
+
+    programmes = {
+        f"{programme.rate_degc_per_min:g}_degc_per_min": programme
+        for programme in fog.programmes(RATES, ()).values()
+        if programme.rate_degc_per_min > 0.0
+    }
+    gyro = fog.gyro(7)
+    made = fog.logs(gyro, programmes, 7, Chamber())
+    interval = sum(log.columns["time_s"][-1] for log in made.values()) / rows
+    rng = np.random.default_rng(7)
+    logs = {}
+    for name, log in made.items():
+        at = np.asarray(log.columns["time_s"], dtype=np.float64)
+        t = np.arange(0.0, at[-1], interval)
+        noise = 60.0 * gyro.N / np.sqrt(interval)
+        logs[name] = {
+            "time_s": t,
+            "temp_case_degc": np.interp(t, at, log.heat.case) + rng.normal(0.0, gyro.case_noise_degc, t.size),
+            "temp_env_degc": np.interp(t, at, log.air) + rng.normal(0.0, 0.03, t.size),
+            "gyro_dph": np.interp(t, at, log.drift) + gyro.bias_dph + 8.5 + rng.normal(0.0, noise, t.size),
+        }
+    return logs
+
+
+def written(folder: Path, rows: int, python: Python) -> tuple[list[Path], int]:
+    """Write four ramps by the peer, which is quick at it; their files, and how many rows they have."""
+    paths, count = [], 0
+    with Worker(python("polars"), "theirs") as peer:
+        for name, columns in ramps(rows).items():
+            files = {}
+            for column, values in columns.items():
+                files[column] = str(folder / f"{column}.npy")
+                np.save(files[column], values)
+            paths.append(folder / "logs" / f"{name}.csv")
+            paths[-1].parent.mkdir(exist_ok=True)
+            peer.ask("load", side="write_log", files=files, settings={"path": str(paths[-1])})
+            peer.ask("once", times=1)
+            count += len(columns["time_s"])
+            for file in files.values():
+                Path(file).unlink()
+    return paths, count
+
+
+def fit(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
+    """`calibkit fit` on four ramps beside a process that reads the same files with polars and holds the frames."""
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        paths, count = written(folder, rows, python)
+        command = [*CALIBKIT, "fit", "fog_thermal", "--data", folder / "logs", "--serial", "G", *DATE]
+        pairs = []
+        for turn in range(turns + 1):
+            out = folder / f"out_{turn}"
+            ours = spent([*command, "--out", out], accepted=(0, 1))
+            theirs = spent([python("polars"), "-c", READ, *paths])
+            if turn:  # the first one warms the files up
+                pairs.append((ours, theirs))
+        found = json.loads((folder / "out_0" / "G" / "r001" / "run.json").read_text(encoding="utf-8"))
+        read = sum(entry["rows"] for entry in found["inputs"])
+    if read != count:
+        raise RuntimeError(f"{read} rows fitted, {count} written")
+    return [line(goal, count, pairs) for goal in goals]
+
+
+def help_text(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
+    """`calibkit --help` beside Python that does nothing, both from byte code as an installed package is."""
+    del python
+    bare = [sys.executable, "-c", "pass"]
+    with tempfile.TemporaryDirectory() as folder:
+        pairs = [
+            (spent([*CALIBKIT, "--help"], compiled=folder), spent(bare, compiled=folder)) for _ in range(10 * turns)
+        ]
+    return [line(goal, rows, pairs[2:], memory=False) for goal in goals]
+
+
+def pool(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
+    """A fleet of `rows` units by two processes beside the same fleet by one; both must write the same bytes.
+
+    Two processes on two idle processors: `cpu` says how fast they would be at best, 2 · one / two.
+    """
+    del python
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        fleet.write_units(folder / "units", rows, 2000)
+        recipe = folder / "bias.toml"
+        recipe.write_text(fleet.RECIPE, encoding="utf-8")
+        command = [*CALIBKIT, "fleet", recipe, "--data", folder / "units", *DATE]
+        pairs = []
+        for turn in range(turns):
+            both = [spent([*command, "--jobs", jobs, "--out", folder / f"{turn}_{jobs}"]) for jobs in (2, 1)]
+            pairs.append((both[0], both[1]))
+        same = fleet.tree(folder / "0_1") == fleet.tree(folder / "0_2")
+    if not same:
+        raise RuntimeError("one and two processes wrote different bytes")
+    halves = [(Spent(a.wall, a.cpu / 2.0, a.peak), b) for a, b in pairs]
+    return [line(goal, rows, halves, digits=17.0, memory=False) for goal in goals]
+
+
+def autopilot(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
+    """Temperature calibration of ardupilot-methodic-configurator beside `calibkit fit`, each on its own format of one data."""
+    import drift_peers
+
+    with tempfile.TemporaryDirectory() as name:
+        folder = Path(name)
+        (folder / "logs").mkdir()
+        logs = ramps(rows)
+        for log, columns in logs.items():
+            table = np.column_stack(list(columns.values()))
+            np.savetxt(folder / "logs" / f"{log}.csv", table, "%.4f", ",", header=",".join(columns), comments="")
+        degc, dph = (np.concatenate([c[key] for c in logs.values()]) for key in ("temp_case_degc", "gyro_dph"))
+        drift_peers.flight_log(folder / "log.bin", np.arange(dph.size) + 1.0, degc, dph)
+        ours = [*CALIBKIT, "fit", "fog_thermal", "--data", folder / "logs", "--serial", "G", *DATE]
+        module = "ardupilot_methodic_configurator.tempcal_imu"
+        theirs = [python("ardupilot-methodic-configurator"), "-m", module, "--no-graph", "--outfile", folder / "found"]
+        pairs = []
+        for turn in range(turns):
+            one = spent([*ours, "--out", folder / f"out_{turn}"], accepted=(0, 1))
+            pairs.append((one, spent([*theirs, folder / "log.bin"])))
+        if not re.search(r"^INS_TCAL1_GYR3_Z", (folder / "found").read_text(encoding="utf-8"), flags=re.MULTILINE):
+            raise RuntimeError("the peer wrote no coefficients")
+    return [line(goal, dph.size, pairs) for goal in goals]
+
+
+@dataclass(frozen=True, slots=True)
+class Command:
+    """Goals that one comparison of commands answers, and the sizes it is run at."""
+
+    goals: tuple[Goal, ...]
+    run: Callable[[Sequence[Goal], int, int, Python], list[Line]]
+    sizes: Callable[[Sequence[int]], list[int]]
+
+
+def _with_all_rows(rows: Sequence[int]) -> list[int]:
+    """The four ramps of the target in place of the largest size."""
+    return [14_400_000 if size == 10_000_000 else max(size, LEAST) for size in rows]
+
+
+COMMANDS = (
+    Command(
+        (
+            Goal(
+                "fit",
+                "`calibkit fit`, four ramps, time",
+                "polars",
+                4.0,
+                14_400_000,
+                reach=2.0,
+                faster=False,
+                clock="wall",
+                note="a whole process beside one that only reads the same files",
+            ),
+            Goal(
+                "fit_memory",
+                "`calibkit fit`, four ramps, memory",
+                "polars",
+                2.0,
+                14_400_000,
+                faster=False,
+                clock="peak",
+                note="peak of a whole process beside one that holds the frames",
+            ),
+        ),
+        fit,
+        _with_all_rows,
+    ),
+    Command(
+        (Goal("help", "`calibkit --help`", "bare Python", 6.0, 1, faster=False, rows_are="call"),),
+        help_text,
+        lambda _: [1],
+    ),
+    Command(
+        (
+            Goal(
+                "pool",
+                "fleet from files, two processes",
+                "one process",
+                1.6,
+                100,
+                digits=17.0,
+                clock="wall",
+                rows_are="units",
+                note="processor time: 2 · one / two, what two idle processors would do at best",
+            ),
+        ),
+        pool,
+        lambda rows: [20, 100] if max(rows) > 10_000 else [4],
+    ),
+    Command(
+        (
+            Goal(
+                "autopilot",
+                "drift over temperature from logs",
+                "ardupilot-methodic-configurator",
+                None,
+                100_000,
+                clock="cpu",
+                note="another, smaller model; a whole process on each side; the peer's time grows with the square",
+            ),
+        ),
+        autopilot,
+        lambda rows: [LEAST, 100_000] if max(rows) > LEAST else [LEAST],
+    ),
+)

@@ -1,0 +1,133 @@
+"""What calibkit does on the same data: the functions that its procedures call.
+
+A side gets arrays and settings, and returns what is timed and what makes comparable arrays of its result.
+"""
+
+from __future__ import annotations
+
+import hashlib
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from calibkit.numeric.allan import DeviationCurve
+    from calibkit.readers.table import Table
+
+    Array = NDArray[np.float64]
+    Answer = dict[str, NDArray[Any]]
+    Prepared = tuple[Callable[[], Any], Callable[[Any], Answer]]
+
+
+def read_log(*, path: str) -> Prepared:
+    """A comma-separated log into a frame, every field counted, with the digest of its bytes."""
+    from calibkit.readers import clean
+
+    def run() -> Table:
+        table = clean.read(Path(path), "log.csv")
+        if table is None:
+            raise ValueError("not a clean log")
+        return table
+
+    def answer(table: Table) -> Answer:
+        if table.sha256 != hashlib.sha256(Path(path).read_bytes()).hexdigest():
+            raise ValueError("the digest is not that of the file")
+        return {str(name): _digest(table.frame[name].to_numpy()) for name in table.frame.columns}
+
+    return run, answer
+
+
+def _digest(column: Array) -> NDArray[np.uint8]:
+    """Digest of a column's numbers, bit for bit."""
+    return np.frombuffer(hashlib.sha256(np.ascontiguousarray(column, dtype="<f8").tobytes()).digest(), np.uint8)
+
+
+def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
+    """Lifting CDF 9/7, universal thresholds by the noise of every level, soft, the ends joined as the peer joins them."""
+    from calibkit.numeric import denoise as stage
+
+    del inside  # found by the stage itself
+
+    def run() -> Array:
+        return stage.denoise(signal, wavelet="cdf97", levels=levels, rule="soft", extension="periodic").signal
+
+    return run, lambda result: {"signal": result}
+
+
+def linear(gradient: Array, increment: Array) -> Prepared:
+    """a0 + a1 G + a2 G² with covariance and residuals."""
+    from calibkit.numeric import fold
+
+    def design(part: slice) -> Array:
+        g = gradient[part]
+        return np.column_stack([np.ones_like(g), g, g**2])
+
+    return (lambda: fold.linear(design, increment)), lambda found: {"coefficients": found.coefficients}
+
+
+def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> Prepared:
+    """K-factor of three axes, with covariance, residuals and the check that attitudes and temperatures determine it."""
+    from calibkit.numeric import accel_k
+
+    def run() -> Any:  # noqa: ANN401 three records
+        return accel_k.fit(indication, temperature, reference)
+
+    return run, lambda axes: {"coefficients": np.array([axis.mapped_coefficients for axis in axes])}
+
+
+def magnitude(indication: Array) -> Prepared:
+    """Nine parameters of a triad from the length of gravity."""
+    from calibkit.numeric import magnitude as core
+
+    lower = np.tril_indices(3)
+    return (lambda: core.fit(indication)), lambda found: {
+        "parameters": np.concatenate([found.matrix[lower], found.bias])
+    }
+
+
+def mad(values: Array) -> Prepared:
+    """Standard deviation of noise by the median absolute value."""
+    from calibkit.numeric import shrinkage
+
+    return (lambda: shrinkage.noise(values)), lambda found: {"sigma": np.array([found])}
+
+
+def allan(rate: Array, *, hertz: float) -> Prepared:
+    """Overlapping Allan deviation at octaves, with the noise type at each and its limits."""
+    from calibkit.numeric import allan as core
+
+    def answer(curve: DeviationCurve) -> Answer:
+        return {"tau": curve.tau_s, "deviation": curve.deviation_dph}
+
+    return (lambda: core.overlapping(rate, 1.0 / hertz)), answer
+
+
+def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) -> Prepared:
+    """Six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers [g] then gyros [°/s]."""
+    from calibkit.numeric import accel_affine, gyro_triad
+
+    faces = np.repeat(np.eye(3), 2, axis=0) * np.array([1.0, -1.0] * 3)[:, None]
+
+    def run() -> Answer:
+        means = still.mean(axis=1)
+        triad = accel_affine.fit(means[:, :3], np.zeros(6), faces, terms=accel_affine.AffineTerms(0, 0, 0))
+        matrix, bias = (part[0] for part in accel_affine.matrix_and_bias(triad, np.zeros(1)))
+        up, down = means[0::2, 3:].T, means[1::2, 3:].T
+        zero, by_gravity = gyro_triad.acceleration_sensitivity(up, down, 1.0)
+        columns = []
+        for log in turned:
+            offset = zero + (log[:, :3] - bias) @ matrix.T @ by_gravity.T
+            columns.append(gyro_triad.turned(log[:, 3:], offset, np.full(len(log), 1.0 / hertz), angle_deg))
+        return {
+            "accelerometer_matrix": np.linalg.inv(matrix),
+            "accelerometer_bias": bias,
+            "gyro_matrix": np.column_stack(columns),
+            "gyro_bias": zero,
+        }
+
+    return run, lambda found: found

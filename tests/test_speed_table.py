@@ -1,0 +1,119 @@
+"""The runner of the speed table: sides in processes of their own give the same numbers, and the page is what was measured."""
+
+import importlib.util
+import json
+import os
+import subprocess
+import sys
+
+import numpy as np
+import pytest
+
+from conftest import ROOT
+
+BENCHMARKS = ROOT / "benchmarks"
+
+
+@pytest.fixture(scope="module", autouse=True)
+def _found():
+    """The benchmarks are scripts: they are found where they lie."""
+    sys.path.insert(0, str(BENCHMARKS))
+    yield
+    sys.path.remove(str(BENCHMARKS))
+    for name in [name for name in sys.modules if name.split(".")[0] in {"speed", "run"}]:
+        del sys.modules[name]
+
+
+def test_rows_run_beside_the_peers_that_are_installed_here(tmp_path):
+    """On a few thousand rows PyWavelets, lmfit and numpy give calibkit's numbers, and the page holds a line for each."""
+    page, results = tmp_path / "page.md", tmp_path / "results.json"
+    page.write_text(
+        "before\n<!-- measured: benchmarks/run.py writes what stands below -->\nold\n<!-- end of what is measured -->\nafter\n"
+    )
+    chosen = ("denoise", "linear", "magnitude", "mad")
+    done = subprocess.run(
+        [sys.executable, str(BENCHMARKS / "run.py"), "--here", "--rows", "2560", "--turns", "1", "--page", str(page)]
+        + ["--results", str(results)]
+        + [part for name in chosen for part in ("--only", name)],
+        capture_output=True,
+        text=True,
+        check=False,
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+    )
+    assert done.returncode == 0, done.stderr[-2000:]
+    lines = {line["name"]: line for line in json.loads(results.read_text())["lines"]}
+    assert set(lines) == set(chosen)
+    assert lines["denoise"]["digits"] > 9.0
+    assert lines["linear"]["digits"] > 12.0
+    assert lines["magnitude"]["digits"] > 6.0
+    assert lines["mad"]["digits"] == 17.0
+    text = page.read_text()
+    assert text.startswith("before\n<!-- measured")
+    assert text.endswith("<!-- end of what is measured -->\nafter\n")
+    assert "old" not in text
+    assert text.count("lifting denoise, 8 levels, CDF 9/7 |") == 2
+
+
+def test_every_row_of_the_table_names_its_target():
+    """Fifteen rows and more, each with peer, rows and a target, but for the two that stand for their own sake."""
+    from speed.commands import COMMANDS
+    from speed.peers import PEERS
+    from speed.rows import ROWS
+
+    goals = [row.goal for row in ROWS] + [goal for command in COMMANDS for goal in command.goals]
+    assert {goal.name for goal in goals if goal.target is None} == {"turntable", "autopilot"}
+    assert {goal.name: goal.target for goal in goals if goal.target is not None} == {
+        "csv": 1.5,
+        "denoise": 1.8,
+        "linear": 5.0,
+        "accelerometer_k": 4.0,
+        "magnitude": 5.0,
+        "mad": 2.5,
+        "allan": 3.0,
+        "fit": 4.0,
+        "fit_memory": 2.0,
+        "help": 6.0,
+        "pool": 1.6,
+    }
+    assert {goal.peer for goal in goals} <= {*PEERS, "bare Python", "one process"}
+
+
+def test_numbers_that_differ_are_no_success():
+    """A difference in the sixth digit is told as such, and so are another shape, a NaN and another digest."""
+    from speed.pairs import agreeing_digits
+
+    truth = np.array([1.0, -2.0, 0.5])
+    assert agreeing_digits({"a": truth}, {"a": truth.copy()}) == 17.0
+    assert agreeing_digits({"a": truth}, {"a": truth + 2e-6}) == pytest.approx(6.0, abs=1e-6)
+    assert agreeing_digits({"a": truth, "b": truth}, {"a": truth, "b": truth + 0.02}) == pytest.approx(2.0, abs=0.01)
+    assert agreeing_digits({"a": truth}, {"a": truth[:2]}) == 0.0
+    assert agreeing_digits({"a": truth}, {"a": np.array([1.0, np.nan, 0.5])}) == 0.0
+    assert agreeing_digits({"a": np.arange(3)}, {"a": np.arange(1, 4)}) == 0.0
+
+
+def test_a_missed_target_or_a_wrong_number_fails_the_run():
+    """At the target's rows the median counts; digits count at all rows; other rows have no target."""
+    run = _module("run")
+    from speed.goals import Goal, Line
+    from speed.pairs import Spread
+
+    faster = Goal("a", "a", "numpy", 5.0, 1000, digits=9.0)
+    slower = Goal("a", "a", "polars", 1.5, 1000, digits=9.0, faster=False)
+
+    def line(rows, ratio, digits):
+        return Line("a", rows, {"cpu": Spread(ratio, ratio, ratio)}, (1.0, 1.0), (0, 0), digits)
+
+    assert not run.missed(faster, [line(1000, 5.1, 12.0)])
+    assert run.missed(faster, [line(1000, 4.9, 12.0)])
+    assert not run.missed(faster, [line(100, 0.5, 12.0)])
+    assert run.missed(faster, [line(100, 9.0, 8.0), line(1000, 5.1, 12.0)])
+    assert not run.missed(slower, [line(1000, 1.4, 12.0)])
+    assert run.missed(slower, [line(1000, 1.6, 12.0)])
+
+
+def _module(name):
+    """A script as a module."""
+    spec = importlib.util.spec_from_file_location(name, BENCHMARKS / f"{name}.py")
+    module = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(module)
+    return module
