@@ -69,6 +69,17 @@ def renamed(old, new):
     return lambda columns: {(new if name == old else name): values for name, values in columns.items()}
 
 
+def opened(rows, depth):
+    """Return a fault that cools case and air on their way up, and lets them come back."""
+
+    def plant(columns):
+        dip = np.zeros(columns["time_s"].size)
+        dip[rows] = depth * np.hanning(rows.stop - rows.start)
+        return columns | {name: columns[name] - dip for name in ("temp_case_degc", "temp_env_degc")}
+
+    return plant
+
+
 FAULTS = {
     "gap too long": ("fog_thermal", cut(2000, 2100), "gap", "refuse", 2002, "a gap of 101 s"),
     "short gap": ("fog_thermal", cut(2000, 2010), "gap", "warn", 2002, "a gap|1 short gap"),
@@ -87,6 +98,7 @@ FAULTS = {
     "chamber thermometer stuck": (
         "fog_thermal", put("temp_env_degc", slice(1200, 1500), lambda t: t[0]), "stuck", "warn", 1202, "300 rows",
     ),
+    "chamber opened": ("fog_thermal", opened(slice(1000, 1240), 20.0), "turned_back", "warn", None, "falls by"),
     "gyro clipped": (
         "fog_thermal", lambda c: c | {"gyro_dph": np.minimum(c["gyro_dph"], np.quantile(c["gyro_dph"], 0.98))},
         "saturated", "warn", None, "",

@@ -29,6 +29,12 @@ LEAD_DEGC = 5.0
 """Change of the chamber air [°C] that every case thermometer answers."""
 UNEVEN = 1e-4
 """Share of an indication's span that the unevenness of a table may move it by."""
+ONE_WAY = 0.8
+"""Share of its span that a run ordered one way has gone when it ends."""
+ONE_WAY_BLOCKS = 2000
+"""Medians that the course of a run is looked at by."""
+TURNED_BACK_DEGC, TURNED_BACK = 1.5, 0.02
+"""How far [°C], and what share of its span, a run may go back: a case overshoots less."""
 COARSE = 4.0
 """Resolution in standard deviations of the noise above which an indication is quantised."""
 LEVELS = 16
@@ -75,6 +81,37 @@ def temperatures(log: Log, case: str, air: str) -> list[Finding]:
 def temperature(log: Log, column: str) -> list[Finding]:
     """Spikes of one thermometer."""
     return spikes(log, column, values(log.frame, column), "°C", least=SPIKE_DEGC)
+
+
+def turned_back(log: Log, column: str) -> list[Finding]:
+    """A run one way, from a temperature to another, that turns back on its way: the chamber stopped or was opened.
+
+    A log that ends near where it began was ordered both ways and is not judged.
+    """
+    data = values(log.frame, column)
+    block = max(data.size // ONE_WAY_BLOCKS, 5)
+    count = data.size // block
+    if count < 10:
+        return []
+    course = np.median(data[: count * block].reshape(count, block), axis=1)
+    net, span = float(course[-1] - course[0]), float(np.ptp(course))
+    if abs(net) < ONE_WAY * span:
+        return []
+    course = np.copysign(1.0, net) * course
+    back = np.maximum.accumulate(course) - course
+    k = int(np.argmax(back))
+    if back[k] <= max(TURNED_BACK_DEGC, TURNED_BACK * span):
+        return []
+    first = int(np.argmax(course[: k + 1]))
+    word = "falls" if net > 0.0 else "rises"
+    found = f"{word} by {back[k]:.1f} °C from {_seconds(log, first * block, (k + 1) * block)} of a run that goes the other way"
+    advice = "leave the run out or cut it with [[segment]] or [[exclude]], if the chamber was not ordered so"
+    expected = "a temperature that goes one way"
+    return [
+        at_row(
+            log, first * block, column, found, expected, advice, "turned_back", severity="warn", figure=float(back[k])
+        )
+    ]
 
 
 def driven(log: Log, column: str, driver: str, unit: str, full_span: float) -> list[Finding]:

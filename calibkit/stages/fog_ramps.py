@@ -71,6 +71,7 @@ def findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
         *check.magnitude.gyro(log, "gyro_dph"),
         *check.magnitude.compensated(log, recipe, ["gyro_dph"]),
         *check.series.temperatures(log, case, air),
+        *check.series.turned_back(log, case),
         *check.series.indication(log, "gyro_dph", "deg/h"),
     ]
 
