@@ -65,7 +65,7 @@ class Input:
     clock: tuple[float, float] | None = None
     """Offset of a second logger's clock [s] and its standard uncertainty [s]; a condition in coefficient files."""
     content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
-    """First rows of its values, by which copies are seen; kept nowhere."""
+    """First rows of its values, by which copies are seen; run.json keeps their fingerprint."""
 
     @classmethod
     def of(cls, log: Log) -> Input:

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+import hashlib
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -42,6 +43,8 @@ PATTERNS = (r"gyro_[a-z0-9]+_dph", r"gyro_[a-z0-9]+_lsb", r"accel_[a-z0-9]+_g", 
 
 COMPARED_ROWS = 1000
 """Rows of a log by which it is held against others."""
+KEPT_ROWS, KEPT_DIGITS = 64, 12
+"""Rows that a fingerprint holds, and hexadecimal digits of each."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,6 +78,16 @@ class Log:
         head = self.frame.head(COMPARED_ROWS).select_dtypes("number").to_numpy(dtype=np.float64)
         # −0 is 0
         return frozenset(row.tobytes() for row in head + 0.0) if head.shape[1] else frozenset()
+
+
+def row_digests(rows: Iterable[bytes]) -> frozenset[str]:
+    """Digests of rows as `Log.first_rows` gives them, cut to KEPT_DIGITS."""
+    return frozenset(hashlib.sha256(row).hexdigest()[:KEPT_DIGITS] for row in rows)
+
+
+def fingerprint(rows: Iterable[bytes]) -> str:
+    """The KEPT_ROWS smallest digests of rows, ascending: a sample that copies share, whichever of the rows they hold."""
+    return "".join(sorted(row_digests(rows))[:KEPT_ROWS])
 
 
 @dataclass(frozen=True, slots=True)

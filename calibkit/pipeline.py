@@ -12,8 +12,9 @@ from typing import TYPE_CHECKING, Any
 from calibkit import __version__, coefficients, procedures, recipe, store
 from calibkit.check import copies
 from calibkit.errors import CoefficientError, FrameError, OutputError, RecipeError, UsageError
+from calibkit.frame import fingerprint
 from calibkit.recipe import type_b
-from calibkit.stages import budget, ingest
+from calibkit.stages import budget, ingest, unseen
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -59,7 +60,6 @@ def fit(
         files = ingest.find_logs(spec, data)
         ingest.known_names(spec, files)
         fitted = procedure.fit(spec, data, files, progress)
-    _distinct(fitted.inputs)
     type_b.require_known(spec, _results(fitted))
     built: dict[str, Any] = {}
 
@@ -103,12 +103,6 @@ def guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
     )
 
 
-def _distinct(inputs: tuple[coefficients.Input, ...]) -> None:
-    """Refuse a log that came in twice under two names: it would vouch for itself when one of them is left out."""
-    for file, said in copies.of((entry.name, entry.sha256, entry.content) for entry in inputs):
-        raise FrameError(f"{file}: {said}", hint="keep one of the two logs")
-
-
 def _uncertainty(fitted: Fitted, spec: recipe.Recipe) -> list[Mapping[str, Any]]:
     """Combined uncertainties that the procedure states, then those of what type B terms name beside them."""
     stated = {entry["result"] for entry in fitted.uncertainty}
@@ -148,9 +142,7 @@ def _run_document(
             "overrides": list(source.overrides),
             "text": source.text,
         },
-        "inputs": [
-            entry.identity() | ({"reading": list(entry.reading)} if entry.reading else {}) for entry in identity.inputs
-        ],
+        "inputs": [_input(entry) for entry in identity.inputs],
         "excluded": [entry.model_dump() for entry in spec.exclude],
         **({"corrections": [entry.model_dump() for entry in spec.correction]} if spec.correction else {}),
         "type_b": type_b.dumps(spec.type_b),
@@ -161,6 +153,16 @@ def _run_document(
         "files": [
             {"name": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in sorted(contents.items())
         ],
+    }
+
+
+def _input(entry: coefficients.Input) -> dict[str, Any]:
+    """A log in run.json: what identifies it, a fingerprint of its values, how it was read."""
+    values = fingerprint(entry.content)
+    return {
+        **entry.identity(),
+        **({copies.FINGERPRINT: values} if values else {}),
+        **({"reading": list(entry.reading)} if entry.reading else {}),
     }
 
 
@@ -214,9 +216,13 @@ def init(folder: Path) -> str:
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     """Recipe of a run as it was fitted, changed by what is said of the place of use; nothing is excluded from now on."""
+    return _fitted_recipe(run, overrides).model_copy(update={"exclude": ()})
+
+
+def _fitted_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
+    """Recipe of a run as it was fitted, with what it left out of the logs."""
     text = run.document["recipe"]
-    source = recipe.Source(text["name"], text["text"], (*text["overrides"], *overrides))
-    return recipe.parse(source).model_copy(update={"exclude": ()})
+    return recipe.parse(recipe.Source(text["name"], text["text"], (*text["overrides"], *overrides)))
 
 
 def apply(
@@ -249,19 +255,20 @@ def apply(
 def validate(run: store.Run, data: Path, out: Path, progress: Progress) -> tuple[dict[str, Any], Summary]:
     """Hold a run's frozen coefficients against logs that they have not seen and write the figures as JSON."""
     store.refuse_existing(out)
-    spec = run_recipe(run, ())
+    spec, inputs = run_recipe(run, ()), run.document["inputs"]
     files = ingest.find_logs(spec, data)
-    fitted = {entry["sha256"] for entry in run.document["inputs"]}
-    digests = {file: ingest.digest(spec, data, file) for file in files}
-    unseen = [file for file in files if digests[file] not in fitted]
-    seen = [file for file in files if file not in unseen]
-    if not unseen:
+    fitted = _fitted_recipe(run, ())
+    specs = (fitted, spec) if fitted.exclude else (spec,)
+    seen = unseen.fitted_before(procedures.of(spec), specs, data, files, inputs)
+    new = [file for file in files if file not in seen]
+    if not new:
         raise FrameError(
-            f"{data}: every log here was fitted by {run.name}", hint="validate on logs that it has not seen"
+            f"{data}: every log here was fitted by {run.name}: {next(iter(seen.values()))}",
+            hint="validate on logs that it has not seen",
         )
-    body, summary = procedures.of(spec).validate(spec, run.records, data, unseen, progress)
-    flags = (*(f"{file} was fitted by this run and is left out" for file in seen), *summary.flags)
-    summary = replace(summary, title=f"{run.name} on {len(unseen)} logs that it has not seen", flags=flags)
+    body, summary = procedures.of(spec).validate(spec, run.records, data, new, progress)
+    flags = (*seen.values(), *unseen.untold(run.name, inputs), *summary.flags)
+    summary = replace(summary, title=f"{run.name} on {len(new)} logs that it has not seen", flags=flags)
     document = {
         "format": VALIDATION_FORMAT,
         "serial": run.document["serial"],

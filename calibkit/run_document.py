@@ -7,6 +7,7 @@ import re
 from typing import TYPE_CHECKING, Any
 
 from calibkit.errors import CoefficientError
+from calibkit.frame import KEPT_DIGITS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -36,6 +37,7 @@ TABLES: dict[str, dict[str, Kind]] = {
 }
 RECIPE_SHAPE: dict[str, Kind] = {"name": str, "sha256": str, "text": str, "overrides": list}
 FLEET_SHAPE: dict[str, Kind] = {"software": str, "effective_from": str, "units": list, "figures": list, "files": list}
+_HEX = re.compile(r"[0-9a-f]+")
 _FILE_NAME = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 
 
@@ -73,11 +75,18 @@ def _listed(document: Mapping[str, Any]) -> list[str]:
         for entry in document[key]
         for fault in _misshapen(entry, shape, f"{key}: ")
     ]
+    wrong = (entry["fingerprint"] for entry in document["inputs"] if "fingerprint" in entry)
+    faults += [f"inputs: fingerprint: {text!r:.40}" for text in wrong if not _is_fingerprint(text)]
     texts = {"flags": document["flags"], "recipe.overrides": document["recipe"]["overrides"]}
     faults += [f"{key}: {text!r:.40}" for key, found in texts.items() for text in found if not isinstance(text, str)]
     faults += [] if _is_date(document["effective_from"]) else [f"effective_from: {document['effective_from']!r:.40}"]
     faults += [] if document["revision"] > 0 else [f"revision: {document['revision']}"]
     return faults
+
+
+def _is_fingerprint(text: object) -> bool:
+    """Whether a log's fingerprint is one: digests of rows behind each other."""
+    return isinstance(text, str) and not len(text) % KEPT_DIGITS and _HEX.fullmatch(text) is not None
 
 
 def _is_date(text: str) -> bool:

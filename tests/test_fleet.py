@@ -230,6 +230,19 @@ def test_a_copied_folder_of_logs_is_nobodys_calibration(tmp_path, quick):
     assert done.exit_code == 3
 
 
+def test_a_copied_folder_with_other_line_ends_is_seen_too(tmp_path, quick):
+    """The values are the same, the bytes are not: copied logs; a unit of which one log of two is another's is none."""
+    fleet_logs(tmp_path / "units", 3)
+    text = (tmp_path / "units" / "U001" / "warmup.csv").read_text(encoding="utf-8")
+    (tmp_path / "units" / "U009").mkdir()
+    (tmp_path / "units" / "U009" / "warm.csv").write_bytes(text.replace("\n", "\r\n").encode())
+    shutil.copy(tmp_path / "units" / "U000" / "warmup.csv", tmp_path / "units" / "U002" / "second.csv")
+    done = fit(tmp_path / "units", tmp_path / "runs")
+    verdicts = {entry.serial: entry.verdict for entry in done.table.entries}
+    assert verdicts == {"U000": "no limits", "U001": "copied logs", "U002": "no limits", "U009": "copied logs"}
+    assert done.exit_code == 3
+
+
 def test_the_unit_that_is_not_like_the_others_is_named_everywhere(tmp_path, quick):
     """One gyro 2 °/h off among 20 is the outlier of the table, of the record and of the chart; the others are not."""
     fleet_logs(tmp_path / "units", 20)
@@ -401,7 +414,7 @@ def test_figures_of_different_forms_or_units_are_not_compared():
             "",
             "no limits",
             (keys.KeyFigure("drift.b0", form, unit_of, None, float(k), 0.1),),
-            ((f"{k}.csv", str(k)),),
+            ({"name": f"{k}.csv", "sha256": str(k)},),
             (),
             0,
             before=False,

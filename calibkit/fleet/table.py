@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.check import copies
 from calibkit.fleet.unit import Failure, Row
 from calibkit.numeric.control import control
 from calibkit.report.control_charts import ControlChart
@@ -96,24 +97,32 @@ def _entry(outcome: Outcome, copied: str, data: Path) -> Entry:
     if isinstance(outcome, Failure):
         said = outcome.message.replace(f"{data}/", "").replace(str(data), "")
         return Entry(outcome.serial, "", "", FAILED, f"{outcome.code}: {said}", 0)
-    error = f"the same logs, byte for byte, as {copied}" if copied else ""
+    error = f"the same logs as {copied}" if copied else ""
     return Entry(
         outcome.serial, outcome.run, outcome.run_sha256, COPIED if copied else outcome.verdict, error, outcome.flags
     )
 
 
 def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
-    """Serial → the other serials whose logs are the same bytes: one of them has another unit's coefficients."""
-    owners: dict[frozenset[str], list[str]] = {}
-    for outcome in outcomes:
-        if isinstance(outcome, Row):
-            owners.setdefault(frozenset(digest for _, digest in outcome.inputs), []).append(outcome.serial)
-    return {
-        serial: ", ".join(other for other in serials if other != serial)
-        for serials in owners.values()
-        for serial in serials
-        if len(serials) > 1
-    }
+    """Serial → the other serials whose logs are the same measurements: one of them has another unit's coefficients."""
+    rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
+    owners: dict[str, list[Row]] = {}
+    for row in rows:
+        for mark in {mark for entry in row.inputs for mark in copies.marks(entry)}:
+            owners.setdefault(mark, []).append(row)
+    found: dict[str, str] = {}
+    for row in rows:
+        near = {id(other): other for entry in row.inputs for mark in copies.marks(entry) for other in owners[mark]}
+        alike = sorted(other.serial for other in near.values() if other is not row and _same_logs(row, other))
+        if alike:
+            found[row.serial] = ", ".join(alike)
+    return found
+
+
+def _same_logs(one: Row, other: Row) -> bool:
+    """Whether two units have the same logs, all of them."""
+    pairs = ((one.inputs, other.inputs), (other.inputs, one.inputs))
+    return all(len(copies.shared(some, others)) == len(some) for some, others in pairs)
 
 
 def _column(

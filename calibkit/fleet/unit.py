@@ -9,6 +9,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from calibkit import atomic, pipeline, procedures, recipe, store
+from calibkit.check import copies
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.fleet import keys
 from calibkit.stages import ingest
@@ -45,8 +46,8 @@ class Row:
     verdict: str
     """accepted, rejected, or no limits."""
     figures: tuple[KeyFigure, ...]
-    inputs: tuple[tuple[str, str], ...]
-    """Name and digest of each log."""
+    inputs: tuple[Mapping[str, Any], ...]
+    """Each log as run.json lists it: name, digest, fingerprint of its values."""
     guesses: tuple[str, ...]
     flags: int
     """Number of flags in the run."""
@@ -172,7 +173,10 @@ def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
         run_sha256=document["sha256"],
         verdict=accepted if document["acceptance"] else "no limits",
         figures=keys.of(run, spec.reference_temp_degc),
-        inputs=tuple((entry["name"], entry["sha256"]) for entry in document["inputs"]),
+        inputs=tuple(
+            {key: entry[key] for key in ("name", "sha256", copies.FINGERPRINT) if key in entry}
+            for entry in document["inputs"]
+        ),
         guesses=tuple(
             dict.fromkeys(
                 said for entry in document["inputs"] for said in entry.get("reading", ()) if "guessed" in said

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from calibkit.check import copies
 from calibkit.errors import UsageError
 from calibkit.numeric import change
 
@@ -275,10 +276,12 @@ def _flags(before: Run, after: Run) -> tuple[str, ...]:
     flags = []
     if before.document["serial"] != after.document["serial"]:
         flags.append(f"two instruments: {before.document['serial']} and {after.document['serial']}")
-    old, new = ({entry["sha256"] for entry in run.document["inputs"]} for run in (before, after))
-    if shared := len(old & new):
+    old, new = (run.document["inputs"] for run in (before, after))
+    shared = len(copies.shared(new, old))
+    every = len(old) + len(new) - shared
+    if shared:
         flags.append(
-            f"{shared} of {len(old | new)} logs are in both runs: their errors are common, u of a difference is too "
+            f"{shared} of {every} logs are in both runs: their errors are common, u of a difference is too "
             "large, and what moved is due to recipe, software or the other logs"
         )
     flags += [f"{run.name} was not accepted" for run in (before, after) if not run.document["accepted"]]

@@ -11,6 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import store
+from calibkit.check import copies
 from calibkit.coefficients import Coefficient
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.history import difference
@@ -181,7 +182,7 @@ def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
         f"{newer.name} was fitted to logs of {older.name} as well: one determination, not two; slopes take the newer"
         for k, newer in enumerate(runs)
         for older in runs[:k]
-        if _logs(older) & _logs(newer)
+        if copies.shared(_logs(older), _logs(newer))
     ]
     procedures = dict.fromkeys(run.document["procedure"] for run in runs)
     if len(procedures) > 1:
@@ -189,19 +190,19 @@ def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(flags)
 
 
-def _logs(run: Run) -> set[str]:
-    """Digests of the logs that a run was fitted to."""
-    return {entry["sha256"] for entry in run.document["inputs"]}
+def _logs(run: Run) -> list[Mapping[str, object]]:
+    """The logs that a run was fitted to, as its run.json lists them."""
+    return list(run.document["inputs"])
 
 
 def _independent(runs: Sequence[Run]) -> set[int]:
     """Revisions that were accepted and share no log with a newer one of them."""
-    seen: set[str] = set()
+    seen: list[Mapping[str, object]] = []
     kept = set()
     for run in sorted(runs, key=lambda run: -int(run.document["revision"])):
-        if run.document["accepted"] and not _logs(run) & seen:
+        if run.document["accepted"] and not copies.shared(_logs(run), seen):
             kept.add(int(run.document["revision"]))
-            seen |= _logs(run)
+            seen += _logs(run)
     return kept
 
 

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.check import copies
 from calibkit.coefficients import Criterion, Input
 from calibkit.errors import UsageError
 from calibkit.frame import refuse, require
@@ -47,7 +48,7 @@ def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
 
 def fit(spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
-    logs = [read(spec, data, file) for file in progress(files, "reading")]
+    logs = list(copies.distinct(read(spec, data, file) for file in progress(files, "reading")))
     dwells = accel_dwells.collect(logs, spec)
     fitted = accel_fit.fit(dwells, spec)
     corrections = []

@@ -6,6 +6,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import check as checks
 from calibkit import units
+from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import UsageError
 from calibkit.frame import Examined, Finding, refuse
@@ -64,8 +65,7 @@ def examine(spec: BiasTemperatureRecipe, log: Log) -> Examined:
 def fit(spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
-    for file in progress(files, "reading"):
-        log = read(spec, data, file)
+    for log in copies.distinct(read(spec, data, file) for file in progress(files, "reading")):
         found = _findings(spec, log)
         refuse(found)
         logs.append(log)

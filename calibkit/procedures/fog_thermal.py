@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.check import bridged, magnitude
+from calibkit.check import bridged, copies, magnitude
 from calibkit.coefficients import Criterion
 from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, values
@@ -44,7 +44,8 @@ if TYPE_CHECKING:
 
 def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
-    prepared = [fog_ramps.prepare(read(spec, data, file), spec) for file in progress(files, "reading and denoising")]
+    logs = copies.distinct(read(spec, data, file) for file in progress(files, "reading and denoising"))
+    prepared = [fog_ramps.prepare(log, spec) for log in logs]
     ramps = fog_drift.fit_ramps(prepared, spec.drift)
     choices = fog_drift.choose(ramps, spec.drift)
     levels = fog_levels.choose(prepared, spec.drift)

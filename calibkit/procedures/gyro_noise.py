@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import FitError, UsageError
 from calibkit.frame import Examined, Finding, refuse
@@ -53,8 +54,7 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
 def fit(spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Estimate the noise of every record."""
     inputs, figures, flags = [], [], []
-    for file in progress(files, "reading and averaging"):
-        log = read(spec, data, file)
+    for log in copies.distinct(read(spec, data, file) for file in progress(files, "reading and averaging")):
         found, noted = _figures(spec, log)
         inputs.append(Input.of(log))
         figures += found

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import CoefficientError, RecipeError, UsageError
 from calibkit.procedures import Fitted
@@ -55,10 +56,8 @@ def _axes(spec: GyroPairRecipe, files: Sequence[str]) -> dict[str, str]:
 def _fit(spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progress) -> gyro_results.PairFit:
     """Both runs and what they say of the pair."""
     axes = {file: axis for axis, file in _axes(spec, files).items()}
-    runs = {
-        axes[file]: gyro_runs.run_of(gyro_runs.read(spec, data, file, GYROS), GYROS, spec)
-        for file in progress(list(axes), "reading and averaging")
-    }
+    logs = copies.distinct(read(spec, data, file) for file in progress(list(axes), "reading and averaging"))
+    runs = {axes[log.file]: gyro_runs.run_of(log, GYROS, spec) for log in logs}
     return gyro_results.pair_fit(runs["a"], runs["b"])
 
 

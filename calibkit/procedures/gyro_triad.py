@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import UsageError
 from calibkit.procedures import Fitted
@@ -53,8 +54,8 @@ def fit(spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progr
     """Fit the sensitivities of every gyro about three axes, the angles between them, and both over temperature."""
     axes = gyro_axes.axis_of(spec, files)
     runs: dict[str, tuple[TableRun, ...]] = {}
-    for file in progress(files, "reading and averaging"):
-        runs[axes[file]] = (*runs.get(axes[file], ()), _run(spec, data, file))
+    for log in copies.distinct(read(spec, data, file) for file in progress(files, "reading and averaging")):
+        runs[axes[log.file]] = (*runs.get(axes[log.file], ()), gyro_runs.run_of(log, spec.gyros, spec))
     fitted = gyro_axes.fit(spec, runs)
     scales = gyro_axes_results.scale_result(fitted, spec)
     tables = (

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import FrameError, UsageError
 from calibkit.frame import refuse, values
@@ -56,7 +57,7 @@ def examine(spec: InclinometerRecipe, log: Log) -> Examined:
 
 def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit s(T) of each gyro to the stations of all logs together."""
-    logs = [read(spec, data, file) for file in progress(files, "reading")]
+    logs = list(copies.distinct(read(spec, data, file) for file in progress(files, "reading")))
     found = [finding for log in logs for finding in inclinometer_stations.findings(log, spec)]
     refuse(found)
     rows = inclinometer_stations.gather([inclinometer_dwells.of(log, spec).log for log in logs], _on_site(spec))

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
+from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import UsageError
 from calibkit.procedures import Fitted
@@ -42,10 +43,8 @@ def examine(spec: RateTableRecipe, log: Log) -> Examined:
 
 def fit(spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
-    runs = [
-        gyro_runs.run_of(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
-        for file in progress(files, "reading and averaging")
-    ]
+    logs = copies.distinct(read(spec, data, file) for file in progress(files, "reading and averaging"))
+    runs = [gyro_runs.run_of(log, spec.gyros, spec) for log in logs]
     gyros = [gyro_results.over_runs(gyro, runs, spec) for gyro in spec.gyros]
     flags = tuple(dict.fromkeys([flag for run in runs for flag in run.flags] + gyro_results.run_flags(gyros, spec)))
     result = gyro_results.rate_table_result(gyros, flags, spec)
