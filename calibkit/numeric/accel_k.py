@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import determination, fold, robust
+from calibkit.numeric import determination, fold, gram, robust
 from calibkit.numeric import fit as least_squares
 
 if TYPE_CHECKING:
@@ -34,10 +34,6 @@ CROSS = ((1, 2), (2, 0), (0, 1))
 """Columns that K8 and K9 multiply, axis by axis: y and z, z and x, x and y."""
 IMPORTANCE = (0, 4, 8, 9, 1, 5, 2, 6, 3, 7)
 """Order in which coefficients claim the data: what the data cannot tell apart is missing at the end of it."""
-
-
-FOLD_ABOVE = 20_000
-"""Rows above which a plain fit is folded block by block."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,12 +121,19 @@ def columns(indication: Array, temperature: Array, axis: int, terms: KTerms = KT
 
     `temperature` [n] is in the unit that the coefficients are meant for: °C, or mapped to [−1, 1].
     """
-    powers = np.vander(temperature, 4, increasing=True)
-    first, second = CROSS[axis]
-    whole = np.column_stack(
-        [indication[:, axis, None] * powers, -powers, -indication[:, first], -indication[:, second]]
-    )
-    return np.asarray(whole[:, terms.fitted], dtype=np.float64)
+    return _columns(indication, temperature, axis, terms.fitted)
+
+
+def _columns(indication: Array, temperature: Array, axis: int, numbers: Sequence[int]) -> Array:
+    """Columns [n, p] that the K of the given numbers multiply, in their order, each contiguous."""
+    powers = gram.powers(temperature, 3).T
+    whole = np.empty((len(numbers), temperature.size))
+    for row, k in zip(whole, numbers, strict=True):
+        if k < 4:
+            np.multiply(indication[:, axis], powers[k], out=row)
+        else:
+            np.negative(powers[k - 4] if k < 8 else indication[:, CROSS[axis][k - 8]], out=row)
+    return whole.T
 
 
 def fit(
@@ -184,7 +187,8 @@ def fit(
         _fit_axis(indication, (temperature - middle) / half, reference, i, terms[i], weights, loss, groups)
         for i in range(3)
     ]
-    x, y, z = (_reported(fits[i], i, terms[i], (temperature, middle, half)) for i in range(3))
+    powers = gram.matrix(lambda rows: gram.powers(temperature[rows], 3, middle=middle, half=half), len(temperature))
+    x, y, z = (_reported(fits[i], i, terms[i], (powers, middle, half)) for i in range(3))
     return x, y, z
 
 
@@ -215,8 +219,7 @@ def _ranked_names(terms: KTerms) -> tuple[str, ...]:
 
 def _ranked_columns(reference: Array, mapped: Array, *, axis: int, terms: KTerms) -> Array:
     """Design [n, p] of one axis on the references, the most important column first."""
-    order = [terms.fitted.index(k) for k in IMPORTANCE if k in terms.fitted]
-    return columns(reference, mapped, axis, terms)[:, order]
+    return _columns(reference, mapped, axis, [k for k in IMPORTANCE if k in terms.fitted])
 
 
 def correct(coefficients: Array, indication: Array, temperature: Array) -> Array:
@@ -259,13 +262,13 @@ def _fit_axis(
     """Fit one axis in mapped temperature."""
     names = [f"{NAMES[k]} of accel_{AXES[axis]}" for k in terms.fitted]
     weight = None if weights is None else (weights if weights.ndim == 1 else weights[:, axis])
-    row_weights = np.ones(len(mapped)) if weight is None else weight
     target = reference[:, axis]
-    if loss == "least_squares" and groups is None and len(mapped) > FOLD_ABOVE:
+    if loss == "least_squares" and groups is None and len(mapped) >= gram.TALL:
         result = fold.linear(
             lambda part: columns(indication[part], mapped[part], axis, terms), target, weights=weight, names=names
         )
-        return _Fitted(result, result.covariance, _plain_studentised(result, row_weights), (), result.dof)
+        return _Fitted(result, result.covariance, _plain_studentised(result, weight), (), result.dof)
+    row_weights = np.ones(len(mapped)) if weight is None else weight
     design = columns(indication, mapped, axis, terms)
     if loss == "robust":
         tough = robust.linear(design, target, weights=weight, names=names)
@@ -273,7 +276,7 @@ def _fit_axis(
         row_weights = row_weights * tough.row_weights
     else:
         result = least_squares.linear(design, target, weights=weight, names=names)
-        studentised, suspects = _plain_studentised(result, row_weights), ()
+        studentised, suspects = _plain_studentised(result, weight), ()
     if groups is None:
         return _Fitted(result, result.covariance, studentised, suspects, result.dof)
     covariance = robust.jackknife_covariance(design, result.residuals, groups, weights=row_weights)
@@ -282,14 +285,15 @@ def _fit_axis(
     return _Fitted(result, covariance, studentised, suspects, dof)
 
 
-def _plain_studentised(result: least_squares.LinearFit, row_weights: Array) -> Array:
+def _plain_studentised(result: least_squares.LinearFit, weights: Array | None) -> Array:
     """Residuals [n] over their standard deviation, leverage left aside."""
-    return result.residuals * np.sqrt(row_weights / np.mean(row_weights)) / (result.residual_rms or 1.0)
+    root = 1.0 if weights is None else np.sqrt(weights / np.mean(weights))
+    return np.asarray(result.residuals * root / (result.residual_rms or 1.0), dtype=np.float64)
 
 
 def _reported(fitted: _Fitted, axis: int, terms: KTerms, held: tuple[Array, float, float]) -> KAxis:
     """Put a fit in mapped temperature into raw °C; the conversion is in extended precision, K3 and K7 need it."""
-    result, (temperature, middle, half) = fitted.result, held
+    result, (powers, middle, half) = fitted.result, held
     place = np.ix_(terms.fitted, terms.fitted)
     mapped, mapped_covariance, plain = np.zeros(10), np.zeros((10, 10)), np.zeros((10, 10))
     mapped[list(terms.fitted)] = result.coefficients
@@ -298,7 +302,7 @@ def _reported(fitted: _Fitted, axis: int, terms: KTerms, held: tuple[Array, floa
     to_raw[:4, :4] = to_raw[4:8, 4:8] = least_squares.raw_powers(middle, half, 3)
     matrix = np.asarray(to_raw, dtype=np.float64)
     covariance = matrix @ mapped_covariance @ matrix.T
-    shift = matrix @ _attenuation_shift(mapped, plain, (temperature - middle) / half)
+    shift = matrix @ _attenuation_shift(mapped, plain, powers)
     uncertainty = np.sqrt(np.diag(covariance))
     return KAxis(
         axis=AXES[axis],
@@ -319,13 +323,13 @@ def _reported(fitted: _Fitted, axis: int, terms: KTerms, held: tuple[Array, floa
     )
 
 
-def _attenuation_shift(coefficients: Array, covariance: Array, mapped: Array) -> Array:
+def _attenuation_shift(coefficients: Array, covariance: Array, powers: Array) -> Array:
     """Shift [10] of least-squares coefficients by noise of the regressors (Fuller 1987, section 2.2), mapped basis.
 
-    The whole residual is taken for noise of the indications, so this is the most that it can be.
+    `powers` [4, 4] is the Gram matrix of the powers of mapped temperature that the indications are multiplied by. The whole
+    residual is taken for noise of the indications, so this is the most that it can be.
     """
-    powers = np.vander(mapped, 4, increasing=True)
     noise = np.zeros((10, 10))
-    noise[:4, :4] = powers.T @ powers
-    noise[8, 8] = noise[9, 9] = len(mapped)
+    noise[:4, :4] = powers
+    noise[8, 8] = noise[9, 9] = powers[0, 0]
     return np.asarray(-(covariance @ noise @ coefficients), dtype=np.float64)

@@ -1,16 +1,20 @@
 """Least squares over blocks of rows: one small triangle holds all that any number of rows say.
 
-Tall-skinny QR (Demmel, Grigori, Hoemmen & Langou 2012): every block is factorised together with the triangle so far, so the
-digits are those of an orthogonal factorisation, the memory is that of a block, and the block stays in the cache.
+Well-conditioned rows go into normal equations (`gram`); others into a tall-skinny QR (Demmel, Grigori, Hoemmen & Langou 2012):
+every block is factorised together with the triangle so far, so the digits are those of an orthogonal factorisation. Either way
+the memory is that of a block, and the block stays in the cache.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
+from scipy.linalg import solve_triangular
 
 from calibkit.numeric import fit as least_squares
+from calibkit.numeric import gram
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -20,12 +24,32 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 BLOCK_ROWS = 2048
-"""Rows of a block: 150 kilobytes at nine columns, which stay in the cache."""
+"""Rows of a block that is factorised: 150 kilobytes at nine columns, which stay in the cache."""
+
+
+@dataclass(frozen=True, slots=True)
+class Reduced:
+    """What a fit leaves of any number of rows: nothing in it grows with them."""
+
+    coefficients: Array
+    """[p]."""
+    covariance: Array
+    """[p, p], type A."""
+    dof: int
+    residual_rms: float
+    """Root of the weighted mean square [unit of the indication], as in `fit.LinearFit`."""
+    condition: float
+    """Of the columns scaled to unit length."""
+
+    @property
+    def rank(self) -> int:
+        """All of the p coefficients: a fit whose data leave one undetermined is refused."""
+        return self.coefficients.size
 
 
 def blocks(rows: int, size: int = BLOCK_ROWS) -> Iterator[slice]:
     """Slices that cover the rows in order."""
-    return (slice(begin, min(begin + size, rows)) for begin in range(0, rows, size))
+    return gram.blocks(rows, size)
 
 
 def triangle(block: Callable[[slice], Array], rows: int, size: int = BLOCK_ROWS) -> Array:
@@ -37,15 +61,15 @@ def triangle(block: Callable[[slice], Array], rows: int, size: int = BLOCK_ROWS)
     return np.zeros((0, 0)) if folded is None else folded
 
 
-def linear(
+def reduced(
     design: Callable[[slice], Array], indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()
-) -> least_squares.LinearFit:
-    """Fit indication = design · coefficients as `fit.linear` does, with the design made block by block.
+) -> Reduced:
+    """Fit indication = design · coefficients as `fit.linear` does, in the memory of a block.
 
     Parameters
     ----------
     design
-        Columns [m, p] of a slice of rows.
+        Columns [m, p] of a slice of rows; the slice may have a step. Fastest where each column is contiguous.
     indication
         [n].
     weights
@@ -60,14 +84,80 @@ def linear(
 
     """
     rows = len(indication)
+    total = float(rows if weights is None else np.sum(weights))
+    normal = gram.solve(design, indication, weights) if rows >= gram.TALL else None
+    if normal is not None:
+        dof = rows - normal.coefficients.size
+        covariance = normal.inverse * (normal.square / dof)
+        return Reduced(normal.coefficients, covariance, dof, float(np.sqrt(normal.square / total)), normal.condition)
     root = np.ones(rows) if weights is None else np.sqrt(weights)
     whole = triangle(lambda part: np.column_stack([design(part), indication[part]]) * root[part, None], rows)
     columns = whole.shape[1] - 1
-    reduced = least_squares.linear(whole[:, :columns], whole[:, columns], names=names)
-    residuals = np.empty(rows)
-    for part in blocks(rows):
-        residuals[part] = indication[part] - design(part) @ reduced.coefficients
+    solved = least_squares.linear(whole[:, :columns], whole[:, columns], names=names)
+    coefficients = _corrected(design, indication, weights, whole[:columns, :columns], solved.coefficients)
+    dof = rows - columns
     # the triangle has p + 1 rows, one degree of freedom, and the same sum of squares
-    covariance = reduced.covariance * (reduced.dof / max(rows - columns, 1))
-    rms = float(np.sqrt(np.sum((root * residuals) ** 2) / np.sum(root**2)))
-    return least_squares.LinearFit(reduced.coefficients, covariance, residuals, rows - columns, rms, reduced.condition)
+    square = float(np.sum(solved.residuals**2))
+    covariance = solved.covariance * (solved.dof / max(dof, 1))
+    return Reduced(coefficients, covariance, dof, float(np.sqrt(square / total)), solved.condition)
+
+
+def linear(
+    design: Callable[[slice], Array], indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()
+) -> least_squares.LinearFit:
+    """Fit as `reduced` does, and give the residuals [n] too.
+
+    Raises
+    ------
+    FitError
+        As `fit.linear`.
+
+    """
+    found = reduced(design, indication, weights=weights, names=names)
+    residuals = gram.residuals(design, indication, found.coefficients)
+    return least_squares.LinearFit(
+        found.coefficients, found.covariance, residuals, found.dof, found.residual_rms, found.condition
+    )
+
+
+def polynomial(
+    abscissa: Array, indication: Array, order: int, *, weights: Array | None = None
+) -> tuple[Reduced, Array, Array]:
+    """Fit a polynomial of any number of rows as `fit.polynomial` does, in the memory of a block.
+
+    Parameters
+    ----------
+    abscissa, indication
+        [n], in any unit; mapped files and read-only arrays serve as they are.
+    order
+        Highest power.
+    weights
+        [n], proportional to 1/variance of each row; equal when absent.
+
+    Returns
+    -------
+    The fit in powers of the abscissa mapped to [−1, 1], the raw coefficients [order + 1] (ascending powers of the abscissa
+    in its own unit) and their covariance [order + 1, order + 1].
+
+    Raises
+    ------
+    FitError
+        As `fit.linear`, and for a constant abscissa.
+
+    """
+    design, to_raw = least_squares.mapped_powers(abscissa, order)
+    found = reduced(design, indication, weights=weights, names=[f"p{k}" for k in range(order + 1)])
+    return (found, *least_squares.in_raw_powers(found.coefficients, found.covariance, to_raw))
+
+
+def _corrected(
+    design: Callable[[slice], Array], indication: Array, weights: Array | None, r: Array, coefficients: Array
+) -> Array:
+    """Coefficients [p] after one step with the residuals of the rows themselves, by the seminormal equations of R [p, p]."""
+    gradient = np.zeros(coefficients.size)
+    for part in gram.blocks(len(indication), gram.block_rows(coefficients.size)):
+        columns = design(part)
+        pulled = indication[part] - columns @ coefficients
+        gradient += columns.T @ (pulled if weights is None else pulled * weights[part])
+    half = solve_triangular(r, gradient, trans="T")
+    return np.asarray(coefficients + solve_triangular(r, half), dtype=np.float64)
