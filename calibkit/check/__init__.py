@@ -1,6 +1,6 @@
 """What is wrong with a log, found before anything is fitted to it."""
 
-from calibkit.check import magnitude, series
+from calibkit.check import magnitude, series, thermometers
 from calibkit.check.content import (
     at_row,
     bridged,
@@ -26,5 +26,6 @@ __all__ = [
     "plausible_temperature",
     "rows",
     "series",
+    "thermometers",
     "varying",
 ]

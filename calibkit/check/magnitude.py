@@ -31,11 +31,7 @@ FASTEST_DPH = 36_000.0
 """Bias [°/h] that no gyro at rest has: 10 °/s."""
 SPAN_DEGC = 5.0
 """Change of temperature from which rates and slopes tell units apart."""
-APART_DEGC = 20.0
-"""Difference [°C] of case and air that no self-heating keeps up in a soak."""
-STILL_DEGC = 0.3
-"""Change [°C] within a fiftieth of a log below which a temperature stands still."""
-SLOWEST_DEGC_MIN, FASTEST_DEGC_MIN = 0.03, 100.0
+SLOWEST_DEGC_MIN, FASTEST_DEGC_MIN = 0.03, 30.0
 """Rates at which chambers do not change."""
 G_OF_UNIT = {"m/s^2": 9.80665, "mg": 1000.0, "ug": 1e6}
 """Length of gravity in units that are taken for g."""
@@ -87,50 +83,6 @@ def interval(log: Log) -> list[Finding]:
         return []
     advice = 'time looks like milliseconds: state it, [columns.time_s] unit = "ms"'
     return [_warn(log, "time_s", f"a sample every {step:g} s", "a gyro sampled faster", advice, "unit", step)]
-
-
-def thermometers(log: Log, case: str, air: str) -> list[Finding]:
-    """Case and chamber air that do not move together, or do not meet in a soak, as one unit and sign do."""
-    a, b = values(log.frame, case), values(log.frame, air)
-    if np.ptp(b) < 2.0 * SPAN_DEGC or np.ptp(a) < SPAN_DEGC:
-        return []
-    thinned = slice(None, None, a.size // 20_000 + 1)
-    together = float(np.corrcoef(a[thinned], b[thinned])[0, 1])
-    if together < -0.5:
-        advice = f"a sign is wrong: state sign = -1 in [columns.{case}] or [columns.{air}], or see to the wiring"
-        return [
-            _warn(log, case, "it falls while the chamber air rises", "both to rise together", advice, "sign", together)
-        ]
-    for of_case, of_air in _soaked(a, b):
-        if abs(of_case - of_air) > APART_DEGC:
-            found = f"{of_case:.4g} °C in a soak at {of_air:.4g} °C of '{air}'"
-            advice = _fahrenheit(case, air, of_case, of_air)
-            return [
-                _warn(log, case, found, "a case that comes to the air's temperature", advice, "unit", of_case - of_air)
-            ]
-    return []
-
-
-def _soaked(case: Array, air: Array) -> list[tuple[float, float]]:
-    """Means of case and air at the ends of a log where both stand still."""
-    rows = max(20, case.size // 50)
-    ends = (slice(0, rows), slice(case.size - rows, None))
-    still = [end for end in ends if max(abs(_creep(case[end])), abs(_creep(air[end]))) < STILL_DEGC]
-    return [(float(case[end].mean()), float(air[end].mean())) for end in still]
-
-
-def _creep(values: Array) -> float:
-    """Change of the mean from the first to the second half."""
-    half = values.size // 2
-    return float(values[half:].mean() - values[:half].mean())
-
-
-def _fahrenheit(case: str, air: str, of_case: float, of_air: float) -> str:
-    """Advice that names the column whose values are the other's in °F."""
-    for column, value, other in ((case, of_case, of_air), (air, of_air, of_case)):
-        if abs((value - 32.0) / 1.8 - other) < APART_DEGC / 2.0:
-            return f'it looks like °F: state it, [columns.{column}] unit = "degF"'
-    return f"one of them is in another unit or belongs to another sensor: see [columns.{case}] and [columns.{air}]"
 
 
 def clock(log: Log, air: str) -> list[Finding]:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.check import bridged, copies, magnitude
+from calibkit.check import bridged, copies, magnitude, thermometers
 from calibkit.coefficients import Criterion
 from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, values
@@ -70,6 +70,8 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     flags += fog_uncertainty.unused(spec.type_b)
     slopes = {log.source.name: magnitude.drift_slope(log.raw.case, log.raw.indication) for log in prepared}
     flags += [str(finding) for _, finding in magnitude.compensated_before(slopes)]
+    rates = {log.source.name: log.ramps[0].rate for log in prepared if len(log.ramps) == 1}
+    flags += [str(finding) for _, finding in thermometers.named(rates)]
     tested = fog_report.tested(choices, levels, export)
     criteria = _fit_criteria(spec, export, figures)
     summary = fog_report.summary(spec.title, figures, ramps, tested, stated, flags, criteria)

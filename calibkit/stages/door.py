@@ -11,6 +11,7 @@ import numpy as np
 from calibkit import units
 from calibkit.errors import FrameError, LogFormatError, RecipeError
 from calibkit.readers import times
+from calibkit.stages import naming
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -120,6 +121,8 @@ def stated_unit(table: Table, source: str, column: Column | None, name: str) -> 
             )
         return "1/sample"
     if not pinned or column is None:
+        if not header:
+            _agrees_with_its_name(table, source, name, target)
         return header or target
     if header == "1" and pinned in {"1/sample", "1/s"}:
         return pinned  # "counts" in a header leaves open of how long
@@ -130,6 +133,16 @@ def stated_unit(table: Table, source: str, column: Column | None, name: str) -> 
             hint=f'correct the unit, or say header_unit = "ignored" in [columns.{name}]',
         )
     return pinned
+
+
+def _agrees_with_its_name(table: Table, source: str, name: str, target: str) -> None:
+    """Raise FrameError for a column without a stated unit whose name ends in another unit than it would be taken in."""
+    unit = naming.LAST_WORDS.get(source.strip().lower().rsplit("_", 1)[-1], "") if "_" in source else ""
+    if unit and unit != target and units.TABLE[unit].dimension == units.TABLE[target].dimension:
+        raise FrameError(
+            f"{table.file}: column '{source}': its name says {unit}, it would be taken in {target}",
+            hint=f'state the unit: [columns.{name}] from = "{source}", unit = "{unit}"',
+        )
 
 
 def value(table: Table, source: str, column: Column | None, name: str, recipe: Recipe, seconds: Array | None) -> Mapped:

@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from calibkit.check import copies, facts, magnitude
+from calibkit.check import copies, facts, magnitude, thermometers
 from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
 from calibkit.frame import Finding, values
@@ -108,7 +108,9 @@ def _drift_slope(log: Log) -> float | None:
 def together(outcomes: Sequence[Outcome]) -> list[tuple[str, Finding]]:
     """What only several logs show: copies, and logs that do not drift like the others."""
     slopes = {outcome.report.file: outcome.drift_slope for outcome in outcomes if outcome.drift_slope is not None}
-    return [*_copies(outcomes), *magnitude.compensated_before(slopes)]
+    ramps = {o.report.file: [held.level for held in o.report.held if held.kind == "ramp"] for o in outcomes}
+    rates = {file: found[0] for file, found in ramps.items() if len(found) == 1}
+    return [*_copies(outcomes), *magnitude.compensated_before(slopes), *thermometers.named(rates)]
 
 
 def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:

@@ -67,13 +67,24 @@ def findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     return [
         *found,
         *check.magnitude.clock(log, air),
-        *check.magnitude.thermometers(log, case, air),
+        *check.thermometers.pair(log, case, air),
+        *_as_ordered(log, recipe),
         *check.magnitude.gyro(log, "gyro_dph"),
         *check.magnitude.compensated(log, recipe, ["gyro_dph"]),
         *check.series.temperatures(log, case, air),
         *check.series.turned_back(log, case),
         *check.series.indication(log, "gyro_dph", "deg/h"),
     ]
+
+
+def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
+    """A chamber that changed at another rate than the recipe says it did."""
+    given = recipe.drift.rates_degc_min.get(log.name)
+    if given is None:
+        return []
+    cuts, _ = _found(values(log.frame, "time_s"), values(log.frame, "temp_env_degc"), recipe)
+    ramps = [segment.rate for segment in cuts if segment.kind == "ramp"]
+    return check.thermometers.given(log, "temp_env_degc", given, max(ramps, key=abs)) if ramps else []
 
 
 def usable(log: Log, min_rows: int = 3) -> list[Finding]:
@@ -101,6 +112,21 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
     """Check, cut, denoise and average one log; raises FrameError or FitError naming the log."""
     found = findings(log, recipe)
     refuse(found)
+    suspected = next((finding for finding in found if finding.name == "unit"), None)
+    try:
+        prepared = _prepared(log, recipe, found)
+        if suspected is None:
+            leading(prepared)
+    except (FrameError, FitError) as error:
+        if suspected is None:
+            raise
+        said = f"{suspected.place}: {suspected.found}; {suspected.advice}"
+        raise type(error)(error.message, hint=f"first of all: {said}") from None
+    return prepared
+
+
+def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> PreparedLog:
+    """A checked log, cut, denoised and averaged."""
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     try:
         index = drift.block_index(time, recipe.drift.interval_s)
@@ -110,7 +136,7 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
     smooth, noise, flags = _denoised(log, gyro, cuts, recipe)
     raw = drift.blocks(time, case, env, gyro, slope, recipe.drift.interval_s)
     clean = drift.blocks(time, case, env, smooth, slope, recipe.drift.interval_s)
-    prepared = PreparedLog(
+    return PreparedLog(
         log.name,
         Input.of(log),
         raw,
@@ -121,8 +147,6 @@ def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
         tuple(f"{log.file}: {note}" for note in (*log.notes, *flags, *_coarse(case, env, recipe)))
         + tuple(str(finding) for finding in found if finding.flagged),
     )
-    leading(prepared)
-    return prepared
 
 
 def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:

@@ -34,6 +34,7 @@ LAST_WORDS = {
     "us": "us",
     "degc": "degC",
     "degf": "degF",
+    "fahrenheit": "degF",
     "k": "K",
     "dph": "deg/h",
     "dps": "deg/s",
