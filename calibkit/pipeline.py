@@ -14,6 +14,7 @@ from calibkit.check import copies
 from calibkit.errors import CoefficientError, FrameError, OutputError, RecipeError, UsageError
 from calibkit.frame import fingerprint
 from calibkit.recipe import type_b
+from calibkit.report import documents, figures, html
 from calibkit.stages import budget, ingest, unseen
 
 if TYPE_CHECKING:
@@ -65,13 +66,16 @@ def fit(
 
     def build(revision: int, superseded: Mapping[str, str]) -> dict[str, bytes]:
         identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
-        contents = {
-            result.file: coefficients.dumps(
-                coefficients.record(result, identity, superseded.get(result.stage, ""))
-            ).encode()
+        records = {
+            result.file: coefficients.record(result, identity, superseded.get(result.stage, ""))
             for result in fitted.results
         }
-        contents |= procedure.report(f"{serial} r{revision:03d}", fitted)
+        contents = {file: coefficients.dumps(record).encode() for file, record in records.items()}
+        with figures.styled():
+            drawn = procedure.draw(f"{serial} r{revision:03d}", fitted)
+        contents |= documents.printed(drawn)
+        so_far = _run_document(identity, source, spec, fitted, contents)
+        contents[documents.PAGE] = html.page(so_far, records, drawn)
         built.update(_run_document(identity, source, spec, fitted, contents))
         return {store.RUN_FILE: coefficients.seal(built).encode(), **contents}
 
@@ -188,12 +192,13 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
             for report in reports
         ]
     if figure is not None:
-        from calibkit.report import figures, logs
+        from calibkit.report import logs
 
         drawn = [outcome.figure for outcome in outcomes if outcome.figure is not None]
         if not drawn:
             raise FrameError(f"{data}: no log could be read, nothing to draw", hint="see check without --figure")
-        store.write_new(figure, figures.pdf(logs.pages(drawn)))
+        with figures.styled():
+            store.write_new(figure, figures.pdf(logs.pages(drawn)))
     return tuple(reports)
 
 

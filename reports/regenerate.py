@@ -29,16 +29,18 @@ SAMPLES = {
     "gyro_noise": "FOG-0001",
 }
 """Procedure, which is also the name of its sample logs and of its recipe → serial number in the report."""
+PAGES = ("fog_thermal", "gyro_pair", "inclinometer")
+"""Procedures whose sample report is kept as a page too: each is several times its PDF."""
 VALIDATED = ("fog_thermal", "inclinometer")
 """Procedures whose sample certificate states as-found and as-left results, on the logs that were withheld."""
 SHOWN = ("ramp_heating_05.csv", "ramp_cooling_05.csv", "withheld/ramp_heating_03.csv", "withheld/ramp_cooling_03.csv")
 
 
 def report(name: str, out: Path, runs: Path) -> store.Run:
-    """Fit a procedure's sample logs and keep the run's report as <name>.pdf and <name>.txt."""
+    """Fit a procedure's sample logs and keep the run's report as <name>.pdf and <name>.txt, of some as <name>.html."""
     source = recipe.find(str(ROOT / "recipes" / f"{name}.toml"))
     outcome = pipeline.fit(source, ROOT / "datasets" / name, SAMPLES[name], runs, DATE, silent)
-    for file in ("report.pdf", "report.txt"):
+    for file in ("report.pdf", "report.txt", *(("report.html",) if name in PAGES else ())):
         (out / f"{name}{Path(file).suffix}").write_bytes((outcome.folder / file).read_bytes())
     return store.load(outcome.folder)
 

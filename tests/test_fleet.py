@@ -27,7 +27,7 @@ from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 @pytest.fixture
 def quick(monkeypatch):
     """Units are fitted without their figures, here and in other processes."""
-    monkeypatch.setattr(bias_temperature, "report", bias_temperature.report)  # restored after the test
+    monkeypatch.setattr(bias_temperature, "draw", bias_temperature.draw)  # restored after the test
     monkeypatch.setattr(run, "of_unit", quick_unit.outcome)
 
 

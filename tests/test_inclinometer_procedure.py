@@ -8,7 +8,7 @@ import pytest
 
 from calibkit import recipe, store
 from calibkit.procedures import inclinometer, silent
-from calibkit.report import figures
+from calibkit.report import figures, svg
 from calibkit.simulate import inclinometer as simulator
 from calibkit.simulate.campaign import csv_text
 from calibkit.stages import inclinometer_stations
@@ -69,8 +69,9 @@ def simulated(folder, seed, *, part=slice(None), references=True, **options):
 
 @pytest.fixture
 def command(calibkit, tmp_path, monkeypatch):
-    """Return fit, apply, validate and check of the shipped recipe with settings; report.pdf is not drawn."""
+    """Return fit, apply, validate and check of the shipped recipe with settings; report.pdf and report.html are not drawn."""
     monkeypatch.setattr(figures, "pdf", lambda pages: f"{len(pages)} pages".encode())
+    monkeypatch.setattr(svg, "inline", lambda pages: ([], False))
 
     class Commands:
         def settings(self, settings):
@@ -533,7 +534,7 @@ def test_the_sample_stations_go_through_every_command(tmp_path, calibkit, comman
         assert outcome.code == 0, outcome.err
         assert "Stations before (s = 1) and after" in outcome.out
     names = sorted(path.name for path in (tmp_path / "a" / "I" / "r001").iterdir())
-    assert names == ["inclinometer_scale.json", "report.pdf", "report.txt", "run.json"]
+    assert names == ["inclinometer_scale.json", "report.html", "report.pdf", "report.txt", "run.json"]
     for name in names:
         one, two = ((tmp_path / runs / "I" / "r001" / name).read_bytes() for runs in "ab")
         assert one == two, name

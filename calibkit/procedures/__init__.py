@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Input, Record, StageResult
     from calibkit.frame import Examined, Log
     from calibkit.recipe import Recipe
+    from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary
     from calibkit.stages.ingest import Reader
 
@@ -73,8 +74,8 @@ class Procedure(Protocol):
     ) -> tuple[dict[str, Any], Summary]:
         """Hold frozen coefficients against unseen logs."""
 
-    def report(self, title: str, fitted: Fitted) -> dict[str, bytes]:
-        """Draw and print a fit: file name → bytes."""
+    def draw(self, title: str, fitted: Fitted) -> Drawn:
+        """Draw a fit: its figures under a title, and its summary in full."""
 
 
 NAMES = (

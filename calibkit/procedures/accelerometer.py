@@ -13,9 +13,8 @@ from calibkit.frame import refuse, require
 from calibkit.numeric import attitude
 from calibkit.procedures import Fitted
 from calibkit.report import accelerometer as pages
-from calibkit.report import figures as drawing
+from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary, SummaryTable
-from calibkit.report.summary import text as plain
 from calibkit.stages import accel_attitude, accel_dwells, accel_fit, accel_results, ingest, write_back
 
 if TYPE_CHECKING:
@@ -117,11 +116,8 @@ def validate(
     return {"logs": entries}, Summary("", tuple(tables), tuple(flags), tuple(criteria))
 
 
-def report(title: str, fitted: Fitted) -> dict[str, bytes]:
-    """Figures as report.pdf and the summary as report.txt."""
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures and summary of a fit."""
     if not isinstance(fitted.drawing, pages.TriadReport):
         raise UsageError("not a fit of accelerometer")
-    return {
-        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
-        "report.txt": plain(fitted.summary).encode(),
-    }
+    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)

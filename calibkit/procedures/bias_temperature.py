@@ -12,8 +12,7 @@ from calibkit.errors import UsageError
 from calibkit.frame import Examined, Finding, refuse
 from calibkit.procedures import Fitted
 from calibkit.report import bias_temperature as pages
-from calibkit.report import figures as drawing
-from calibkit.report.summary import text as plain
+from calibkit.report.documents import Drawn
 from calibkit.stages import bias, ingest, write_back
 
 if TYPE_CHECKING:
@@ -100,11 +99,8 @@ def validate(
     return {"logs": entries}, bias.validation_summary(entries)
 
 
-def report(title: str, fitted: Fitted) -> dict[str, bytes]:
-    """Figures as report.pdf and the summary as report.txt."""
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures and summary of a fit."""
     if not isinstance(fitted.drawing, pages.BiasReport):
         raise UsageError("not a fit of bias_temperature")
-    return {
-        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
-        "report.txt": plain(fitted.summary).encode(),
-    }
+    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)

@@ -13,10 +13,9 @@ from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, values
 from calibkit.numeric import drift
 from calibkit.procedures import Fitted
-from calibkit.report import figures as drawing
 from calibkit.report import fog_thermal as pages
+from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-from calibkit.report.summary import text as plain
 from calibkit.stages import (
     fog_bias,
     fog_compensate,
@@ -204,11 +203,7 @@ def _validation_criteria(spec: FogThermalRecipe, figures: Sequence[fog_compensat
     return tuple(criteria)
 
 
-def report(title: str, fitted: Fitted) -> dict[str, bytes]:
-    """Figures as report.pdf and the summary as report.txt."""
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures and summary of a fit."""
     assert isinstance(fitted.drawing, pages.DriftReport)  # noqa: S101 (narrows the type of what fit made)
-    named = replace(fitted.drawing, title=title)
-    return {
-        "report.pdf": drawing.pdf(pages.pages(named)),
-        "report.txt": plain(fitted.summary).encode(),
-    }
+    return Drawn(tuple(pages.pages(replace(fitted.drawing, title=title))), fitted.summary)

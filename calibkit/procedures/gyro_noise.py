@@ -9,10 +9,9 @@ from calibkit.coefficients import Input
 from calibkit.errors import FitError, UsageError
 from calibkit.frame import Examined, Finding, refuse
 from calibkit.procedures import Fitted
-from calibkit.report import figures as drawing
 from calibkit.report import gyro_noise as pages
+from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-from calibkit.report.summary import text as plain
 from calibkit.stages import gyro_noise, ingest
 
 if TYPE_CHECKING:
@@ -101,11 +100,8 @@ def validate(
     return {"logs": entries}, Summary("", gyro_noise.tables(figures), tuple(flags), criteria)
 
 
-def report(title: str, fitted: Fitted) -> dict[str, bytes]:
-    """Figures as report.pdf and the summary as report.txt."""
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures and summary of a fit."""
     if not isinstance(fitted.drawing, pages.NoiseReport):
         raise UsageError("not a fit of gyro_noise")
-    return {
-        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
-        "report.txt": plain(fitted.summary).encode(),
-    }
+    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)

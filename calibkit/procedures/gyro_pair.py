@@ -8,10 +8,9 @@ from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import CoefficientError, RecipeError, UsageError
 from calibkit.procedures import Fitted
-from calibkit.report import figures as drawing
 from calibkit.report import gyro as pages
+from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary, SummaryTable
-from calibkit.report.summary import text as plain
 from calibkit.stages import gyro_compensate, gyro_report, gyro_results, gyro_runs, ingest, write_back
 
 if TYPE_CHECKING:
@@ -158,11 +157,8 @@ def _pair_table(entries: Sequence[dict[str, Any]]) -> SummaryTable:
     return SummaryTable("The pair again", ("", "frozen", "found", "difference", "unit"), rows)
 
 
-def report(title: str, fitted: Fitted) -> dict[str, bytes]:
-    """Figures as report.pdf and the summary as report.txt."""
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures and summary of a fit."""
     if not isinstance(fitted.drawing, pages.GyroReport):
         raise UsageError("not a fit of gyro_pair")
-    return {
-        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
-        "report.txt": plain(fitted.summary).encode(),
-    }
+    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)

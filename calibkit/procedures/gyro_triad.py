@@ -8,10 +8,9 @@ from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import UsageError
 from calibkit.procedures import Fitted
-from calibkit.report import figures as drawing
 from calibkit.report import gyro_axes as pages
+from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-from calibkit.report.summary import text as plain
 from calibkit.stages import (
     gyro_axes,
     gyro_axes_compensate,
@@ -99,11 +98,8 @@ def validate(
     return {"logs": entries}, Summary("", (table,), tuple(dict.fromkeys(flags)), criteria)
 
 
-def report(title: str, fitted: Fitted) -> dict[str, bytes]:
-    """Figures as report.pdf and the summary as report.txt."""
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures and summary of a fit."""
     if not isinstance(fitted.drawing, pages.AxesReport):
         raise UsageError("not a fit of gyro_triad")
-    return {
-        "report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)),
-        "report.txt": plain(fitted.summary).encode(),
-    }
+    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)

@@ -12,10 +12,9 @@ from calibkit.coefficients import Input
 from calibkit.errors import FrameError, UsageError
 from calibkit.frame import refuse, values
 from calibkit.procedures import Fitted
-from calibkit.report import figures as drawing
 from calibkit.report import inclinometer as pages
+from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-from calibkit.report.summary import text as plain
 from calibkit.stages import (
     accel_fit,
     inclinometer_azimuth,
@@ -141,10 +140,11 @@ def validate(
     return {"logs": entries}, Summary("", tuple(tables), tuple(flags), criteria)
 
 
-def report(title: str, fitted: Fitted) -> dict[str, bytes]:
-    """Figures as report.pdf and the summary, with every station, as report.txt."""
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures, and the summary with every station, which the PDF has on pages of their own."""
     if not isinstance(fitted.drawing, pages.SeekingReport):
         raise UsageError("not a fit of inclinometer")
     first, _, *others = fitted.summary.tables
     whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
-    return {"report.pdf": drawing.pdf(pages.pages(title, fitted.drawing)), "report.txt": plain(whole).encode()}
+    stations = tuple(pages.table_pages(title, fitted.drawing.table))
+    return Drawn(tuple(pages.pages(title, fitted.drawing)), whole, stations)

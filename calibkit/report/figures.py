@@ -2,18 +2,32 @@
 
 from __future__ import annotations
 
+import contextlib
 import io
+import logging
+import warnings
+from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
+    from contextlib import AbstractContextManager
 
+    from matplotlib.artist import Artist
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
+    from matplotlib.text import Text
 
 INK, MUTED, RAW, DENOISED, GOOD, ALERT = "#1b1b1e", "#6b7280", "#b8bec9", "#4477aa", "#228833", "#cc3311"
 """Colours that stay apart for colour-blind readers and in grey print (after Tol, bright scheme)."""
 SIDES = {"heating": "#cc3311", "cooling": "#4477aa", "both": "#228833"}
+
+WIDE_FONTS = ("Noto Sans CJK SC", "WenQuanYi Zen Hei", "Microsoft YaHei", "SimHei", "PingFang SC", "Source Han Sans SC")
+"""Fonts with Chinese letters, one of which most systems that need them have."""
+WIDE_FILES = ("notosanscjk", "wqy-zenhei", "msyh", "simhei", "pingfang", "sourcehansanssc")
+"""How their files are called."""
+WIDE = "\u2e80"
+"""From here on letters are not in the font that matplotlib brings."""
 
 STYLE: Any = {
     "font.size": 9.0,
@@ -38,36 +52,88 @@ STYLE: Any = {
 }
 
 
+def styled() -> AbstractContextManager[None]:
+    """Titles, legends and ticks that are made within look as STYLE says, not only the axes that `page` makes."""
+    import matplotlib as mpl
+
+    return mpl.rc_context(STYLE)
+
+
 def page(rows: int, columns: int, *, title: str, height: float = 8.0) -> tuple[Figure, list[Axes]]:
     """Figure of rows × columns panels with a title line, and its axes in reading order."""
-    import matplotlib as mpl
     from matplotlib.figure import Figure
 
-    with mpl.rc_context(STYLE):
+    with styled():
         figure = Figure(figsize=(11.0, height), layout="constrained")
         axes = figure.subplots(rows, columns, squeeze=False)
         figure.suptitle(title, x=0.01, ha="left", fontsize=12, fontweight="bold", color=INK)
     return figure, list(axes.flat)
 
 
+def literal(figure: Figure) -> None:
+    """Take a '$' in names of logs and columns for what it is, and Chinese letters from a font that has them.
+
+    Formulas stand in tick labels alone.
+    """
+    for text in _texts(figure):
+        text.set_parse_math(False)
+        if max(text.get_text(), default="") >= WIDE:
+            text.set_fontfamily(["DejaVu Sans", *_wide_fonts()])
+
+
+def _wide_fonts() -> list[str]:
+    """Fonts with Chinese letters that this machine has, those too that came after matplotlib made its list of fonts."""
+    from matplotlib import font_manager
+
+    known = font_manager.fontManager
+    if not {font.name for font in known.ttflist} & set(WIDE_FONTS):
+        for path in sorted(font_manager.findSystemFonts()):
+            if Path(path).name.lower().startswith(WIDE_FILES):
+                known.addfont(path)
+    there = {font.name for font in known.ttflist}
+    return [name for name in WIDE_FONTS if name in there]
+
+
+@contextlib.contextmanager
+def drawing() -> Iterator[None]:
+    """Styled, and a letter or a weight that no font has is a box or another weight, not a warning on the console."""
+    logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
+    with styled(), warnings.catch_warnings():
+        warnings.filterwarnings("ignore", message=r"Glyph \d+ .* missing from", category=UserWarning)
+        yield
+
+
+def _texts(artist: Artist) -> Iterator[Text]:
+    """Texts of a figure or a part of it but for tick labels."""
+    from matplotlib.axis import Axis
+    from matplotlib.text import Text
+
+    for child in artist.get_children():
+        if isinstance(child, Axis):
+            yield child.label
+        elif isinstance(child, Text):
+            yield child
+        else:
+            yield from _texts(child)
+
+
 def pdf(figures: Sequence[Figure]) -> bytes:
     """Figures as the pages of one PDF without a clock in it."""
-    import matplotlib as mpl
     from matplotlib.backends.backend_pdf import PdfPages
 
     buffer = io.BytesIO()
     quiet = {"CreationDate": None, "ModDate": None, "Producer": None, "Creator": "calibkit"}
-    with mpl.rc_context(STYLE), PdfPages(buffer, metadata=quiet) as pages:
+    with drawing(), PdfPages(buffer, metadata=quiet) as pages:
         for figure in figures:
+            literal(figure)
             pages.savefig(figure)
     return buffer.getvalue()
 
 
 def png(figure: Figure, dpi: int = 110) -> bytes:
     """One figure as PNG without a clock or a version in it."""
-    import matplotlib as mpl
-
     buffer = io.BytesIO()
-    with mpl.rc_context(STYLE):
+    literal(figure)
+    with drawing():
         figure.savefig(buffer, format="png", dpi=dpi, metadata={"Software": None})
     return buffer.getvalue()

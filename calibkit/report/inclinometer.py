@@ -53,8 +53,8 @@ class SeekingReport:
 
 
 def pages(title: str, report: SeekingReport) -> list[Figure]:
-    """s(T), azimuth against C, and the table of the stations."""
-    return [scale_page(title, report), azimuth_page(title, report), *table_pages(title, report.table)]
+    """s(T), and azimuth against C."""
+    return [scale_page(title, report), azimuth_page(title, report)]
 
 
 def scale_page(title: str, report: SeekingReport) -> Figure:

@@ -1,0 +1,211 @@
+"""A run's report as one HTML page that opens anywhere: verdict and flags first, figures that can be zoomed, every number.
+
+It is made of what the PDF and the text are made of, and of the coefficient files; it loads nothing, and its content
+security policy lets it load nothing: no script and no style but its own, which are named by their digests.
+"""
+
+from __future__ import annotations
+
+import base64
+import hashlib
+from importlib import resources
+from typing import TYPE_CHECKING, Any
+
+from calibkit.report import html_tables as tables
+from calibkit.report import svg
+from calibkit.report.markup import Markup, element, escaped, joined
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from calibkit.coefficients import Record
+    from calibkit.report.documents import Drawn
+
+SECTIONS = ("Verdict", "Flags", "Results", "Figures", "Coefficients", "Uncertainty", "Logs", "Origin")
+REJECTED = '@media print{@page{@top-center{content:"REJECTED";color:#b00020;font-weight:bold}}}'
+"""What a rejected run's page says on every sheet of paper."""
+HOW = (
+    "Zoom: Ctrl + wheel, or the wheel alone once a figure is clicked; drag to move; double-click a panel to fill the "
+    "figure with it, again for the whole; two fingers on a touch screen; the numbers below a figure show a panel. "
+    "Keys: + − arrows, 0 for the whole, 1 to 9 for a panel."
+)
+THINNED = " Of long curves the extremes of short pieces are drawn; the fit used every point."
+
+
+def page(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Drawn) -> bytes:
+    """The page of a run as UTF-8: `document` is its run.json but for what cannot know this page yet, digest and file list."""
+    style = _own("page.css") + ("" if document["accepted"] else REJECTED)
+    script = _own("page.js")
+    name = f"{document['serial']} r{document['revision']:03d}"
+    title = f"{'' if document['accepted'] else 'REJECTED: '}{name}, {document['procedure']}"
+    head = [
+        Markup('<meta charset="utf-8">'),
+        Markup(f'<meta http-equiv="Content-Security-Policy" content="{_policy(style, script)}">'),
+        Markup('<meta name="viewport" content="width=device-width, initial-scale=1">'),
+        Markup('<meta name="color-scheme" content="light dark">'),
+        element("title", title),
+        Markup(f"<style>{style}</style>"),
+    ]
+    body = [
+        _top(document, drawn),
+        element("main", joined(_sections(document, records, drawn)), id="content"),
+        Markup(f"<script>{script}</script>"),
+    ]
+    whole = f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{joined(head)}\n</head>\n<body>\n{joined(body)}\n</body>\n</html>\n'
+    return whole.encode()
+
+
+def _own(file: str) -> str:
+    """Text of a file of this package."""
+    return resources.files("calibkit.report").joinpath(file).read_text(encoding="utf-8")
+
+
+def _policy(style: str, script: str) -> str:
+    """Content security policy under which nothing but this page's own style and script is used and nothing is loaded."""
+    own = [f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in (style, script)]
+    return f"default-src 'none'; style-src {own[0]}; script-src {own[1]}; base-uri 'none'; form-action 'none'"
+
+
+def _top(document: Mapping[str, Any], drawn: Drawn) -> Markup:
+    """Whose run this is, the verdict on it, and the way to each section."""
+    limits, accepted = bool(document["acceptance"]), document["accepted"]
+    kind = "rejected" if not accepted else "accepted" if limits else "open"
+    verdict = drawn.summary.verdict
+    name = f"{document['serial']} r{document['revision']:03d}"
+    said = f"{document['procedure']}, effective from {document['effective_from']}"
+    links = [element("a", section, href=f"#{section.lower()}") for section in SECTIONS]
+    return joined(
+        [
+            element("a", "Skip to the verdict", href="#verdict", class_="skip"),
+            element("header", element("h1", name), element("p", said)),
+            element("p", element("strong", verdict), class_=f"band {kind}", id="band"),
+            element("nav", joined(links, " "), aria_label="Sections"),
+        ]
+    )
+
+
+def _section(name: str, *parts: Markup) -> Markup:
+    """A section under its heading."""
+    key = name.lower()
+    return element("section", element("h2", name, id=key), Markup("\n"), joined(parts), aria_labelledby=key)
+
+
+def _sections(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Drawn) -> list[Markup]:
+    """Every section in order."""
+    limits = document["acceptance"]
+    without = element("p", "The recipe states no acceptance limits: nothing was accepted or rejected.")
+    parts = {
+        "Verdict": [tables.acceptance(limits) if limits else without],
+        "Flags": _flags(document),
+        "Results": [tables.summary_table(shown) for shown in drawn.summary.tables],
+        "Figures": _figures(drawn, rejected=not document["accepted"]),
+        "Coefficients": _coefficients(document, records),
+        "Uncertainty": _uncertainty(document),
+        "Logs": _logs(document),
+        "Origin": _origin(document, records),
+    }
+    return [_section(name, *parts[name]) for name in SECTIONS]
+
+
+def _flags(document: Mapping[str, Any]) -> list[Markup]:
+    """What must be known before a number is used: flags, and what was left out or corrected."""
+    found = list(document["flags"])
+    found += (
+        [f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs"] if document["excluded"] else []
+    )
+    found += ["the recipe was changed by --set: see Origin"] if document["recipe"]["overrides"] else []
+    if not found:
+        return [element("p", "No flags.")]
+    return [element("ul", joined([element("li", flag) for flag in found]), class_="flags")]
+
+
+def _figures(drawn: Drawn, *, rejected: bool) -> list[Markup]:
+    """Each figure in a frame that takes the focus, with buttons for what the pointer does."""
+    drawings, thinned = svg.inline(drawn.figures)
+    parts = [element("p", HOW + (THINNED if thinned else ""), class_="how")]
+    for number, (figure, drawing) in enumerate(zip(drawn.figures, drawings, strict=True), start=1):
+        caption = f"Figure {number}. {figure.get_suptitle()}"
+        frame = element(
+            "div", Markup(drawing), class_="frame", tabindex="0", role="group", aria_label=f"{caption} (can be zoomed)"
+        )
+        tools = element("div", class_="tools")
+        reading = element("output", class_="reading")
+        mark = [element("strong", "REJECTED. ")] if rejected else []
+        parts.append(element("figure", frame, tools, reading, element("figcaption", *mark, caption)))
+    return parts if drawings else [element("p", "No figures were drawn.")]
+
+
+def _coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[Markup]:
+    """Models and figures of every stage, as the coefficient files have them."""
+    parts = [
+        element(
+            "p",
+            "Values with every digit of the coefficient files. Standard uncertainties are of type A alone and are rounded here; "
+            "what instruments add stands under Uncertainty.",
+        )
+    ]
+    if not document["accepted"]:
+        parts.insert(
+            0,
+            element(
+                "p", element("strong", "REJECTED: these coefficients failed the acceptance limits."), class_="warn"
+            ),
+        )
+    for record in records.values():
+        told = [flag for flag in record.flags if flag not in document["flags"]]
+        parts += [element("h3", f"{record.stage}.json")]
+        parts += [element("ul", joined([element("li", flag) for flag in told]), class_="flags")] if told else []
+        parts += [tables.coefficients(record)] if record.models else []
+        parts += [tables.figures(record)] if record.figures else []
+        if not record.models and not record.figures:
+            parts.append(element("p", "This stage exports nothing."))
+    return parts
+
+
+def _uncertainty(document: Mapping[str, Any]) -> list[Markup]:
+    """Combined uncertainties and the type B terms of the recipe."""
+    stated, terms = document.get("uncertainty", []), document.get("type_b", [])
+    parts = [tables.combined(stated)] if stated else [element("p", "No combined uncertainty is stated.")]
+    return [*parts, tables.entries("Type B terms of the recipe", terms)] if terms else parts
+
+
+def _logs(document: Mapping[str, Any]) -> list[Markup]:
+    """What was read, what of it was left out by whom and why, what was corrected."""
+    parts = [tables.logs(document["inputs"])]
+    if document["excluded"]:
+        parts.append(tables.entries("Left out", document["excluded"]))
+    if document.get("corrections"):
+        parts.append(tables.entries("Corrections from certificates of reference instruments", document["corrections"]))
+    return parts
+
+
+def _origin(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[Markup]:
+    """Conditions, software, recipe, and the digests by which the files are known."""
+    recipe = document["recipe"]
+    versions = ", ".join(f"{name} {version}" for name, version in document["libraries"].items())
+    pairs = [
+        ("serial", document["serial"]),
+        ("revision", str(document["revision"])),
+        ("procedure", document["procedure"]),
+        ("effective from", document["effective_from"]),
+        ("software", f"{document['software']}, Python {document['python']}, {versions}"),
+        ("recipe", recipe["name"]),
+        ("SHA-256 of the recipe", element("code", recipe["sha256"])),
+        *(("changed by --set", element("code", text)) for text in recipe["overrides"]),
+        *(
+            (f"{name} supersedes the file of sha256", element("code", record.supersedes))
+            for name, record in records.items()
+            if record.supersedes
+        ),
+    ]
+    files = [(f"SHA-256 of {entry['name']}", element("code", entry["sha256"])) for entry in document["files"]]
+    return [
+        tables.conditions(tuple(records.values())),
+        tables.facts("Where this comes from", pairs),
+        tables.facts("Files of the run (this page is listed in run.json)", files),
+        element(
+            "details",
+            element("summary", "The recipe as it was written"),
+            Markup(f"<pre>{escaped(recipe['text'])}</pre>"),
+        ),
+    ]

@@ -1,0 +1,76 @@
+"""Pieces of HTML whose texts are escaped by the one function that makes elements."""
+
+from __future__ import annotations
+
+import html
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Sequence
+
+_UNSHOWN = re.compile(
+    "[\x00-\x08\x0b\x0c\x0e-\x1f\x7f-\x9f\ud800-\udfff\ufdd0-\ufdef\ufffe\uffff\u202a-\u202e\u2066-\u2069]"
+)
+"""Characters that a page must not hold, or that turn the order of what stands around them."""
+
+
+@dataclass(frozen=True, slots=True)
+class Markup:
+    """A text that is HTML already."""
+
+    text: str
+
+    def __str__(self) -> str:
+        return self.text
+
+
+Content = str | Markup
+
+
+def escaped(content: Content) -> str:
+    """HTML of a text or of a piece; characters that cannot be shown stand there as their code."""
+    if isinstance(content, Markup):
+        return content.text
+    return html.escape(_UNSHOWN.sub(lambda found: f"\\u{ord(found.group()):04x}", content.replace("\r", "\\r")))
+
+
+def element(tag: str, *parts: Content, **attributes: str) -> Markup:
+    """An element around texts and pieces; a trailing underscore of an attribute's name goes, others become hyphens."""
+    said = "".join(
+        f' {name.rstrip("_").replace("_", "-")}="{escaped(value)}"' for name, value in attributes.items() if value
+    )
+    return Markup(f"<{tag}{said}>{''.join(map(escaped, parts))}</{tag}>")
+
+
+def joined(parts: Iterable[Markup], between: str = "\n") -> Markup:
+    """Pieces one after the other."""
+    return Markup(between.join(part.text for part in parts))
+
+
+def cell(content: Content) -> Markup:
+    """A cell of a table's body."""
+    return element("td", content)
+
+
+def row(first: Content, *others: Content, kind: str = "", numbers: Sequence[int] = ()) -> Markup:
+    """A row whose first cell names it; the cells at `numbers` are set as numbers."""
+    cells = [
+        element("td", content, class_="number" if at in numbers else "") for at, content in enumerate(others, start=1)
+    ]
+    return element("tr", element("th", first, scope="row"), *cells, class_=kind)
+
+
+def table(
+    caption: Content, heads: Sequence[Content], bodies: Sequence[Sequence[Markup]], numbers: Sequence[int]
+) -> Markup:
+    """A table with a caption and column heads in a frame that scrolls sideways where the page is narrow."""
+    head = element(
+        "tr",
+        *(element("th", name, scope="col", class_="number" if at in numbers else "") for at, name in enumerate(heads)),
+    )
+    parts = [element("caption", element("span", caption)), element("thead", head)]
+    parts += [Markup(f"<tbody>\n{joined(rows)}\n</tbody>") for rows in bodies]
+    whole = Markup(f"<table>\n{joined(parts)}\n</table>")
+    return element("div", whole, class_="wide", tabindex="0", role="group")

@@ -1,0 +1,231 @@
+"""Figures as inline SVG of an HTML page: the same bytes for the same figures, no styles of their own, thinned where long."""
+
+from __future__ import annotations
+
+import io
+import re
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.report.figures import drawing, literal
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+    from xml.etree.ElementTree import Element
+
+    from matplotlib.axes import Axes
+    from matplotlib.axis import Axis
+    from matplotlib.figure import Figure
+    from matplotlib.lines import Line2D
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+MOST_POINTS = 4000
+"""Points up to which a curve is drawn whole."""
+FEWEST_POINTS = 400
+"""Points that a long curve keeps in a report of however many curves."""
+ALL_POINTS = 100_000
+"""Points of a report's long curves together: about 1.5 MB of it."""
+PLACES = 2
+"""Decimals of coordinates [pt]: a tenth of a line's width at the strongest zoom."""
+CELL_PT = 0.25
+"""Markers nearer to each other than this lie on each other."""
+
+_PREFIX = re.compile(r"\{[^}]*\}")
+_LONG = re.compile(rf"-?\d+\.\d{{{PLACES + 1},}}")
+_URL = re.compile(r"url\(#([^)]+)\)")
+_ATTRIBUTES = frozenset(
+    {
+        "clip-path",
+        "fill",
+        "fill-opacity",
+        "fill-rule",
+        "font-size",
+        "font-style",
+        "font-weight",
+        "opacity",
+        "stroke",
+        "stroke-dasharray",
+        "stroke-dashoffset",
+        "stroke-linecap",
+        "stroke-linejoin",
+        "stroke-miterlimit",
+        "stroke-opacity",
+        "stroke-width",
+        "text-anchor",
+    }
+)
+"""What a style may say as attributes, which need no permission of a content security policy; the rest is the page's."""
+
+
+def inline(figures: Sequence[Figure]) -> tuple[list[str], bool]:
+    """SVG element of each figure, and whether long curves were thinned. The figures, which were drawn before, are spent.
+
+    Where the panels lie and what their axes span stands in `data-` attributes, for a reading at the pointer.
+    """
+    lines = [line for figure in figures for ax in figure.axes if ax.get_visible() for line in ax.get_lines()]
+    most = int(np.clip(ALL_POINTS // max(1, len(lines)), FEWEST_POINTS, MOST_POINTS))
+    thinned = [_thin(line, most) for line in lines]
+    return [_svg(figure, f"f{number}-") for number, figure in enumerate(figures, start=1)], any(thinned)
+
+
+def _thin(line: Line2D, most: int) -> bool:
+    """Leave of a long line what shows its extremes; returns whether it was long."""
+    x, y = (np.asarray(values, dtype=np.float64) for values in line.get_data(orig=False))
+    if x.size <= most:
+        return False
+    joined = line.get_linestyle() not in {"None", "none", " ", ""}
+    kept = extremes(x, y, most) if joined else _apart(line.get_transform().transform(np.column_stack([x, y])), most)
+    line.set_data(x[kept], y[kept])
+    return True
+
+
+def extremes(x: Array, y: Array, most: int) -> NDArray[np.int64]:
+    """Indices, ascending, of a curve's smallest and largest x and y [n] in equal pieces, and of its gaps; about `most`."""
+    rising = bool(np.all(np.diff(x) >= 0.0))
+    sides = (y,) if rising else (x, y)
+    pieces = max(1, most // (2 * len(sides)))
+    kept = [np.array([0, x.size - 1])]
+    for piece in np.array_split(np.arange(x.size), pieces):
+        good = piece[np.isfinite(x[piece]) & np.isfinite(y[piece])]
+        if good.size < piece.size:
+            kept.append(piece[~np.isin(piece, good)][:1])
+        if good.size:
+            kept += [np.array([good[np.argmin(side[good])], good[np.argmax(side[good])]]) for side in sides]
+    return np.unique(np.concatenate(kept))
+
+
+def _apart(points: Array, most: int) -> NDArray[np.int64]:
+    """Indices, ascending, of points [n, 2, pixels] that do not lie on each other; cells grow until at most `most` are left."""
+    points = np.where(np.isfinite(points), points, -1.0)
+    cell = CELL_PT
+    while True:
+        _, kept = np.unique(np.floor(points / cell), axis=0, return_index=True)
+        if kept.size <= most:
+            return np.sort(kept)
+        cell *= 1.5
+
+
+def _svg(figure: Figure, prefix: str) -> str:
+    """SVG element of one figure whose layout was settled when it was drawn; its ids begin with a prefix of their own."""
+    from xml.etree import ElementTree as ET
+
+    import matplotlib as mpl
+
+    literal(figure)
+    figure.set_layout_engine("none")
+    for number, ax in enumerate(figure.axes):
+        ax.set_gid(f"panel{number}")
+    buffer = io.StringIO()
+    clockless = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    with drawing(), mpl.rc_context({"svg.fonttype": "none"}):
+        figure.savefig(buffer, format="svg", metadata=clockless)
+    root = ET.fromstring(buffer.getvalue())  # noqa: S314 - what matplotlib has just written
+    _plain(root, prefix)
+    for number, ax in enumerate(figure.axes):
+        group = root.find(f".//g[@id='panel{number}']")
+        if group is not None:
+            del group.attrib["id"]
+            group.attrib |= _panel(ax, figure)
+    shape = {"viewBox": root.get("viewBox", ""), "role": "img", "focusable": "false"}
+    root.attrib.clear()
+    root.attrib |= shape
+    return ET.tostring(root, encoding="unicode")
+
+
+def _plain(root: Element, prefix: str) -> None:
+    """Make styles attributes, round coordinates, and leave only the ids that something refers to, with the prefix."""
+    for parent in list(root.iter()):
+        for child in list(parent):
+            if _PREFIX.sub("", child.tag) in {"style", "metadata"}:
+                parent.remove(child)
+    wanted = set(_references(root))
+    for element in root.iter():
+        element.tag = _PREFIX.sub("", element.tag)
+        element.attrib = _attributes(element, wanted, prefix)
+        for side in ("text", "tail"):
+            said = getattr(element, side)
+            if said is not None and not said.strip():
+                setattr(element, side, None)
+    for group in root.iter("g"):
+        _hoist(group)
+
+
+def _references(root: Element) -> Iterator[str]:
+    """Ids that elements refer to."""
+    for element in root.iter():
+        for name, value in element.attrib.items():
+            if name.endswith("href"):
+                yield value.removeprefix("#")
+            yield from _URL.findall(value)
+
+
+def _attributes(element: Element, wanted: set[str], prefix: str) -> dict[str, str]:
+    """Attributes of an element without a style, coordinates rounded."""
+    given = {_PREFIX.sub("", name): value for name, value in element.attrib.items()}
+    given |= _styled(given.pop("style", ""))
+    found = {}
+    for name, value in given.items():
+        if name == "id" and value not in wanted:
+            if value.startswith("panel"):
+                found["id"] = value
+        elif name == "id":
+            found["id"] = prefix + value
+        elif name == "href":
+            found["href"] = f"#{prefix}{value.removeprefix('#')}"
+        elif not (name == "transform" and value.startswith("rotate(-0 ")):
+            found[name] = _URL.sub(rf"url(#{prefix}\1)", _LONG.sub(_rounded, value)).strip()
+    if "d" in found:
+        found["d"] = found["d"].replace("\n", "").replace(" L ", "L").replace(" ", " ")
+    return found
+
+
+def _styled(style: str) -> dict[str, str]:
+    """Declarations of a style that are attributes too."""
+    pairs = (part.partition(":") for part in style.split(";"))
+    return {name.strip(): value.strip() for name, _, value in pairs if name.strip() in _ATTRIBUTES}
+
+
+def _rounded(match: re.Match[str]) -> str:
+    """A coordinate with the decimals that can be seen."""
+    text = f"{float(match.group()):.{PLACES}f}".rstrip("0").rstrip(".")
+    return "0" if text == "-0" else text
+
+
+def _hoist(group: Element) -> None:
+    """Let a group of equal markers say once what they look like."""
+    if len(group) < 2 or any(child.tag != "use" for child in group):
+        return
+    looks = [{name: value for name, value in child.attrib.items() if name in _ATTRIBUTES} for child in group]
+    shared = {name: value for name, value in looks[0].items() if all(look.get(name) == value for look in looks)}
+    for child in group:
+        child.attrib = {name: value for name, value in child.attrib.items() if name not in shared}
+    group.attrib |= shared
+
+
+def _panel(ax: Axes, figure: Figure) -> dict[str, str]:
+    """Where a panel lies in the SVG and what its axes span: class and data attributes; nothing for a panel without axes."""
+    if not ax.get_visible() or not ax.axison:
+        return {}
+    width, height = (72.0 * size for size in figure.get_size_inches())
+    box = ax.get_position()
+    place = (box.x0 * width, (1.0 - box.y1) * height, box.width * width, box.height * height)
+    spans = {"data-x": _span(ax.xaxis, ax.get_xlim()), "data-y": _span(ax.yaxis, ax.get_ylim())}
+    labels = {"data-x-label": ax.get_xlabel() or "x", "data-y-label": ax.get_ylabel() or "y"}
+    name = " ".join(filter(None, (ax.get_title(loc) for loc in ("left", "center", "right"))))
+    corners = " ".join(_LONG.sub(_rounded, f"{part:.6f}") for part in place)
+    return {"class": "panel", "data-box": corners, "data-name": name} | spans | labels
+
+
+def _span(axis: Axis, limits: tuple[float, float]) -> str:
+    """Scale and limits of an axis as words; nothing where it counts names or has a scale that the page does not know."""
+    scale = axis.get_scale()
+    labels = [label.get_text().replace("−", "-") for label in axis.get_ticklabels()]
+    if any(re.fullmatch(r"[-+.\deE]*|\$.*\$", label) is None for label in labels):
+        return ""
+    ends = f"{float(limits[0])!r} {float(limits[1])!r}"
+    if scale == "symlog":
+        return f"symlog {ends} {float(axis.get_transform().linthresh)!r}"  # type: ignore[attr-defined]
+    return f"{scale} {ends}" if scale in {"linear", "log"} else ""
