@@ -132,12 +132,18 @@ def four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
     return (along, across) if sensor == "x" else (-across, along)
 
 
+def closures(indication: Array) -> Array:
+    """Half of r₀ − r₉₀ + r₁₈₀ − r₂₇₀ [n] of indications [n, 4]: noise alone, as large as that of one reading."""
+    found: Array = indication @ np.array([0.5, -0.5, 0.5, -0.5])
+    return found
+
+
 def closure_noise(indication: Array) -> float:
     """Standard deviation of one reading from indications [n, 4] of one sensor: r₀ − r₉₀ + r₁₈₀ − r₂₇₀ is noise alone.
 
     One degree of freedom a station; a drifting bias is in it. Raises FitError where no station is complete.
     """
-    closure = indication @ np.array([0.5, -0.5, 0.5, -0.5])
+    closure = closures(indication)
     known = closure[np.isfinite(closure)]
     if not known.size:
         raise FitError("no station has all four positions: nothing tells the noise", hint="give the noise of a reading")

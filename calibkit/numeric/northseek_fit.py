@@ -57,6 +57,10 @@ class Fitted:
     """Of the residuals of all stations, each sensor."""
     status: tuple[str, ...]
     """[n]: empty, or why the station cannot be solved; its components are NaN."""
+    squares: Array
+    """Sums of squared residuals [n, 2] of accelerometer and gyro; 0 where a station is not solved."""
+    dofs: NDArray[np.int64]
+    """Degrees of freedom of each of them [n, 2]."""
 
 
 def harmonics(
@@ -209,16 +213,16 @@ def _fitted(
     """Put the stations' fits side by side; NaN for a station without one."""
     values = np.full((order.size, 7), np.nan)
     covariance = np.full((order.size, 4, 4), np.nan)
-    dof = 0
+    squares, dofs = np.zeros((order.size, 2)), np.zeros((order.size, 2), dtype=np.int64)
     for k, pair in enumerate(pairs):
         if pair is None:
             continue
         accel, gyro = pair
+        squares[k], dofs[k] = (accel.sum_of_squares, gyro.sum_of_squares), (accel.dof, gyro.dof)
         values[k] = (accel.x, accel.y, gyro.x, gyro.y, gyro.bias, gyro.ramp * 3600.0, accel.bias)
         covariance[k] = 0.0
         covariance[k, :2, :2] = accel.unit_covariance[:2, :2] * accel_sd**2
         covariance[k, 2:, 2:] = gyro.unit_covariance[:2, :2] * gyro_sd**2
-        dof += gyro.dof
     accel_x, accel_y, gyro_x, gyro_y, bias, ramp, accel_bias = (np.ascontiguousarray(column) for column in values.T)
     return Fitted(
         station=order,
@@ -228,6 +232,8 @@ def _fitted(
         accel_bias_g=accel_bias,
         gyro_noise_dph=gyro_sd,
         accel_noise_g=accel_sd,
-        dof=dof,
+        dof=int(dofs[:, 1].sum()),
         status=status,
+        squares=squares,
+        dofs=dofs,
     )

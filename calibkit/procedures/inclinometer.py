@@ -19,6 +19,7 @@ from calibkit.stages import (
     accel_fit,
     inclinometer_azimuth,
     inclinometer_dwells,
+    inclinometer_latitude,
     inclinometer_results,
     inclinometer_solve,
     inclinometer_stations,
@@ -64,6 +65,7 @@ def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Pr
     fits, seen = inclinometer_solve.fit(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in found if finding.flagged]
+    notes += inclinometer_latitude.flags(fits, stations, seen, spec)
     result = inclinometer_results.result(fits, stations, seen, notes, spec, accel_fit.local_gravity(spec.site))
     return Fitted(
         (result,),
@@ -135,6 +137,7 @@ def validate(
         entries.append(inclinometer_azimuth.entry(file, log.sha256, log.rows, stations, seen, errors))
         tables.append(inclinometer_azimuth.error_table(errors, f"{file}: errors against the reference"))
         flags += [f"{file}: {note}" for note in log.notes] + list(found)
+        flags += inclinometer_azimuth.worse(file, errors)
         parts.append(errors)
     criteria = inclinometer_azimuth.criteria(inclinometer_azimuth.pooled(parts), spec, unseen=True)
     return {"logs": entries}, Summary("", tuple(tables), tuple(flags), criteria)

@@ -104,6 +104,15 @@ def criteria(found: Errors, spec: InclinometerRecipe, *, unseen: bool) -> tuple[
     return tuple(made)
 
 
+def worse(file: str, found: Errors) -> list[str]:
+    """Flag of a log whose azimuths the correction made worse as a whole."""
+    before, after = rms(found.before[found.known]), rms(found.after[found.known])
+    if not after > before:
+        return []
+    said = f"{file}: the azimuth's rms error is {after:.3g}° corrected, {before:.3g}° uncorrected"
+    return [f"{said}: s(T) does not hold here; see site.latitude_deg, the gyros, and the reference azimuths"]
+
+
 def simultaneous(count: int) -> float:
     """Coverage factor that the largest of so many normal errors keeps in 95 % of cases (Bonferroni)."""
     from scipy.special import ndtri

@@ -10,8 +10,9 @@ import numpy as np
 from calibkit.coefficients import Coefficient, Condition, Figure, Model, Parameter, StageResult
 from calibkit.errors import CoefficientError
 from calibkit.stages.inclinometer_azimuth import azimuth_rms
+from calibkit.stages.inclinometer_noise import Noise
 from calibkit.stages.inclinometer_solve import WRONG, ScaleModel
-from calibkit.stages.inclinometer_stations import TEMPERATURE, Noise
+from calibkit.stages.inclinometer_stations import TEMPERATURE
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping

@@ -21,7 +21,8 @@ if TYPE_CHECKING:
     from calibkit.numeric.northseek_choice import Solution
     from calibkit.numeric.northseek_pairs import Combined
     from calibkit.recipe.inclinometer import InclinometerRecipe
-    from calibkit.stages.inclinometer_stations import Noise, Stations
+    from calibkit.stages.inclinometer_noise import Noise
+    from calibkit.stages.inclinometer_stations import Stations
 
     Array = NDArray[np.float64]
 

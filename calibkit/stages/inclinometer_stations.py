@@ -2,16 +2,16 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import check
-from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Log, values
 from calibkit.numeric import northseek, northseek_fit
-from calibkit.stages import inclinometer_dwells
+from calibkit.stages import inclinometer_dwells, inclinometer_noise
+from calibkit.stages.inclinometer_noise import Closing, Noise
 from calibkit.stages.ingest import unmapped
 
 if TYPE_CHECKING:
@@ -30,10 +30,6 @@ TEMPERATURE = "temp_case_degc"
 REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
 """Largest indication of a tool at rest, bias included: beyond it the log's unit is another."""
-NORMAL_95 = 1.959963984540054
-"""Quantile of the normal distribution that 95 % lie within."""
-CONTRADICTED = 1e-6
-"""Probability of closures so much smaller or larger than the known noise, below which they have a noise of their own."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,19 +50,6 @@ class Rows:
     temperature: Array
     reference: Array
     """[r, 3] of inclination, toolface, azimuth [°]; NaN where a log has none."""
-
-
-@dataclass(frozen=True, slots=True)
-class Noise:
-    """Standard deviation of one reading of a sensor pair, and from how many degrees of freedom it is known."""
-
-    accel_g: float
-    gyro_dph: float
-    dof: int
-
-
-NO_NOISE = Noise(0.0, 0.0, 0)
-"""What is known of the noise before anything is read."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -260,12 +243,16 @@ def stations(rows: Rows, spec: InclinometerRecipe, known: Mapping[Sensor, Noise]
     Raises FitError where nothing tells the noise.
     """
     count = len(rows.names)
-    pair = _by_differences if spec.stations.method == "four_differences" else _by_least_squares
+    differences = spec.stations.method == "four_differences"
+    pair = _by_differences if differences else _by_least_squares
     parts, noises, status = {}, {}, {}
     for axis in spec.axes:
-        own = pair(rows, axis, spec, None)[1]
-        noises[axis] = _decided(own, None if known is None else known[axis], rows.resolution[axis], spec, axis)
-        parts[axis], _, status[axis] = pair(rows, axis, spec, _widened(noises[axis], spec))
+        closing = _differences_close(rows, axis) if differences else _fits_close(rows, axis, spec)
+        before = None if known is None else known[axis]
+        closed = inclinometer_noise.judged(closing, inclinometer_noise.least(before, rows.resolution[axis], spec))
+        noises[axis] = inclinometer_noise.decided(closed.noise, before, rows.resolution[axis], spec, axis)
+        parts[axis], own = pair(_without(rows, closed.wild), axis, spec, inclinometer_noise.widened(noises[axis], spec))
+        status[axis] = tuple(wild or reason for wild, reason in zip(closed.wild, own, strict=True))
     first = np.unique(rows.station, return_index=True)[1]
     time = rows.time[first]
     reference = [
@@ -284,96 +271,70 @@ def stations(rows: Rows, spec: InclinometerRecipe, known: Mapping[Sensor, Noise]
     )
 
 
-def _by_differences(
-    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise | None
-) -> tuple[Components, Noise, tuple[str, ...]]:
-    """Components by the four differences, noise (as given, or of the closures), and why each station is refused."""
-    del spec  # the least-squares way has options, this one has none
+def _without(rows: Rows, wild: tuple[str, ...]) -> Rows:
+    """The rows without the positions of stations that hold a wild reading: they are not solved."""
+    out = np.array([bool(reason) for reason in wild])[rows.station]
+    return replace(rows, position=np.where(out, np.nan, rows.position)) if out.any() else rows
+
+
+def _arranged(rows: Rows, axis: Sensor) -> tuple[Array, Array, tuple[str, ...]]:
+    """Indications [n, 4] of accelerometer and gyro at the four positions, and why each station is refused."""
     placed = np.where(np.isfinite(rows.position), rows.position, 0.0)
     readings = northseek.arrange(rows.station, placed, np.column_stack((rows.accel[axis], rows.gyro[axis])))
     faults = [position_fault(rows.position[rows.station == k]) for k in range(len(rows.names))]
     status = tuple(fault[1] if fault else reason for fault, reason in zip(faults, readings.status, strict=True))
     solved = np.array([not reason for reason in status])
     indication = np.where(solved[:, None, None], readings.indication, np.nan)
-    accel, gyro = indication[:, :, 0], indication[:, :, 1]
-    if noise is None:
-        dof = int(solved.sum())
-        noise = Noise(northseek.closure_noise(accel), northseek.closure_noise(gyro), dof) if dof else NO_NOISE
+    return indication[:, :, 0], indication[:, :, 1], status
+
+
+def _differences_close(rows: Rows, axis: Sensor) -> Closing:
+    """Closures r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of each station: one degree of freedom each."""
+    accel, gyro, _ = _arranged(rows, axis)
+    closures = np.column_stack([northseek.closures(accel), northseek.closures(gyro)])
+    known = np.isfinite(closures)
+    return Closing(np.where(known, closures, 0.0) ** 2, known.astype(np.int64))
+
+
+def _fits_close(rows: Rows, axis: Sensor, spec: InclinometerRecipe) -> Closing:
+    """Residuals of each station's least squares."""
+    found = _fitted(rows, axis, spec, 1.0, 1.0)
+    return Closing(found.squares, found.dofs)
+
+
+def _by_differences(
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise
+) -> tuple[Components, tuple[str, ...]]:
+    """Components by the four differences, and why each station is refused."""
+    del spec  # the least-squares way has options, this one has none
+    accel, gyro, status = _arranged(rows, axis)
     parts = northseek.components(accel, gyro, axis, accel_noise_g=noise.accel_g, gyro_noise_dph=noise.gyro_dph)
-    return parts, noise, status
+    return parts, status
 
 
 def _by_least_squares(
-    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise | None
-) -> tuple[Components, Noise, tuple[str, ...]]:
-    """Components by least squares over any positions, noise (as given, or of the residuals), and refusals."""
-
-    def fitted(accel_g: float | None, gyro_dph: float | None) -> northseek_fit.Fitted:
-        return northseek_fit.stations(
-            rows.station,
-            rows.position,
-            rows.accel[axis],
-            rows.gyro[axis],
-            axis,
-            time_s=rows.time if spec.stations.gyro_ramp else None,
-            gyro_ramp=spec.stations.gyro_ramp,
-            accel_noise_g=accel_g,
-            gyro_noise_dph=gyro_dph,
-        )
-
-    if noise is None:
-        found = fitted(1.0, 1.0)
-        if found.dof == 0:
-            return found.components, NO_NOISE, found.status
-        found = fitted(None, None)
-        return found.components, Noise(found.accel_noise_g, found.gyro_noise_dph, found.dof), found.status
-    found = fitted(noise.accel_g, noise.gyro_dph)
-    return found.components, noise, found.status
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise
+) -> tuple[Components, tuple[str, ...]]:
+    """Components by least squares over any positions, and why each station is refused."""
+    found = _fitted(rows, axis, spec, noise.accel_g, noise.gyro_dph)
+    return found.components, found.status
 
 
-def _decided(
-    own: Noise, known: Noise | None, last_digit: tuple[float, float], spec: InclinometerRecipe, axis: Sensor
-) -> Noise:
-    """Noise as the recipe states it, else the readings' own pooled with that of a calibration; never below the last digit."""
-    stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
-    before = known or NO_NOISE
-    pairs = ((own.accel_g, before.accel_g), (own.gyro_dph, before.gyro_dph))
-    found = []
-    for given, (mine, calibrated), digit, kind in zip(stated, pairs, last_digit, ("accel", "gyro"), strict=True):
-        if given != "auto":
-            found.append(given)
-        elif own.dof + before.dof == 0:
-            unit = "g" if kind == "accel" else "dph"
-            raise FitError(
-                f"{kind}_{axis}_{unit}: no station tells the noise of a reading",
-                hint=f"give stations.{kind}_noise_{unit} in the recipe, or stations with more positions",
-            )
-        else:
-            found.append(max(_pooled(mine, own.dof, calibrated, before.dof), digit / np.sqrt(12.0)))
-    return Noise(float(found[0]), float(found[1]), own.dof + before.dof)
-
-
-def _widened(noise: Noise, spec: InclinometerRecipe) -> Noise:
-    """Noise for propagation: one known from few degrees of freedom is raised by Student's t, so that k = 2 still means 95 %."""
-    if not noise.dof:
-        return noise
-    from scipy.special import stdtrit
-
-    factor = float(stdtrit(noise.dof, 0.975)) / NORMAL_95
-    given = spec.stations.accel_noise_g != "auto", spec.stations.gyro_noise_dph != "auto"
-    accel, gyro = (1.0 if stated else factor for stated in given)
-    return Noise(accel * noise.accel_g, gyro * noise.gyro_dph, noise.dof)
-
-
-def _pooled(own: float, own_dof: int, known: float, known_dof: int) -> float:
-    """Noise of both, weighted by degrees of freedom, or the readings' own where the known one cannot be theirs."""
-    if own_dof and known_dof and known > 0.0:
-        from scipy.special import fdtr, fdtrc
-
-        ratio = (own / known) ** 2
-        if min(fdtr(own_dof, known_dof, ratio), fdtrc(own_dof, known_dof, ratio)) < CONTRADICTED:
-            return own
-    return float(np.sqrt((own_dof * own**2 + known_dof * known**2) / (own_dof + known_dof)))
+def _fitted(
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe, accel_g: float, gyro_dph: float
+) -> northseek_fit.Fitted:
+    """Every station by least squares, with the noise of a reading."""
+    return northseek_fit.stations(
+        rows.station,
+        rows.position,
+        rows.accel[axis],
+        rows.gyro[axis],
+        axis,
+        time_s=rows.time if spec.stations.gyro_ramp else None,
+        gyro_ramp=spec.stations.gyro_ramp,
+        accel_noise_g=accel_g,
+        gyro_noise_dph=gyro_dph,
+    )
 
 
 def _means(column: Array, station: Index, count: int) -> Array:
