@@ -13,6 +13,7 @@ __version__ = "0.1.0"
 if TYPE_CHECKING:
     from calibkit.api import (
         CalibkitError,
+        UncertaintyComponent,
         allan_deviation,
         certify,
         combine_uncertainty,
@@ -32,6 +33,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CalibkitError",
+    "UncertaintyComponent",
     "allan_deviation",
     "certify",
     "combine_uncertainty",

@@ -11,6 +11,7 @@ from calibkit.certificate import certify as certificates
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.numeric.allan import overlapping as allan_deviation
 from calibkit.numeric.denoise import denoise
+from calibkit.numeric.gum import Component as UncertaintyComponent
 from calibkit.numeric.gum import combine as combine_uncertainty
 from calibkit.procedures import silent
 from calibkit.recipe import Source
@@ -34,6 +35,7 @@ if TYPE_CHECKING:
 
 __all__ = [
     "CalibkitError",
+    "UncertaintyComponent",
     "allan_deviation",
     "certify",
     "combine_uncertainty",

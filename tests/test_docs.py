@@ -10,75 +10,90 @@ import sys
 
 import pytest
 
+import pages
 from conftest import ROOT
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
+PAGES = [*TUTORIALS, *sorted((ROOT / "docs" / "how_to").glob("*.md"))]
 SCHEMAS = ROOT / "docs" / "schemas"
 
 
-def blocks(page):
-    """Code blocks of a page in order: language and text."""
-    return re.findall(r"^```(sh|python)\n(.*?)^```$", page.read_text(encoding="utf-8"), re.MULTILINE | re.DOTALL)
+def validators():
+    """Validator of each format that has a schema."""
+    jsonschema = pytest.importorskip("jsonschema")
+    schemas = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(SCHEMAS.glob("*.json"))]
+    for schema in schemas:
+        jsonschema.Draft202012Validator.check_schema(schema)
+    return {schema["title"]: jsonschema.Draft202012Validator(schema) for schema in schemas}
 
 
-def typed(folder):
-    """Return a function that runs a tutorial's block in a folder with the sample logs, as a reader would."""
-    (folder / "bin").mkdir()
-    command = folder / "bin" / "calibkit"
-    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m calibkit "$@"\n', encoding="utf-8")
-    command.chmod(0o755)
-    (folder / "datasets").symlink_to(ROOT / "datasets")
-    environment = os.environ | {
-        "PATH": f"{folder / 'bin'}{os.pathsep}{os.environ['PATH']}",
-        "PYTHONPATH": str(ROOT),
-        "OPENBLAS_NUM_THREADS": "1",
-    }
-
-    def run(language, text):
-        arguments = ["bash", "-euc", text] if language == "sh" else [sys.executable, "-c", text]
-        done = subprocess.run(arguments, cwd=folder, env=environment, capture_output=True, text=True, check=False)
-        assert done.returncode == 0, f"{text}\n{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
-        return done
-
-    return run
+@pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
+def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(page, tmp_path, calibkit, monkeypatch):
+    """Every block in order ends as the page says; every JSON file holds against its schema, every form is in the table."""
+    if "calibkit certify" in page.read_text(encoding="utf-8"):
+        pytest.importorskip("typst")
+    pages.follow(page, tmp_path, calibkit, monkeypatch)
+    known, forms = validators(), (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    for path in tmp_path.rglob("*.json"):
+        document = json.loads(path.read_text(encoding="utf-8"))
+        if "format" in document:
+            known[document["format"]].validate(document)
+        if document.get("format") == "calibkit-coefficients/1":
+            assert [model["form"] for model in document["models"] if f"| `{model['form']}` |" not in forms] == []
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")
-@pytest.mark.parametrize("page", TUTORIALS, ids=lambda page: page.stem)
-def test_a_tutorial_runs_as_it_is_written(page, tmp_path):
-    """Every block of the page, in order, in an empty folder beside the sample logs: all end with exit code 0."""
-    if "calibkit certify" in page.read_text(encoding="utf-8") and importlib.util.find_spec("typst") is None:
-        pytest.skip("typst is not installed")
-    run = typed(tmp_path)
-    for language, text in blocks(page):
-        run(language, text)
+def test_a_tutorial_runs_in_a_shell(tmp_path):
+    """The commands of a tutorial, one after the other by bash with the command that is installed: all end with exit code 0."""
+    (tmp_path / "bin").mkdir()
+    command = tmp_path / "bin" / "calibkit"
+    command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m calibkit "$@"\n', encoding="utf-8")
+    command.chmod(0o755)
+    (tmp_path / "datasets").symlink_to(ROOT / "datasets")
+    path = f"{tmp_path / 'bin'}{os.pathsep}{os.environ['PATH']}"
+    environment = os.environ | {"PATH": path, "PYTHONPATH": str(ROOT), "OPENBLAS_NUM_THREADS": "1"}
+    text = (ROOT / "docs" / "tutorials" / "4_gyro_pair.md").read_text(encoding="utf-8")
+    script = "".join(block for language, block in pages.BLOCK.findall(text) if language == "sh")
+    done = subprocess.run(
+        ["bash", "-euc", script], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+    )
+    assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 
 
-def test_every_procedure_has_a_tutorial():
-    """Nine pages, and each shipped procedure is fitted on one of them."""
-    from calibkit.procedures import NAMES
-
+def test_every_shipped_recipe_has_a_tutorial():
+    """Each recipe of a procedure is fitted on a page; that of a certain sensor's raw counts is an example of mapping."""
     text = "".join(page.read_text(encoding="utf-8") for page in TUTORIALS)
-    assert [name for name in NAMES if f"calibkit fit {name} " not in text] == []
+    names = {path.stem for path in (ROOT / "recipes").glob("*.toml")} - {"mpu6050_warmup"}
+    assert [name for name in sorted(names) if f"calibkit fit {name} " not in text] == []
 
 
-@pytest.mark.parametrize("procedure", ["gyro_pair", "rate_table", "inclinometer"])
-def test_what_calibkit_writes_is_of_its_schema(tmp_path, calibkit, procedure):
-    """run.json, every coefficient file and a validation hold against the published JSON Schemas."""
-    jsonschema = pytest.importorskip("jsonschema")
-    data = ROOT / "datasets" / procedure
-    assert calibkit("fit", procedure, "--data", data, "--serial", "S", "--out", tmp_path / "runs").code == 0
-    paths = sorted((tmp_path / "runs" / "S" / "r001").glob("*.json"))
-    if (data / "withheld").is_dir():
-        paths.append(tmp_path / "v.json")
-        arguments = ("--runs", tmp_path / "runs", "--data", data / "withheld", "--out", paths[-1])
-        assert calibkit("validate", "S", *arguments).code == 0
-    for path in paths:
-        document = json.loads(path.read_text(encoding="utf-8"))
-        name = document["format"].replace("/", "-")
-        schema = json.loads((SCHEMAS / f"{name}.schema.json").read_text(encoding="utf-8"))
-        jsonschema.Draft202012Validator.check_schema(schema)
-        jsonschema.Draft202012Validator(schema).validate(document)
+def test_a_tutorial_uses_every_public_name():
+    """The page on Python calls each name of the public interface."""
+    import calibkit
+
+    text = (ROOT / "docs" / "tutorials" / "10_python.md").read_text(encoding="utf-8")
+    assert [name for name in calibkit.__all__ if f"calibkit.{name}" not in text] == []
+
+
+def test_every_format_has_a_schema_and_a_line():
+    """What calibkit writes with a format in it: the schema's title is that format, and the page on formats names both."""
+    source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "calibkit").rglob("*.py"))
+    written = set(re.findall(r'"(calibkit-[a-z]+/[0-9]+)"', source)) - {
+        "calibkit-firmware/1"
+    }  # a header's own, no JSON
+    listed = (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    assert written == set(validators())
+    for name in written:
+        assert f"| `{name}` |" in listed
+        assert f"`{name.replace('/', '-')}.schema.json`" in listed
+
+
+def test_every_page_is_in_the_contents():
+    """No page of the documentation is without its place in the index; Sphinx would only warn."""
+    index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
+    docs = ROOT / "docs"
+    names = [path.relative_to(docs).with_suffix("").as_posix() for path in docs.rglob("*.md") if path.stem != "index"]
+    assert [name for name in names if f"\n{name}\n" not in index and not name.startswith("how_to/")] == []
 
 
 def test_a_schema_refuses_a_coefficient_without_its_unit():
@@ -94,14 +109,18 @@ def test_a_schema_refuses_a_coefficient_without_its_unit():
 
 
 def test_the_pages_build_without_a_warning(tmp_path):
-    """Sphinx with warnings as errors."""
-    for module in ("sphinx", "myst_parser", "furo", "numpydoc"):
+    """Sphinx with warnings as errors, every reference resolved; equations are drawn, and none is left as it was typed."""
+    for module in ("sphinx", "myst_parser", "furo", "numpydoc", "latex2mathml"):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} is not installed: pip install 'calibkit[docs]'")
-    arguments = ["-m", "sphinx", "-W", "--keep-going", "-q", "-b", "html", str(ROOT / "docs"), str(tmp_path)]
+    arguments = ["-m", "sphinx", "-W", "-n", "--keep-going", "-q", "-b", "html", str(ROOT / "docs"), str(tmp_path)]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(
         [sys.executable, *arguments], env=environment, cwd=ROOT, capture_output=True, text=True, check=False
     )
     assert done.returncode == 0, done.stderr[-4000:]
     assert "Glossary" in (tmp_path / "glossary.html").read_text(encoding="utf-8")
+    for page in (tmp_path / "methods").glob("*.html"):
+        text = page.read_text(encoding="utf-8")
+        assert "<math" in text
+        assert re.search(r"\\(frac|hat|omega|text)\b|\$\$", text) is None, page.name

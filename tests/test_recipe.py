@@ -29,6 +29,7 @@ def test_every_shipped_recipe_parses(name):
     [
         ("[drift]\nordr = 2", "r.toml:5: unknown key 'drift.ordr' = 2, allowed: model, interval_s, estimate, order"),
         ("[drift]\nordr = 2", "did you mean 'order'?"),
+        ("[input_axis]\nelevatoin_deg = 9.0", "allowed: elevation_deg, azimuth_deg; did you mean 'elevation_deg'?"),
         ("[drift]\norder = 'two'", "r.toml:5: drift.order: found 'two', expected a whole number or 'auto'"),
         ("[drift]\norder = 2.5", "r.toml:5: drift.order: found 2.5"),
         ("[drift]\ninterval_s = 0", "r.toml:5: drift.interval_s: found 0, expected greater than 0"),

@@ -174,3 +174,21 @@ def test_sweeps_calibrate_as_grids_do():
     indicated, temperature, inclination, toolface = read(accelerometer.campaign(8, table_noise_deg=0.0))
     corrected = accel_k.correct(np.array([axis.coefficients for axis in fitted]), indicated, temperature)
     assert attitude.errors(corrected, inclination, toolface).inclination_max_deg < 0.05
+
+
+def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():
+    """The mean of each hold has the length that scale, bias and axes make of gravity, within 0.5 mg; attitudes are not logged."""
+    from calibkit.numeric import magnitude
+    from calibkit.simulate import accelerometer_magnitude
+
+    simulated = accelerometer_magnitude.campaign(5, positions=12)
+    truth = simulated.truth
+    log = simulated.logs["tumble.csv"]
+    assert set(log) == {"time_s", "accel_x_g", "accel_y_g", "accel_z_g"}
+    samples = np.column_stack([log[f"accel_{axis}_g"] for axis in "xyz"]).reshape(12, 130, 3)
+    holds = samples[:, :100].mean(axis=1)
+    parameters = np.concatenate([truth["k"], truth["b"], truth["Q"]])
+    corrected = magnitude.correct(parameters, holds)
+    np.testing.assert_allclose(np.linalg.norm(corrected, axis=1), 1.0, atol=5e-4)  # g
+    assert np.abs(np.linalg.norm(holds, axis=1) - 1.0).max() > 5e-3
+    np.testing.assert_allclose(corrected, truth["gravity"]["tumble.csv"], atol=5e-4)

@@ -273,10 +273,16 @@ def _keys(model: type[BaseModel], location: Location) -> list[str]:
     """Keys that the table at a location may hold."""
     current: Any = model
     for part in location:
-        current = _member(current, part)
+        current = _table(_member(current, part))
     if isinstance(current, type) and issubclass(current, BaseModel):
         return [field.alias or name for name, field in current.model_fields.items()]
     return []
+
+
+def _table(annotation: Any) -> Any:  # noqa: ANN401 (as below)
+    """Type of a table that may be absent: what stands beside None."""
+    tables = [kind for kind in get_args(annotation) if isinstance(kind, type) and issubclass(kind, BaseModel)]
+    return tables[0] if len(tables) == 1 and type(None) in get_args(annotation) else annotation
 
 
 def _member(annotation: Any, part: str | int) -> Any:  # noqa: ANN401 (walks type annotations, which have no common type)

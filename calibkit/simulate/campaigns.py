@@ -13,7 +13,16 @@ if TYPE_CHECKING:
 
     from calibkit.simulate.campaign import Campaign
 
-NAMES = ("accelerometer", "fog_thermal", "gyro_noise", "gyro_pair", "gyro_triad", "inclinometer", "rate_table")
+NAMES = (
+    "accelerometer",
+    "accelerometer_magnitude",
+    "fog_thermal",
+    "gyro_noise",
+    "gyro_pair",
+    "gyro_triad",
+    "inclinometer",
+    "rate_table",
+)
 
 
 def of(name: str) -> Callable[[int], Campaign]:

@@ -58,7 +58,7 @@ def joined(
         there = f"{len(names)} files ({', '.join(names[:4])})" if names else "no file"
         raise FrameError(
             f"{file}: [chamber] files matches {there}, expected the one of this log",
-            hint='name it with "{log}" in place of the log\'s name',
+            hint='it lies in the folder of the log; name it with "{log}" in place of the log\'s name',
         )
     first, probe = _first(recipe, chamber, path, file, needed, optional)
     second = _second(recipe, chamber, path.parent / names[0])
