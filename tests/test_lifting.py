@@ -287,6 +287,21 @@ def test_blocks_leave_no_trace_in_the_result(name, monkeypatch):
     assert np.array_equal(back, inverse(cut))
 
 
+@pytest.mark.parametrize("name", ["cdf97", "bior3.5"])
+def test_details_shrunk_on_the_way_back_equal_those_shrunk_before(name, monkeypatch):
+    """Level by level with its own threshold, block by block, to the last bit; the decomposition stays as it is."""
+    signal = noise(20_000)
+    before = forward(signal, scheme(name), 4, extension="trend")
+    thresholds = (0.5, 1.0, 1.5, 2.0)
+    kept = [detail.copy() for detail in before.details]
+    shrunk = tuple(np.where(np.abs(d) > t, d, 0.0) for d, t in zip(before.details, thresholds, strict=True))
+    monkeypatch.setattr(lifting, "CHUNK", 1 << 10)
+    monkeypatch.setattr(lifting, "BLOCK", 100)
+    found = inverse(before, lambda level, detail: np.where(np.abs(detail) > thresholds[level], detail, 0.0))
+    assert (found == inverse(dataclasses.replace(before, details=shrunk))).all()
+    assert all((detail == copy).all() for detail, copy in zip(before.details, kept, strict=True))
+
+
 def test_a_read_only_signal_is_accepted_and_left_alone():
     """A column of a pandas frame is read-only; the transform neither needs to write to it nor hands it out."""
     signal = noise(100)

@@ -89,11 +89,11 @@ def denoise(
         own = detail[interior]
         known = own.size >= OWN_NOISE_FROM
         thresholds[j] = (estimate if known else universal)(own, float(sigma[j]), samples.size)
-        _shrink_in_place(detail, float(thresholds[j]), shrink)
     edge = np.ones(samples.size, dtype=np.bool_)
     _, (first, last) = untouched(lifting, samples.size, depth)
     edge[first : max(first, last)] = False
-    return Denoised(inverse(parts), sigma, thresholds, edge, depth, 0)
+    shrunk = inverse(parts, lambda level, detail: shrink(detail, float(thresholds[level])))
+    return Denoised(shrunk, sigma, thresholds, edge, depth, 0)
 
 
 def shortest(wavelet: str, levels: int) -> int:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import difflib
 from dataclasses import dataclass
-from functools import cache, lru_cache
+from functools import cache, lru_cache, partial
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -14,7 +14,7 @@ from calibkit.numeric.extension import EXTENSIONS, Extension, extended
 from calibkit.numeric.factor import LITERAL, Scheme, Step, factored
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+    from collections.abc import Callable, Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -134,9 +134,10 @@ def forward(signal: Array, scheme: Scheme, levels: int, *, extension: Extension)
     for shares, spans in _chunks(scheme, wanted):
         part, first = samples, 0
         for j in range(levels):
-            part, detail = _analysed(part, first, scheme, spans[j + 1], extension, 3 << (levels - 1))
+            detail = details[j][_selected(shares[j + 1], wanted[j + 1])]
+            placed = (detail, shares[j + 1][0])
+            part = _analysed(part, first, scheme, spans[j + 1], extension, 3 << (levels - 1), placed)
             first = spans[j + 1][0]
-            details[j][_selected(shares[j + 1], wanted[j + 1])] = detail[_selected(shares[j + 1], spans[j + 1])]
         approximation[_selected(shares[-1], wanted[-1])] = part
     clean, _ = untouched(scheme, samples.size, levels)
     return Decomposition(
@@ -150,8 +151,11 @@ def forward(signal: Array, scheme: Scheme, levels: int, *, extension: Extension)
     )
 
 
-def inverse(decomposition: Decomposition) -> Array:
+def inverse(decomposition: Decomposition, shrink: Callable[[int, Array], Array] | None = None) -> Array:
     """Signal [n] from its wavelet coefficients, thresholded or not.
+
+    `shrink` makes of any stretch of the details of a level, 0 the finest, those to be used; it is called block by block
+    while they are in the cache, for some of them twice, and must treat each detail by itself.
 
     Raises
     ------
@@ -171,8 +175,10 @@ def inverse(decomposition: Decomposition) -> Array:
         signal = decomposition.approximation[_selected(parts[-1], wanted[-1])]
         for level in range(levels, 0, -1):
             detail = decomposition.details[level - 1][_selected(parts[level], wanted[level])]
-            signal = _synthesised(signal, detail, scheme, first=parts[level][0], span=parts[level - 1])
-        out[chunk[0] : chunk[1]] = signal
+            made = out[chunk[0] : chunk[1]] if level == 1 else np.empty(parts[level - 1][1] - parts[level - 1][0])
+            treat = None if shrink is None else partial(shrink, level - 1)
+            _synthesised((signal, detail), scheme, parts[level][0], parts[level - 1], treat, made)
+            signal = made
     return out
 
 
@@ -291,11 +297,21 @@ def _planned(steps: Sequence[Step], shifts: Span) -> _Pass:
 
 
 def _analysed(
-    values: Array, first: int, scheme: Scheme, span: Span, extension: Extension, window: int
-) -> tuple[Array, Array]:
-    """One level: approximation and details of the given indices, from values whose element 0 has the index `first`."""
+    values: Array,
+    first: int,
+    scheme: Scheme,
+    span: Span,
+    extension: Extension,
+    window: int,
+    placed: tuple[Array, int],
+) -> Array:
+    """One level: approximation of the given indices, from values whose element 0 has the index `first`.
+
+    The details of some of these indices go into an array whose element 0 has a stated index.
+    """
     plan, _ = _passes(scheme)
-    outputs = np.empty(span[1] - span[0]), np.empty(span[1] - span[0])
+    approximation = np.empty(span[1] - span[0])
+    outputs = (approximation, span[0]), placed
     room, scratch = _buffers(plan, span)
     for block in _cut(span, BLOCK):
         starts = (block[0] + plan.reach[0][0], block[0] + plan.reach[1][0])
@@ -304,31 +320,41 @@ def _analysed(
             at = 2 * starts[c] + scheme.parity + c - first
             room[c][:size] = extended(values, at, at + 2 * size - 1, extension, window)[::2]
         _lifted(room, starts, plan.moves, block, scratch)
-        for c in (0, 1):
-            at = block[0] + scheme.shifts[c] - starts[c]
-            out = outputs[c][block[0] - span[0] : block[1] - span[0]]
-            np.multiply(room[c][at : at + out.size], scheme.gains[c], out=out)
-    return outputs
+        for c, (out, origin) in enumerate(outputs):
+            low, high = max(block[0], origin), min(block[1], origin + out.size)
+            if high > low:
+                at = low + scheme.shifts[c] - starts[c]
+                np.multiply(room[c][at : at + high - low], scheme.gains[c], out=out[low - origin : high - origin])
+    return approximation
 
 
-def _synthesised(approximation: Array, detail: Array, scheme: Scheme, *, first: int, span: Span) -> Array:
+def _synthesised(
+    channels: tuple[Array, Array],
+    scheme: Scheme,
+    first: int,
+    span: Span,
+    treat: Callable[[Array], Array] | None,
+    out: Array,
+) -> None:
     """One level back: the values of the given indices, from coefficients whose element 0 has the index `first`."""
     _, plan = _passes(scheme)
     pairs = _pairs(scheme, span)
-    out = np.empty(2 * (pairs[1] - pairs[0]))
     room, scratch = _buffers(plan, pairs)
     for block in _cut(pairs, BLOCK):
         starts = (block[0] + plan.reach[0][0], block[0] + plan.reach[1][0])
-        for c, inputs in enumerate((approximation, detail)):
+        for c, coefficients in enumerate(channels):
             size = block[1] + plan.reach[c][1] - starts[c]
             at = starts[c] - scheme.shifts[c] - first
-            np.multiply(inputs[at : at + size], 1.0 / scheme.gains[c], out=room[c][:size])
+            inputs = coefficients[at : at + size]
+            if c == 1 and treat is not None:
+                inputs = treat(inputs)
+            np.multiply(inputs, 1.0 / scheme.gains[c], out=room[c][:size])
         _lifted(room, starts, plan.moves, block, scratch)
         for c in (0, 1):
-            at = block[0] - starts[c]
-            out[2 * (block[0] - pairs[0]) + c : 2 * (block[1] - pairs[0]) : 2] = room[c][at : at + block[1] - block[0]]
-    begin = span[0] - 2 * pairs[0] - scheme.parity
-    return out[begin : begin + span[1] - span[0]]
+            # the first and the last pair may reach beyond the span by a sample
+            origin = scheme.parity + c - span[0]
+            low, high = max(block[0], -(origin // 2)), min(block[1], (out.size - 1 - origin) // 2 + 1)
+            out[2 * low + origin : 2 * high + origin : 2] = room[c][low - starts[c] : high - starts[c]]
 
 
 def _cut(span: Span, size: int) -> list[Span]:

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
+from calibkit.numeric import medians
 from calibkit.numeric.factor import polyphase
 
 if TYPE_CHECKING:
@@ -42,19 +43,12 @@ def noise(details: Array) -> float:
     -----
     Donoho & Johnstone 1994. Details of noise have zero mean, so the deviation is taken from zero.
     """
-    size = details.size
-    if size == 0:
+    if details.size == 0:
         raise FitError("the noise of no details cannot be told", hint="use fewer levels or a longer signal")
-    magnitude = np.abs(details)
-    middle = size // 2
-    magnitude.partition(middle)
-    # NaN and infinity sort last, so that they are the maximum of the upper half
-    if not math.isfinite(magnitude[middle:].max()):
-        raise FitError("a detail is not finite", hint="exclude the samples that are not finite")
-    median = magnitude[middle]
-    if size % 2 == 0:
-        median = (median + magnitude[:middle].max()) / 2.0
-    return float(median) / MAD_OF_UNIT_NORMAL
+    try:
+        return medians.magnitude(details) / MAD_OF_UNIT_NORMAL
+    except FitError:
+        raise FitError("a detail is not finite", hint="exclude the samples that are not finite") from None
 
 
 def noise_gains(scheme: Scheme, levels: int) -> Array:

@@ -1,0 +1,90 @@
+"""The median of many magnitudes: exactly that of numpy, whatever the values are and however a sample of them misleads."""
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibkit.errors import FitError
+from calibkit.numeric import medians, shrinkage
+
+MANY = medians.MANY
+
+
+def cases(n):
+    """Values of many kinds: smooth, quantised, constant, mostly zero, of two heaps, drifting, far from zero."""
+    rng = np.random.default_rng(0)
+    white = rng.normal(size=n)
+    return {
+        "white": white,
+        "quantised": np.round(3.0 * white),
+        "constant": np.full(n, -2.5),
+        "mostly zero": np.where(white > 1.0, white, 0.0),
+        "two heaps": np.where(np.arange(n) % 2 == 0, 1.0, 5.0) + 1e-3 * white,
+        "drifting": np.cumsum(white),
+        "far": 1e9 + white,
+        "sorted": np.sort(white),
+        "tiny": 1e-300 * white,
+    }
+
+
+@pytest.mark.parametrize("n", [1, 2, 3, 1000, MANY, MANY + 1, 4 * MANY + 7])
+def test_it_is_the_median_of_numpy_to_the_last_bit(n):
+    """Even and odd numbers of values, few and many, about zero and about their own median."""
+    for name, values in cases(n).items():
+        centre = float(np.median(values))
+        assert medians.magnitude(values) == np.median(np.abs(values)), name
+        assert medians.magnitude(values, centre) == np.median(np.abs(values - centre)), name
+
+
+def test_a_sample_that_misleads_leaves_the_median_as_it_is():
+    """Where every sampled value is an outlier the bracket misses the median, and all values are partitioned."""
+    values = np.random.default_rng(1).normal(size=4 * MANY)
+    values[:: values.size // medians.SAMPLE] += 1e3
+    assert medians.magnitude(values) == np.median(np.abs(values))
+
+
+@settings(max_examples=60, deadline=None)
+@given(
+    seed=st.integers(0, 2**32 - 1),
+    n=st.integers(1, 300),
+    heaps=st.integers(1, 40),
+)
+def test_any_small_set_is_bracketed_rightly(seed, n, heaps):
+    """With the limits made small every path is taken by sets that have many values in common."""
+    values = np.random.default_rng(seed).integers(-heaps, heaps + 1, n) / 4.0
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(medians, "MANY", 16)
+        patch.setattr(medians, "SAMPLE", 8)
+        patch.setattr(medians, "MARGIN", 0.8)
+        patch.setattr(medians, "BLOCK", 11)
+        assert medians.magnitude(values) == np.median(np.abs(values))
+
+
+@pytest.mark.parametrize("n", [100, MANY])
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+def test_one_value_that_is_not_finite_is_refused(n, bad):
+    """Wherever it stands: it would sort last and be overlooked."""
+    for place in (0, n // 2, n - 1):
+        values = np.random.default_rng(2).normal(size=n)
+        values[place] = bad
+        with pytest.raises(FitError, match="not finite"):
+            medians.magnitude(values)
+        with pytest.raises(FitError, match="a detail is not finite"):
+            shrinkage.noise(values)
+
+
+def test_nothing_has_no_median():
+    """An empty set is refused."""
+    with pytest.raises(FitError, match="no values"):
+        medians.magnitude(np.zeros(0))
+
+
+def test_read_only_values_serve_and_stay_as_they_are():
+    """Arrays of pandas 3 are read-only; the order of the values is not touched."""
+    for n in (100, 2 * MANY):
+        values = np.random.default_rng(3).normal(size=n)
+        before = values.copy()
+        values.flags.writeable = False
+        assert medians.magnitude(values) == np.median(np.abs(values))
+        assert (values == before).all()
