@@ -110,8 +110,7 @@ def fit(recipe: Source | AnyPath, data: AnyPath, *, date: str, serial: str = "",
 
     Returns
     -------
-    Run with its folder, document (run.json) and records (one a stage). `run.document["accepted"]` says whether the
-    acceptance limits held.
+    Run: folder, records (one a stage) and document (run.json), whose "accepted" says whether the acceptance limits held.
 
     Raises
     ------
@@ -123,7 +122,7 @@ def fit(recipe: Source | AnyPath, data: AnyPath, *, date: str, serial: str = "",
 
 
 def find_run(name: AnyPath, runs: AnyPath = "runs") -> Run:
-    """Run of a folder, a serial (its newest revision) or SERIAL@r003; raises CalibkitError where a digest is wrong."""
+    """Run of a folder, a serial (its newest revision) or ``SERIAL@r003``; raises CalibkitError where a digest is wrong."""
     return store.load(store.find(str(name), Path(runs)))
 
 

@@ -205,10 +205,8 @@ def test_degrees_of_freedom_are_those_of_simulated_variances(noise, gaps):
 
 
 def test_confidence_limits_cover_the_truth():
-    """Limits stated for 95 % hold the true deviation of white noise in 92.5 to 98 % of 600 records at every averaging time.
-
-    That is 95 % less three binomial standard deviations; at the longest time, 2.7 degrees of freedom, χ² is cautious.
-    """
+    """Limits stated for 95 % hold the true deviation of white noise in 92.5 to 98 % of 600 records at every averaging time."""
+    # That is 95 % less three binomial standard deviations; at the longest time, 2.7 degrees of freedom, χ² is cautious.
     generator = np.random.default_rng(31)
     inside = np.zeros(4)
     for _ in range(600):
@@ -468,10 +466,8 @@ def test_the_uncertainty_of_a_ramp_covers_its_truth():
 
 
 def test_chance_occurs_as_often_as_it_says():
-    """Ramps that random walks imitate with a stated probability of 1 % are met in at most 2 % of 400 of them.
-
-    A normal tail, which σ̂² of two degrees of freedom does not have, would meet them in 2.8 %.
-    """
+    """Ramps that random walks imitate with a stated probability of 1 % are met in at most 2 % of 400 of them."""
+    # A normal tail, which σ̂² of two degrees of freedom does not have, would meet them in 2.8 %.
     generator = np.random.default_rng(5)
     others = np.array([True, True, True, True, False])
     met = 0

@@ -44,11 +44,9 @@ def filter_taps(rows):
 
 @pytest.mark.parametrize("bank", BANKS)
 def test_the_steps_multiply_to_the_filters_of_the_bank(bank):
-    """Every tap is the table's, to rounding or to the table's own distance from perfect reconstruction.
-
-    PyWavelets' tables of sym2–8, sym14–20, bior/rbio4.4, 5.5 and 6.8 are printed to 12 digits or fewer and miss perfect
-    reconstruction by 2e-13 to 1.4e-11; steps reconstruct by construction, so they cannot come closer than that.
-    """
+    """Every tap is the table's, to rounding or to the table's own distance from perfect reconstruction."""
+    # PyWavelets' tables of sym2–8, sym14–20, bior/rbio4.4, 5.5 and 6.8 are printed to 12 digits or fewer and miss perfect
+    # reconstruction by 2e-13 to 1.4e-11; steps reconstruct by construction, so they cannot come closer than that.
     scheme, wavelet = factored(bank), pywt.Wavelet(bank)
     for taps, table in zip(filter_taps(polyphase(scheme)), (wavelet.dec_lo, wavelet.dec_hi), strict=True):
         expected = {1 - k - scheme.parity: tap for k, tap in enumerate(table)}

@@ -79,10 +79,8 @@ def test_blocks_give_what_a_whole_factorisation_gives():
     ],
 )
 def test_nist_sets_repeated_until_they_are_tall_keep_their_digits(real, name, order, digits):
-    """A set measured many times over has the certified coefficients, twelve digits of them on mapped powers.
-
-    In raw powers too, but for Wampler's first: its constant of 1 stands beside terms of 3 million.
-    """
+    """A set measured many times over has the certified coefficients, twelve digits of them on mapped powers."""
+    # In raw powers too, but for Wampler's first: its constant of 1 stands beside terms of 3 million.
     folder = real / "nist_strd"
     data = np.genfromtxt(folder / f"linear_{name}.csv", delimiter=",", names=True, encoding="utf-8-sig")
     with (folder / "linear_certified_15digits.csv").open(encoding="utf-8") as opened:
