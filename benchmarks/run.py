@@ -30,6 +30,7 @@ sys.path.insert(0, str(ROOT))
 from speed import page, pairs, peers  # noqa: E402 the repository is found first
 from speed.commands import COMMANDS  # noqa: E402
 from speed.goals import Goal, Line  # noqa: E402
+from speed.page import replaced  # noqa: E402
 from speed.rows import ROWS, Row  # noqa: E402
 
 if TYPE_CHECKING:
@@ -72,10 +73,6 @@ def arguments(given: Sequence[str] | None) -> argparse.Namespace:
 def measured_row(row: Row, rows: int, sides: tuple[pairs.Worker, pairs.Worker], turns: int, budget_s: float) -> Line:
     """One row at one size."""
     goal, (ours, theirs) = row.goal, sides
-    if rows > row.peer_rows:
-        return Line(
-            goal.name, rows, {}, (0.0, 0.0), (0, 0), None, f"{goal.peer} is too slow: stopped at {row.peer_rows:,}"
-        )
     data = row.data(rows)
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
@@ -94,7 +91,7 @@ def measured_row(row: Row, rows: int, sides: tuple[pairs.Worker, pairs.Worker], 
         found = pairs.measure(ours, theirs, turns=turns, budget_s=budget_s)
     ratios = {clock: found.ratio(clock, faster=goal.faster) for clock in ("cpu", "wall")}
     seconds = (found.seconds("ours", goal.clock), found.seconds("theirs", goal.clock))
-    return Line(goal.name, rows, ratios, seconds, (found.ours_bytes, found.theirs_bytes), found.digits)
+    return Line(goal.name, data.rows, ratios, seconds, (found.ours_bytes, found.theirs_bytes), found.digits)
 
 
 def measure(asked: argparse.Namespace, said: Callable[[Line], None]) -> tuple[list[Line], dict[str, str]]:
@@ -164,9 +161,8 @@ def main(given: Sequence[str] | None = None) -> int:
     print(page.growth(shown, lines))
     whole = not (asked.only or asked.quick or asked.rows or asked.here)
     if place := asked.page or (PAGE if whole else None):
-        place.write_text(
-            page.written(place.read_text(encoding="utf-8"), page.measured(shown, lines, versions)), "utf-8"
-        )
+        text = replaced(place.read_text(encoding="utf-8"), page.BEGIN, page.END, page.measured(shown, lines, versions))
+        place.write_text(text, encoding="utf-8")
     return int(any(missed(goal, lines) for goal in shown))
 
 

@@ -102,7 +102,8 @@ def allan(rate: Array, *, hertz: float) -> Prepared:
     from calibkit.numeric import allan as core
 
     def answer(curve: DeviationCurve) -> Answer:
-        return {"tau": curve.tau_s, "deviation": curve.deviation_dph}
+        error = curve.deviation_dph / np.sqrt(curve.pairs)  # as the peer's, which knows no noise type
+        return {"tau": curve.tau_s, "deviation": curve.deviation_dph, "error": error}
 
     return (lambda: core.overlapping(rate, 1.0 / hertz)), answer
 

@@ -32,7 +32,7 @@ def machine() -> str:
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table in Markdown."""
-    lines = [head, ["---"] * len(head), *rows]
+    lines = [head, ["---"] * len(head), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
@@ -57,7 +57,7 @@ def summary(goals: Sequence[Goal], lines: Sequence[Line]) -> str:
 def growth(goals: Sequence[Goal], lines: Sequence[Line]) -> str:
     """One row a goal and size: ratios by both clocks, memory, and how the time of both sides grew from the size before."""
     rows = []
-    for goal in goals:
+    for goal in (goal for goal in goals if goal.clock != "peak"):  # the same commands stand there with their time
         before: Line | None = None
         for line in [line for line in lines if line.name == goal.name]:
             if not line.ratios:
@@ -80,18 +80,18 @@ def measured(goals: Sequence[Goal], lines: Sequence[Line], versions: Mapping[str
     notes = "".join(f"- {goal.title}: {goal.note}.\n" for goal in goals if goal.note)
     packages = ", ".join(f"{name} {number}" for name, number in sorted(versions.items()) if name != "Python")
     return (
-        f"{BEGIN}\n\n{summary(goals, lines)}\n{notes}\n"
+        f"{summary(goals, lines)}\n{notes}\n"
         f"Measured on {machine()}. Versions: {packages}.\n\n"
-        f"### Growth with the rows\n\n{growth(goals, lines)}\n{END}"
+        f"### Growth with the rows\n\n{growth(goals, lines)}"
     )
 
 
-def written(page: str, text: str) -> str:
-    """The page with what is between its markers replaced; raises ValueError where it has none."""
-    begin, end = page.find(BEGIN), page.find(END)
-    if begin < 0 or end < begin:
-        raise ValueError(f"the page has no lines {BEGIN!r} and {END!r}")
-    return page[:begin] + text + page[end + len(END) :]
+def replaced(page: str, begin: str, end: str, text: str) -> str:
+    """The page with what is between two marks replaced; raises ValueError where it has none."""
+    start, stop = page.find(begin), page.find(end)
+    if start < 0 or stop < start:
+        raise ValueError(f"the page has no lines {begin!r} and {end!r}")
+    return f"{page[: start + len(begin)]}\n\n{text}\n{page[stop:]}"
 
 
 def _at_target(goal: Goal, lines: Sequence[Line]) -> Line | None:

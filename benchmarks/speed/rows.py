@@ -24,6 +24,8 @@ class Data:
 
     arrays: dict[str, Array]
     settings: dict[str, Any]
+    rows: int
+    """How many there are; near what was asked for."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,8 +36,6 @@ class Row:
     side: str
     """Function of `ours` and `theirs`."""
     data: Callable[[int], Data]
-    peer_rows: int = 10_000_000
-    """More are not given to the peer: it is too slow, or too large."""
 
 
 def _log(rows: int) -> Data:
@@ -49,7 +49,7 @@ def _log(rows: int) -> Data:
         "temp_env_degc": case + rng.normal(2.0, 0.05, rows),
         "gyro_dph": 7.5 + 0.02 * case + rng.normal(0.0, 18.0, rows),
     }
-    return Data(columns, {})
+    return Data(columns, {}, rows)
 
 
 def _ramp(rows: int) -> Data:
@@ -59,7 +59,7 @@ def _ramp(rows: int) -> Data:
     phase = np.arange(size) / size
     signal = np.sin(2.0 * np.pi * phase) + 0.3 * np.cos(6.0 * np.pi * phase) + rng.normal(0.0, 0.5, size)
     clean, _ = lifting.untouched(lifting.scheme("cdf97"), size, 8)
-    return Data({"signal": signal}, {"levels": 8, "inside": [list(span) for span in clean[1:]]})
+    return Data({"signal": signal}, {"levels": 8, "inside": [list(span) for span in clean[1:]]}, size)
 
 
 def _gradients(rows: int) -> Data:
@@ -67,7 +67,7 @@ def _gradients(rows: int) -> Data:
     rng = np.random.default_rng(3)
     gradient = 3.0 * np.sin(np.linspace(0.0, 9.0, rows)) + 4.0 + rng.normal(0.0, 0.05, rows)
     increment = 0.02 - 0.004 * gradient + 0.0007 * gradient**2 + rng.normal(0.0, 0.01, rows)
-    return Data({"gradient": gradient, "increment": increment}, {})
+    return Data({"gradient": gradient, "increment": increment}, {}, rows)
 
 
 def _dwells(rows: int) -> Data:
@@ -81,7 +81,7 @@ def _dwells(rows: int) -> Data:
     mixed = reference @ (np.eye(3) + rng.normal(0.0, 0.002, (3, 3)))
     indication = mixed * (1.0 + 0.003 * share + 0.001 * share**2)[:, None] + 0.002 * (1.0 + share + share**3)[:, None]
     indication += rng.normal(0.0, 2e-5, (rows, 3))
-    return Data({"indication": indication, "temperature": temperature, "reference": reference}, {})
+    return Data({"indication": indication, "temperature": temperature, "reference": reference}, {}, rows)
 
 
 def _lengths(rows: int) -> Data:
@@ -91,7 +91,7 @@ def _lengths(rows: int) -> Data:
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     indication = direction @ np.array([[1.002, 0.0, 0.0], [0.003, 0.998, 0.0], [-0.002, 0.001, 1.001]]).T
     indication += np.array([0.004, -0.003, 0.002]) + rng.normal(0.0, 1e-4, (rows, 3))
-    return Data({"indication": indication}, {})
+    return Data({"indication": indication}, {}, rows)
 
 
 def _values(rows: int) -> Data:
@@ -99,22 +99,23 @@ def _values(rows: int) -> Data:
     rng = np.random.default_rng(6)
     values = rng.normal(0.0, 1.0, rows)
     values[::200] += 50.0
-    return Data({"values": values}, {})
+    return Data({"values": values}, {}, rows)
 
 
 def _record(rows: int) -> Data:
     """A static record at 100 Hz of white noise, flicker that is not there, and a slow walk."""
     rng = np.random.default_rng(7)
     rate = rng.normal(0.0, 1.0, rows) + 1e-4 * np.cumsum(rng.normal(0.0, 1.0, rows))
-    return Data({"rate": rate}, {"hertz": 100.0})
+    return Data({"rate": rate}, {"hertz": 100.0}, rows)
 
 
-def _units(units: int) -> Data:
-    """Fifty samples of each of so many gyros that warm up."""
+def _units(rows: int) -> Data:
+    """A thousand gyros that warm up, with 200, 2,000, 20,000 samples each where 1e5, 1e6, 1e7 rows are asked for."""
     rng = np.random.default_rng(8)
-    temperature = 20.0 + np.sort(rng.uniform(0.0, 40.0, (units, 50)), axis=1)
+    units = min(1000, max(rows // 100, 10))
+    temperature = 20.0 + np.sort(rng.uniform(0.0, 40.0, (units, 2 * rows // units)), axis=1)
     indication = 0.02 * temperature - 1e-4 * temperature**2 + rng.normal(0.0, 0.05, temperature.shape)
-    return Data({"temperature": temperature, "indication": indication}, {"order": 3})
+    return Data({"temperature": temperature, "indication": indication}, {"order": 3}, temperature.size)
 
 
 def _turns(rows: int) -> Data:
@@ -127,7 +128,7 @@ def _turns(rows: int) -> Data:
     rates = np.concatenate([faces[0::2] @ mixing.T + 0.003, np.eye(3) * 360.0 * hertz / count @ mixing + 0.05], axis=1)
     noise = np.array([1e-4] * 3 + [0.01] * 3)
     made = [base + noise * rng.normal(size=(len(base), count, 6)) for base in (still, rates[:, None, :])]
-    return Data({"still": made[0], "turned": made[1]}, {"hertz": hertz, "angle_deg": 360.0})
+    return Data({"still": made[0], "turned": made[1]}, {"hertz": hertz, "angle_deg": 360.0}, 9 * count)
 
 
 ROWS = (
@@ -201,7 +202,6 @@ ROWS = (
         ),
         "magnitude",
         _lengths,
-        peer_rows=1_000_000,
     ),
     Row(
         Goal(

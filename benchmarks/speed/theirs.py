@@ -117,7 +117,7 @@ def mad(values: Array) -> Prepared:
 
 
 def allan(rate: Array, *, hertz: float) -> Prepared:
-    """allantools: overlapping Allan deviation at octaves."""
+    """allantools: overlapping Allan deviation at octaves, with the error that it gives."""
     import allantools
 
     factors = 2 ** np.arange(int(np.log2(rate.size // 3)) + 1)
@@ -125,7 +125,20 @@ def allan(rate: Array, *, hertz: float) -> Prepared:
     def run() -> Any:  # noqa: ANN401 allantools has no types
         return allantools.oadev(rate, rate=hertz, data_type="freq", taus=factors / hertz)
 
-    return run, lambda found: {"tau": np.asarray(found[0]), "deviation": np.asarray(found[1])}
+    names = ("tau", "deviation", "error")
+    return run, lambda found: {name: np.asarray(part) for name, part in zip(names, found, strict=False)}
+
+
+def allan_limits(rate: Array, *, hertz: float, factor: int) -> Prepared:
+    """allantools: 95 % limits of one deviation by the degrees of freedom of white noise, put together by hand."""
+    import allantools
+
+    def run() -> Any:  # noqa: ANN401 allantools has no types
+        deviation = allantools.oadev(rate, rate=hertz, data_type="freq", taus=[factor / hertz])[1][0]
+        dof = allantools.edf_greenhall(alpha=0, d=2, m=factor, N=rate.size + 1, overlapping=True)
+        return allantools.confidence_interval(deviation, dof, ci=0.95)
+
+    return run, lambda found: {"limits": np.asarray(found)}
 
 
 def many_polynomials(temperature: Array, indication: Array, *, order: int) -> Prepared:

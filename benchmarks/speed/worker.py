@@ -87,6 +87,12 @@ class Side:
             np.save(Path(folder) / f"{name}.npy", np.asarray(array))
         return {"names": sorted(arrays)}
 
+    def shape(self) -> dict[str, Any]:
+        """Shape of the last result, and of each column what it holds, where it is a frame."""
+        schema = getattr(self.result, "schema", {})
+        columns = ", ".join(f"{name} {kind}" for name, kind in schema.items())
+        return {"shape": f"{self.result.shape[0]} rows, {columns}"}
+
     def versions(self, packages: list[str]) -> dict[str, Any]:
         """Version of Python, and of each package that is installed."""
         found = {"Python": platform.python_version()}
