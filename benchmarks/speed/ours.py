@@ -60,14 +60,10 @@ def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
 
 
 def linear(gradient: Array, increment: Array) -> Prepared:
-    """a0 + a1 G + a2 G² with covariance and residuals."""
+    """a0 + a1 G + a2 G², with rank, condition and covariance, in the memory of a block."""
     from calibkit.numeric import fold
 
-    def design(part: slice) -> Array:
-        g = gradient[part]
-        return np.column_stack([np.ones_like(g), g, g**2])
-
-    return (lambda: fold.linear(design, increment)), lambda found: {"coefficients": found.coefficients}
+    return (lambda: fold.polynomial(gradient, increment, 2)), lambda found: {"coefficients": found[1]}
 
 
 def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> Prepared:

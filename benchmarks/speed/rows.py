@@ -171,7 +171,7 @@ ROWS = (
             10_000_000,
             digits=12.0,
             reach=10.0,
-            note="lstsq; calibkit gives condition, covariance and residuals too",
+            note="lstsq; calibkit gives rank, condition and covariance too",
         ),
         "linear",
         _gradients,

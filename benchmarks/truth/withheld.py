@@ -54,21 +54,16 @@ def slope(time_s: Array, temperature: Array) -> Array:
 
 
 def plain(logs: Sequence[fog.SimulatedLog]) -> Callable[[fog.SimulatedLog], Array]:
-    """Plain least squares of T⁰…T³ times rate⁰…rate² on block means."""
+    """Plain least squares of T⁰…T³ times rate⁰…rate² on block means, nothing left out of them."""
 
-    def columns(case: Array, rate: Array) -> Array:
-        t, r = (case - 10.0) / 50.0, rate / 10.0
+    def columns(log: fog.SimulatedLog) -> Array:
+        case = means(log, log.columns["temp_case_degc"])
+        t, r = (case - 10.0) / 50.0, slope(means(log, log.columns["time_s"]), case) / 10.0
         return np.column_stack([t**i * r**j for i in range(4) for j in range(3)])
 
-    blocks = [drift_peers.thermal_log("", log) for log in logs]
-    design = np.concatenate([columns(b.case, slope(b.time, b.case)) for b in blocks])
-    powers = np.linalg.lstsq(design, np.concatenate([b.indication for b in blocks]), rcond=None)[0]
-
-    def drift(log: fog.SimulatedLog) -> Array:
-        b = drift_peers.thermal_log("", log)
-        return columns(b.case, slope(b.time, b.case)) @ powers
-
-    return drift
+    indication = np.concatenate([means(log, log.columns["gyro_dph"]) for log in logs])
+    powers = np.linalg.lstsq(np.concatenate([columns(log) for log in logs]), indication, rcond=None)[0]
+    return lambda log: np.asarray(columns(log) @ powers)
 
 
 def compensated(folder: Path, logs: dict[str, fog.SimulatedLog]) -> dict[str, Array]:
@@ -94,7 +89,8 @@ def compensated(folder: Path, logs: dict[str, fog.SimulatedLog]) -> dict[str, Ar
 
 def means(log: fog.SimulatedLog, values: Array) -> Array:
     """Block means of a value at every sample of a log."""
-    return occupancy.block_means(np.asarray(log.columns["time_s"], dtype=np.float64), values, BLOCK_S)[1]
+    time_s = np.asarray(log.columns["time_s"], dtype=np.float64)
+    return occupancy.block_means(time_s, np.asarray(values, dtype=np.float64), BLOCK_S)[1]
 
 
 def polynomial_drift(log: fog.SimulatedLog, rng_seed: int) -> fog.SimulatedLog:
@@ -124,7 +120,7 @@ def withheld(seed: int, python: Path, *, hit: bool, physical: bool) -> dict[str,
     for name, log in made.items():
         if name.startswith("withheld/"):
             truth = means(log, log.drift)
-            case = drift_peers.thermal_log("", log).case
+            case = means(log, log.columns["temp_case_degc"])
             found = {
                 "uncompensated": np.zeros_like(truth),
                 "cubic in T on an even temperature grid (PX4's model)": even(case),
