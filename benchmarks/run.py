@@ -71,7 +71,7 @@ def arguments(given: Sequence[str] | None) -> argparse.Namespace:
 
 
 def measured_row(row: Row, rows: int, sides: tuple[pairs.Worker, pairs.Worker], turns: int, budget_s: float) -> Line:
-    """One row at one size."""
+    """One row at one size, of calibkit alone where the peer is not given so many rows."""
     goal, (ours, theirs) = row.goal, sides
     data = row.data(rows)
     with tempfile.TemporaryDirectory() as name:
@@ -86,8 +86,12 @@ def measured_row(row: Row, rows: int, sides: tuple[pairs.Worker, pairs.Worker], 
             theirs.ask("load", side="write_log", files=files, settings=settings)
             theirs.ask("once", times=1)
             files = {}
-        for side in (ours, theirs):
-            side.ask("load", side=row.side, files=files, settings=settings)
+        ours.ask("load", side=row.side, files=files, settings=settings)
+        if rows > row.peer_rows:
+            said = f"{goal.peer} stopped at {row.peer_rows:,}: too slow"
+            peak, taken = ours.ask("weigh")["bytes"], ours.ask("once", times=1)
+            return Line(goal.name, data.rows, {}, (taken[goal.clock], 0.0), (peak, 0), None, said)
+        theirs.ask("load", side=row.side, files=files, settings=settings)
         found = pairs.measure(ours, theirs, turns=turns, budget_s=budget_s)
     ratios = {clock: found.ratio(clock, faster=goal.faster) for clock in ("cpu", "wall")}
     seconds = (found.seconds("ours", goal.clock), found.seconds("theirs", goal.clock))

@@ -9,7 +9,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Mapping, Sequence
 
     from speed.goals import Goal, Line
     from speed.pairs import Spread
@@ -60,19 +60,28 @@ def growth(goals: Sequence[Goal], lines: Sequence[Line]) -> str:
     for goal in (goal for goal in goals if goal.clock != "peak"):  # the same commands stand there with their time
         before: Line | None = None
         for line in [line for line in lines if line.name == goal.name]:
-            if not line.ratios:
-                rows.append([goal.title, _count(line.rows), line.said, "", "", ""])
-                continue
-            clocks = [_spread(line.ratios[clock]) if clock in line.ratios else "" for clock in ("cpu", "wall")]
-            memory = " / ".join(f"{peak / MEBI:.0f}" for peak in line.peaks) if any(line.peaks) else ""
-            grown = ""
-            if before is not None and before.rows < line.rows:
-                shares = [now / then for now, then in zip(line.seconds, before.seconds, strict=True)]
-                grown = f"{' / '.join(_times(share) for share in shares)} for {line.rows / before.rows:.3g} ×"
-            rows.append([goal.title, _count(line.rows), *clocks, memory, grown])
+            clocks = [_spread(line.ratios[clock]) if clock in line.ratios else line.said for clock in ("cpu", "wall")]
+            rows.append([goal.title, _count(line.rows), *clocks, _pair(line.peaks, _mebibytes), _grown(line, before)])
             before = line
     head = ("part", "rows", "ratio, processor time", "ratio, wall time", "memory [MiB], both", "time grew, both")
     return table(head, rows)
+
+
+def _grown(line: Line, before: Line | None) -> str:
+    """How the time of both sides grew from the size before."""
+    if before is None or before.rows >= line.rows or not before.seconds[0] or not line.seconds[0]:
+        return ""
+    shares = tuple(now / then if then else 0.0 for now, then in zip(line.seconds, before.seconds, strict=True))
+    return f"{_pair(shares, _times)} for {line.rows / before.rows:.3g} ×"
+
+
+def _mebibytes(size: float) -> str:
+    return f"{size / MEBI:.0f}"
+
+
+def _pair(values: tuple[float, float], said: Callable[[float], str]) -> str:
+    """Of calibkit and of the peer; a dash where nothing was measured."""
+    return " / ".join(said(value) if value else "–" for value in values) if any(values) else ""
 
 
 def measured(goals: Sequence[Goal], lines: Sequence[Line], versions: Mapping[str, str]) -> str:
@@ -97,6 +106,7 @@ def replaced(page: str, begin: str, end: str, text: str) -> str:
 def _at_target(goal: Goal, lines: Sequence[Line]) -> Line | None:
     """The line of the rows that the target holds at, else the largest one measured."""
     own = [line for line in lines if line.name == goal.name]
+    own = [line for line in own if line.ratios] or own
     exact = [line for line in own if abs(line.rows - goal.at_rows) <= 0.01 * goal.at_rows]
     return (exact or own or [None])[-1]
 

@@ -36,6 +36,8 @@ class Row:
     side: str
     """Function of `ours` and `theirs`."""
     data: Callable[[int], Data]
+    peer_rows: int = 10_000_000
+    """The peer is not given more: it would take minutes a call."""
 
 
 def _log(rows: int) -> Data:
@@ -188,6 +190,7 @@ ROWS = (
         ),
         "accelerometer_k",
         _dwells,
+        peer_rows=1_000_000,
     ),
     Row(
         Goal(
@@ -202,6 +205,7 @@ ROWS = (
         ),
         "magnitude",
         _lengths,
+        peer_rows=1_000_000,
     ),
     Row(
         Goal(
