@@ -19,7 +19,7 @@ MEBI = 1 << 20
 
 
 def machine() -> str:
-    """Processors, memory and Python of this machine, without its name."""
+    """Processors, memory and Python of this machine, without its name, and how busy it is."""
     model = ""
     if Path("/proc/cpuinfo").is_file():
         found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
@@ -27,7 +27,8 @@ def machine() -> str:
     memory = ""
     if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
         memory = f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 2**30:.0f} GiB of memory"
-    return f"{os.cpu_count()} processors{model}{memory}, {platform.system()}, Python {platform.python_version()}"
+    load = f"; load average {os.getloadavg()[0]:.0f} when this was written" if hasattr(os, "getloadavg") else ""
+    return f"{os.cpu_count()} processors{model}{memory}, {platform.system()}, Python {platform.python_version()}{load}"
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
