@@ -35,7 +35,7 @@ class LinearFit:
     dof: int
     residual_rms: float
     condition: float
-    """Of the columns scaled to unit length."""
+    """Of the columns scaled to unit length, within a power of two each."""
 
     @property
     def rank(self) -> int:

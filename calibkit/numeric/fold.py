@@ -39,7 +39,7 @@ class Reduced:
     residual_rms: float
     """Root of the weighted mean square [unit of the indication], as in `fit.LinearFit`."""
     condition: float
-    """Of the columns scaled to unit length."""
+    """Of the columns scaled to unit length, within a power of two each."""
 
     @property
     def rank(self) -> int:
