@@ -69,6 +69,7 @@ def test_every_row_of_the_table_names_its_target():
         "magnitude": 5.0,
         "mad": 2.5,
         "allan": 3.0,
+        "units": 3.0,
         "fit": 4.0,
         "fit_memory": 2.0,
         "help": 6.0,

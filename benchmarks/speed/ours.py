@@ -104,6 +104,15 @@ def allan(rate: Array, *, hertz: float) -> Prepared:
     return (lambda: core.overlapping(rate, 1.0 / hertz)), answer
 
 
+def many_polynomials(temperature: Array, indication: Array, *, order: int) -> Prepared:
+    """A polynomial of each of many units at once, with its covariance."""
+    from calibkit.numeric import stacked
+
+    return (lambda: stacked.polynomial(temperature, indication, order)), lambda found: {
+        "coefficients": found[0].coefficients
+    }
+
+
 def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) -> Prepared:
     """Six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers [g] then gyros [°/s]."""
     from calibkit.numeric import accel_affine, gyro_triad

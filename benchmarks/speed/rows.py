@@ -235,6 +235,20 @@ ROWS = (
     ),
     Row(
         Goal(
+            "units",
+            "cubics of 1,000 small units at once",
+            "numpy",
+            3.0,
+            2_000_000,
+            digits=10.0,
+            note="beside a loop of lstsq over units of 200, 2,000 and 20,000 rows; the target holds up to 2,000; calibkit gives "
+            "covariances too",
+        ),
+        "many_polynomials",
+        _units,
+    ),
+    Row(
+        Goal(
             "turntable",
             "six positions and three turns",
             "imucal",
