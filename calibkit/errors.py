@@ -53,6 +53,14 @@ class FrameError(CalibkitError):
     code = "frame"
 
 
+class MissingColumnError(FrameError):
+    """A log lacks columns; `columns` are the canonical ones that have to be mapped."""
+
+    def __init__(self, message: str, *, hint: str = "", columns: tuple[str, ...] = ()) -> None:
+        super().__init__(message, hint=hint)
+        self.columns = columns
+
+
 class FitError(CalibkitError):
     """The data cannot determine what the recipe asks for."""
 

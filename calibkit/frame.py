@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
-from calibkit.errors import FrameError
+from calibkit.errors import FrameError, MissingColumnError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable
@@ -163,19 +163,25 @@ def values(frame: pd.DataFrame, column: str) -> NDArray[np.float64]:
     return np.ascontiguousarray(frame[column].to_numpy(dtype=np.float64))
 
 
-def require(file: str, present: Iterable[str], needed: Iterable[str]) -> None:
-    """Raise FrameError naming the first needed column that is absent, with the closest one that is there."""
-    there, needed = [str(column) for column in present], list(needed)
+def require(file: str, present: Iterable[str], needed: Iterable[str], *, of: str = "") -> None:
+    """Raise MissingColumnError naming the needed columns that are absent, with the closest one to the first that is there.
+
+    `of` is the canonical column that a needed one is mapped to.
+    """
+    there, needed = [str(column) for column in present], list(dict.fromkeys(needed))
     # a column that is needed itself is no other's
     free = [column for column in there if column not in needed]
-    for column in needed:
-        if column not in there:
-            close = difflib.get_close_matches(column, free, n=1)
-            guess = f"did you mean '{close[0]}'? " if close else ""
-            raise FrameError(
-                f"{file}:1: column '{column}' is missing, found {', '.join(there)}",
-                hint=f'{guess}map it in the recipe: [columns.{column}] from = "…"',
-            )
+    missing = [column for column in needed if column not in there]
+    if missing:
+        first, *more = missing
+        close = difflib.get_close_matches(first, free, n=1)
+        guess = f"did you mean '{close[0]}'? " if close else ""
+        others = f" (and so {'is' if len(more) == 1 else 'are'} {', '.join(map(repr, more))})" if more else ""
+        raise MissingColumnError(
+            f"{file}:1: column '{first}' is missing{others}, found {', '.join(there)}",
+            hint=f'{guess}map it in the recipe: [columns.{of or first}] from = "…"',
+            columns=(of,) if of else tuple(missing),
+        )
 
 
 def refuse(findings: Iterable[Finding]) -> None:

@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import __version__, coefficients, procedures, recipe, store
 from calibkit.check import copies
-from calibkit.errors import CoefficientError, FrameError, OutputError, RecipeError, UsageError
-from calibkit.frame import fingerprint
+from calibkit.errors import CoefficientError, FrameError, MissingColumnError, OutputError, RecipeError, UsageError
 from calibkit.recipe import type_b
 from calibkit.report import documents, figures, html
 from calibkit.stages import budget, ingest, unseen
@@ -146,7 +145,7 @@ def _run_document(
             "overrides": list(source.overrides),
             "text": source.text,
         },
-        "inputs": [_input(entry) for entry in identity.inputs],
+        "inputs": [copies.entry(log) for log in identity.inputs],
         "excluded": [entry.model_dump() for entry in spec.exclude],
         **({"corrections": [entry.model_dump() for entry in spec.correction]} if spec.correction else {}),
         "type_b": type_b.dumps(spec.type_b),
@@ -157,16 +156,6 @@ def _run_document(
         "files": [
             {"name": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in sorted(contents.items())
         ],
-    }
-
-
-def _input(entry: coefficients.Input) -> dict[str, Any]:
-    """A log in run.json: what identifies it, a fingerprint of its values, how it was read."""
-    values = fingerprint(entry.content)
-    return {
-        **entry.identity(),
-        **({copies.FINGERPRINT: values} if values else {}),
-        **({"reading": list(entry.reading)} if entry.reading else {}),
     }
 
 
@@ -243,12 +232,18 @@ def apply(
         raise UsageError(f"--data {data}: no such file", hint="name one log")
     # every row is written: one file as it is, none of its rows left out
     spec = spec.model_copy(update={"logs": spec.logs.model_copy(update={"split": False, "missing": "refuse"})})
-    if as_firmware is None:
-        content, flags = procedures.of(spec).apply(spec, run.records, data)
-    else:
-        from calibkit.procedures import as_firmware as firmware_twin
+    try:
+        if as_firmware is None:
+            content, flags = procedures.of(spec).apply(spec, run.records, data)
+        else:
+            from calibkit.procedures import as_firmware as firmware_twin
 
-        content, flags = firmware_twin.apply(spec, run.records, data, as_firmware)
+            content, flags = firmware_twin.apply(spec, run.records, data, as_firmware)
+    except MissingColumnError as error:
+        mapped = " ".join(f"--set columns.{name}.from=…" for name in error.columns)
+        raise FrameError(
+            error.message, hint=f"{run.name} needs {', '.join(error.columns)}: name the log's own columns with {mapped}"
+        ) from None
     store.write_new(out, content)
     corrected = (
         f"{entry.column} corrected by certificate {entry.certificate}: --set correction=[] where other instruments measured"

@@ -495,7 +495,7 @@ BAD = {
         lambda: (slow := one_rate([1.0, 5.0, 20.0, -5.0])) | {"table_angle_deg": -np.cumsum(slow["table_rate_dps"])},
         (
             "run.csv: column 'table_angle_deg': it turns -1 times as fast as 'table_rate_dps' says",
-            "state unit and sign",
+            "state sign = -1",
         ),
     ),
     "dead gyro": (

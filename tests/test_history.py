@@ -51,6 +51,19 @@ def test_the_other_way_round_only_the_sign_changes(tmp_path):
     assert all((x.difference, x.verdict) == (-y.difference, y.verdict) for x, y in pairs)
 
 
+def test_the_verdict_names_models_that_are_in_one_run_only(tmp_path):
+    """A model that is gone was "0 of 1 moved"; now the sentence begins with it, and with what a kept model lost."""
+    K = {"K": (10.0, "1/deg", 0.3)}
+    kept, more = model(K, name="kept"), model({**K, "F0": (1.0, "1/s", 0.3)}, name="kept")
+    old, new = runs_of(tmp_path, {"models": [more, model(K, name="lost")]}, {"models": [kept, model(K, name="new")]})
+    verdict = said.verdict(difference.between(old, new))
+    assert verdict.startswith(
+        f"model lost only in {old.name}; 1 coefficient more only in {old.name}; model new only in "
+    )
+    assert "0 of 1 coefficients moved" in verdict
+    assert said.verdict(difference.between(old, old)).startswith("0 of 3")
+
+
 def test_what_cannot_be_judged_is_not_judged(tmp_path):
     """Without an uncertainty, in another unit, or in one run only, a number gets no 2 u verdict."""
     old = model({"a": (1.0, "1", 0.0), "b": (1.0, "1", 0.1), "c": (1.0, "1", 0.1), "e": (5.0, "1", 0.0)})

@@ -15,6 +15,7 @@ from calibkit.frame import KEPT_DIGITS, KEPT_ROWS, fingerprint
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+    from calibkit.coefficients import Input
     from calibkit.frame import Log
 
 SHARED = 0.9
@@ -84,8 +85,8 @@ def _digests(text: str) -> frozenset[str]:
 
 def fitted(sha256: str, rows: frozenset[bytes], inputs: Sequence[Mapping[str, object]]) -> str:
     """Name of the log of a run's inputs that a log of these rows is a copy of, or nothing."""
-    entry = {"sha256": sha256, FINGERPRINT: fingerprint(rows)}
-    return next((str(other["name"]) for other in inputs if same_entry(entry, other)), "")
+    one = {"sha256": sha256, FINGERPRINT: fingerprint(rows)}
+    return next((str(other["name"]) for other in inputs if same_entry(one, other)), "")
 
 
 def same_entry(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
@@ -94,9 +95,19 @@ def same_entry(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
     return one["sha256"] == other["sha256"] or (all(marks) and alike(*marks))
 
 
-def marks(entry: Mapping[str, object]) -> frozenset[str]:
+def entry(log: Input) -> dict[str, object]:
+    """A log as run.json lists it: what identifies it, a fingerprint of its values, how it was read."""
+    values = fingerprint(log.content)
+    return {
+        **log.identity(),
+        **({FINGERPRINT: values} if values else {}),
+        **({"reading": list(log.reading)} if log.reading else {}),
+    }
+
+
+def marks(one: Mapping[str, object]) -> frozenset[str]:
     """Digests of a log, as run.json lists it, and of its rows: a copy has at least one of them too."""
-    return _digests(str(entry.get(FINGERPRINT, ""))) | {str(entry["sha256"])}
+    return _digests(str(one.get(FINGERPRINT, ""))) | {str(one["sha256"])}
 
 
 def shared(some: Sequence[Mapping[str, object]], others: Sequence[Mapping[str, object]]) -> list[str]:
@@ -106,4 +117,4 @@ def shared(some: Sequence[Mapping[str, object]], others: Sequence[Mapping[str, o
 
 def untold(inputs: Sequence[Mapping[str, object]]) -> list[str]:
     """Names of the logs of a run of which only a copy of the very bytes can be told."""
-    return [str(entry["name"]) for entry in inputs if not entry.get(FINGERPRINT)]
+    return [str(one["name"]) for one in inputs if not one.get(FINGERPRINT)]

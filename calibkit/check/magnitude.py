@@ -179,7 +179,8 @@ def compensated_before(slopes: Mapping[str, float]) -> list[tuple[str, Finding]]
         agree = float(np.median(np.abs(others - usual))) < ALIKE * abs(usual)
         if agree and slope / usual < COMPENSATED_SHARE:
             what = f"the indication moves by {slope:.3g} deg/h/°C, that of the other logs by {usual:.3g}"
-            advice = (
+            opposite = "its sign may be the other (sign = -1 in [columns.gyro_dph]), or "
+            advice = (opposite if slope / usual < -COMPENSATED_SHARE else "") + (
                 "it may have been compensated before: take the log as it was measured, or leave it out with [[exclude]]; "
                 "never compensate twice"
             )
@@ -211,6 +212,8 @@ def undrifting(file: str, predicted: Array, indication: Array) -> list[str]:
         return []
     share = f"{gain:.2f} ± {3.0 * uncertainty:.2f}"
     said = f"{file}: the log follows the drift of this run's model with a gain of {share}, expected 1"
+    if gain < -COMPENSATED_SHARE:
+        return [f"{said}: its sign is the other: state sign = -1 in [columns.gyro_dph]; or it is another gyro's"]
     return [f"{said}: it may have been compensated before, and must not be twice; or it is another gyro's"]
 
 

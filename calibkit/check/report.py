@@ -5,6 +5,8 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import TYPE_CHECKING, Any
 
+from calibkit.errors import FrameError
+
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
@@ -54,8 +56,15 @@ class LogReport:
 
 
 def document(reports: Sequence[LogReport]) -> dict[str, Any]:
-    """JSON document of a check: `ok` where a fit would go on, then each log."""
-    return {"ok": not any(report.refused for report in reports), "logs": [_entry(report) for report in reports]}
+    """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it, then each log."""
+    refused = [(report, finding) for report in reports for finding in report.findings if finding.refused]
+    if not refused:
+        return {"ok": True, "logs": [_entry(report) for report in reports]}
+    first, count = refused[0][1], len({report.file for report, _ in refused})
+    message = f"{first.place}: {first.found}, expected {first.expected}"
+    message += f" ({count} of {len(reports)} logs are refused)" if count > 1 else ""
+    error = {"code": FrameError.code, "message": message, "hint": first.advice}
+    return {"ok": False, "error": error, "logs": [_entry(report) for report in reports]}
 
 
 def _entry(report: LogReport) -> dict[str, Any]:

@@ -50,13 +50,26 @@ def _title(found: Difference) -> str:
 
 def verdict(found: Difference) -> str:
     """How many coefficients moved, against how many would by chance."""
-    judged = found.count("moved", "held")
+    judged, unpaired = found.count("moved", "held"), _unpaired(found)
     if not judged:
-        return "no coefficient could be compared with an uncertainty"
+        return f"{unpaired}no coefficient could be compared with an uncertainty"
     return (
-        f"{found.count('moved')} of {judged} coefficients moved by more than {SIGNIFICANT:g} u; "
+        f"{unpaired}{found.count('moved')} of {judged} coefficients moved by more than {SIGNIFICANT:g} u; "
         f"{CHANCE * judged:.1f} would by chance if none had changed"
     )
+
+
+def _unpaired(found: Difference) -> str:
+    """Models of one run alone, and coefficients of one run alone in models of both: no uncertainty judges those."""
+    said = []
+    for verdict, where in (("gone", found.before.name), ("appeared", found.after.name)):
+        whole = [m.name for m in found.models if m.changes and all(entry.verdict == verdict for entry in m.changes)]
+        single = found.count(verdict) - sum(len(m.changes) for m in found.models if m.name in whole)
+        if whole:
+            said.append(f"model{'s' if len(whole) > 1 else ''} {', '.join(whole)} only in {where}")
+        if single:
+            said.append(f"{single} coefficient{'s' if single > 1 else ''} more only in {where}")
+    return "; ".join([*said, ""]) if said else ""
 
 
 def _moved(block: ModelChange) -> ModelChange:

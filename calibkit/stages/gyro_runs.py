@@ -31,6 +31,10 @@ FASTEST_DPS = 2e4
 """Table rate [°/s] that no table reaches: the column is in another unit."""
 ONE_TABLE = 0.01
 """Relative difference between table angle and table rate beyond which one of them is in another unit or sign."""
+BEYOND = 1000.0
+"""Times the counts of all but a hundredth of the rows that no row has: what is as large is a logger's mark."""
+HALF_TURN_DEG = 180.0
+"""Turn [°] between two rows from which an angle does not say how far the table turned."""
 LEAST_ROWS = 16
 LEAST_TRIAD = 3
 """Gyros over three axes from which one of them is along the table axis of every log."""
@@ -117,6 +121,7 @@ def _examined(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> tuple[list[Fi
             *check.monotonic(log),
             *check.varying(log, [RATE, *map(column, gyros)]),
             *_too_fast(log),
+            *(finding for gyro in gyros for finding in _beyond(log, column(gyro))),
             *(check.plausible_temperature(log, [TEMPERATURE]) if TEMPERATURE in log.frame.columns else ()),
         ]
     if any(finding.refused for finding in early):
@@ -136,7 +141,7 @@ def _examined(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> tuple[list[Fi
 def _suspicious(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
     """What a sensor or its logger did, and signs: a fit goes on and says so."""
     found = check.series.temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
-    spans = {gyro: float(np.ptp(values(log.frame, column(gyro)))) for gyro in gyros}
+    spans = {gyro: _span(values(log.frame, column(gyro))) for gyro in gyros}
     # a gyro across the table axis answers with its misalignment, of either sign
     along = max(spans, key=lambda gyro: spans[gyro])
     for gyro in gyros:
@@ -178,6 +183,25 @@ def _too_fast(log: Log) -> list[Finding]:
     return [check.at_row(log, int(bad[0]), RATE, what, f"at most {FASTEST_DPS:g} °/s", advice, "range")]
 
 
+def _span(counts: Array) -> float:
+    """Range of an indication without its two hundredth outermost rows: a spike is no span."""
+    low, high = np.quantile(counts, (0.005, 0.995))
+    return float(high - low)
+
+
+def _beyond(log: Log, name: str) -> list[Finding]:
+    """Counts that no rate of the log explains: what loggers write for overload."""
+    data = values(log.frame, name)
+    usual = float(np.quantile(np.abs(data), 0.99))
+    bad = np.flatnonzero(np.abs(data) > BEYOND * usual) if usual > 0.0 else np.zeros(0, dtype=np.int64)
+    if not bad.size:
+        return []
+    what = f"{data[bad[0]]:g} 1/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
+    advice = "a logger writes such numbers for overload or nothing: leave the rows out with [[exclude]]"
+    expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
+    return [check.at_row(log, int(bad[0]), name, what, expected, advice, "range", figure=float(data[bad[0]]))]
+
+
 def distinct(rate_dps: Array, spec: GyroRecipe) -> Array:
     """Distinct held rates, ascending: those that differ by no more than a held rate may vary are one."""
     ordered = np.sort(rate_dps)
@@ -201,14 +225,33 @@ def _few_rates(log: Log, held: Plateaus, spec: GyroRecipe) -> list[Finding]:
 
 
 def _two_tables(log: Log, held: Plateaus) -> list[Finding]:
-    """Table angle and table rate that differ by more than a table can: one is in another unit or sign."""
+    """Table angle and table rate that differ by more than a table can: one is in another unit or sign.
+
+    The angle is unwrapped about the turn that the rate lets expect: where that is half a turn or more from row to row, any rate
+    agrees with it within half a turn, and nothing is held against another.
+    """
     if np.isnan(held.angle_rate_dps).any():
         return []
-    ratio = float(held.angle_rate_dps @ held.rate_dps / (held.rate_dps @ held.rate_dps))
+    turn = np.abs(held.rate_dps) * float(np.median(np.diff(values(log.frame, "time_s"))))
+    slow = turn < HALF_TURN_DEG
+    aliased = _aliased(log, turn[~slow], int(slow.sum())) if not slow.all() else []
+    angle, rate = held.angle_rate_dps[slow], held.rate_dps[slow]
+    ratio = float(angle @ rate / (rate @ rate)) if np.any(rate) else 1.0
     if abs(ratio - 1.0) <= ONE_TABLE:
-        return []
+        return aliased
     found = f"it turns {ratio:.4g} times as fast as '{RATE}' says"
-    advice = f"state unit and sign in [columns.{ANGLE}] or [columns.{RATE}]"
-    return [
-        Finding(f"{log.file}: column '{ANGLE}'", found, "the same rate from both", advice, name="unit", figure=ratio)
-    ]
+    sign = "one of the two has the other sign: state sign = -1" if ratio < 0.0 else "state the unit"
+    advice = f"{sign} in [columns.{ANGLE}] or [columns.{RATE}]"
+    place = f"{log.file}: column '{ANGLE}'"
+    return [*aliased, Finding(place, found, "the same rate from both", advice, name="unit", figure=ratio)]
+
+
+def _aliased(log: Log, turn: Array, slower: int) -> list[Finding]:
+    """Rates at which the angle is logged too seldom to say how fast the table turned."""
+    found = f"the table turns by up to {turn.max():.0f}° from row to row at {turn.size} held rates"
+    held = f"the {slower} slower ones" if slower else "none"
+    advice = (
+        f"log faster; the rate is held against the angle at {held} only, and a wrong unit of a fast rate is not seen"
+    )
+    place, expected = f"{log.file}: column '{ANGLE}'", f"less than {HALF_TURN_DEG:g}°"
+    return [Finding(place, found, expected, advice, "warn", "aliased", figure=float(turn.max()))]

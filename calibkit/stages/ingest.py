@@ -162,7 +162,7 @@ def _own_names(
         if found is not None:
             own[name] = found
         elif name in needed and name in sources:
-            require(table.file, table.frame.columns, [sources[name]])
+            require(table.file, table.frame.columns, [sources[name]], of=name)
     present = [*table.frame.columns, *own, *(["time_s"] if recipe.logs.rate_hz else [])]
     require(table.file, dict.fromkeys(present), needed)
     return own

@@ -15,10 +15,12 @@ if TYPE_CHECKING:
 TEMPERATURE = r"temp|^t[_ .]?\d*$|thermo|^pt\d|温|℃|therm"
 AIR = r"env|air|chamb|amb|kammer|luft|umgeb|箱|环境|外|oven|^pv$|istwert|soll"
 CASE = r"case|gyro|geh[äa]us|hous|body|shell|壳|内|sensor|imu|die|board|coil|dut|prüfling"
-TABLE = r"table|turn|tisch|转台|^cmd|command|stage|simulator"
+TABLE = r"table|turn|tisch|转台|^cmd|command|stage|simulator|soll|vorgabe|set.?(rate|point)"
 RATE = r"rate|speed|omega|geschw|drehrate|速率|角速度|速度|^w[xyz]?$"
 ANGLE = r"angle|winkel|角度|角位|^pos|position"
-GYRO = r"gyr|fog|陀螺|drehrate|^g[_ .]?[xyz]$|^w[xyz]$|omega|angular|rotation"
+GYRO = r"gyr|fog|陀螺|kreisel|impuls|drehrate|^g[_ .]?[xyz]$|^w[xyz]$|omega|angular|rotation"
+COUNTED = r"impuls|pulses?|counts?|脉冲"
+"""Words that mean counts where no unit says it."""
 ACCEL = r"acc|加速|加表|beschl|^a[_ .]?[xyz]$|^f[_ .]?[xyz]$"
 WORDS: tuple[tuple[str, str], ...] = (
     ("station", r"^stat|测站|^site|^messpunkt"),
@@ -106,7 +108,7 @@ def _indication(column: Column) -> str:
     if re.search(ACCEL, name) or column.dimension.startswith("acceleration"):
         return f"accel_{axis or 'x'}_{'lsb' if column.dimension.startswith('count') else 'g'}"
     if re.search(GYRO, name) or re.search(RATE, name) or column.dimension == "angular rate":
-        counted = column.dimension.startswith("count")
+        counted = column.dimension.startswith("count") or (not column.stated and bool(re.search(COUNTED, name)))
         return f"gyro_{axis}_{'lsb' if counted else 'dph'}" if axis else "gyro_lsb" if counted else "gyro_dph"
     return ""
 
