@@ -27,6 +27,7 @@ def validators():
     return {schema["title"]: jsonschema.Draft202012Validator(schema) for schema in schemas}
 
 
+@pytest.mark.drawn
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
 def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(page, tmp_path, calibkit, monkeypatch):
     """Every block in order ends as the page says; every JSON file holds against its schema, every form is in the table."""
@@ -34,6 +35,8 @@ def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(page, 
         pytest.importorskip("typst")
     pages.follow(page, tmp_path, calibkit, monkeypatch)
     known, forms = validators(), (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
+    for path in tmp_path.rglob("report.pdf"):
+        assert len(path.read_bytes()) > 10_000
     for path in tmp_path.rglob("*.json"):
         document = json.loads(path.read_text(encoding="utf-8"))
         if "format" in document:

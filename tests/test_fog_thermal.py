@@ -113,7 +113,7 @@ def test_every_drift_figure_stands_beside_its_rate_gain(runs):
 
 
 def test_the_same_input_gives_the_same_bytes(runs, campaign, tmp_path):
-    """A second run of the same recipe, logs and date is byte for byte the first, figures included."""
+    """A second run of the same recipe, logs and date is byte for byte the first."""
     pipeline.fit(recipe.find("fog_thermal"), campaign, "FOG-2", tmp_path, "2026-11-21", lambda items, what: items)
     first, second = runs / "FOG-2" / "r001", tmp_path / "FOG-2" / "r001"
     assert sorted(path.name for path in first.iterdir()) == sorted(path.name for path in second.iterdir())

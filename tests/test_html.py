@@ -20,6 +20,8 @@ from calibkit.report.summary import Summary, SummaryTable
 from conftest import ROOT
 from kept import model
 
+pytestmark = pytest.mark.drawn
+
 HOSTILE = (
     "<script>alert(1)</script> & \"x\" 'y' ]]> --> </style><img src=x onerror=alert(2)> $_$ 温 \u202e\x00\x1b\ud800"
 )
@@ -216,9 +218,10 @@ def test_a_made_up_coefficient_keeps_its_last_bit():
 
 
 def test_the_same_logs_give_the_same_page_and_verify_covers_it(fitted, calibkit):
-    """Two fits write the same bytes; run.json lists the page, and a changed page is no run any more."""
+    """Two fits write the same bytes, those of the PDF too; run.json lists the page, and a changed page is no run any more."""
     first, second = (folder / "report.html" for folder in fitted)
     assert first.read_bytes() == second.read_bytes()
+    assert first.with_name("report.pdf").read_bytes() == second.with_name("report.pdf").read_bytes()
     assert str(fitted[0].parents[2]).encode() not in first.read_bytes()
     listed = {entry["name"] for entry in json.loads((fitted[1] / "run.json").read_text(encoding="utf-8"))["files"]}
     assert {"report.html", "report.pdf", "report.txt"} < listed

@@ -12,7 +12,7 @@ from calibkit.report import figures
 from conftest import ROOT
 from test_html import figure, made
 
-pytestmark = pytest.mark.skipif(found() is None, reason="no Chromium on this machine")
+pytestmark = [pytest.mark.drawn, pytest.mark.skipif(found() is None, reason="no Chromium on this machine")]
 
 SAMPLES = sorted((ROOT / "reports").glob("*.html"))
 VIEW = "document.querySelector('.frame svg').getAttribute('viewBox').split(' ').map(Number)"
