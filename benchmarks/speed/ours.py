@@ -109,7 +109,8 @@ def many_polynomials(temperature: Array, indication: Array, *, order: int) -> Pr
     from calibkit.numeric import stacked
 
     return (lambda: stacked.polynomial(temperature, indication, order)), lambda found: {
-        "coefficients": found[0].coefficients
+        "coefficients": found[0].coefficients,
+        "covariance": found[0].covariance,
     }
 
 

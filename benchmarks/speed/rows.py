@@ -241,8 +241,7 @@ ROWS = (
             3.0,
             2_000_000,
             digits=10.0,
-            note="beside a loop of lstsq over units of 200, 2,000 and 20,000 rows; the target holds up to 2,000; calibkit gives "
-            "covariances too",
+            note="beside a loop of polyfit, with covariances, of units of 200, 2,000, 20,000 rows; the target holds up to 2,000",
         ),
         "many_polynomials",
         _units,

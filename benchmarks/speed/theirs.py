@@ -142,17 +142,18 @@ def allan_limits(rate: Array, *, hertz: float, factor: int) -> Prepared:
 
 
 def many_polynomials(temperature: Array, indication: Array, *, order: int) -> Prepared:
-    """numpy: a polynomial a unit, one after the other by lstsq."""
+    """numpy: a polynomial and its covariance a unit, one after the other by polyfit."""
 
-    def run() -> Array:
+    def run() -> tuple[Array, Array]:
         found = []
         for one, values in zip(temperature, indication, strict=True):
             low, high = one.min(), one.max()
             mapped = (one - (high + low) / 2.0) / ((high - low) / 2.0)
-            found.append(np.linalg.lstsq(np.vander(mapped, order + 1, increasing=True), values, rcond=None)[0])
-        return np.array(found)
+            found.append(np.polyfit(mapped, values, order, cov=True))
+        powers, covariances = zip(*found, strict=True)
+        return np.array(powers)[:, ::-1], np.array(covariances)[:, ::-1, ::-1]
 
-    return run, lambda found: {"coefficients": found}
+    return run, lambda found: {"coefficients": found[0], "covariance": found[1]}
 
 
 def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) -> Prepared:
