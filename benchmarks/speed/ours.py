@@ -26,7 +26,11 @@ if TYPE_CHECKING:
 
 def read_log(*, path: str) -> Prepared:
     """A comma-separated log into a frame, every field counted, with the digest of its bytes."""
+    import pandas as pd
+
     from calibkit.readers import clean
+
+    del pd  # loaded now rather than in the call that is weighed
 
     def run() -> Table:
         table = clean.read(Path(path), "log.csv")
@@ -78,8 +82,11 @@ def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> 
 
 def magnitude(indication: Array) -> Prepared:
     """Nine parameters of a triad from the length of gravity."""
+    from scipy import stats
+
     from calibkit.numeric import magnitude as core
 
+    del stats  # loaded now rather than in the call that is weighed
     lower = np.tril_indices(3)
     return (lambda: core.fit(indication)), lambda found: {
         "parameters": np.concatenate([found.matrix[lower], found.bias])
@@ -95,7 +102,11 @@ def mad(values: Array) -> Prepared:
 
 def allan(rate: Array, *, hertz: float) -> Prepared:
     """Overlapping Allan deviation at octaves, with the noise type at each and its limits."""
+    from scipy import stats
+
     from calibkit.numeric import allan as core
+
+    del stats  # loaded now rather than in the call that is weighed
 
     def answer(curve: DeviationCurve) -> Answer:
         error = curve.deviation_dph / np.sqrt(curve.pairs)  # as the peer's, which knows no noise type
