@@ -80,8 +80,9 @@ def rename_new(temporary: Path, path: Path) -> None:
 def locked(path: Path, what: str, wait_s: float = WAIT_S) -> Iterator[None]:
     """Hold a lock file against other processes and threads; it goes with the process, however that ends.
 
-    Raises OutputError that names `what` where it is still held after wait_s [s]. A file system without locks is gone
-    on without: renames that replace nothing are what keeps the record whole, the lock only spares a second fit a refusal.
+    Raises OutputError that names `what` where it cannot be made or is still held after wait_s [s]. A file system without
+    locks is gone on without: renames that replace nothing are what keeps the record whole, the lock only spares a second
+    fit a refusal.
     """
     handle = _acquired(path, what, round(wait_s / PAUSE_S))
     try:
@@ -98,7 +99,11 @@ def _acquired(path: Path, what: str, attempts: int) -> int:
     for attempt in range(attempts + 1):
         if attempt:
             time.sleep(PAUSE_S)
-        handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        try:
+            handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
+        except OSError as error:
+            hint = "free space or give another --out"
+            raise OutputError(f"{what}: cannot be written: {error.strerror}", hint=hint) from None
         try:
             if _taken(handle) and (not REMOVABLE or _same(path, handle)):
                 return handle

@@ -329,10 +329,7 @@ def export(
     chosen = targets.of(target, number)
     exports = [firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
     files = targets.files(chosen, exports, address)
-    for name in files:
-        store.refuse_existing(out / name)
-    for name, content in files.items():
-        store.write_new(out / name, content)
+    store.write_all({out / name: content for name, content in files.items()})
     return [out / name for name in sorted(files)]
 
 
@@ -388,8 +385,5 @@ def simulate(procedure: str, out: Path, seed: int) -> list[str]:
     from calibkit.simulate import campaigns
 
     files = campaigns.of(procedure)(seed).files()
-    for name in files:
-        store.refuse_existing(out / name)
-    for name, content in files.items():
-        store.write_new(out / name, content)
+    store.write_all({out / name: content for name, content in files.items()})
     return sorted(files)

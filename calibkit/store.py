@@ -148,20 +148,56 @@ def refuse_run_folder(path: Path) -> None:
 
 def write_new(path: Path, content: bytes) -> None:
     """Write one file atomically; raises OutputError when it exists or cannot be written."""
-    refuse_existing(path)
-    try:
+    write_all({path: content})
+
+
+def write_all(files: Mapping[Path, bytes]) -> None:
+    """Write files that belong together, a header and its source: all, or none where one of them cannot be written.
+
+    All are on the disk under temporary names before the first gets its own. Raises OutputError when one exists or
+    cannot be written.
+    """
+    for path in files:
+        refuse_existing(path)
+    named: list[Path] = []
+    with contextlib.ExitStack() as temporaries:
+        try:
+            ready = {path: _ready(path, content, temporaries) for path, content in files.items()}
+            for path, temporary in ready.items():
+                with _refused(path):
+                    atomic.rename_new(temporary, path)
+                    named.append(path)
+        except BaseException:
+            for path in named:
+                _removed(path)
+            raise
+    for folder in {path.parent for path in files}:
+        atomic.sync_folder(folder)
+
+
+def _ready(path: Path, content: bytes, temporaries: contextlib.ExitStack) -> Path:
+    """Temporary file beside a path that holds its content; it goes with the stack."""
+    with _refused(path):
         atomic.make_folder(path.parent)
         handle, name = tempfile.mkstemp(prefix=WRITING, dir=path.parent)
         os.close(handle)
-        temporary = Path(name)
-        try:
-            atomic.write_synced(temporary, content)
-            temporary.chmod(0o644)
-            atomic.rename_new(temporary, path)
-            atomic.sync_folder(path.parent)
-        finally:
-            with contextlib.suppress(OSError):
-                temporary.unlink()
+        temporaries.callback(_removed, Path(name))
+        atomic.write_synced(Path(name), content)
+        Path(name).chmod(0o644)
+        return Path(name)
+
+
+def _removed(path: Path) -> None:
+    """Remove a file where it can be removed."""
+    with contextlib.suppress(OSError):
+        path.unlink()
+
+
+@contextlib.contextmanager
+def _refused(path: Path) -> Iterator[None]:
+    """Turn errors of the system into OutputError that names the file."""
+    try:
+        yield
     except FileExistsError:
         raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name") from None
     except OSError as error:

@@ -1,5 +1,7 @@
 """Every bad input: one line with file, place, found, expected, next step; the contract's exit code; nothing written."""
 
+import os
+
 import numpy as np
 import pytest
 
@@ -332,3 +334,18 @@ def test_apply_says_which_gaps_it_ran_across(campaign, tmp_path, calibkit):
     assert done.code == 0, done.err
     assert "hole.csv:1001" in done.err
     assert "runs across it" in done.err
+
+
+@pytest.mark.skipif(os.name != "posix", reason="names are text on other systems")
+def test_a_log_whose_name_is_no_text_is_refused_by_name(tmp_path, calibkit, log_writer):
+    """A name in Latin-1 on a UTF-8 system cannot stand in a record; fit and check say so and what to do."""
+    log = log_writer(tmp_path / "log.csv", time_s=[0.0, 1.0], gyro_dph=[1.0, 2.0])
+    try:
+        log.rename(tmp_path / os.fsdecode(b"caf\xe9.csv"))
+    except OSError:
+        pytest.skip("this file system takes text only")
+    for call in (("check",), ("fit", "--serial", "S", "--out", tmp_path / "runs")):
+        command, *options = call
+        outcome = calibkit(command, "fog_thermal", "--data", tmp_path, *options)
+        assert outcome.code == 3
+        assert "the file's name is not UTF-8; rename the file" in outcome.err

@@ -1,5 +1,6 @@
 """A write that is killed, runs out of disk or meets another: the old state or the new, nothing in between."""
 
+import errno
 import json
 import os
 import shutil
@@ -130,6 +131,30 @@ def test_a_read_only_folder_is_one_message(tmp_path):
         keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
     with pytest.raises(OutputError, match="Permission denied"):
         store.write_new(tmp_path / "x.csv", b"x")
+
+
+def test_a_lock_that_cannot_be_made_is_one_message(tmp_path, calibkit, monkeypatch):
+    """On a read-only file system a fit, and each unit of a fleet, end with exit code 4, not as internal errors."""
+    opened = os.open
+
+    def read_only(path, flags, *arguments, **options):
+        if flags & os.O_CREAT and str(path).endswith(".lock"):
+            raise OSError(errno.EROFS, os.strerror(errno.EROFS))
+        return opened(path, flags, *arguments, **options)
+
+    unit = tmp_path / "units" / "U1"
+    unit.mkdir(parents=True)
+    rows = [f"{k},{20.0 + 0.1 * k},{0.5 + 0.01 * k + 0.001 * (k * k % 7)}" for k in range(300)]
+    text = "\n".join(["time_s,temp_case_degc,gyro_dph", *rows, ""])
+    (unit / "warm.csv").write_text(text, encoding="utf-8")
+    monkeypatch.setattr(os, "open", read_only)
+    for call in (
+        ("fit", "bias_temperature", "--data", unit, "--serial", "U1"),
+        ("fleet", "bias_temperature", "--data", unit.parent),
+    ):
+        outcome = calibkit(*call, "--out", tmp_path / "runs")
+        assert outcome.code == 4
+        assert "U1: cannot be written: Read-only file system" in outcome.err
 
 
 def test_a_name_longer_than_the_file_system_allows_is_one_message(tmp_path):

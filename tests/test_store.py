@@ -98,6 +98,37 @@ def test_an_existing_file_is_never_overwritten(tmp_path):
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.json"]
 
 
+def test_files_that_belong_together_are_all_there_or_none(tmp_path, monkeypatch):
+    """The disk is full at the second of three, or its name is taken meanwhile: none is there, and what was there stays."""
+    paths = [tmp_path / "deep" / name for name in ("a.c", "b.h", "c.csv")]
+    write, rename = atomic.write_synced, atomic.rename_new
+
+    def full(path, content):
+        if content == b"b.h":
+            raise OSError(28, "No space left on device")
+        write(path, content)
+
+    def raced(temporary, path):
+        if path.name == "b.h":
+            path.write_bytes(b"mine")
+        rename(temporary, path)
+
+    files = {path: path.name.encode() for path in paths}
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "write_synced", full)
+        with pytest.raises(OutputError, match=r"b\.h: cannot be written: No space left"):
+            store.write_all(files)
+    assert list((tmp_path / "deep").iterdir()) == []
+    with monkeypatch.context() as patch:
+        patch.setattr(atomic, "rename_new", raced)
+        with pytest.raises(OutputError, match=r"b\.h: exists already"):
+            store.write_all(files)
+    assert {path.name: path.read_bytes() for path in (tmp_path / "deep").iterdir()} == {"b.h": b"mine"}
+    paths[1].unlink()
+    store.write_all(files)
+    assert {path.name.encode() == path.read_bytes() for path in (tmp_path / "deep").iterdir()} == {True}
+
+
 def test_a_name_taken_between_check_and_rename_is_kept(tmp_path):
     """The rename itself refuses to replace a file that appeared meanwhile."""
     path, temporary = tmp_path / "a", tmp_path / "t"

@@ -4,13 +4,17 @@ import ast
 import hashlib
 import json
 import random
+import re
 import shutil
 from pathlib import Path
 
+import numpy as np
 import pytest
 
 from calibkit import coefficients, pipeline, recipe, store
-from calibkit.errors import CalibkitError, CoefficientError, RecipeError, UsageError
+from calibkit.errors import CalibkitError, CoefficientError, LogFormatError, RecipeError, UsageError
+from calibkit.readers import hdf5
+from calibkit.recipe.logs import Logs
 from conftest import ROOT
 from kept import keep, model
 
@@ -42,11 +46,38 @@ def test_a_run_of_the_first_format_still_compensates(tmp_path, calibkit):
     assert ",azimuth_deg" in lines[0]
 
 
-@pytest.mark.parametrize("formats", [coefficients.FORMATS, store.RUN_FORMATS, (pipeline.VALIDATION_FORMAT,)])
-def test_there_is_a_golden_file_of_every_format(formats):
-    """No format is released without a file that has to keep loading."""
-    kept = [json.loads(path.read_text(encoding="utf-8"))["format"] for path in GOLDEN.parent.rglob("*.json")]
-    assert set(formats) <= set(kept)
+def test_there_is_a_golden_file_of_every_format():
+    """No format that a module names is without a file that has to keep loading; those of firmware are told by its sources."""
+    named = {
+        found
+        for path in (ROOT / "calibkit").rglob("*.py")
+        for found in re.findall(r'"(calibkit-[a-z]+/\d+)"', path.read_text(encoding="utf-8"))
+    }
+    kept = {json.loads(path.read_text(encoding="utf-8"))["format"] for path in GOLDEN.parent.rglob("*.json")}
+    assert named >= {*coefficients.FORMATS, *store.RUN_FORMATS, store.FLEET_FORMAT, pipeline.VALIDATION_FORMAT}
+    assert named - kept == {"calibkit-firmware/1"}
+
+
+EXPORTS = sorted(path for path in (GOLDEN.parent / "exports-1").rglob("*") if path.is_file())
+
+
+@pytest.mark.parametrize("path", [*EXPORTS, GOLDEN.parent / "fleet-1"], ids=lambda path: path.name)
+def test_an_export_and_a_fleet_of_the_first_formats_still_verify(calibkit, path):
+    """Sources, loader, blobs, records, table and manifest as calibkit 0.1.0 wrote them: digests hold, vectors come out."""
+    outcome = calibkit("verify", path)
+    assert (outcome.code, outcome.err) == (0, "")
+    assert len(EXPORTS) == 10
+
+
+def test_a_damaged_export_of_the_first_formats_is_refused(tmp_path, calibkit):
+    """One digit of a C source, one byte of a blob, one digit of a table: exit code 4, and the file is named."""
+    for path in EXPORTS:
+        content = bytearray(path.read_bytes())
+        content[len(content) // 2] ^= 1
+        damaged = tmp_path / path.name
+        damaged.write_bytes(content)
+        outcome = calibkit("verify", damaged)
+        assert (outcome.code, path.name in outcome.err) == (4, True), outcome
 
 
 @pytest.mark.parametrize("name", ["run.json", "inclinometer_scale.json", "report.pdf", "report.txt"])
@@ -268,6 +299,39 @@ def test_no_code_is_ever_made_of_data():
                 named = {keyword.arg: getattr(keyword.value, "value", None) for keyword in node.keywords}
                 assert not named.get("shell"), f"{path}:{node.lineno}"
                 assert not named.get("allow_pickle"), f"{path}:{node.lineno}"
+
+
+@pytest.mark.parametrize("kind", ["external", "virtual", "unwritten", "half written"])
+def test_a_log_whose_values_are_not_in_it_is_refused(tmp_path, kind):
+    """HDF5 can point at values in other files, and reads what was never written as zeros: neither becomes a measurement."""
+    h5py = pytest.importorskip("h5py")
+    values = 20.0 + np.arange(300.0)
+    values.tofile(tmp_path / "elsewhere.bin")
+    with h5py.File(tmp_path / "elsewhere.h5", "w") as made:
+        made["x"] = values
+    with h5py.File(tmp_path / "log.h5", "w") as made:
+        made["time_s"] = np.arange(300.0)
+        if kind == "external":
+            made.create_dataset("gyro_dph", (300,), "<f8", external=[(str(tmp_path / "elsewhere.bin"), 0, 2400)])
+        elif kind == "virtual":
+            layout = h5py.VirtualLayout((300,), "<f8")
+            layout[:] = h5py.VirtualSource(str(tmp_path / "elsewhere.h5"), "x", (300,))
+            made.create_virtual_dataset("gyro_dph", layout)
+        elif kind == "unwritten":
+            made.create_dataset("gyro_dph", (300,), "<f8")
+        else:
+            made.create_dataset("gyro_dph", (300,), "<f8", chunks=(100,))[:150] = values[:150]
+    log = tmp_path / "log.h5"
+    message = "was not written to its end" if "written" in kind else "lie in other files"
+    with pytest.raises(LogFormatError, match=message):
+        hdf5.read(log, log.name, Logs(files=("*.h5",)), ("time_s", "gyro_dph"))
+    with h5py.File(log, "a") as made:
+        del made["gyro_dph"]
+        made["gyro_dph"] = values
+    assert (
+        hdf5.read(log, log.name, Logs(files=("*.h5",)), ("time_s", "gyro_dph")).frame["gyro_dph"].tolist()
+        == values.tolist()
+    )
 
 
 def test_every_refusal_is_calibkits_own(tmp_path, golden):

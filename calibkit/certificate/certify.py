@@ -74,8 +74,7 @@ def certify(
                 f"a DRAFT is not signed; missing: {listed}", hint="state what is missing, or leave out --sign"
             )
         document = sign.signed(document, signer, key.now)
-    store.write_new(out, document)
-    store.write_new(beside, digital.content)
+    store.write_all({out: document, beside: digital.content})
     return Issued((out, beside), certificate)
 
 

@@ -3,16 +3,19 @@
 Format: named datasets in groups. One group is one log ([logs] table, needed where several groups hold numbers): its
 vectors are columns, with an attribute `units` or `unit` as their unit; a single matrix needs the recipe's `names`; a
 compound dataset is a table, its fields the columns. Uncertainty: values as stored, integers above 2⁵³ rounded to
-float64; several instants of writing cannot be told apart.
+float64; several instants of writing cannot be told apart. Values that lie in other files, which the log's digest does not
+cover, and values that were never written, which read as zeros, are refused.
 """
 
 from __future__ import annotations
 
 import hashlib
 import io
+import math
 from typing import TYPE_CHECKING, Any
 
 from calibkit import units
+from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited, optional
 from calibkit.readers.table import Table
 
@@ -33,6 +36,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     def collect(name: str, node: Any) -> None:  # noqa: ANN401 (h5py's callback)
         if not isinstance(node, h5py.Dataset) or node.shape is None or name.startswith("#refs#"):
             return
+        numeric = bool(node.dtype.names) or node.dtype.kind in "fiub"
+        if numeric and (not logs.table or f"{name}/".startswith(f"{logs.table}/")):
+            _require_own_values(name, node, file)
         said = node.attrs.get("units", node.attrs.get("unit", ""))
         unit = units.of_text(said.decode(errors="replace") if isinstance(said, bytes) else str(said))
         if node.dtype.names:
@@ -48,3 +54,22 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     frame, how = arrays.frame(found, file, logs, needed)
     said = (f"HDF5, {len(frame)} rows", *how)
     return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, stated)
+
+
+def _require_own_values(name: str, node: Any, file: str) -> None:  # noqa: ANN401 (h5py's dataset)
+    """Raise LogFormatError for a dataset whose values are not all in this file."""
+    if node.is_virtual or node.external:
+        raise LogFormatError(
+            f"{file}: the values of '{name}' lie in other files, which the log's digest does not cover",
+            hint="write a file that holds its own values, by h5repack or by the logger's export",
+        )
+    if node.chunks is None:
+        whole = not node.size or node.id.get_storage_size() > 0
+    else:
+        pieces = zip(node.shape, node.chunks, strict=True)
+        whole = node.id.get_num_chunks() >= math.prod(-(-length // size) for length, size in pieces)
+    if not whole:
+        raise LogFormatError(
+            f"{file}: '{name}' was not written to its end: what is missing would read as zeros",
+            hint="cut the log at its last written row, or measure again",
+        )

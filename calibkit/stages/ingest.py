@@ -49,9 +49,20 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
     skipped = {exclude.log for exclude in recipe.exclude if exclude.from_s is None and exclude.to_s is None}
     _known_exclusions(recipe, found)
     kept = [name for name in found if not skipped & {name, log_name(name)}]
+    for name in kept:
+        _require_text(name)
     if not kept:
         raise FrameError(f"{folder}: every log is excluded by the recipe", hint="remove an [[exclude]] table")
     return kept
+
+
+def _require_text(name: str) -> None:
+    """Refuse a log whose name is bytes that no text is: it could not be written down whose digest stands in the record."""
+    try:
+        name.encode()
+    except UnicodeEncodeError:
+        shown = name.encode("utf-8", "backslashreplace").decode()
+        raise FrameError(f"{shown}: the file's name is not UTF-8", hint="rename the file") from None
 
 
 def _known_exclusions(recipe: Recipe, found: Sequence[str]) -> None:
