@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import t
 
 from calibkit.errors import FitError
-from calibkit.numeric import accel_q, gauss_newton, magnitude
+from calibkit.numeric import accel_q, gauss_newton, gram, magnitude
 
 TRUTH = np.array([1.012, 0.985, 1.004, 0.011, -0.02, 0.007, 0.0043, -0.0087, 0.0121])
 NOISE_G = 2e-5
@@ -165,3 +165,48 @@ def test_a_missing_value_is_refused():
     indicated[3, 1] = np.nan
     with pytest.raises(FitError, match="not finite"):
         magnitude.fit(indicated)
+
+
+def test_many_rows_by_their_moments_have_the_numbers_of_a_factorisation(monkeypatch):
+    """Parameters to 1e-12, uncertainties, leverages and condition to 1e-9, though 100,000 rows start from a sample of them."""
+    rng = np.random.default_rng(11)
+    direction = rng.normal(size=(100_000, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    axes = np.array([[1.0, 0.0, 0.0], [0.01, 1.0, 0.0], [-0.02, 0.015, 1.0]])
+    indication = direction @ axes.T * [1.01, 0.99, 1.02] + [0.01, -0.02, 0.03] + rng.normal(0.0, 1e-3, direction.shape)
+    indication.flags.writeable = False
+    found = magnitude.fit(indication)
+    monkeypatch.setattr(gram, "TALL", 10**9)
+    monkeypatch.setattr(magnitude, "ENOUGH_TO_START", 10**9)
+    expected = magnitude.fit(indication)
+    np.testing.assert_allclose(found.parameters, expected.parameters, atol=1e-12)
+    np.testing.assert_allclose(found.standard_uncertainty, expected.standard_uncertainty, rtol=1e-9)
+    np.testing.assert_allclose(found.leverage, expected.leverage, rtol=1e-8)
+    np.testing.assert_allclose(found.residuals, expected.residuals, atol=1e-11)
+    assert found.condition == pytest.approx(expected.condition, rel=1e-6)
+
+
+def test_many_rows_on_one_cone_are_refused():
+    """Twenty thousand rows at one inclination cannot tell nine parameters, noise or not."""
+    turn = np.linspace(0.0, 2.0 * np.pi, 21_000)
+    cone = np.column_stack([0.5 * np.cos(turn), 0.5 * np.sin(turn), np.full(turn.size, np.sqrt(0.75))])
+    with pytest.raises(FitError, match="cannot determine"):
+        magnitude.fit(cone)
+    with pytest.raises(FitError, match="no convergence"):
+        magnitude.fit(cone + np.random.default_rng(12).normal(0.0, 1e-4, cone.shape))
+
+
+def test_a_sample_that_determines_nothing_leaves_the_start_as_it_is():
+    """Where every evenly spread row is the same one, the fit of all begins where it was to begin."""
+    rng = np.random.default_rng(13)
+    direction = rng.normal(size=(1000, 3))
+    direction /= np.linalg.norm(direction, axis=1)[:, None]
+    direction[::5] = [0.6, 0.0, 0.8]
+    indication = direction * 1.02 + 0.01 + rng.normal(0.0, 1e-4, direction.shape)
+    begin = gauss_newton.of_some(
+        lambda at, rows: magnitude.lengths(at, indication[rows], 1.0, np.ones(len(indication[rows]))),
+        np.ones(9),
+        1000,
+        enough=200,
+    )
+    assert (begin == np.ones(9)).all()

@@ -122,7 +122,7 @@ def solve(design: Callable[[slice], Array], indication: Array, weights: Array | 
 def matrix(design: Callable[[slice], Array], rows: int) -> Array:
     """Gram matrix XᵀX [p, p] of the columns [m, p] of slices of rows."""
     parts = (design(part) for part in blocks(rows, SAMPLE_ROWS))
-    return np.asarray(sum(_product(columns, columns) for columns in parts), dtype=np.float64)
+    return np.asarray(sum(product(columns, columns) for columns in parts), dtype=np.float64)
 
 
 def condensed(design: Callable[[slice], Array], rows: int) -> Array:
@@ -157,14 +157,14 @@ def _sums(
         weighted, pulled = columns, residual
         if weights is not None:
             weighted, pulled = (columns.T * weights[part]).T, residual * weights[part]
-        gram += _product(columns, weighted)
+        gram += product(columns, weighted)
         gradient += columns.T @ pulled
         square += float(residual @ pulled)
     return gram, gradient, square
 
 
-def _product(columns: Array, weighted: Array) -> Array:
-    """Product XᵀWX [p, p] of a block's columns and weighted columns [m, p].
+def product(columns: Array, weighted: Array) -> Array:
+    """Gram matrix XᵀWX [p, p] of a block's columns and weighted columns [m, p].
 
     Without its last column, which the symmetry gives: for the product of a matrix with itself BLAS is asked for half of the
     entries, and at few columns takes three times as long for them.

@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import accel_q, fold, gauss_newton, robust
+from calibkit.numeric import accel_q, fold, gauss_newton, gram, robust
 from calibkit.numeric import fit as least_squares
 
 if TYPE_CHECKING:
@@ -124,12 +124,13 @@ def fit(
     """
     _require_enough(indication)
     root = np.ones(len(indication)) if noise is None else 1.0 / noise
-    begin = start(indication, gravity)
 
     def residuals(parameters: Array, rows: slice) -> tuple[Array, Array]:
         return lengths(parameters, indication[rows], gravity, root[rows])
 
-    found = gauss_newton.fit(residuals, _to_triangle(begin), len(indication), names=_TRIANGLE_NAMES, weakest=WEAKEST)
+    begin = _to_triangle(start(indication, gravity))
+    near = gauss_newton.of_some(residuals, begin, len(indication), enough=ENOUGH_TO_START)
+    found = gauss_newton.fit(residuals, near, len(indication), names=_TRIANGLE_NAMES, weakest=WEAKEST)
     if loss == "robust":
         return _robust(found, indication, gravity, root)
     inverse = found.normal_inverse * _variance(found.square, found.dof, absolute=noise is not None)
@@ -201,15 +202,15 @@ def lengths(triangle: Array, indication: Array, gravity: float, root: Array) -> 
     """Weighted residuals [n] |T (V − b)| − gravity and their derivatives [n, 9] by the entries of T and by b."""
     matrix = np.zeros((3, 3))
     matrix[tuple(np.transpose(LOWER))] = triangle[:6]
-    shifted = indication - triangle[6:]
-    vector = shifted @ matrix.T
-    length = np.sqrt(np.einsum("ij,ij->i", vector, vector))
-    direction = vector * (root / length)[:, None]
-    slopes = np.empty((len(indication), 9))
-    for column, (i, j) in enumerate(LOWER):
-        np.multiply(direction[:, i], shifted[:, j], out=slopes[:, column])
-    slopes[:, 6:] = -(direction @ matrix)
-    return (length - gravity) * root, slopes
+    shifted = np.subtract(indication.T, triangle[6:, None], order="C")  # components as rows, along the memory
+    vector = matrix @ shifted
+    length = np.sqrt(np.einsum("ij,ij->j", vector, vector))
+    direction = vector * (root / length)
+    slopes = np.empty((9, len(indication)))
+    for row, (i, j) in zip(slopes, LOWER, strict=False):
+        np.multiply(direction[i], shifted[j], out=row)
+    np.matmul(-matrix.T, direction, out=slopes[6:])
+    return (length - gravity) * root, slopes.T
 
 
 _TRIANGLE_NAMES = ("k_x", "Q3", "k_y", "Q2", "Q1", "k_z", "b_x", "b_y", "b_z")
@@ -284,11 +285,13 @@ def _residual_and_leverage(triangle: Array, indication: Array, gravity: float, r
     def slopes(rows: slice) -> Array:
         return lengths(triangle, indication[rows], gravity, root[rows])[1]
 
-    inverse = np.linalg.inv(fold.triangle(slopes, len(root)))
+    tall = len(root) >= gram.TALL
+    r = np.linalg.cholesky(gram.matrix(slopes, len(root))).T if tall else fold.triangle(slopes, len(root))
+    inverse = np.linalg.inv(r)
     residual, leverage = np.empty(len(root)), np.empty(len(root))
-    for rows in fold.blocks(len(root)):
+    for rows in gram.blocks(len(root), gram.block_rows(len(NAMES))):
         residual[rows], slope = lengths(triangle, indication[rows], gravity, root[rows])
-        leverage[rows] = np.sum((slope @ inverse) ** 2, axis=1)
+        leverage[rows] = np.sum((inverse.T @ slope.T) ** 2, axis=0)
     return residual, leverage
 
 
