@@ -220,7 +220,13 @@ def _fitted_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
 
 
 def apply(
-    run: store.Run, data: Path, out: Path, overrides: tuple[str, ...], *, as_firmware: str | None = None
+    run: store.Run,
+    data: Path,
+    out: Path,
+    overrides: tuple[str, ...],
+    *,
+    as_firmware: str | None = None,
+    dry_run: bool = False,
 ) -> tuple[str, ...]:
     """Compensate one log with a run's coefficients and write every row and column of it; returns the flags.
 
@@ -244,7 +250,7 @@ def apply(
         raise FrameError(
             error.message, hint=f"{run.name} needs {', '.join(error.columns)}: name the log's own columns with {mapped}"
         ) from None
-    store.write_new(out, content)
+    store.write_new(out, content, dry_run=dry_run)
     corrected = (
         f"{entry.column} corrected by certificate {entry.certificate}: --set correction=[] where other instruments measured"
         for entry in spec.correction
@@ -252,7 +258,9 @@ def apply(
     return (*corrected, *flags)
 
 
-def validate(run: store.Run, data: Path, out: Path, progress: Progress) -> tuple[dict[str, Any], Summary]:
+def validate(
+    run: store.Run, data: Path, out: Path, progress: Progress, *, dry_run: bool = False
+) -> tuple[dict[str, Any], Summary]:
     """Hold a run's frozen coefficients against logs that they have not seen and write the figures as JSON."""
     store.refuse_existing(out)
     spec, inputs = run_recipe(run, ()), run.document["inputs"]
@@ -281,7 +289,7 @@ def validate(run: store.Run, data: Path, out: Path, progress: Progress) -> tuple
         "flags": list(flags),
     }
     text = coefficients.seal(document)
-    store.write_new(out, text.encode())
+    store.write_new(out, text.encode(), dry_run=dry_run)
     return coefficients.unseal(text, str(out), (VALIDATION_FORMAT,)), summary
 
 
@@ -322,6 +330,7 @@ def export(
     *,
     address: int = 0,
     allow_rejected: bool = False,
+    dry_run: bool = False,
 ) -> list[Path]:
     """Write the correction chains of one run or of a fleet's for a firmware target; returns the files."""
     from calibkit.firmware import targets
@@ -329,7 +338,7 @@ def export(
     chosen = targets.of(target, number)
     exports = [firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
     files = targets.files(chosen, exports, address)
-    store.write_all({out / name: content for name, content in files.items()})
+    store.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return [out / name for name in sorted(files)]
 
 
@@ -380,10 +389,10 @@ def _what(path: Path) -> str:
     return f"{document['format']} of {document['serial']} r{document['revision']:03d}"
 
 
-def simulate(procedure: str, out: Path, seed: int) -> list[str]:
+def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool = False) -> list[str]:
     """Write a simulated campaign's logs and truth into a new folder; returns the names of the files."""
     from calibkit.simulate import campaigns
 
     files = campaigns.of(procedure)(seed).files()
-    store.write_all({out / name: content for name, content in files.items()})
+    store.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return sorted(files)

@@ -146,19 +146,21 @@ def refuse_run_folder(path: Path) -> None:
         )
 
 
-def write_new(path: Path, content: bytes) -> None:
-    """Write one file atomically; raises OutputError when it exists or cannot be written."""
-    write_all({path: content})
+def write_new(path: Path, content: bytes, *, dry_run: bool = False) -> None:
+    """Write one file atomically; raises OutputError when it exists or cannot be written. A dry run only looks."""
+    write_all({path: content}, dry_run=dry_run)
 
 
-def write_all(files: Mapping[Path, bytes]) -> None:
+def write_all(files: Mapping[Path, bytes], *, dry_run: bool = False) -> None:
     """Write files that belong together, a header and its source: all, or none where one of them cannot be written.
 
     All are on the disk under temporary names before the first gets its own. Raises OutputError when one exists or
-    cannot be written.
+    cannot be written. A dry run only looks.
     """
     for path in files:
         refuse_existing(path)
+    if dry_run:
+        return
     named: list[Path] = []
     with contextlib.ExitStack() as temporaries:
         try:

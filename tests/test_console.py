@@ -12,7 +12,7 @@ from pathlib import Path
 
 import pytest
 
-from calibkit import cli, pipeline
+from calibkit import cli, pipeline, recipe
 from calibkit.cli import console, options
 from conftest import ROOT
 from kept import keep, model
@@ -322,6 +322,43 @@ def test_a_dry_run_says_what_would_be_and_writes_nothing(tmp_path, calibkit):
     assert {key: value for key, value in rehearsed.json.items() if key != "dry_run"} == written.json
     digest = {entry["name"]: entry["sha256"] for entry in rehearsed.json["files"]}["report.pdf"]
     assert hashlib.sha256((out / "S" / "r001" / "report.pdf").read_bytes()).hexdigest() == digest
+
+
+@pytest.mark.parametrize(
+    "call",
+    [
+        ("simulate", "rate_table", "--seed", "1", "--out", "made"),
+        ("apply", "R", "--runs", "{runs}", "--data", "{data}/at_60.csv", "--out", "made/c.csv"),
+        ("validate", "R", "--runs", "{runs}", "--data", "{more}", "--out", "made/v.json"),
+        ("certify", "R", "--runs", "{runs}", "--date", "2026-11-21", "--out", "made/c.pdf"),
+        ("export", "R", "--runs", "{runs}", "--target", "c", "--out", "made"),
+    ],
+    ids=lambda call: call[0],
+)
+def test_a_dry_run_of_any_writer_does_all_but_write(rated, tmp_path, calibkit, monkeypatch, call):
+    """It ends as the command does, names the same files as not written, and leaves none; the command then writes them."""
+    if call[0] == "certify":
+        pytest.importorskip("typst")
+    monkeypatch.chdir(tmp_path)
+    arguments = [part.format_map(rated) for part in call]
+    rehearsed, listed = calibkit(*arguments, "--dry-run"), calibkit(*arguments, "--dry-run", "--json")
+    assert (rehearsed.code, listed.code, list(tmp_path.iterdir())) == (0, 0, [])
+    assert listed.json["dry_run"] is True
+    written = calibkit(*arguments)
+    assert rehearsed.out.replace(" (dry run: not written)", "") == written.out != rehearsed.out
+    assert list(tmp_path.rglob("*.*"))
+    assert calibkit(*arguments, "--dry-run").code == 4  # what exists would be refused
+
+
+@pytest.fixture(scope="module")
+def rated(tmp_path_factory):
+    """Return the folders of a run, its sample logs and other logs."""
+    from calibkit.procedures import silent
+
+    folder, data = tmp_path_factory.mktemp("rated"), ROOT / "datasets" / "rate_table"
+    pipeline.fit(recipe.find("rate_table"), data, "R", folder / "runs", "2026-11-21", silent)
+    pipeline.simulate("rate_table", folder / "more", 8)
+    return {"runs": folder / "runs", "data": data, "more": folder / "more"}
 
 
 def test_the_log_file_keeps_the_call_what_was_said_and_the_end(tmp_path, calibkit):

@@ -41,6 +41,7 @@ def certify(
     overrides: tuple[str, ...] = (),
     schema_dir: Path | None = None,
     key: sign.Key | None = None,
+    dry_run: bool = False,
 ) -> Issued:
     """Write the certificate of a run as PDF, with its DCC inside and beside it; nothing is overwritten.
 
@@ -74,7 +75,7 @@ def certify(
                 f"a DRAFT is not signed; missing: {listed}", hint="state what is missing, or leave out --sign"
             )
         document = sign.signed(document, signer, key.now)
-    store.write_all({out: document, beside: digital.content})
+    store.write_all({out: document, beside: digital.content}, dry_run=dry_run)
     return Issued((out, beside), certificate)
 
 

@@ -11,9 +11,19 @@ import click
 
 from calibkit import __version__
 from calibkit.cli import completion, firmware, fleets, records
-from calibkit.cli.console import note, prepare, print_data, print_json, print_verdict, progress, say, tell
+from calibkit.cli.console import (
+    note,
+    prepare,
+    print_data,
+    print_json,
+    print_verdict,
+    print_written,
+    progress,
+    say,
+    tell,
+)
 from calibkit.cli.ending import guarded
-from calibkit.cli.options import DATA, JSON, RECIPE, RUN, RUNS, SET, Group, day_of, now
+from calibkit.cli.options import DATA, DRY, JSON, RECIPE, RUN, RUNS, SET, Group, day_of, now, rehearsed
 from calibkit.errors import FrameError
 
 if TYPE_CHECKING:
@@ -44,7 +54,7 @@ def cli() -> None:
 @click.option(
     "--date", default=None, metavar="YYYY-MM-DD", help="date from which the coefficients hold (default: today)"
 )
-@click.option("--dry-run", is_flag=True, help="fit and say what would be written; nothing is")
+@DRY
 @SET
 @JSON
 def fit(
@@ -74,11 +84,11 @@ def fit(
     for guess in outcome.guesses:
         say(f"? {guess}")
     if as_json:
-        where = {"run": outcome.name, "folder": str(outcome.folder), **({"dry_run": True} if dry_run else {})}
+        where = {"run": outcome.name, "folder": str(outcome.folder), **rehearsed(dry_run=dry_run)}
         print_json({"ok": True, **where, **_verdict(outcome.document)})
     else:
         print_verdict(outcome.summary)
-        click.echo(f"{outcome.folder}{' (dry run: not written)' if dry_run else ''}")
+        print_written((outcome.folder,), dry_run=dry_run)
         note("wrote", f"{outcome.folder}{' (dry run: not written)' if dry_run else ''}")
     return 0 if outcome.summary.accepted else 1
 
@@ -135,6 +145,7 @@ def init(folder: Path, *, as_json: bool) -> int:
 @click.option("--as-firmware", default=None, metavar="NUMBER", help="as the export in f32, f64, q31 or q15 will do it")
 @SET
 @RUNS
+@DRY
 @JSON
 def apply(
     run: str,
@@ -144,6 +155,7 @@ def apply(
     overrides: tuple[str, ...],
     runs: Path,
     *,
+    dry_run: bool,
     as_json: bool,
 ) -> int:
     """Compensate a log with the coefficients of a run; every row and column is written.
@@ -155,13 +167,13 @@ def apply(
     from calibkit import pipeline, store
 
     found = store.load(store.find(run, runs))
-    flags = pipeline.apply(found, data, out, overrides, as_firmware=as_firmware)
+    flags = pipeline.apply(found, data, out, overrides, as_firmware=as_firmware, dry_run=dry_run)
     if as_json:
-        print_json({"ok": True, "run": found.name, "out": str(out), "flags": list(flags)})
+        print_json({"ok": True, "run": found.name, "out": str(out), "flags": list(flags), **rehearsed(dry_run=dry_run)})
     else:
         for flag in flags:
             say(f"! {flag}")
-        click.echo(f"{out}")
+        print_written((out,), dry_run=dry_run)
     return 0
 
 
@@ -170,8 +182,9 @@ def apply(
 @DATA
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="JSON file to write")
 @RUNS
+@DRY
 @JSON
-def validate(run: str, data: Path, out: Path, runs: Path, *, as_json: bool) -> int:
+def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_json: bool) -> int:
     """Hold frozen coefficients against logs they have not seen: before, after, rate gain.
 
     \b
@@ -180,12 +193,12 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, as_json: bool) -> i
     """
     from calibkit import pipeline, store
 
-    document, summary = pipeline.validate(store.load(store.find(run, runs)), data, out, progress)
+    document, summary = pipeline.validate(store.load(store.find(run, runs)), data, out, progress, dry_run=dry_run)
     if as_json:
-        print_json({"ok": True, **document})
+        print_json({"ok": True, **document, **rehearsed(dry_run=dry_run)})
     else:
         print_verdict(summary)
-        click.echo(f"{out}")
+        print_written((out,), dry_run=dry_run)
     return 0 if summary.accepted else 1
 
 
@@ -200,6 +213,7 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, as_json: bool) -> i
 @click.option("--schema-dir", type=click.Path(path_type=Path), help="folder with dcc.xsd, to hold the DCC against it")
 @click.option("--set", "overrides", multiple=True, metavar="table.key=value", help="override a key of the profile")
 @RUNS
+@DRY
 @JSON
 def certify(
     run: str,
@@ -213,6 +227,7 @@ def certify(
     overrides: tuple[str, ...],
     runs: Path,
     *,
+    dry_run: bool,
     as_json: bool,
 ) -> int:
     """Write the calibration certificate of a run as PDF/A-3 with its DCC; what is missing makes it a DRAFT.
@@ -237,17 +252,18 @@ def certify(
         overrides=overrides,
         schema_dir=schema_dir,
         key=None if key is None else sign.Key(key, os.environ.get(sign.PASSPHRASE, ""), now()),
+        dry_run=dry_run,
     )
     if rejection := issued.certificate.rejection.en:
         say(f"! {rejection}")
     if as_json:
-        print_json({"ok": True, **certificates.said(issued)})
+        print_json({"ok": True, **certificates.said(issued), **rehearsed(dry_run=dry_run)})
         return 0
     if issued.missing:
         say("DRAFT: not a calibration certificate; missing:")
     for item in issued.missing:
         say(f"  {item.key}: {item.what.en}")
-    click.echo("\n".join(map(str, issued.files)))
+    print_written(issued.files, dry_run=dry_run)
     return 0
 
 
@@ -259,8 +275,9 @@ for kept in (fleets.fleet, firmware.export, records.verify, records.show, record
 @click.argument("procedure")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="folder to write the logs into")
 @click.option("--seed", required=True, type=click.IntRange(min=0), help="seed of everything random")
+@DRY
 @JSON
-def simulate(procedure: str, out: Path, seed: int, *, as_json: bool) -> int:
+def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool, as_json: bool) -> int:
     """Write realistic logs of a simulated instrument with their truth beside them.
 
     \b
@@ -269,11 +286,11 @@ def simulate(procedure: str, out: Path, seed: int, *, as_json: bool) -> int:
     """
     from calibkit import pipeline
 
-    written = pipeline.simulate(procedure, out, seed)
+    written = pipeline.simulate(procedure, out, seed, dry_run=dry_run)
     if as_json:
-        print_json({"ok": True, "files": written})
+        print_json({"ok": True, "files": written, **rehearsed(dry_run=dry_run)})
     else:
-        click.echo("\n".join(written))
+        print_written(written, dry_run=dry_run)
     return 0
 
 

@@ -184,6 +184,11 @@ def as_document(error: CalibkitError) -> dict[str, str]:
     return {"code": error.code, "message": error.message, "hint": error.hint}
 
 
+def print_written(names: Iterable[object], *, dry_run: bool) -> None:
+    """Print what was written, one name a line, or would have been."""
+    click.echo("\n".join(f"{name}{' (dry run: not written)' if dry_run else ''}" for name in names))
+
+
 def print_data(text: str) -> None:
     """Print a text of data on stdout; a character that the console lacks is escaped as \\uXXXX, not replaced."""
     encoding = sys.stdout.encoding or "utf-8"

@@ -6,8 +6,8 @@ from pathlib import Path
 
 import click
 
-from calibkit.cli.console import print_json
-from calibkit.cli.options import JSON, RUNS, command
+from calibkit.cli.console import print_json, print_written
+from calibkit.cli.options import DRY, JSON, RUNS, command, rehearsed
 
 
 def _address(context: click.Context, parameter: click.Parameter, value: str) -> int:
@@ -28,6 +28,7 @@ def _address(context: click.Context, parameter: click.Parameter, value: str) -> 
 @click.option("--address", default="0", callback=_address, help="where hex and srec place the blob: 0x08040000")
 @click.option("--allow-rejected", is_flag=True, help="export a run that failed its limits, marked as rejected")
 @RUNS
+@DRY
 @JSON
 def export(
     run: tuple[str, ...],
@@ -39,6 +40,7 @@ def export(
     runs: Path,
     *,
     allow_rejected: bool,
+    dry_run: bool,
     as_json: bool,
 ) -> int:
     """Write the correction chain of a run as firmware that can prove itself.
@@ -52,9 +54,12 @@ def export(
     from calibkit import pipeline, store
 
     found = [store.load(store.find(name, runs)) for name in run]
-    files = pipeline.export(found, target, number, prefix, out, address=address, allow_rejected=allow_rejected)
+    files = pipeline.export(
+        found, target, number, prefix, out, address=address, allow_rejected=allow_rejected, dry_run=dry_run
+    )
     if as_json:
-        print_json({"ok": True, "runs": [one.name for one in found], "files": list(map(str, files))})
+        named = {"runs": [one.name for one in found], "files": list(map(str, files))}
+        print_json({"ok": True, **named, **rehearsed(dry_run=dry_run)})
     else:
-        click.echo("\n".join(map(str, files)))
+        print_written(files, dry_run=dry_run)
     return 0

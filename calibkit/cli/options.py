@@ -23,6 +23,7 @@ DATA = click.option("--data", required=True, type=click.Path(path_type=Path), he
 RUNS = click.option("--runs", default="runs", show_default=True, type=click.Path(path_type=Path), help="where runs are")
 JSON = click.option("--json", "as_json", is_flag=True, help="one JSON document on stdout, also on failure")
 CSV = click.option("--csv", "as_csv", is_flag=True, help="CSV on stdout, one line a number")
+DRY = click.option("--dry-run", is_flag=True, help="do it all but write nothing")
 SET = click.option("--set", "overrides", multiple=True, metavar="table.key=value", help="override a recipe key")
 
 
@@ -123,6 +124,11 @@ def day_of(text: str | None) -> str:
         return dt.date.fromisoformat(text).isoformat()
     except ValueError:
         raise UsageError(f"--date {text}: not a date", hint="write YYYY-MM-DD") from None
+
+
+def rehearsed(*, dry_run: bool) -> dict[str, bool]:
+    """What --json adds where nothing was written."""
+    return {"dry_run": True} if dry_run else {}
 
 
 def now() -> dt.datetime:
