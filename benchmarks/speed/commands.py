@@ -32,7 +32,7 @@ if TYPE_CHECKING:
 BYTES = 1024
 LEAST = 10_000
 """Rows of four ramps at an interval that a fit accepts."""
-MOST = 100_000
+MOST = 50_000
 """Rows that the autopilot's tool is given."""
 RATES = (1.0, 2.0, 5.0, 10.0)
 READ = "import polars as pl, sys\nfor path in sys.argv[1:]: pl.read_csv(path)"
@@ -295,12 +295,12 @@ COMMANDS = (
                 "drift over temperature from logs",
                 "ardupilot-methodic-configurator",
                 None,
-                100_000,
+                MOST,
                 clock="cpu",
                 note="another, smaller model; a whole process on each side; the peer's time grows with the square",
             ),
         ),
         autopilot,
-        lambda rows: [LEAST, *(size for size in rows if size > LEAST)],
+        lambda rows: [LEAST, MOST, 1_000_000] if max(rows) > LEAST else [LEAST],
     ),
 )
