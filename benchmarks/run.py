@@ -165,7 +165,9 @@ def main(given: Sequence[str] | None = None) -> int:
     print(page.growth(shown, lines))
     whole = not (asked.only or asked.quick or asked.rows or asked.here)
     if place := asked.page or (PAGE if whole else None):
-        text = replaced(place.read_text(encoding="utf-8"), page.BEGIN, page.END, page.measured(goals(), lines, versions))
+        text = replaced(
+            place.read_text(encoding="utf-8"), page.BEGIN, page.END, page.measured(goals(), lines, versions)
+        )
         place.write_text(text, encoding="utf-8")
     return int(any(missed(goal, lines) for goal in shown))
 
