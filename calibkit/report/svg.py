@@ -113,6 +113,7 @@ def _svg(figure: Figure, prefix: str) -> str:
     from xml.etree import ElementTree as ET
 
     import matplotlib as mpl
+    from matplotlib.backends.backend_svg import FigureCanvasSVG
 
     literal(figure)
     figure.set_layout_engine("none")
@@ -121,7 +122,8 @@ def _svg(figure: Figure, prefix: str) -> str:
     buffer = io.StringIO()
     clockless = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with drawing(), mpl.rc_context({"svg.fonttype": "none"}):
-        figure.savefig(buffer, format="svg", metadata=clockless)
+        # savefig would draw it twice, once for the layout that it has
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=clockless)  # type: ignore[no-untyped-call] # typed in parts
     root = ET.fromstring(buffer.getvalue())  # noqa: S314 - what matplotlib has just written
     _plain(root, prefix)
     for number, ax in enumerate(figure.axes):
