@@ -325,15 +325,22 @@ def test_a_gap_that_an_exclude_made_is_called_that(tmp_path, calibkit, log_write
 
 
 def test_apply_says_which_gaps_it_ran_across(campaign, tmp_path, calibkit):
-    """A log with a hole is compensated row for row, and the flag says where nothing is known."""
-    made = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path / "runs")
+    """A log with holes is compensated row for row; the flag counts them and names the longest, as firmware too."""
+    quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false")
+    made = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path / "runs", *quick)
     assert made.code in (0, 1)
     lines = (campaign / "ramp_heating_05.csv").read_text(encoding="utf-8").splitlines()
-    (tmp_path / "hole.csv").write_text("\n".join([*lines[:1000], *lines[1100:]]) + "\n", encoding="utf-8")
-    done = calibkit("apply", tmp_path / "runs/S/r001", "--data", tmp_path / "hole.csv", "--out", tmp_path / "o.csv")
-    assert done.code == 0, done.err
-    assert "hole.csv:1001" in done.err
-    assert "runs across it" in done.err
+    rows = [*lines[:1000], *lines[1100:2000], *lines[2010:3000], *lines[3300:]]
+    (tmp_path / "holes.csv").write_text("\n".join(rows) + "\n", encoding="utf-8")
+    (tmp_path / "whole.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
+    for more in ((), ("--as-firmware", "f64")):
+        call = ("apply", tmp_path / "runs/S/r001", *more, "--data")
+        done = calibkit(*call, tmp_path / "holes.csv", "--out", tmp_path / f"holes{len(more)}.csv")
+        assert done.code == 0, done.err
+        assert "holes.csv:2891: 3 gaps, 413 s together, the longest of 301 s from 2998 s" in done.err
+        assert "runs across them" in done.err
+        assert len((tmp_path / f"holes{len(more)}.csv").read_text(encoding="utf-8").splitlines()) == len(rows)
+        assert "gap" not in calibkit(*call, tmp_path / "whole.csv", "--out", tmp_path / f"whole{len(more)}.csv").err
 
 
 @pytest.mark.skipif(os.name != "posix", reason="names are text on other systems")

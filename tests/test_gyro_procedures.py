@@ -3,6 +3,7 @@
 import json
 
 import numpy as np
+import pandas as pd
 import pytest
 
 from calibkit import pipeline, recipe, store
@@ -10,7 +11,7 @@ from calibkit.numeric import gyro_scale, plateau_means
 from calibkit.procedures import silent
 from calibkit.report import figures as drawing
 from calibkit.simulate import gyro_pair, rate_table
-from conftest import AUTHORITIES
+from conftest import AUTHORITIES, ROOT
 
 CASES = json.loads((AUTHORITIES / "gyro_orthogonality.json").read_text(encoding="utf-8"))["cases"]
 RATES = (1.0, 2.0, 5.0, 10.0, 50.0, 100.0, -1.0, -2.0, -5.0, -10.0, -50.0, -100.0)
@@ -570,3 +571,22 @@ def test_a_pair_without_one_of_its_logs_or_with_swapped_columns_is_refused(tmp_p
     outcome = calibkit(*arguments, "pair.axis_b=table_axis_a.csv")
     assert (outcome.code, "each table axis has its own log" in outcome.err) == (2, True)
     assert not (tmp_path / "r").exists()
+
+
+def test_the_set_points_of_a_calibration_are_inside_its_range(tmp_path, calibkit):
+    """The runs at −40 °C and 60 °C that were fitted are not clamped, by apply nor by firmware: their soaks are the range."""
+    runs, data = tmp_path / "runs", ROOT / "datasets" / "rate_table"
+    assert calibkit("fit", "rate_table", "--data", data, "--serial", "S", "--out", runs).code in (0, 1)
+    for name in ("at_-40", "at_60", "room_1"):
+        for more in ((), ("--as-firmware", "f64")):
+            out = tmp_path / f"{name}{len(more)}.csv"
+            done = calibkit("apply", "S", "--runs", runs, "--data", data / f"{name}.csv", "--out", out, *more)
+            assert done.code == 0
+            assert "temperature outside" not in done.err
+            assert "TEMP_CLAMPED" not in done.err
+    warm = pd.read_csv(data / "at_60.csv")
+    warm["temp_case_degc"] += 3.0
+    warm.to_csv(tmp_path / "warm.csv", index=False)
+    call = ("apply", "S", "--runs", runs, "--data", tmp_path / "warm.csv", "--out")
+    assert "temperature outside" in calibkit(*call, tmp_path / "w0.csv").err
+    assert "TEMP_CLAMPED in 1e+02 %" in calibkit(*call, tmp_path / "w1.csv", "--as-firmware", "f64").err

@@ -125,11 +125,22 @@ def _short_gaps(log: Log, missing: NDArray[np.int64], step: NDArray[np.float64],
 
 
 def bridged(log: Log) -> list[str]:
-    """Flags for the gaps that a compensation runs across: what happened in them it does not know."""
-    return [
-        f"{finding.place}: {finding.found}: the compensation runs across it and knows nothing of what happened there"
-        for finding in gaps(log, float("inf"))
-    ]
+    """Flag for the gaps that a compensation with a memory runs across: their number, the longest, the time they take.
+
+    What happened in them it does not know, and what it remembers from before them may be over.
+    """
+    time = values(log.frame, "time_s")
+    step = np.diff(time)
+    if not step.size:
+        return []
+    missing = np.flatnonzero(step > GAP * float(np.median(step)))
+    if not missing.size:
+        return []
+    k = int(missing[np.argmax(step[missing])])
+    count = "a gap" if missing.size == 1 else f"{missing.size} gaps, {step[missing].sum():g} s together, the longest"
+    them = "it" if missing.size == 1 else "them"
+    said = f"{log.place(k + 1)}: {count} of {step[k]:g} s from {time[k]:g} s"
+    return [f"{said}: the compensation runs across {them} and knows nothing of what happened there"]
 
 
 def varying(log: Log, columns: Sequence[str]) -> list[Finding]:

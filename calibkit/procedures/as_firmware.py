@@ -101,7 +101,8 @@ def _drift(spec: FogThermalRecipe, quantised: Program, data: Path) -> tuple[byte
     note = (
         f"{log.file}: each interval of {interval:g} s is corrected by the drift of the one before, the first by its own"
     )
-    return write_back.replaced(spec, data, {"gyro_dph": gyro - known}), (note, *_flags(log.file, quantised, status))
+    flags = (*check.bridged(log), note, *_flags(log.file, quantised, status))
+    return write_back.replaced(spec, data, {"gyro_dph": gyro - known}), flags
 
 
 def _updates(quantised: Program, heard: Mapping[str, Array]) -> tuple[Array, NDArray[np.int64]]:

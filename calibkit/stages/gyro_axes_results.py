@@ -51,14 +51,15 @@ def _named(name: str, fitted: AxesFit, one: AxesSet) -> str:
 def _temperature_models(fitted: AxesFit) -> list[Model]:
     """polynomial/1 models of every sensitivity and bias over case temperature."""
     models = []
+    every = [run for axis in AXES for run in fitted.runs[axis]]
     if fitted.over is not None:
         models += [
-            polynomial_model(f"{gyro}_about_{axis}.K_over_temperature", "1/deg", fitted.over.curves[g][a])
+            polynomial_model(f"{gyro}_about_{axis}.K_over_temperature", "1/deg", fitted.over.curves[g][a], every)
             for g, gyro in enumerate(fitted.gyros)
             for a, axis in enumerate(AXES)
         ]
     models += [
-        polynomial_model(f"{gyro}.bias_over_temperature", "1/s", curve)
+        polynomial_model(f"{gyro}.bias_over_temperature", "1/s", curve, every)
         for gyro, curve in zip(fitted.gyros, fitted.bias_over, strict=False)
     ]
     return models

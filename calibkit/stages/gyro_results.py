@@ -247,7 +247,7 @@ def scale_model(name: str, run: TableRun, gyro: str) -> Model:
 def valid_of(runs: Sequence[TableRun]) -> dict[str, tuple[float, float]]:
     """Rates and temperatures that runs covered."""
     rate = np.concatenate([run.plateaus.rate_dps for run in runs])
-    temperature = np.concatenate([run.plateaus.temp_degc for run in runs])
+    temperature = np.array([run.temp_range for run in runs])
     spans = {RATE: rate} | ({TEMPERATURE: temperature} if np.isfinite(temperature).all() else {})
     return {name: (float(span.min()), float(span.max())) for name, span in spans.items()}
 
@@ -275,14 +275,14 @@ def _temperature_models(name: str, one: GyroOverRuns) -> list[Model]:
     """polynomial/1 models of K and F0 over case temperature, where it varies."""
     curves = (("K", "1/deg", one.K_over_temperature), ("F0", "1/s", one.F0_over_temperature))
     return [
-        polynomial_model(f"{name}.{letter}_over_temperature", unit, fit)
+        polynomial_model(f"{name}.{letter}_over_temperature", unit, fit, one.runs)
         for letter, unit, fit in curves
         if fit is not None
     ]
 
 
-def polynomial_model(name: str, unit: str, fit: ScaleOverTemperature) -> Model:
-    """polynomial/1 model of one quantity over case temperature."""
+def polynomial_model(name: str, unit: str, fit: ScaleOverTemperature, runs: Sequence[TableRun]) -> Model:
+    """polynomial/1 model of one quantity over case temperature, which holds over all that the runs covered."""
     u = np.sqrt(np.diag(fit.covariance))
     return Model(
         name=name,
@@ -295,7 +295,7 @@ def polynomial_model(name: str, unit: str, fit: ScaleOverTemperature) -> Model:
         dof=fit.dof,
         residual_rms=fit.residual_rms,
         residual_unit=unit,
-        valid={TEMPERATURE: fit.valid_degc},
+        valid={TEMPERATURE: valid_of(runs).get(TEMPERATURE, fit.valid_degc)},
     )
 
 

@@ -10,7 +10,7 @@ import numpy as np
 from calibkit import check
 from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.numeric import earth, gyro_scale, plateau_means, plateaus
+from calibkit.numeric import anomalies, earth, gyro_scale, plateau_means, plateaus
 from calibkit.stages import ingest, pins
 
 if TYPE_CHECKING:
@@ -35,6 +35,8 @@ BEYOND = 1000.0
 """Times the counts of all but a hundredth of the rows that no row has: what is as large is a logger's mark."""
 HALF_TURN_DEG = 180.0
 """Turn [°] between two rows from which an angle does not say how far the table turned."""
+ONE_SOAK_DEGC = 2.0
+"""Span of a run's temperatures [°C] up to which it stood at one."""
 LEAST_ROWS = 16
 LEAST_TRIAD = 3
 """Gyros over three axes from which one of them is along the table axis of every log."""
@@ -62,6 +64,19 @@ class TableRun:
     def temp_degc(self) -> float:
         """Mean temperature [°C] of the held rates; NaN where none was logged."""
         return float(self.plateaus.temp_degc.mean())
+
+    @property
+    def temp_range(self) -> tuple[float, float]:
+        """Coldest and hottest row [°C] of the run: of all of it where it stood at one temperature, else of its held rates.
+
+        What was calibrated is the soak with its spread, not the mean of it: its own rows are inside.
+        """
+        if TEMPERATURE not in self.log.frame.columns:
+            return float("nan"), float("nan")
+        temperature = anomalies.despiked(values(self.log.frame, TEMPERATURE))
+        if np.ptp(temperature) > ONE_SOAK_DEGC:
+            temperature = np.concatenate([temperature[a:b] for a, b in self.plateaus.span.tolist()])
+        return float(temperature.min()), float(temperature.max())
 
 
 def column(gyro: str) -> str:
