@@ -6,7 +6,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy import stats
 
@@ -419,6 +419,7 @@ def test_a_value_beside_its_limit_never_contradicts_the_decision(value, limit, s
     assert tables.beside(value, limit) == shown
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.floats(-1e6, 1e6), st.floats(-1e-3, 1e-3) | st.just(0.0))
 def test_a_printed_value_lies_on_the_side_of_its_limit_that_it_lies_on(limit, share):
     """Whatever the limit and however near the value."""

@@ -5,7 +5,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit import coefficients, store
@@ -36,6 +36,7 @@ def entry(measured, sha256="a"):
     return {"name": "x.csv", "sha256": sha256, "rows": len(measured), "fingerprint": fingerprint(measured)}
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**32), st.integers(3, COMPARED_ROWS), st.data())
 def test_an_excerpt_is_a_copy_and_another_measurement_is_none(seed, count, data):
     """Nine tenths of the rows and more are always told; noise of another seed never is."""

@@ -5,7 +5,7 @@ import json
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit import procedures, recipe
@@ -81,6 +81,7 @@ def test_a_validation_that_came_out_worse_is_flagged(tmp_path, calibkit):
         assert ("s(T) does not hold here" in " ".join(outcome.out.split())) == told
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.integers(0, 2**32), st.integers(northseek_closure.FEWEST, 40), st.sampled_from([1, 2, 5]))
 def test_noise_alone_is_seldom_wild_and_a_wild_station_does_not_move_the_usual(seed, count, dof):
     """Of normal noise none is found (one in a thousand campaigns may have one); a hundredfold station is, alone."""

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit import recipe
@@ -23,6 +23,7 @@ def lagged(rate, lag, *, seconds=3000, offset=2.0):
     return time, case, air
 
 
+@settings(deadline=None, max_examples=40)
 @given(st.sampled_from([1.0, 3.0, 10.0]), st.floats(60.0, 400.0))
 def test_a_lag_is_found_and_changes_its_sign_with_the_columns(rate, lag):
     """Within a third of one first-order lag; whatever the unit of time, the sign and the swing stay what they are."""
