@@ -53,14 +53,18 @@ def magnitude(values: Array, about: float = 0.0) -> float:
         below, inside = _inside(values, about, low, high)
         if below <= ranks[0] and ranks[1] < below + inside.size:
             return _middle(inside, ranks[0] - below, ranks[1] - below)
-    whole = np.abs(values - about)
+    whole = np.abs(values if about == 0.0 else values - about)
     _require_finite(float(whole.max()))
     return _middle(whole, *ranks)
 
 
 def _bracket(values: Array, about: float) -> tuple[float, float]:
     """Magnitudes between which the median lies, by an evenly spread sample."""
-    sample = np.sort(np.abs(values[:: values.size // SAMPLE] - about))
+    step = values.size // SAMPLE
+    # no common divisor with what logs repeat by: every 200th value may be of another kind
+    while math.gcd(step, 210) > 1:
+        step += 1
+    sample = np.sort(np.abs(values[::step] - about))
     off = round(MARGIN * math.sqrt(sample.size) / 2.0)
     middle = sample.size // 2
     return float(sample[middle - off]), float(sample[middle + off])
