@@ -286,7 +286,7 @@ COMMANDS = (
             ),
         ),
         pool,
-        lambda rows: [20, 100] if max(rows) > 10_000 else [4],
+        lambda rows: [4] if max(rows) <= LEAST else [20, 100] if max(rows) > 100_000 else [20],
     ),
     Command(
         (
