@@ -8,7 +8,6 @@ import pytest
 
 from calibkit import recipe, store
 from calibkit.procedures import inclinometer, silent
-from calibkit.report import figures, svg
 from calibkit.simulate import inclinometer as simulator
 from calibkit.simulate.campaign import csv_text
 from calibkit.stages import inclinometer_stations
@@ -68,10 +67,8 @@ def simulated(folder, seed, *, part=slice(None), references=True, **options):
 
 
 @pytest.fixture
-def command(calibkit, tmp_path, monkeypatch):
-    """Return fit, apply, validate and check of the shipped recipe with settings; report.pdf and report.html are not drawn."""
-    monkeypatch.setattr(figures, "pdf", lambda pages: f"{len(pages)} pages".encode())
-    monkeypatch.setattr(svg, "inline", lambda pages: ([], False))
+def command(calibkit, tmp_path):
+    """Return fit, apply, validate and check of the shipped recipe with settings."""
 
     class Commands:
         def settings(self, settings):
