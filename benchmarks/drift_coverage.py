@@ -20,9 +20,9 @@ import numpy as np
 from calibkit.numeric import (
     coil,
     gum,
+    intervals,
     lagged,
     level,
-    occupancy,
     thermal_choice,
     thermal_drift,
     thermal_fit,
@@ -65,8 +65,9 @@ def true_drivers(form: str, lags: tuple[float, ...], log: fog.SimulatedLog) -> D
     seconds = log.columns["time_s"].astype(np.float64)
     if form == "lagged":
         return coil.drivers(coil.path([(seconds, log.heat.case)]), *lags)
-    middle, case = occupancy.block_means(seconds, log.heat.case, INTERVAL_S)
-    env = occupancy.block_means(seconds, log.air, INTERVAL_S)[1]
+    held = intervals.of(seconds, INTERVAL_S)
+    middle, case = held.means(seconds), held.means(log.heat.case)
+    env = held.means(log.air)
     coarse = level.drivers(middle, case, env)
     names = ("temperature", "rate", "gradient", "gradient_rate")
     return Drivers(*(np.interp(seconds, middle, getattr(coarse, name)) for name in names))
@@ -125,7 +126,7 @@ def compared(
     parts = thermal_uncertainty.contributions(model, found)
     _, _, expanded = gum.expand_along(parts.values, parts.dof)
     seconds = log.columns["time_s"].astype(np.float64)
-    error = found.drift - occupancy.block_means(seconds, log.drift, INTERVAL_S)[1]
+    error = found.drift - intervals.of(seconds, INTERVAL_S).means(log.drift)
     return error / expanded, error / (2.0 * parts.values[0])
 
 

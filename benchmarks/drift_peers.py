@@ -22,7 +22,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import level, occupancy, thermal_choice, thermal_drift, thermal_fit
+from calibkit.numeric import intervals, level, thermal_choice, thermal_drift, thermal_fit
 from calibkit.simulate import fog_thermal as fog
 from calibkit.simulate.chamber import Chamber
 
@@ -135,7 +135,7 @@ def judged(logs: dict[str, fog.SimulatedLog], python: Path) -> tuple[dict[str, A
     for name, log in logs.items():
         if name.startswith("withheld/"):
             b = thermal_log(name, log)
-            truth = occupancy.block_means(log.columns["time_s"].astype(np.float64), log.drift, INTERVAL_S)[1]
+            truth = intervals.of(log.columns["time_s"].astype(np.float64), INTERVAL_S).means(log.drift)
             found = {
                 "uncompensated": np.zeros_like(truth),
                 "cubic in temperature (PX4's model)": px4(b.case),

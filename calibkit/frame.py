@@ -13,7 +13,7 @@ import numpy as np
 from calibkit.errors import FrameError, MissingColumnError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Callable, Iterable
 
     import pandas as pd
     from numpy.typing import NDArray
@@ -64,6 +64,13 @@ class Log:
     parts: tuple[tuple[str, int], ...] = ()
     clock: tuple[float, float] | None = None
     """Offset of a second logger's clock [s] and the largest standard uncertainty of its times [s], where one was joined."""
+    room: Callable[[int], NDArray[np.float64]] = np.empty
+    """Makes arrays along the rows where the log lies: in memory, or on disk."""
+
+    @property
+    def on_disk(self) -> bool:
+        """Whether the columns of the frame are on disk: what is computed along them goes span by span."""
+        return self.room is not np.empty
 
     def place(self, row: int) -> str:
         """file:line that a row of the frame came from, in the part of a split log that holds it."""

@@ -98,15 +98,14 @@ def test_a_log_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch):
     """A row added behind the parser's back: one line that names the log."""
     path = tmp_path / "log.csv"
     path.write_bytes(text_of([("1", "2", "3")]))
-    parsed = clean._parsed
+    parsed = clean._numbers
 
-    def growing(file, fields):
-        frame = parsed(file, fields)
-        with file.open("ab") as stream:
+    def growing(block, fields):
+        with path.open("ab") as stream:
             stream.write(b"4,5,6\n")
-        return frame
+        return parsed(block, fields)
 
-    monkeypatch.setattr(clean, "_parsed", growing)
+    monkeypatch.setattr(clean, "_numbers", growing)
     with pytest.raises(LogFormatError, match=r"log\.csv: it changed while it was read"):
         clean.read(path, "log.csv")
 

@@ -169,8 +169,8 @@ def test_block_means_of_a_log_are_free_of_spikes_and_keep_their_ramp():
     case, env = 0.01 * time, 0.02 * time
     clean = rng.normal(8.0, 0.5, 1000)
     spiked = clean + 40.0 * (rng.random(1000) < 0.01)
-    part = (time >= 605.0).astype(np.int64)
-    log = thermal_fit.thermal_log("log", time, case, env, spiked, 10.0, part)
+    second = int(np.searchsorted(time, 605.0))
+    log = thermal_fit.thermal_log("log", time, case, env, spiked, 10.0, [second])
     assert log.indication == pytest.approx(clean.reshape(100, 10).mean(axis=1), abs=0.5)  # °/h, of 4
     assert log.case == pytest.approx(case.reshape(100, 10).mean(axis=1), abs=1e-12)
     assert log.env == pytest.approx(env.reshape(100, 10).mean(axis=1), abs=1e-12)

@@ -5,37 +5,35 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibkit.numeric import occupancy
+from calibkit.numeric import intervals, occupancy
 
 RNG = np.random.default_rng(1)
 
 
 def blocks_of(size, count):
-    """Return block numbers of `count` blocks of `size` samples."""
-    return np.repeat(np.arange(count), size)
+    """Return the intervals of `count` blocks of `size` samples."""
+    return intervals.of(np.arange(float(count * size)), float(size))
 
 
 def test_spikes_are_found_and_normal_noise_is_not():
     """Of 100,000 normal samples at most 0.1 % are called spikes, of 500 spikes of 20 standard deviations all."""
-    index = blocks_of(10, 10_000)
-    noise = RNG.normal(0.0, 0.6, index.size)
-    assert occupancy.spikes(noise, index).mean() < 1e-3
-    hit = RNG.choice(index.size, 500, replace=False)
+    held = blocks_of(10, 10_000)
+    noise = RNG.normal(0.0, 0.6, 100_000)
+    assert occupancy.spikes(noise, held).size < 1e-3 * noise.size
+    hit = RNG.choice(noise.size, 500, replace=False)
     noise[hit] += 12.0  # °/h
-    found = occupancy.spikes(noise, index)
-    assert found[hit].all()
-    assert found.sum() - 500 < 1e-3 * index.size
+    found = occupancy.spikes(noise, held)
+    assert np.isin(hit, found).all()
+    assert found.size - 500 < 1e-3 * noise.size
 
 
 def test_a_spike_does_not_move_the_mean_of_its_block():
     """The mean of a block with a spike of 50 °/h is that of its other samples, and the other blocks do not change."""
-    time = np.arange(1000.0)
     clean = RNG.normal(5.0, 0.6, 1000)
     dirty = clean.copy()
     dirty[123] += 50.0
-    index = blocks_of(10, 100)
-    kept = ~occupancy.spikes(dirty, index)
-    _, means = occupancy.block_means(time, dirty, 10.0, keep=kept)
+    held = blocks_of(10, 100)
+    means = occupancy.means(dirty, held, without=occupancy.spikes(dirty, held))
     expected = clean.reshape(100, 10).mean(axis=1)
     expected[12] = np.delete(clean[120:130], 3).mean()
     assert means == pytest.approx(expected, abs=1e-12)  # °/h
@@ -43,25 +41,25 @@ def test_a_spike_does_not_move_the_mean_of_its_block():
 
 def test_an_indication_that_moves_within_its_blocks_has_no_spikes():
     """A fast drift after a long quiet time is a drift, though its blocks deviate far more than the quiet ones."""
-    index = blocks_of(10, 200)
+    held = blocks_of(10, 200)
     quiet = RNG.normal(0.0, 0.01, 1500)
     moving = np.arange(500) * 0.05 + RNG.normal(0.0, 0.01, 500)
-    assert not occupancy.spikes(np.concatenate([quiet, moving]), index).any()
+    assert not occupancy.spikes(np.concatenate([quiet, moving]), held).size
 
 
 def test_a_spike_stands_out_of_counts_that_hardly_change():
     """Where more than half of the samples are alike the smallest step is the measure."""
-    index = blocks_of(10, 50)
+    held = blocks_of(10, 50)
     counts = np.where(RNG.random(500) < 0.2, 0.05, 0.0)
     counts[77] = 3.0
-    assert np.flatnonzero(occupancy.spikes(counts, index)).tolist() == [77]
+    assert occupancy.spikes(counts, held).tolist() == [77]
 
 
 def test_blocks_of_two_samples_show_no_spike():
     """Of two samples none can be told to be the wild one."""
     values = np.zeros(40)
     values[5] = 100.0
-    assert not occupancy.spikes(values + RNG.normal(0.0, 0.1, 40), blocks_of(2, 20)).any()
+    assert not occupancy.spikes(values + RNG.normal(0.0, 0.1, 40), blocks_of(2, 20)).size
 
 
 def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
@@ -69,7 +67,8 @@ def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
     time = np.sort(RNG.choice(3000, 1200, replace=False)).astype(np.float64)
     time = time[(time < 500) | (time > 900)] - time[0]
     values = RNG.normal(0.0, 1.0, time.size)
-    middle, means = occupancy.block_means(time, values, 25.0)
+    held = intervals.of(time, 25.0)
+    middle, means = held.means(time), held.means(values)
     numbers = [int(np.floor(t / 25.0 + 0.5 * min(np.median(np.diff(time)) / 25.0, 1.0))) for t in time]
     expected = [[values[i] for i in range(time.size) if numbers[i] == k] for k in sorted(set(numbers))]
     assert means == pytest.approx([float(np.mean(block)) for block in expected], abs=1e-12)
@@ -78,9 +77,7 @@ def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
 
 def test_a_block_of_spikes_alone_keeps_its_mean():
     """A block of which nothing would be kept is not lost."""
-    keep = np.ones(30, dtype=bool)
-    keep[10:20] = False
-    _, means = occupancy.block_means(np.arange(30.0), np.arange(30.0), 10.0, keep=keep)
+    means = occupancy.means(np.arange(30.0), blocks_of(10, 3), without=np.arange(10, 20))
     assert means == pytest.approx([4.5, 14.5, 24.5])
 
 

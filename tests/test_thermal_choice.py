@@ -7,9 +7,9 @@ import pytest
 
 from calibkit.errors import FitError
 from calibkit.numeric import (
+    intervals,
     lagged,
     level,
-    occupancy,
     thermal_choice,
     thermal_drift,
     thermal_fit,
@@ -54,7 +54,7 @@ def withheld(logs, model):
     for name, made in logs.items():
         if name.startswith(WITHHELD):
             log = blocks(name, made)
-            true = occupancy.block_means(made.columns["time_s"].astype(np.float64), made.drift, INTERVAL_S)[1]
+            true = intervals.of(made.columns["time_s"].astype(np.float64), INTERVAL_S).means(made.drift)
             found = thermal_drift.evaluate(model, log.time, log.case, log.env)
             before.append(np.std(true))
             after.append(np.std(true - found.drift))

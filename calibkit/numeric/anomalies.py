@@ -142,11 +142,17 @@ def _noise(values: Array) -> float:
 
 def equal_runs(values: Array, shortest: int) -> Rows:
     """First row and the row after the last [m, 2] of the runs of at least `shortest` equal values in a series [n]."""
-    # the rows at which the value changes: a run lies between two of them that are far enough apart
-    edges = np.flatnonzero(values[1:] != values[:-1]) + 1
-    bounds = np.concatenate(([0], edges, [values.size]))
-    long = np.flatnonzero(np.diff(bounds) >= shortest)
-    return np.column_stack((bounds[long], bounds[long + 1])).astype(np.int64)
+    if values.size < max(shortest, 2):
+        return np.zeros((0, 2), dtype=np.int64)
+    alike, length = values[1:] == values[:-1], 1
+    while length < shortest - 1:  # alike[k]: rows k … k + length are equal
+        more = min(length, shortest - 1 - length)
+        alike = alike[:-more] & alike[more:]
+        length += more
+    ends = np.flatnonzero(np.diff(alike)) + 1 if alike.any() else np.zeros(0, dtype=np.int64)
+    runs = np.concatenate(([0] * bool(alike[0]), ends, [alike.size] * bool(alike[-1]))).astype(np.int64).reshape(-1, 2)
+    runs[:, 1] += length
+    return runs
 
 
 def stuck(values: Array) -> Rows:

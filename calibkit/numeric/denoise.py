@@ -14,13 +14,14 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.numeric.lifting import BLOCK, forward, inverse, scheme, span, untouched
 from calibkit.numeric.shrinkage import RULES, THRESHOLDS, noise, noise_gains, universal
+from calibkit.numeric.spans import along, release
 
 if TYPE_CHECKING:
     from collections.abc import Callable
 
     from numpy.typing import NDArray
 
-    from calibkit.numeric.lifting import Decomposition, Extension, Scheme
+    from calibkit.numeric.lifting import Decomposition, Extension, Room, Scheme
     from calibkit.numeric.shrinkage import Rule, Threshold
 
     Array = NDArray[np.float64]
@@ -35,16 +36,22 @@ CAUSAL_START = 32
 class Denoised:
     """A denoised signal [n], in its own unit, with what was taken for noise.
 
-    noise and thresholds [levels] are of the details, finest level first, in the unit of the signal; edge [n] marks the
-    samples that what stands beyond the ends can reach. Sample k belongs to sample k − delay of the indication.
+    noise and thresholds [levels] are of the details, finest level first, in the unit of the signal; what stands beyond the
+    ends cannot reach samples inner[0] … inner[1] − 1. Sample k belongs to sample k − delay of the indication.
     """
 
     signal: Array
     noise: Array
     thresholds: Array
-    edge: NDArray[np.bool_]
+    inner: tuple[int, int]
     levels: int
     delay: int
+
+    @property
+    def edge(self) -> NDArray[np.bool_]:
+        """Samples [n] that what stands beyond the ends can reach."""
+        at = np.arange(self.signal.size)
+        return (at < self.inner[0]) | (at >= self.inner[1])
 
 
 def denoise(
@@ -55,6 +62,7 @@ def denoise(
     threshold: Threshold = "universal",
     rule: Rule = "firm",
     extension: Extension = "trend",
+    room: Room = np.empty,
 ) -> Denoised:
     """Remove from a segment [n] of equidistant samples what its wavelet details hold of noise.
 
@@ -65,6 +73,7 @@ def denoise(
     levels : depth; that of `deepest` when absent, 6 for 600 samples, 9 for 6000.
     threshold, rule : names in `shrinkage.THRESHOLDS` and `shrinkage.RULES`.
     extension : one of `lifting.EXTENSIONS`.
+    room : makes the arrays of details and of the result; memory beyond them is that of a chunk, unless the threshold is "sure".
 
     Raises
     ------
@@ -82,18 +91,17 @@ def denoise(
     _require_length(samples.size, wavelet, depth)
     _require_known(threshold, rule)
     estimate, shrink = THRESHOLDS[threshold], RULES[rule]
-    parts = forward(samples, lifting, depth, extension=extension)
+    parts = forward(samples, lifting, depth, extension=extension, room=room)
     sigma = _noise(parts, lifting)
     thresholds = np.zeros(depth)
     for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
         own = detail[interior]
         known = own.size >= OWN_NOISE_FROM
         thresholds[j] = (estimate if known else universal)(own, float(sigma[j]), samples.size)
-    edge = np.ones(samples.size, dtype=np.bool_)
-    _, (first, last) = untouched(lifting, samples.size, depth)
-    edge[first : max(first, last)] = False
-    shrunk = inverse(parts, lambda level, detail: shrink(detail, float(thresholds[level])))
-    return Denoised(shrunk, sigma, thresholds, edge, depth, 0)
+        release(detail)
+    _, inner = untouched(lifting, samples.size, depth)
+    shrunk = inverse(parts, lambda level, detail: shrink(detail, float(thresholds[level])), room=room)
+    return Denoised(shrunk, sigma, thresholds, inner, depth, 0)
 
 
 def shortest(wavelet: str, levels: int) -> int:
@@ -175,7 +183,7 @@ def causal(
     rebuilt = inverse(parts)
     out = np.concatenate([np.full(late, samples[0]), rebuilt[: samples.size - late]])
     _, (first, _) = untouched(lifting, samples.size, levels)
-    return Denoised(out, sigma, used, np.arange(samples.size) < late + first, levels, late)
+    return Denoised(out, sigma, used, (late + first, samples.size), levels, late)
 
 
 def delay(wavelet: str, levels: int) -> int:
@@ -238,7 +246,7 @@ def _checked(signal: Array) -> Array:
     """The signal as an array of finite numbers."""
     samples = np.ascontiguousarray(signal, dtype=np.float64)
     with np.errstate(all="ignore"):
-        total = float(np.sum(samples))
+        total = sum(float(np.sum(samples[a:b])) for a, b in along(samples))
     # one pass without a mask: a sum is finite only where every term is
     finite = np.isfinite(samples) if not math.isfinite(total) else np.ones(1, dtype=np.bool_)
     if not finite.all():

@@ -13,12 +13,14 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import fit
+from calibkit.numeric import fit, intervals
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from numpy.typing import NDArray
+
+    from calibkit.numeric.intervals import Intervals
 
     Array = NDArray[np.float64]
 
@@ -83,42 +85,26 @@ class RatePolynomial:
 
 
 def block_index(time: Array, interval_s: float) -> NDArray[np.int64]:
-    """Number of the model interval that each sample [n] falls in; half a sample of jitter moves nothing.
-
-    Raises FitError when the log is sampled more slowly than the model interval, because the coefficients are per interval.
-    """
-    step = float(np.median(np.diff(time)))
-    if step > interval_s * 1.01:
-        raise FitError(
-            f"sampled every {step:g} s, the model interval is {interval_s:g} s",
-            hint="the coefficients are per interval: use a log that is sampled at least that fast, or fit with that interval",
-        )
-    return np.asarray(np.floor((time - time[0]) / interval_s + 0.5 * min(step / interval_s, 1.0)), dtype=np.int64)
+    """Number of the model interval that each sample [n] falls in; raises FitError as `intervals.of`."""
+    held = intervals.of(time, interval_s)
+    return np.repeat(held.number, held.count)
 
 
 def blocks(time: Array, case: Array, env: Array, indication: Array, slope: Array, interval_s: float) -> Blocks:
-    """Block means of a log [n] at the model interval; the rate is the causal slope at each block's last sample.
+    """Block means of a log [n] at the model interval, as `blocks_of`; raises FitError as `intervals.of`."""
+    held = intervals.of(time, interval_s)
+    middle, t_case, t_env, mean = (held.means(values) for values in (time, case, env, indication))
+    return blocks_of(held, middle, t_case, t_env, mean, slope)
+
+
+def blocks_of(held: Intervals, time: Array, case: Array, env: Array, indication: Array, slope: Array) -> Blocks:
+    """Block means of a log from those [m] of its model intervals; the rate is the causal slope [n] at each block's last sample.
 
     Intervals with less than half of their samples, whose means would be noisier than the others, are filled by straight
     lines between their neighbours.
     """
-    index = block_index(time, interval_s)
-    full, first = np.unique(index, return_index=True)
-    count = np.diff(np.append(first, index.size))
-    ends = first + count - 1
-    grid = np.arange(index[-1] + 1)
-    enough = count >= 0.5 * np.median(count)
-    whole = enough.all() and full.size == grid.size
-
-    def mean(values: Array) -> Array:
-        means = np.add.reduceat(values, first) / count
-        return means if whole else np.interp(grid, full[enough], means[enough])
-
-    centre, t_case, t_env = mean(time), mean(case), mean(env)
-    if not whole:  # the centre of an interval that is cut short is still its centre
-        centre = time[0] + (grid + 0.5) * interval_s - 0.5 * float(np.median(np.diff(time)))
-    rate = slope[ends] if whole else np.interp(grid, full[enough], slope[ends][enough])
-    return Blocks(centre, t_case, t_case - t_env, mean(indication), rate)
+    t_case, t_env, rate = (held.filled(values) for values in (case, env, slope[held.first + held.count - 1]))
+    return Blocks(held.centres(time), t_case, t_case - t_env, held.filled(indication), rate)
 
 
 def ramp(ramp_blocks: Blocks, rate: float, *, estimate: str = "levels") -> RampFit:

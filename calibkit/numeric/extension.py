@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal, get_args
 
 import numpy as np
@@ -30,22 +31,59 @@ def extended(signal: Array, start: int, stop: int, extension: Extension, window:
     a linear trend and averages the noise (`forward` allows 1.5 · 2^levels samples); "constant" holds the end values;
     "periodic" joins the two ends.
     """
+    return continued(signal, start, stop, Beyond(extension, *end_values(signal, extension, window)))
+
+
+@dataclass(frozen=True, slots=True)
+class Beyond:
+    """What stands beyond the ends of a signal: the kind of extension, and the values that it reflects in [signal's unit]."""
+
+    extension: Extension
+    left: float
+    right: float
+
+
+def end_values(signal: Array, extension: Extension, window: int) -> tuple[float, float]:
+    """Values at both ends of a signal [n] that its extension reflects in: fitted ones for "trend"."""
+    if extension == "trend":
+        return _end_value(signal, window), _end_value(signal[::-1], window)
+    return float(signal[0]), float(signal[-1])
+
+
+def continued(signal: Array, start: int, stop: int, beyond: Beyond) -> Array:
+    """Samples start … stop − 1 of a signal [n] that goes on beyond its ends, as `extended`."""
     n = signal.size
     if start >= 0 and stop <= n:
         return signal[start:stop]
-    at = np.arange(start, stop)
-    if extension == "periodic":
+    if beyond.extension in {"periodic", "constant"} or n < 3:
+        return _folded(signal, np.arange(start, stop), beyond)
+    # reflected once by slices, farther out sample by sample: what a sample is does not depend on what is asked for with it
+    low, high = (min(max(bound, 2 - n), 2 * n - 2) for bound in (start, stop))
+    before = signal[max(1, 1 - high) : max(1 - low, 1)][::-1]
+    behind = signal[max(2 * n - 1 - high, 0) : min(n - 1, 2 * n - 1 - low)][::-1]
+    if beyond.extension != "symmetric":
+        before, behind = 2.0 * beyond.left - before, 2.0 * beyond.right - behind
+    once = (before, signal[max(low, 0) : max(high, 0)], behind)
+    if low == start and high == stop:
+        return np.concatenate(once)
+    left = _folded(signal, np.arange(start, min(stop, 2 - n)), beyond)
+    right = _folded(signal, np.arange(max(start, 2 * n - 2), stop), beyond)
+    return np.concatenate((left, *once, right))
+
+
+def _folded(signal: Array, at: NDArray[np.int64], beyond: Beyond) -> Array:
+    """Samples at any indices, however often the signal's length lies between them and the signal."""
+    n = signal.size
+    if beyond.extension == "periodic":
         return signal[at % n]
-    if extension == "constant":
+    if beyond.extension == "constant":
         return signal[np.clip(at, 0, n - 1)]
     turns, phase = np.divmod(at, 2 * max(n - 1, 1))
     ahead = phase < n
     samples = signal[np.where(ahead, phase, np.minimum(2 * (n - 1) - phase, n - 1))]
-    if extension == "symmetric":
+    if beyond.extension == "symmetric":
         return samples
-    left, right = float(signal[0]), float(signal[-1])
-    if extension == "trend":
-        left, right = _end_value(signal, window), _end_value(signal[::-1], window)
+    left, right = beyond.left, beyond.right
     return np.asarray(np.where(ahead, samples, 2.0 * right - samples) + 2.0 * turns * (right - left))
 
 

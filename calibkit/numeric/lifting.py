@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric.extension import EXTENSIONS, Extension, extended
+from calibkit.numeric.extension import EXTENSIONS, Beyond, Extension, continued, end_values, extended
 from calibkit.numeric.factor import LITERAL, Scheme, Step, factored
+from calibkit.numeric.spans import release
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -19,6 +20,7 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+    Room = Callable[[int], Array]
 
 __all__ = [
     "EXTENSIONS",
@@ -41,6 +43,8 @@ BLOCK = 1 << 15
 """Pairs of samples that go through the lifting steps at a time: their buffers stay in a second-level cache."""
 CHUNK = 1 << 18
 """Samples that go through all levels at a time, so that approximations stay in the cache too."""
+TOGETHER = 10
+"""Levels that a chunk goes through; deeper ones start from the whole approximation of the tenth, a thousandth of the signal."""
 COARSEST = 64
 """Coefficients of the coarsest level that a chunk has at least, many more than the filters read beyond its ends."""
 
@@ -102,13 +106,16 @@ def scheme(name: str) -> Scheme:
     return factored(name)
 
 
-def forward(signal: Array, scheme: Scheme, levels: int, *, extension: Extension) -> Decomposition:
+def forward(
+    signal: Array, scheme: Scheme, levels: int, *, extension: Extension, room: Room = np.empty
+) -> Decomposition:
     """Wavelet coefficients of a signal [n], any n ≥ 1, over a number of levels.
 
     Parameters
     ----------
     signal : [n], equidistant samples in any unit.
     extension : what stands beyond the ends (see `extended`).
+    room : makes the arrays that details are put in; memory beyond them is that of a chunk.
 
     Raises
     ------
@@ -129,30 +136,39 @@ def forward(signal: Array, scheme: Scheme, levels: int, *, extension: Extension)
     if extension not in EXTENSIONS:
         raise FitError(f"unknown extension {extension!r}", hint=f"use one of {', '.join(EXTENSIONS)}")
     wanted = _spans(scheme, (0, samples.size), levels)
-    details = tuple(np.empty(high - low) for low, high in wanted[1:])
-    approximation = np.empty(wanted[-1][1] - wanted[-1][0])
-    for shares, spans in _chunks(scheme, wanted):
-        part, first = samples, 0
-        for j in range(levels):
-            detail = details[j][_selected(shares[j + 1], wanted[j + 1])]
-            placed = (detail, shares[j + 1][0])
-            part = _analysed(part, first, scheme, spans[j + 1], extension, 3 << (levels - 1), placed)
-            first = spans[j + 1][0]
-        approximation[_selected(shares[-1], wanted[-1])] = part
+    needed = _needed(scheme, wanted)
+    details = tuple(room(high - low) for low, high in wanted[1:])
+    beyond = Beyond(extension, *end_values(samples, extension, 3 << (levels - 1)))
+    values, first = samples, 0
+    for above in range(0, levels, TOGETHER):
+        below = min(above + TOGETHER, levels)
+        approximation = np.empty(needed[below][1] - needed[below][0])
+        for shares, spans in _chunks(scheme, needed[above : below + 1]):
+            part, at = values, first
+            for j, (share, span) in enumerate(zip(shares[1:], spans[1:], strict=True), start=above):
+                own = _both(share, wanted[j + 1])
+                placed = (details[j][_selected(own, wanted[j + 1])], own[0])
+                part = _analysed(part, at, scheme, span, beyond, placed)
+                at = span[0]
+                release(samples, details[j])
+            approximation[_selected(shares[-1], needed[below])] = part
+        values, first = approximation, needed[below][0]
     clean, _ = untouched(scheme, samples.size, levels)
     return Decomposition(
         scheme,
         samples.size,
         extension,
-        approximation,
+        values,
         details,
         tuple(low for low, _ in wanted[1:]),
         tuple(_selected(indices, within) for indices, within in zip(clean[1:], wanted[1:], strict=True)),
     )
 
 
-def inverse(decomposition: Decomposition, shrink: Callable[[int, Array], Array] | None = None) -> Array:
-    """Signal [n] from its wavelet coefficients, thresholded or not.
+def inverse(
+    decomposition: Decomposition, shrink: Callable[[int, Array], Array] | None = None, *, room: Room = np.empty
+) -> Array:
+    """Signal [n] from its wavelet coefficients, thresholded or not; `room` makes the array that it is put in.
 
     `shrink` makes of any stretch of the details of a level, 0 the finest, those to be used; it is called block by block
     while they are in the cache, for some of them twice, and must treat each detail by itself.
@@ -169,17 +185,23 @@ def inverse(decomposition: Decomposition, shrink: Callable[[int, Array], Array] 
                 f"{detail.shape} details where {high - low} belong to {decomposition.length} samples",
                 hint="change coefficients in place or by new values of the same number",
             )
-    out = np.empty(decomposition.length)
-    for chunk in _cut((0, decomposition.length), max(CHUNK, COARSEST << levels)):
-        parts = _spans(scheme, chunk, levels)
-        signal = decomposition.approximation[_selected(parts[-1], wanted[-1])]
-        for level in range(levels, 0, -1):
-            detail = decomposition.details[level - 1][_selected(parts[level], wanted[level])]
-            made = out[chunk[0] : chunk[1]] if level == 1 else np.empty(parts[level - 1][1] - parts[level - 1][0])
-            treat = None if shrink is None else partial(shrink, level - 1)
-            _synthesised((signal, detail), scheme, parts[level][0], parts[level - 1], treat, made)
-            signal = made
-    return out
+    known = decomposition.approximation
+    for above in range((levels - 1) // TOGETHER * TOGETHER, -1, -TOGETHER):
+        below = min(above + TOGETHER, levels)
+        out = room(wanted[above][1] - wanted[above][0])
+        for chunk in _cut(wanted[above], max(CHUNK, COARSEST << (below - above))):
+            parts = _spans(scheme, chunk, below - above)
+            signal = known[_selected(parts[-1], wanted[below])]
+            for level in range(below, above, -1):
+                detail = decomposition.details[level - 1][_selected(parts[level - above], wanted[level])]
+                span = parts[level - above - 1]
+                made = out[_selected(chunk, wanted[above])] if level == above + 1 else np.empty(span[1] - span[0])
+                treat = None if shrink is None else partial(shrink, level - 1)
+                _synthesised((signal, detail), scheme, parts[level - above][0], span, treat, made)
+                signal = made
+            release(out, *decomposition.details)
+        known = out
+    return known
 
 
 def span(scheme: Scheme, start: int, stop: int, levels: int) -> Span:
@@ -205,6 +227,14 @@ def _spans(scheme: Scheme, samples: Span, levels: int) -> tuple[Span, ...]:
             )
         )
     return tuple(wanted)
+
+
+def _needed(scheme: Scheme, wanted: Sequence[Span]) -> list[Span]:
+    """Indices of the approximations of all levels that the wanted coefficients are made of; level 0 goes beyond the signal."""
+    needed = [wanted[-1]]
+    for level in wanted[-2::-1]:
+        needed.append(_hull(_sources(scheme, needed[-1]), level))
+    return needed[::-1]
 
 
 def _chunks(scheme: Scheme, wanted: Sequence[Span]) -> Iterator[tuple[list[Span], list[Span]]]:
@@ -261,6 +291,12 @@ def _hull(one: Span, other: Span) -> Span:
     return min(one[0], other[0]), max(one[1], other[1])
 
 
+def _both(one: Span, other: Span) -> Span:
+    """Indices that two ranges share; an empty range has its end at its start."""
+    low = max(one[0], other[0])
+    return low, max(low, min(one[1], other[1]))
+
+
 def _selected(indices: Span, within: Span) -> slice:
     """Elements of an array of the indices `within` that have the given indices."""
     low, high = max(indices[0], within[0]), min(indices[1], within[1])
@@ -297,13 +333,7 @@ def _planned(steps: Sequence[Step], shifts: Span) -> _Pass:
 
 
 def _analysed(
-    values: Array,
-    first: int,
-    scheme: Scheme,
-    span: Span,
-    extension: Extension,
-    window: int,
-    placed: tuple[Array, int],
+    values: Array, first: int, scheme: Scheme, span: Span, beyond: Beyond, placed: tuple[Array, int]
 ) -> Array:
     """One level: approximation of the given indices, from values whose element 0 has the index `first`.
 
@@ -318,7 +348,7 @@ def _analysed(
         for c in (0, 1):
             size = block[1] + plan.reach[c][1] - starts[c]
             at = 2 * starts[c] + scheme.parity + c - first
-            room[c][:size] = extended(values, at, at + 2 * size - 1, extension, window)[::2]
+            room[c][:size] = continued(values, at, at + 2 * size - 1, beyond)[::2]
         _lifted(room, starts, plan.moves, block, scratch)
         for c, (out, origin) in enumerate(outputs):
             low, high = max(block[0], origin), min(block[1], origin + out.size)

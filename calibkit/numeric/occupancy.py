@@ -6,70 +6,92 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import drift
+from calibkit.numeric import spans
 from calibkit.numeric.robust import MAD_TO_SIGMA
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
+    from calibkit.numeric.intervals import Intervals
+
     Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
+    Rows = NDArray[np.int64]
 
 SPIKE = 5.0
-"""Deviation from its block's median, in standard deviations, above which a sample is a spike: 6 of 10 million normal ones."""
+"""Deviation from its interval's median, in standard deviations, above which a sample is a spike: 6 of 10 million normal ones."""
 BIN_DEGC = 2.5
 """Width of the temperature bins that occupancy is counted in: a model's misfit does not change within it."""
 
 
-def spikes(indication: Array, index: NDArray[np.int64]) -> Mask:
-    """Samples [n] of an indication [n] that stand out of their block (numbered by index [n], ascending).
+def spikes(indication: Array, held: Intervals) -> Rows:
+    """Samples [k] of an indication [n] that stand out of their model interval.
 
-    A sample is compared with its block's median. The standard deviation is that of the whole log's deviations, by their
-    median absolute value, or the block's own where that is larger: where the indication truly moves within a block, nothing
-    is a spike. Where most samples are alike (counts of a quiet gyro) the smallest step stands in for it. Of two samples in a
-    block neither stands out.
+    A sample is compared with its interval's median. The standard deviation is that of the whole log's deviations, by their
+    median absolute value, or the interval's own where that is larger: where the indication truly moves within an interval,
+    nothing is a spike. Where most samples are alike (counts of a quiet gyro) the smallest step stands in for it. Of two
+    samples in an interval neither stands out.
     """
-    first, number = _starts(index)
-    deviation = np.abs(indication - _medians(indication, first)[number])
-    own = _medians(deviation, first)
-    steps = deviation[deviation > 0.0]
-    whole = float(np.median(deviation)) or (float(steps.min()) if steps.size else 0.0)
-    sigma = MAD_TO_SIGMA * np.maximum(own, whole)[number]
-    return np.asarray(deviation > SPIKE * sigma)
+    own = np.empty(held.first.size)
+    middles = np.empty(held.first.size)
+    for among, rows in held.groups():
+        first = held.first[among] - rows.start
+        middles[among] = _medians(indication[rows], first)
+        own[among] = _medians(_deviation(indication[rows], middles[among], held.count[among]), first)
+        spans.release(indication)
+
+    def deviations() -> Iterator[Array]:
+        for among, rows in held.groups():
+            yield _deviation(indication[rows], middles[among], held.count[among])
+            spans.release(indication)
+
+    whole = spans.middle(deviations, held.rows)
+    if whole == 0.0:
+        whole = min((float(part[part > 0.0].min()) for part in deviations() if part.any()), default=0.0)
+    limit = SPIKE * MAD_TO_SIGMA * np.maximum(own, whole)
+    found = []
+    for (among, rows), part in zip(held.groups(), deviations(), strict=True):
+        found.append(np.flatnonzero(part > np.repeat(limit[among], held.count[among])) + rows.start)
+    return np.concatenate(found)
 
 
-def _starts(index: NDArray[np.int64]) -> tuple[NDArray[np.int64], NDArray[np.int64]]:
-    """First sample of each block [m], and the block of each sample [n], of ascending indices [n]."""
-    new = np.concatenate(([True], index[1:] != index[:-1]))
-    return np.flatnonzero(new), np.cumsum(new) - 1
+def _deviation(values: Array, middles: Array, count: Rows) -> Array:
+    """Absolute deviations of values [n] from the medians [m] of their intervals of `count` [m] samples."""
+    away = np.repeat(middles, count)
+    np.subtract(values, away, out=away)
+    return np.abs(away, out=away)
 
 
-def _medians(values: Array, first: NDArray[np.int64]) -> Array:
-    """Median of each block [m] from values [n] whose blocks start at `first`; blocks of one size are partitioned together."""
+def _medians(values: Array, first: Rows) -> Array:
+    """Median of each interval [m], which start at `first`, from values [n]; those of one size are partitioned together."""
     count = np.diff(np.append(first, values.size))
     out = np.empty(first.size)
     for size in np.unique(count).tolist():
         same = np.flatnonzero(count == size)
         low, high = (size - 1) // 2, size // 2
-        parted = np.partition(values[first[same, None] + np.arange(size)], (low, high), axis=1)
+        begin = int(first[same[0]])
+        if int(first[same[-1]]) == begin + (same.size - 1) * size and (np.diff(same) == 1).all():
+            together = values[begin : begin + same.size * size].reshape(same.size, size)
+        else:
+            together = values[first[same, None] + np.arange(size)]
+        parted = np.partition(together, (low, high), axis=1)
         out[same] = (parted[:, low] + parted[:, high]) / 2.0
     return out
 
 
-def block_means(time: Array, values: Array, interval_s: float, *, keep: Mask | None = None) -> tuple[Array, Array]:
-    """Means [m] of time [s] and values over the model intervals that hold a sample.
-
-    Only samples to keep enter the means of the values; a block of which none is kept has the mean of all.
-    Raises FitError when the log is sampled more slowly than the model interval.
-    """
-    first, number = _starts(drift.block_index(time, interval_s))
-    kept = np.ones(time.size) if keep is None else keep.astype(np.float64)
-    kept = np.where((np.add.reduceat(kept, first) > 0.0)[number], kept, 1.0)
-    means = np.add.reduceat(values * kept, first) / np.add.reduceat(kept, first)
-    size = np.diff(np.append(first, time.size))
-    return np.add.reduceat(time, first) / size, np.asarray(means, dtype=np.float64)
+def means(values: Array, held: Intervals, *, without: Rows) -> Array:
+    """Means [m] of values [n] over the model intervals without some samples [k], but where that would leave none."""
+    found = held.means(values)
+    hit, at = np.unique(np.searchsorted(held.first, without, side="right") - 1, return_index=True)
+    ends = np.append(at, without.size)
+    for k, interval in enumerate(hit.tolist()):
+        first, count = int(held.first[interval]), int(held.count[interval])
+        kept = np.ones(count, dtype=np.bool_)
+        kept[without[ends[k] : ends[k + 1]] - first] = False
+        if kept.any():
+            found[interval] = np.mean(values[first : first + count][kept])
+    return found
 
 
 def counts(temperature: Array, width: float = BIN_DEGC) -> Array:

@@ -8,10 +8,16 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from calibkit.numeric import spans
+
 if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
+    Room = Callable[[int], Array]
+    Rows = NDArray[np.int64]
 
 
 COARSE_DEGC_MIN = 0.3
@@ -34,66 +40,124 @@ class Segment:
     rate: float
 
 
-def causal_slope(time: Array, temperature: Array, window_s: float) -> Array:
+def causal_slope(time: Array, temperature: Array, window_s: float, *, room: Room = np.empty) -> Array:
     """Slope [°C/min] of temperature [n, °C] over time [n, s] by least squares over the window that ends at each sample.
 
     Only samples at or before an instant enter its slope; where less than half a window has passed, the slope is 0.
-    A window of tens of seconds keeps the steps of a quantised thermometer out of the rate.
+    A window of tens of seconds keeps the steps of a quantised thermometer out of the rate. `room` makes the array of a result.
     """
+    slope = room(time.size)
+    row = 0
+    for start, stop in spans.along(time, temperature, slope):
+        # windows end in this span and begin in it or before it
+        row += int(np.searchsorted(time[row:stop], time[start] - window_s * (1.0 + 1e-9), side="left"))
+        slope[start:stop] = _slopes(time[row:stop], temperature[row:stop], window_s, start - row)
+    return slope
+
+
+def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
+    """Slopes [°C/min] at the samples behind the first `skipped` ones of a stretch [n] that holds all their windows."""
+    ends = time[skipped:]
+    first = _first_in_window(time, ends - window_s * (1.0 + 1e-9), skipped)
     t = (time - time[time.size // 2]) / 60.0
-    v = temperature - temperature.mean()
-    first = np.searchsorted(time, time - window_s * (1.0 + 1e-9), side="left")
-    last = np.arange(1, time.size + 1)
-    count, st, sv, stt, stv = (_window_sums(x, first, last) for x in (np.ones_like(t), t, v, t * t, t * v))
+    v = temperature - temperature[temperature.size // 2]
+    last = np.arange(skipped + 1, time.size + 1)
+    count = float(last[0] - first.start) if isinstance(first, slice) else (last - first).astype(np.float64)
+    st, sv, stt, stv = (_window_sums(x, first, skipped) for x in (t, v, t * t, t * v))
     spread = count * stt - st * st
-    started = (count >= 3) & (time - time[first] >= window_s / 2.0) & (spread > 0.0)
+    started = (count >= 3) & (ends - time[first] >= window_s / 2.0) & (spread > 0.0)
     slope = (count * stv - st * sv) / np.where(started, spread, 1.0)
     return np.asarray(np.where(started, slope, 0.0), dtype=np.float64)
 
 
-def quantum(temperature: Array) -> float:
-    """Step [°C] in which a thermometer reads [n, °C]: the smallest difference of two readings; 0 where all are alike."""
-    levels = np.unique(np.round(temperature, 6))
-    return float(np.min(np.diff(levels))) if levels.size > 1 else 0.0
+def _first_in_window(time: Array, begins: Array, skipped: int) -> Rows | slice:
+    """First sample of a stretch [n] at or after each instant [m], that of sample skipped + k being the k-th.
+
+    They are a slice where the clock is so steady that they follow each other.
+    """
+    # samples of a steady clock lie equally many rows behind: a guess that is tested costs less than a search
+    behind = skipped + begins.size - 1 - int(np.searchsorted(time, begins[-1], side="left"))
+    steady = slice(skipped - behind, skipped - behind + begins.size)
+    if steady.start > 0 and bool(
+        np.all(time[steady] >= begins) and np.all(time[steady.start - 1 : steady.stop - 1] < begins)
+    ):
+        return steady
+    guess = np.maximum(np.arange(skipped, skipped + begins.size) - behind, 0)
+    right = (time[guess] >= begins) & ((guess == 0) | (time[guess - 1] < begins))
+    wrong = np.flatnonzero(~right)
+    guess[wrong] = np.searchsorted(time, begins[wrong], side="left")
+    return guess
+
+
+def quantum(temperature: Array, *, enough: float = 0.0) -> float:
+    """Step [°C] in which a thermometer reads [n, °C]: the smallest difference of two readings; 0 where all are alike.
+
+    A difference of at most `enough` [°C] is given for it as soon as one is found.
+    """
+    levels, step = np.zeros(0), 0.0
+    for start, stop in spans.along(temperature):
+        new = np.unique(np.round(temperature[start:stop], 6))
+        if levels.size and np.isin(new, levels, assume_unique=True).all():
+            continue
+        levels = np.union1d(levels, new)
+        step = float(np.min(np.diff(levels))) if levels.size > 1 else 0.0
+        if 0.0 < step <= enough:
+            break
+    return step
 
 
 def coarse(temperature: Array, window_s: float) -> bool:
     """Whether a thermometer's steps show in slopes over a window: one of them is more than COARSE_DEGC_MIN."""
-    return quantum(temperature) * 60.0 / window_s > COARSE_DEGC_MIN
+    return quantum(temperature, enough=COARSE_DEGC_MIN * window_s / 60.0) * 60.0 / window_s > COARSE_DEGC_MIN
 
 
-def measured_slope(time: Array, temperature: Array, window_s: float) -> Array:
+def measured_slope(time: Array, temperature: Array, window_s: float, *, room: Room = np.empty) -> Array:
     """Slope [n, °C/min] of a thermometer's readings [n, °C]: `causal_slope`, over longer windows where the steps are coarse.
 
     Of windows of window_s and its doubles the first is taken in which the reading moved by MOVED steps, at most one in which a
     step is FINEST_DEGC_MIN. A reading that has stood still for so long that the slope would have made
     UNSEEN_STEPS steps of it has come to rest: its slope is 0. Only samples at or before an instant enter.
     """
-    step = quantum(temperature)
     if not coarse(temperature, window_s):
-        return causal_slope(time, temperature, window_s)
-    slope = np.zeros(time.size)
-    open_rows = np.ones(time.size, dtype=bool)
-    longest = step * 60.0 / FINEST_DEGC_MIN
-    window = window_s
-    while open_rows.any():
-        last = 2.0 * window > longest * (1.0 + 1e-9)
-        before = np.searchsorted(time, time - window * (1.0 + 1e-9), side="left")
-        moved = np.abs(temperature - temperature[before]) >= MOVED * step * (1.0 - 1e-9)
-        chosen = open_rows & (moved | last)
+        return causal_slope(time, temperature, window_s, room=room)
+    step = quantum(temperature)
+    windows = [window_s]
+    while 2.0 * windows[-1] <= step * 60.0 / FINEST_DEGC_MIN * (1.0 + 1e-9):
+        windows.append(2.0 * windows[-1])
+    slope = room(time.size)
+    row, changed = 0, float(time[0])
+    for start, stop in spans.along(time, temperature, slope):
+        row += int(np.searchsorted(time[row:stop], time[start] - windows[-1] * (1.0 + 1e-9), side="left"))
+        seen = time[row:stop], temperature[row:stop]
+        part = _coarse_slopes(*seen, windows, step, start - row)
+        other = np.diff(temperature[max(start - 1, 0) : stop], prepend=temperature[start] if start == 0 else []) != 0.0
+        since = np.maximum.accumulate(np.where(other, time[start:stop], changed))
+        changed = float(since[-1])
+        unseen = np.abs(part) * (time[start:stop] - since) > UNSEEN_STEPS * step * 60.0
+        slope[start:stop] = np.where(unseen, 0.0, part)
+    return slope
+
+
+def _coarse_slopes(time: Array, temperature: Array, windows: Sequence[float], step: float, skipped: int) -> Array:
+    """Slopes at the samples behind the first `skipped` of a stretch, each over the first window in which the reading moved."""
+    slope = np.zeros(time.size - skipped)
+    unsettled = np.ones(slope.size, dtype=bool)
+    for window in windows:
+        first = _first_in_window(time, time[skipped:] - window * (1.0 + 1e-9), skipped)
+        moved = np.abs(temperature[skipped:] - temperature[first]) >= MOVED * step * (1.0 - 1e-9)
+        chosen = unsettled & moved if window != windows[-1] else unsettled
         if chosen.any():
-            slope[chosen] = causal_slope(time, temperature, window)[chosen]
-        open_rows &= ~chosen
-        window *= 2.0
-    changed = np.concatenate([[0], np.flatnonzero(np.diff(temperature)) + 1])
-    since = time - time[changed[np.searchsorted(changed, np.arange(time.size), side="right") - 1]]
-    return np.where(np.abs(slope) * since > UNSEEN_STEPS * step * 60.0, 0.0, slope)
+            slope[chosen] = _slopes(time, temperature, window, skipped)[chosen]
+        unsettled = unsettled & ~chosen
+    return slope
 
 
-def _window_sums(x: Array, first: NDArray[np.int64], last: NDArray[np.int64]) -> Array:
-    """Sums of x over rows first … last − 1 of every window."""
-    total = np.concatenate([[0.0], np.cumsum(x)])
-    return np.asarray(total[last] - total[first], dtype=np.float64)
+def _window_sums(x: Array, first: Rows | slice, skipped: int) -> Array:
+    """Sums of x [n] over the rows from `first` [m] to sample skipped + k, the k-th window's last."""
+    total = np.empty(x.size + 1)
+    total[0] = 0.0
+    np.cumsum(x, out=total[1:])
+    return np.asarray(total[skipped + 1 :] - total[first], dtype=np.float64)
 
 
 def segments(slope: Array, temperature: Array, *, ramp_min: float, min_span: float, merge: int) -> list[Segment]:
@@ -102,10 +166,9 @@ def segments(slope: Array, temperature: Array, *, ramp_min: float, min_span: flo
     A ramp is a run of rows whose slope [°C/min] keeps one sign at or above ramp_min and whose temperature spans at
     least min_span [°C]; two such runs of one sign that are at most `merge` rows apart are one. All else is soak.
     """
-    sign = np.where(np.abs(slope) >= ramp_min, np.sign(slope), 0.0)
-    runs = _merged(_runs(sign), merge)
+    runs = _merged(_runs(slope, ramp_min), merge)
     ramps = [
-        Segment("ramp", start, stop, float(np.median(slope[start:stop])))
+        Segment("ramp", start, stop, spans.median(slope[start:stop]))
         for start, stop, direction in runs
         if direction != 0.0 and abs(temperature[stop - 1] - temperature[start]) >= min_span
     ]
@@ -119,17 +182,31 @@ def pinned(time: Array, temperature: Array, slope: Array, ramps: list[tuple[int,
     """
     moving = []
     for start, stop in ramps:
-        minutes = (time[start:stop] - time[start]) / 60.0
-        rate = float(np.polyfit(minutes - minutes.mean(), temperature[start:stop], 1)[0])
-        moving.append(Segment("ramp", start, stop, rate))
+        moving.append(Segment("ramp", start, stop, _straight(time[start:stop], temperature[start:stop])))
     return _with_soaks(moving, slope)
 
 
-def _runs(sign: Array) -> list[tuple[int, int, float]]:
-    """Start, stop and value of each run of equal values."""
-    edges = np.flatnonzero(np.diff(sign)) + 1
-    bounds = [0, *edges.tolist(), sign.size]
-    return [(start, stop, float(sign[start])) for start, stop in pairwise(bounds)]
+def _straight(time: Array, temperature: Array) -> float:
+    """Slope [°C/min] of the least-squares line through temperatures [n, °C] over time [n, s]."""
+    middle, level = (float(sum(np.sum(x[a:b]) for a, b in spans.along(x))) / x.size for x in (time, temperature))
+    above = product = 0.0
+    for a, b in spans.along(time, temperature):
+        t = time[a:b] - middle
+        above, product = above + float(t @ t), product + float(t @ (temperature[a:b] - level))
+    return 60.0 * product / above
+
+
+def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
+    """Start, stop and direction of each run of slopes [n] that keep one sign at or above ramp_min, or stay below it."""
+    bounds: list[int] = []
+    directions: list[float] = []
+    for start, stop in spans.along(slope):
+        part = slope[start:stop]
+        sign = np.where(np.abs(part) >= ramp_min, np.sign(part), 0.0)
+        edges = np.flatnonzero(np.diff(sign, prepend=directions[-1] if directions else np.nan))
+        bounds += (edges + start).tolist()
+        directions += sign[edges].tolist()
+    return [(start, stop, way) for (start, stop), way in zip(pairwise([*bounds, slope.size]), directions, strict=True)]
 
 
 def _merged(runs: list[tuple[int, int, float]], merge: int) -> list[tuple[int, int, float]]:
@@ -151,9 +228,9 @@ def _with_soaks(ramps: list[Segment], slope: Array) -> list[Segment]:
     row = 0
     for ramp in ramps:
         if ramp.start > row:
-            whole.append(Segment("soak", row, ramp.start, float(np.median(slope[row : ramp.start]))))
+            whole.append(Segment("soak", row, ramp.start, spans.median(slope[row : ramp.start])))
         whole.append(ramp)
         row = ramp.stop
     if row < slope.size:
-        whole.append(Segment("soak", row, slope.size, float(np.median(slope[row:]))))
+        whole.append(Segment("soak", row, slope.size, spans.median(slope[row:])))
     return whole

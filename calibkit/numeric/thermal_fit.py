@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import drift, fit, occupancy, thermal_noise
+from calibkit.numeric import fit, intervals, occupancy, thermal_noise
 from calibkit.numeric.robust import HUBER, MAD_TO_SIGMA, TUKEY
 from calibkit.numeric.thermal_terms import TERMS, ThermalModel, chosen_columns, to_raw, valid_of
 
@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from calibkit.numeric.intervals import Intervals
     from calibkit.numeric.thermal_terms import Drivers, Scales
 
     Array = NDArray[np.float64]
@@ -56,25 +57,24 @@ class ThermalLog:
 
 
 def thermal_log(
-    name: str, time: Array, case: Array, env: Array, indication: Array, interval_s: float, part: Index | None = None
+    name: str, time: Array, case: Array, env: Array, indication: Array, interval_s: float, begins: Sequence[int] = ()
 ) -> ThermalLog:
-    """Block means of a log [n] at the model interval [s], spikes of the indication left out; empty intervals stay out.
+    """Block means of a log [n] at the model interval [s], as `thermal_blocks`; raises FitError as `intervals.of`."""
+    held = intervals.of(time, interval_s)
+    middle, t_case, t_env = (held.means(values) for values in (time, case, env))
+    return thermal_blocks(name, held, middle, t_case, t_env, indication, begins)
 
-    Raises FitError when the log is sampled more slowly than the model interval.
+
+def thermal_blocks(
+    name: str, held: Intervals, time: Array, case: Array, env: Array, indication: Array, begins: Sequence[int] = ()
+) -> ThermalLog:
+    """Block means of a log: those [m] of time, case and chamber over the intervals that hold samples, those of an indication [n].
+
+    Spikes of the indication are left out. `begins` are the first samples of the ramps after the log's first.
     """
-    index = drift.block_index(time, interval_s)
-    keep = ~occupancy.spikes(indication, index)
-    middle, rate = occupancy.block_means(time, indication, interval_s, keep=keep)
-    _, first = np.unique(index, return_index=True)
-    ramp = np.zeros(middle.size, dtype=np.int64) if part is None else part[first]
-    return ThermalLog(
-        name,
-        middle,
-        occupancy.block_means(time, case, interval_s)[1],
-        occupancy.block_means(time, env, interval_s)[1],
-        rate,
-        np.asarray(ramp, dtype=np.int64),
-    )
+    rate = occupancy.means(indication, held, without=occupancy.spikes(indication, held))
+    ramp = np.searchsorted(np.asarray(begins, dtype=np.int64), held.first, side="right")
+    return ThermalLog(name, time, case, env, rate, ramp.astype(np.int64))
 
 
 @dataclass(frozen=True, slots=True)

@@ -43,7 +43,8 @@ if TYPE_CHECKING:
 
 def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
-    logs = copies.distinct(read(spec, data, file) for file in progress(files, "reading and denoising"))
+    read_ahead = ingest.ahead(progress(files, "reading and denoising"), lambda file: read(spec, data, file))
+    logs = copies.distinct(read_ahead)
     prepared = [fog_ramps.prepare(log, spec) for log in logs]
     ramps = fog_drift.fit_ramps(prepared, spec.drift)
     choices = fog_drift.choose(ramps, spec.drift)

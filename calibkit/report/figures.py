@@ -119,14 +119,15 @@ def _texts(artist: Artist) -> Iterator[Text]:
 
 def pdf(figures: Sequence[Figure]) -> bytes:
     """Figures as the pages of one PDF without a clock in it."""
-    from matplotlib.backends.backend_pdf import PdfPages
+    from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages
 
     buffer = io.BytesIO()
     quiet = {"CreationDate": None, "ModDate": None, "Producer": None, "Creator": "calibkit"}
     with drawing(), PdfPages(buffer, metadata=quiet) as pages:
         for figure in figures:
             literal(figure)
-            pages.savefig(figure)
+            # savefig would lay the figure out and draw it twice
+            FigureCanvasPdf(figure).print_pdf(pages)  # type: ignore[no-untyped-call]
     return buffer.getvalue()
 
 

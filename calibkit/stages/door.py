@@ -207,6 +207,10 @@ def _without_sentinels(
     counted = units.TABLE[unit].dimension in {"count", "count rate", "count per sample", "time"}
     values = [*SENTINELS, *(() if counted else SENTINELS_BUT_COUNTS)]
     values += [entry for entry in recipe.logs.sentinels if not isinstance(entry, str)]
+    # fmin and fmax pass over what is missing; most columns lie far inside all sentinels
+    low, high = (float(end.reduce(raw)) if raw.size else 0.0 for end in (np.fmin, np.fmax))
+    if not any(low <= value <= high for value in values):
+        return raw, ()
     hit = np.isin(raw, values)
     if not hit.any():
         return raw, ()

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -11,8 +11,8 @@ from calibkit import check
 from calibkit.coefficients import Figure, Input, StageResult
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.numeric import denoise, drift, segments, thermal_fit
-from calibkit.stages import pins
+from calibkit.numeric import denoise, drift, intervals, segments, spans, thermal_fit
+from calibkit.stages import pieces, pins
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,7 +56,18 @@ class PreparedLog:
 
 
 def findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
-    """Check a log that is to be fitted; nothing is fitted to one in which something is refused."""
+    """Check a log that is to be fitted; nothing is fitted to one in which something is refused. One on disk goes in pieces."""
+    if not log.on_disk:
+        return _findings(log, recipe)
+    pieced = pieces.through(recipe, log)
+    if any(finding.refused for finding in pieced.findings):
+        return list(pieced.findings)
+    rest = (finding for finding in _findings(pieced.log, recipe) if finding.name not in pieces.BY_PIECE)
+    return [*check.rows(log, recipe.checks.min_rows), *pieced.findings, *rest]
+
+
+def _findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
+    """Findings of a log that is looked at whole."""
     found = usable(log, recipe.checks.min_rows)
     if any(finding.refused for finding in found):
         return found
@@ -82,7 +93,7 @@ def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     given = recipe.drift.rates_degc_min.get(log.name)
     if given is None:
         return []
-    cuts, _ = _found(values(log.frame, "time_s"), values(log.frame, "temp_env_degc"), recipe)
+    cuts, _ = _found(values(log.frame, "time_s"), values(log.frame, "temp_env_degc"), recipe, log.room)
     ramps = [segment.rate for segment in cuts if segment.kind == "ramp"]
     return check.thermometers.given(log, "temp_env_degc", given, max(ramps, key=abs)) if ramps else []
 
@@ -129,20 +140,21 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     """A checked log, cut, denoised and averaged."""
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     try:
-        index = drift.block_index(time, recipe.drift.interval_s)
+        held = intervals.of(time, recipe.drift.interval_s)
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = cut(log, recipe)
     smooth, noise, flags = _denoised(log, gyro, cuts, recipe)
-    raw = drift.blocks(time, case, env, gyro, slope, recipe.drift.interval_s)
-    clean = drift.blocks(time, case, env, smooth, slope, recipe.drift.interval_s)
+    middle, t_case, t_env = (held.means(values) for values in (time, case, env))
+    raw = drift.blocks_of(held, middle, t_case, t_env, held.means(gyro), slope)
+    clean = replace(raw, indication=held.filled(held.means(smooth)))
     return PreparedLog(
         log.name,
         Input.of(log),
         raw,
         clean,
-        thermal_fit.thermal_log(log.name, time, case, env, gyro, recipe.drift.interval_s, _part(cuts, time.size)),
-        _ramps(log, cuts, index, env),
+        thermal_fit.thermal_blocks(log.name, held, middle, t_case, t_env, gyro, _begins(cuts)),
+        _ramps(log, cuts, held, env),
         noise,
         tuple(f"{log.file}: {note}" for note in (*log.notes, *flags, *_coarse(case, env, recipe)))
         + tuple(str(finding) for finding in found if finding.flagged),
@@ -159,12 +171,9 @@ def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
     ]
 
 
-def _part(cuts: Sequence[segments.Segment], rows: int) -> NDArray[np.int64]:
-    """Number of the ramp that each row [n] belongs to; a soak belongs to the ramp before it, the first to the first."""
-    begins = np.zeros(rows, dtype=np.int64)
-    for ramp in [segment for segment in cuts if segment.kind == "ramp"][1:]:
-        begins[ramp.start] = 1
-    return np.cumsum(begins)
+def _begins(cuts: Sequence[segments.Segment]) -> list[int]:
+    """First rows of the ramps after the first: a soak belongs to the ramp before it, the first soak to the first ramp."""
+    return [segment.start for segment in cuts if segment.kind == "ramp"][1:]
 
 
 def cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
@@ -177,26 +186,28 @@ def cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Arr
     time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
     given = recipe.drift.rates_degc_min.get(log.name)
     if given is not None:
-        return [segments.Segment("ramp", 0, time.size, given)], np.full(time.size, given)
+        return [segments.Segment("ramp", 0, time.size, given)], np.broadcast_to(given, time.shape)
     pinned = pins.rows(log, recipe, ["soak", "ramp"])
     if pinned is not None:
         ramps = [
             (a, b) for (a, b), kind in zip(pinned.tolist(), pins.kinds(log, recipe), strict=True) if kind == "ramp"
         ]
-        slope = segments.measured_slope(time, env, recipe.segments.slope_window_s)
+        slope = segments.measured_slope(time, env, recipe.segments.slope_window_s, room=log.room)
         return segments.pinned(time, env, slope, ramps), slope
-    return _found(time, env, recipe)
+    return _found(time, env, recipe, log.room)
 
 
-def _found(time: Array, env: Array, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
+def _found(
+    time: Array, env: Array, recipe: FogThermalRecipe, room: segments.Room
+) -> tuple[list[segments.Segment], Array]:
     """Segments that the chamber air shows, and its slope."""
-    step = float(np.median(np.diff(time)))
+    step = intervals.sampling_interval(time)
     spec = recipe.segments
     limits = {"ramp_min": spec.ramp_min_degc_min, "min_span": spec.ramp_min_span_degc}
     first: tuple[list[segments.Segment], Array] | None = None
     for doubled in range(LONGER_WINDOWS + 1):
         window = spec.slope_window_s * 2.0**doubled
-        slope = segments.measured_slope(time, env, window)
+        slope = segments.measured_slope(time, env, window, room=room)
         cuts = segments.segments(slope, env, **limits, merge=round(window / step))
         if any(segment.kind == "ramp" for segment in cuts) or np.ptp(env) < spec.ramp_min_span_degc:
             return cuts, slope
@@ -234,7 +245,7 @@ def _denoised(
     spec = recipe.denoise
     if not spec.enabled:
         return gyro, (), []
-    smooth, noise, flags = gyro.copy(), [], []
+    smooth, noise, flags = log.room(gyro.size), [], []
     levels = None if spec.levels == "auto" else spec.levels
     for number, segment in enumerate(cuts):
         part = gyro[segment.start : segment.stop]
@@ -246,18 +257,22 @@ def _denoised(
                 threshold=spec.threshold,
                 rule=spec.rule,
                 extension=spec.extension,
+                room=log.room,
             )
         except FitError as error:
             if segment.kind == "ramp":
                 raise FitError(f"{log.file}: ramp of {part.size} rows: {error.message}", hint=error.hint) from None
             flags.append(f"soak of {part.size} rows is shorter than the filter and was not denoised")
+            smooth[segment.start : segment.stop] = part
             continue
-        smooth[segment.start : segment.stop] = result.signal
+        for a, b in spans.along(result.signal, smooth):
+            smooth[segment.start + a : segment.start + b] = result.signal[a:b]
+        spans.release(gyro)
         noise.append((f"{log.name}.{number}", tuple(result.noise), tuple(result.thresholds)))
     return smooth, tuple(noise), flags
 
 
-def _ramps(log: Log, cuts: Sequence[segments.Segment], index: NDArray[np.int64], env: Array) -> tuple[Ramp, ...]:
+def _ramps(log: Log, cuts: Sequence[segments.Segment], held: intervals.Intervals, env: Array) -> tuple[Ramp, ...]:
     """Ramps in model intervals, named by their log (numbered where a log has several)."""
     moving = [segment for segment in cuts if segment.kind == "ramp"]
     if not moving:
@@ -267,7 +282,7 @@ def _ramps(log: Log, cuts: Sequence[segments.Segment], index: NDArray[np.int64],
         )
     names = [log.name] if len(moving) == 1 else [f"{log.name}:{k}" for k in range(1, len(moving) + 1)]
     return tuple(
-        Ramp(name, int(index[segment.start]), int(index[segment.stop - 1]) + 1, segment.rate)
+        Ramp(name, held.of_row(segment.start), held.of_row(segment.stop - 1) + 1, segment.rate)
         for name, segment in zip(names, moving, strict=True)
     )
 

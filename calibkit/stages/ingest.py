@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import difflib
+from collections import deque
 from typing import TYPE_CHECKING, Protocol
 
 import numpy as np
@@ -14,7 +15,8 @@ from calibkit.readers import parts, registry
 from calibkit.stages import certificates, door
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from concurrent.futures import Future
     from pathlib import Path
 
     import pandas as pd
@@ -102,10 +104,29 @@ def read_log(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optio
     Raises LogFormatError, FrameError, RecipeError, or FitError where two clocks cannot be related.
     """
     if recipe.chamber is None:
-        return read_one(recipe, path, file, needed, optional)
+        from calibkit.stages import long_logs
+
+        return long_logs.read(recipe, path, file, needed, optional) or read_one(recipe, path, file, needed, optional)
     from calibkit.stages import loggers
 
     return loggers.joined(recipe, recipe.chamber, path, file, needed, optional)
+
+
+def ahead(files: Iterable[str], read: Callable[[str], Log]) -> Iterator[Log]:
+    """Logs in order, each read while the one before it is worked on; errors come when their log's turn does."""
+    from concurrent.futures import ThreadPoolExecutor
+
+    with ThreadPoolExecutor(1) as beside:
+        coming: deque[Future[Log]] = deque()
+        for file in files:
+            # the log that is handed on is not kept here: two are in memory, never three
+            done = coming.popleft().result() if coming else None
+            coming.append(beside.submit(read, file))
+            if done is not None:
+                yield done
+                del done
+        for last in coming:
+            yield last.result()
 
 
 class Reader(Protocol):
@@ -132,19 +153,23 @@ def mapped_log(
     recipe: Recipe, table: Table, needed: Sequence[str], optional: Sequence[str] = (), *, whole: bool = True
 ) -> Log:
     """Canonical columns of a log, or of a piece of one, that was read; raises as `read_one`."""
+    import pandas as pd
+
     file = table.file
     sources = {name: column.source for name, column in recipe.columns.items()}
     own = _own_names(recipe, table, sources, needed, optional)
     mapped = _canonical(recipe, table, own)
-    frame = table.frame[[]].assign(
-        **{name: mapped[name].column for name in own} | _counted_time(recipe, table, own, needed)
-    )
-    require(file, frame.columns, needed)
-    frame = frame[[name for name in (*needed, *optional) if name in frame.columns]]
+    columns = {name: mapped[name].column for name in own} | _counted_time(recipe, table, own, needed)
+    require(file, columns, needed)
+    # a column that needed no conversion is a view of what was read, which is kept for it: not where much else was read
+    many = table.frame.shape[1] > 2 * len(columns)
+    kept = {name: columns[name] for name in (*needed, *optional) if name in columns}
+    frame = pd.DataFrame(kept, index=table.frame.index, copy=many)
     frame, begun = _from_second_row(frame, mapped)
     frame, corrected = certificates.corrected(frame, recipe.correction, file)
     frame, dropped = door.complete(frame, needed, recipe)
-    frame, excluded = _without_exclusions(frame, recipe.exclude, file, whole=whole)
+    frame, taken = without_exclusions(frame, recipe.exclude, file)
+    excluded = exclusion_notes(recipe.exclude, {k: n for k, n in taken.items() if n or whole}, file)
     notes = (*table.notes, *(note for column in mapped.values() for note in column.notes), *begun, *dropped, *excluded)
     reading = (*table.reading, *(said for column in mapped.values() for said in column.reading), *corrected)
     return Log(log_name(file), file, table.sha256, len(table.frame), frame, notes, reading, table.parts)
@@ -223,31 +248,43 @@ def unmapped(values: np.ndarray, column: Column, name: str, recipe: Recipe, stat
     return (converted - column.offset) / column.scale
 
 
-def _without_exclusions(
-    frame: pd.DataFrame, excludes: Sequence[Exclude], file: str, *, whole: bool
-) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """The frame without the ranges that the recipe leaves out; the index keeps counting the file's rows."""
-    notes = []
+def without_exclusions(
+    frame: pd.DataFrame, excludes: Sequence[Exclude], file: str
+) -> tuple[pd.DataFrame, dict[int, int]]:
+    """The frame without the ranges that the recipe leaves out, and how many rows each took; the index keeps counting."""
+    taken = {}
     for number, exclude in enumerate(excludes):
         if exclude.log not in (file, log_name(file)) or (exclude.from_s is None and exclude.to_s is None):
             continue
         require(file, frame.columns, ["time_s"])
-        low = -np.inf if exclude.from_s is None else exclude.from_s
-        high = np.inf if exclude.to_s is None else exclude.to_s
-        out = frame["time_s"].between(low, high)
-        if not out.any() and not whole:
-            continue
-        if not out.any():
+        out = frame["time_s"].between(*_range_of(exclude))
+        taken[number] = int(out.sum())
+        frame = frame[~out] if taken[number] else frame
+    return frame, taken
+
+
+def exclusion_notes(excludes: Sequence[Exclude], taken: Mapping[int, int], file: str) -> tuple[str, ...]:
+    """What is noted of exclusions; raises RecipeError for one that took no row."""
+    notes = []
+    for number, rows in taken.items():
+        exclude = excludes[number]
+        low, high = _range_of(exclude)
+        if not rows:
             raise RecipeError(
                 f"[[exclude]] of {file}: no row between {low:g} s and {high:g} s",
                 hint="check from_s and to_s",
                 at=("exclude", number),
             )
-        frame = frame[~out]
-        notes.append(
-            f"{int(out.sum())} rows from {low:g} s to {high:g} s excluded by {exclude.person}: {exclude.reason}"
-        )
-    return frame, tuple(notes)
+        notes.append(f"{rows} rows from {low:g} s to {high:g} s excluded by {exclude.person}: {exclude.reason}")
+    return tuple(notes)
+
+
+def _range_of(exclude: Exclude) -> tuple[float, float]:
+    """Times [s] from and to which an exclusion goes."""
+    return (
+        -np.inf if exclude.from_s is None else exclude.from_s,
+        np.inf if exclude.to_s is None else exclude.to_s,
+    )
 
 
 def mapped_names(recipe: Recipe) -> None:

@@ -15,12 +15,13 @@ import pandas as pd
 from calibkit import check, units
 from calibkit.check import facts
 from calibkit.frame import Finding, Log, values
+from calibkit.numeric.spans import release
 from calibkit.readers import clean
 from calibkit.recipe import BiasTemperatureRecipe, FogThermalRecipe
 from calibkit.stages import ingest
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Iterator, Sequence
     from pathlib import Path
 
     from calibkit.check.facts import Facts
@@ -50,18 +51,39 @@ def of(
     recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str], *, largest: int = LARGEST
 ) -> Pieced | None:
     """Look at a large clean log in pieces; none for a log that is read whole. Raises as `ingest.read_log`."""
-    if not _can_be(recipe) or not path.is_file() or path.stat().st_size <= largest:
+    if not can_be(recipe) or not path.is_file() or path.stat().st_size <= largest:
         return None
     scan = clean.scanned(path, file)
     if scan is None:
         return None
     every = -(-scan.rows // KEPT)
+    tables = clean.pieces(path, file, scan, PIECE // every * every)
+    logs = (ingest.mapped_log(recipe, table, needed, optional, whole=False) for table in tables)
+    return _through(recipe, logs, scan.rows, every)
+
+
+def through(recipe: Recipe, log: Log) -> Pieced:
+    """Look at a log whose columns are on disk in pieces."""
+    every = -(-len(log.frame) // KEPT)
+    rows = PIECE // every * every
+
+    def parts() -> Iterator[Log]:
+        for start in range(0, len(log.frame), rows):
+            yield replace(log, frame=log.frame.iloc[start : start + rows], room=np.empty)
+            release(*(values(log.frame, str(name)) for name in log.frame.columns))
+
+    found = _through(recipe, parts(), log.rows, every)
+    assert found is not None  # noqa: S101 (a log that was read has rows)
+    return found
+
+
+def _through(recipe: Recipe, logs: Iterable[Log], rows: int, every: int) -> Pieced | None:
+    """Look at the pieces of a log of so many rows, thinned to means of `every` rows; none where they hold no row."""
     frames: list[pd.DataFrame] = []
     found: list[Finding] = []
     parts: list[Facts] = []
     last: Log | None = None
-    for table in clean.pieces(path, file, scan, PIECE // every * every):
-        log = ingest.mapped_log(recipe, table, needed, optional, whole=False)
+    for log in logs:
         if log.frame.empty:
             continue
         found += _looked_at(recipe, log, last, first=not parts)
@@ -70,12 +92,12 @@ def of(
         last = replace(log, frame=log.frame.iloc[-1:])
     if last is None:
         return None
-    note = f"{scan.rows} rows looked at in pieces; segments and fits of this check are of means of {every} rows"
-    thin = replace(last, frame=pd.concat(frames), rows=scan.rows, notes=(*last.notes, note))
+    note = f"{rows} rows looked at in pieces; segments and fits of this check are of means of {every} rows"
+    thin = replace(last, frame=pd.concat(frames), rows=rows, notes=(*last.notes, note))
     return Pieced(thin, every, tuple(_merged(found)), facts.joined(parts))
 
 
-def _can_be(recipe: Recipe) -> bool:
+def can_be(recipe: Recipe) -> bool:
     """Whether each row of the recipe's logs can be mapped without the rows before it."""
     stateful = any(
         column.accumulated or column.wraps_at or column.time_format or column.date for column in recipe.columns.values()

@@ -1,0 +1,111 @@
+"""Model intervals of a log: which rows fall into which, and means over them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.numeric import spans
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Intervals:
+    """Those intervals of a log of `rows` samples that hold one: their numbers [m], first samples [m] and counts [m].
+
+    The log begins at `begin` [s]; `length_s` is what an interval lasts [s], `step_s` the usual sampling interval [s].
+    """
+
+    number: Index
+    first: Index
+    count: Index
+    rows: int
+    begin: float
+    length_s: float
+    step_s: float
+
+    @property
+    def enough(self) -> NDArray[np.bool_]:
+        """Those intervals [m] that hold at least half of the usual number of samples."""
+        return np.asarray(self.count >= 0.5 * np.median(self.count))
+
+    @property
+    def whole(self) -> bool:
+        """Whether no interval is empty or cut short."""
+        return bool(self.enough.all()) and self.number.size == self.number[-1] + 1
+
+    def groups(self) -> Iterator[tuple[slice, slice]]:
+        """Consecutive intervals whose rows make up a span, and these rows."""
+        cuts = np.unique(np.searchsorted(self.first, [*range(0, self.rows, spans.ROWS), self.rows]))
+        rows = np.append(self.first, self.rows)[cuts].tolist()
+        for a, b, start, stop in zip(cuts[:-1].tolist(), cuts[1:].tolist(), rows[:-1], rows[1:], strict=True):
+            yield slice(a, b), slice(start, stop)
+
+    def means(self, values: Array) -> Array:
+        """Mean [m] of values [rows] over each interval."""
+        means = np.empty(self.first.size)
+        for held, rows in self.groups():
+            means[held] = np.add.reduceat(values[rows], self.first[held] - rows.start)
+            spans.release(values)
+        return means / self.count
+
+    def filled(self, means: Array) -> Array:
+        """Values of all intervals from those [m] of the ones that hold samples: straight lines across the empty and cut short."""
+        if self.whole:
+            return means
+        return np.interp(np.arange(self.number[-1] + 1), self.number[self.enough], means[self.enough])
+
+    def centres(self, means: Array) -> Array:
+        """Centres [s] of all intervals from the mean times [m, s]; that of an interval that is cut short is still its centre."""
+        if self.whole:
+            return means
+        return np.asarray(self.begin + (np.arange(self.number[-1] + 1) + 0.5) * self.length_s - 0.5 * self.step_s)
+
+    def of_row(self, row: int) -> int:
+        """Number of the interval that a row falls in."""
+        return int(self.number[np.searchsorted(self.first, row, side="right") - 1])
+
+
+def of(time: Array, length_s: float) -> Intervals:
+    """Intervals of a log from its time [n, s]; half a sample of jitter moves nothing.
+
+    Raises FitError when the log is sampled more slowly than the interval, because coefficients are per interval.
+    """
+    step = sampling_interval(time)
+    if step > length_s * 1.01:
+        raise FitError(
+            f"sampled every {step:g} s, the model interval is {length_s:g} s",
+            hint="the coefficients are per interval: use a log that is sampled at least that fast, or fit with that interval",
+        )
+    first: list[Index] = []
+    number: list[Index] = []
+    last = -1
+    for start, stop in spans.along(time):
+        found = numbers(time[start:stop], float(time[0]), length_s, step)
+        new = np.flatnonzero(np.diff(found, prepend=last))
+        first.append(new + start)
+        number.append(found[new])
+        last = int(found[-1])
+    begins = np.concatenate(first)
+    count = np.diff(np.append(begins, time.size))
+    return Intervals(np.concatenate(number), begins, count, time.size, float(time[0]), length_s, step)
+
+
+def sampling_interval(time: Array) -> float:
+    """Median sampling interval [s] of a log's time [n, s]."""
+    return spans.middle(lambda: (np.diff(time[max(a - 1, 0) : b]) for a, b in spans.along(time)), time.size - 1)
+
+
+def numbers(time: Array, begin: float, length_s: float, step_s: float) -> Index:
+    """Number [n] of the interval that each instant [n, s] falls in, of a log that begins then and is sampled so often."""
+    return np.asarray(np.floor((time - begin) / length_s + 0.5 * min(step_s / length_s, 1.0)), dtype=np.int64)

@@ -1,0 +1,118 @@
+"""Long columns, a span of rows at a time: in a processor's cache, and in bounded memory where a column lies on disk.
+
+What is computed along a column is computed over the same spans wherever the column lies, so that the numbers are the same.
+"""
+
+from __future__ import annotations
+
+import mmap
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+ROWS = 1 << 17
+"""Rows of a span: a few columns of them stay in a cache."""
+KEPT = 1 << 18
+"""Values that a search for order statistics holds at once."""
+SAMPLE = 1 << 13
+"""Values from which such a search guesses where to look."""
+
+
+def along(*columns: NDArray[np.generic], rows: int = 0) -> Iterator[tuple[int, int]]:
+    """First row and row after the last of consecutive spans of columns [n]; pages of a span are let go behind it."""
+    size, step = columns[0].shape[0], rows or ROWS
+    for start in range(0, size, step):
+        yield start, min(start + step, size)
+        release(*columns)
+
+
+def release(*columns: NDArray[np.generic]) -> None:
+    """Let go of the pages that memory-mapped columns hold in memory; nothing for columns that are in memory."""
+    for column in columns:
+        base: object = column
+        while isinstance(base, np.ndarray):
+            base = base.base
+        if isinstance(base, memoryview):
+            base = base.obj
+        if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            base.madvise(mmap.MADV_DONTNEED)
+
+
+def median(values: Array) -> float:
+    """Median of values [n] in any order: that of `np.median`, in bounded memory."""
+    return middle(lambda: (values[a:b] for a, b in along(values)), values.size)
+
+
+def middle(parts: Callable[[], Iterable[Array]], count: int) -> float:
+    """Median of `count` values that come in parts, as often as they are asked for; the same number as from all of them at once.
+
+    NaN where there is none. The values must be finite.
+    """
+    if count == 0:
+        return float("nan")
+    if count <= KEPT:
+        whole = np.concatenate(list(parts()))
+        return float(np.median(whole, overwrite_input=True))
+    low, high = _ranked(parts, ((count - 1) // 2, count // 2), count)
+    return (low + high) / 2.0
+
+
+def _ranked(parts: Callable[[], Iterable[Array]], ranks: tuple[int, int], count: int) -> tuple[float, float]:
+    """The values of two ranks (from 0, neighbours or one) among all: a bracket about them is guessed, counted, narrowed."""
+    low, high, below, inside = -np.inf, np.inf, 0, count
+    while True:
+        first, last = _guess(parts, (low, high), (sum(ranks) / 2.0 - below) / inside, inside)
+        counts, kept = _counted(parts, first, last)
+        cell = np.searchsorted(counts, ranks, side="right")
+        if cell[0] != cell[1]:  # two neighbours on both sides of a bound
+            return _ranked(parts, (ranks[0],) * 2, count)[0], _ranked(parts, (ranks[1],) * 2, count)[0]
+        if cell[0] in {1, 3}:
+            return (first,) * 2 if cell[0] == 1 else (last,) * 2
+        if cell[0] == 2 and kept is not None:
+            at = [rank - counts[1] for rank in ranks]
+            kept.partition(at)
+            return float(kept[at[0]]), float(kept[at[1]])
+        edges = (below, *counts, below + inside)
+        low, high = {0: (low, first), 2: (first, last), 4: (last, high)}[int(cell[0])]
+        below, inside = edges[cell[0]], edges[cell[0] + 1] - edges[cell[0]]
+
+
+def _guess(
+    parts: Callable[[], Iterable[Array]], bounds: tuple[float, float], share: float, inside: int
+) -> tuple[float, float]:
+    """Two values strictly between bounds, that the given share of what lies between them is likely between too."""
+    seen: list[Array] = []
+    every = max(1, inside // SAMPLE)
+    for part in parts():
+        among = part[(part > bounds[0]) & (part < bounds[1])] if np.isfinite(bounds).any() else part
+        seen.append(among[among.size % every // 2 :: every] if among.size > every else among[:1])
+    sample = np.sort(np.concatenate(seen))
+    reach = 4.0 * np.sqrt(share * (1.0 - share) / sample.size) + 2.0 / sample.size
+    at = np.clip([(share - reach) * sample.size, (share + reach) * sample.size], 0, sample.size - 1).astype(np.int64)
+    return float(sample[at[0]]), float(sample[at[1]])
+
+
+def _counted(
+    parts: Callable[[], Iterable[Array]], first: float, last: float
+) -> tuple[tuple[int, int, int, int], Array | None]:
+    """How many values are below and up to each of two, and those between them where they are not too many to hold."""
+    counts = np.zeros(4, dtype=np.int64)
+    kept: list[Array] = []
+    held = 0
+    for part in parts():
+        above, under = part > first, part < last
+        between = part[above & under]
+        up_to, less = part.size - np.count_nonzero(above), np.count_nonzero(under)
+        counts += (np.count_nonzero(part < first), up_to, max(less, up_to), np.count_nonzero(part <= last))
+        held += between.size
+        if held <= KEPT:
+            kept.append(between)
+    a, b, c, d = counts.tolist()
+    return (a, b, c, d), np.concatenate(kept) if held <= KEPT else None

@@ -1,0 +1,171 @@
+"""A log on disk is fitted like one in memory: the same numbers, and nothing left behind."""
+
+import tempfile
+from pathlib import Path
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from calibkit import recipe, scratch
+from calibkit.errors import OutputError, RecipeError, UsageError
+from calibkit.numeric import anomalies, denoise, intervals, lifting, occupancy, segments, spans
+from calibkit.simulate import campaigns
+from calibkit.stages import fog_ramps, ingest, long_logs, pieces
+
+FILE = "ramp_heating_05.csv"
+RNG = np.random.default_rng(11)
+
+
+@pytest.fixture(scope="module")
+def folder(tmp_path_factory):
+    """Write one simulated ramp."""
+    made = tmp_path_factory.mktemp("logs")
+    (made / FILE).write_bytes(campaigns.of("fog_thermal")(3).files()[FILE])
+    return made
+
+
+@pytest.fixture
+def on_disk(monkeypatch):
+    """Put every log on disk, and read, look at and work on it in small pieces."""
+    monkeypatch.setenv(long_logs.SETTING, "0")
+    monkeypatch.setattr(long_logs, "ROWS", 700)
+    monkeypatch.setattr(pieces, "PIECE", 1000)
+
+
+def prepared(folder, overrides=()):
+    """Read and prepare the log; returns both."""
+    spec = recipe.parse(recipe.find("fog_thermal", overrides))
+    log = ingest.read_log(spec, folder / FILE, FILE, fog_ramps.COLUMNS)
+    return log, fog_ramps.prepare(log, spec)
+
+
+def same(one, other, rtol=0.0):
+    """Whether what later stages need of two logs is equal."""
+    for name in ("raw", "denoised"):
+        for field in ("time", "case", "gradient", "indication", "rate"):
+            a, b = (getattr(getattr(part, name), field) for part in (one, other))
+            # sums over a minute at 1 Hz are some 1e-9 °C/min off wherever spans begin
+            np.testing.assert_allclose(a, b, rtol=rtol, atol=(1e-8 if field == "rate" else 1e-12) * bool(rtol))
+    np.testing.assert_allclose(one.thermal.indication, other.thermal.indication, rtol=rtol)
+    assert [(r.start, r.stop) for r in one.ramps] == [(r.start, r.stop) for r in other.ramps]
+    np.testing.assert_allclose([r.rate for r in one.ramps], [r.rate for r in other.ramps], rtol=10.0 * rtol)
+    assert one.source == other.source
+
+
+def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monkeypatch):
+    """Block means, denoised indication, ramps and digests are equal; the columns do lie in mapped files."""
+    log, there = prepared(folder)
+    assert log.on_disk
+    monkeypatch.setenv(long_logs.SETTING, "1000")
+    whole, here = prepared(folder)
+    assert not whole.on_disk
+    same(there, here)
+    assert there.noise == here.noise
+    assert log.frame.equals(whole.frame)
+
+
+def test_the_length_of_spans_does_not_matter(folder, on_disk, monkeypatch):
+    """Spans of 257 rows and chunks of 512 samples, that cut windows, intervals and wavelets anywhere: the same to 1e-10."""
+    _, usual = prepared(folder)
+    monkeypatch.setattr(spans, "ROWS", 257)
+    monkeypatch.setattr(spans, "KEPT", 100)
+    monkeypatch.setattr(spans, "SAMPLE", 32)
+    monkeypatch.setattr(lifting, "CHUNK", 512)
+    monkeypatch.setattr(lifting, "COARSEST", 4)
+    monkeypatch.setattr(lifting, "TOGETHER", 3)
+    _, cut = prepared(folder)
+    same(usual, cut, rtol=1e-10)
+
+
+def test_a_fit_from_disk_has_the_coefficients_of_one_in_memory(folder, on_disk, calibkit, monkeypatch, tmp_path):
+    """The command line gives the same coefficient files, byte for byte."""
+    for name, setting in (("disk", "0"), ("memory", "1000")):
+        monkeypatch.setenv(long_logs.SETTING, setting)
+        options = ("--serial", "S", "--date", "2026-01-01", "--out", tmp_path / name)
+        assert calibkit("fit", "fog_thermal", "--data", folder, *options).code in (0, 1)
+    for stage in ("denoise.json", "drift.json", "drift_rate.json"):
+        disk, memory = ((tmp_path / name / "S" / "r001" / stage).read_bytes() for name in ("disk", "memory"))
+        assert disk == memory
+
+
+def test_ranges_are_left_out_of_a_log_on_disk_too(folder, on_disk, monkeypatch):
+    """The rows left out are counted once over all pieces, and a range without a row is refused."""
+    whole = 'exclude=[{log="ramp_heating_05", to_s=800.0, reason="warm-up", person="A. Tester"}]'
+    log, there = prepared(folder, (whole,))
+    monkeypatch.setenv(long_logs.SETTING, "1000")
+    in_memory, here = prepared(folder, (whole,))
+    assert log.notes == in_memory.notes
+    assert log.frame.index.equals(in_memory.frame.index)
+    same(there, here)
+    monkeypatch.setenv(long_logs.SETTING, "0")
+    with pytest.raises(RecipeError, match="no row between"):
+        prepared(folder, (whole.replace("to_s=800.0", "from_s=1e6"),))
+
+
+def test_a_fault_in_a_log_on_disk_stops_the_fit(folder, on_disk, calibkit, tmp_path):
+    """A clock that runs backwards in a later piece is refused with its line, and leaves no scratch file."""
+    lines = (folder / FILE).read_text("utf-8").splitlines()
+    lines[3000], lines[3001] = lines[3001], lines[3000]
+    (tmp_path / FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
+    before = set(Path(tempfile.gettempdir()).glob("calibkit-*"))
+    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path, "--serial", "S", "--out", tmp_path / "runs")
+    assert outcome.code != 0
+    assert f"{FILE}:3002: column 'time_s': time runs backwards" in outcome.err
+    assert set(Path(tempfile.gettempdir()).glob("calibkit-*")) == before
+
+
+def test_a_full_disk_is_an_error_that_says_where(monkeypatch):
+    """More scratch than any disk has is refused before anything is written."""
+    with pytest.raises(OutputError, match="no room for"):
+        scratch.column(1 << 52)
+
+
+def test_a_setting_that_is_no_number_is_refused(folder, monkeypatch):
+    """The environment variable is named."""
+    monkeypatch.setenv(long_logs.SETTING, "many")
+    with pytest.raises(UsageError, match="CALIBKIT_LARGEST_LOG_MB=many"):
+        prepared(folder)
+
+
+@given(st.lists(st.floats(-5.0, 5.0).map(lambda x: round(x, 1)), min_size=1, max_size=300), st.integers(1, 40))
+@settings(max_examples=150, deadline=None)
+def test_the_median_in_spans_is_that_of_numpy(values, rows):
+    """Ties, even and odd numbers, spans and samples of any length: the same number to the last bit."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(spans, "ROWS", rows)
+        patch.setattr(spans, "KEPT", 7)
+        patch.setattr(spans, "SAMPLE", 5)
+        assert spans.median(np.array(values)) == np.median(values)
+
+
+@given(st.lists(st.integers(0, 2), min_size=1, max_size=120), st.integers(2, 14))
+@settings(max_examples=150, deadline=None)
+def test_equal_runs_are_those_of_a_loop(values, shortest):
+    """Every run of at least so many equal values, and nothing else."""
+    expected, start = [], 0
+    for k in range(1, len(values) + 1):
+        if k == len(values) or values[k] != values[start]:
+            if k - start >= shortest:
+                expected.append([start, k])
+            start = k
+    assert anomalies.equal_runs(np.array(values, dtype=float), shortest).tolist() == expected
+
+
+def test_mapped_arrays_let_go_of_their_pages_and_keep_their_values():
+    """Released pages are read again from the file: nothing written is lost."""
+    column = scratch.column(300_000)
+    column[:] = np.arange(300_000.0)
+    spans.release(column, column[1000:2000], np.zeros(3))
+    assert column.sum() == 299_999 * 150_000
+    held = intervals.of(np.arange(300_000.0), 10.0)
+    assert held.means(column)[-1] == 299_994.5
+    assert occupancy.spikes(column, held).size == 0
+    noisy = scratch.column(40_000)
+    noisy[:] = RNG.normal(0.0, 1.0, 40_000)
+    kept = denoise.denoise(noisy, room=scratch.column)
+    assert np.array_equal(kept.signal, denoise.denoise(np.array(noisy)).signal)
+    time = np.arange(300_000.0)
+    slope = segments.causal_slope(time, column, 60.0, room=scratch.column)
+    assert np.array_equal(slope, segments.causal_slope(time, np.array(column), 60.0))
