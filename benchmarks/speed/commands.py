@@ -30,6 +30,14 @@ if TYPE_CHECKING:
     """Interpreter of a peer by its name."""
 
 BYTES = 1024
+LAUNCHER = """
+import os, sys, time
+start = time.perf_counter()
+child = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ, file_actions=[(os.POSIX_SPAWN_DUP2, 2, 1)])
+_, status, usage = os.wait4(child, 0)
+wall, cpu = time.perf_counter() - start, usage.ru_utime + usage.ru_stime
+print(os.waitstatus_to_exitcode(status), wall, cpu, usage.ru_maxrss)
+"""
 LEAST = 10_000
 """Rows of four ramps at an interval that a fit accepts."""
 MOST = 50_000
@@ -59,16 +67,15 @@ def spent(command: Sequence[object], *, accepted: Sequence[int] = (0,), compiled
         environment["PYTHONPYCACHEPREFIX"] = compiled
         environment.pop("PYTHONDONTWRITEBYTECODE", None)
     with tempfile.TemporaryFile() as said:
-        start = time.perf_counter()
-        child = subprocess.Popen([str(part) for part in command], stdout=said, stderr=said, env=environment)
-        _, status, usage = os.wait4(child.pid, 0)
-        wall = time.perf_counter() - start
-        child.returncode = os.waitstatus_to_exitcode(status)
-        if child.returncode not in accepted:
+        # a child's peak begins with that of the process that started it: a small one must
+        asked = [sys.executable, "-I", "-S", "-c", LAUNCHER, *(str(part) for part in command)]
+        done = subprocess.run(asked, stdout=subprocess.PIPE, stderr=said, env=environment, check=True, text=True)
+        code, wall, cpu, peak = map(float, done.stdout.split())
+        if code not in accepted:
             said.seek(0)
             text = said.read().decode(errors="replace")[-2000:]
-            raise RuntimeError(f"{Path(str(command[0])).name} ended with {child.returncode}: {text}")
-    return Spent(wall, usage.ru_utime + usage.ru_stime, usage.ru_maxrss * BYTES)
+            raise RuntimeError(f"{Path(str(command[0])).name} ended with {code:.0f}: {text}")
+    return Spent(wall, cpu, round(peak) * BYTES)
 
 
 def line(
