@@ -28,7 +28,7 @@ def test_rows_run_beside_the_peers_that_are_installed_here(tmp_path):
     """On a few thousand rows PyWavelets, lmfit and numpy give calibkit's numbers, and the page holds a line for each."""
     page, results = tmp_path / "page.md", tmp_path / "results.json"
     page.write_text(
-        "before\n<!-- measured: benchmarks/run.py writes what stands below -->\nLAST TIME\n<!-- end of what is measured -->\nafter\n"
+        "before\n<!-- measured: benchmarks/run.py writes what stands below -->\nBEFORE\n<!-- end of what is measured -->\nafter\n"
     )
     chosen = ("denoise", "magnitude", "mad")
     done = subprocess.run(
@@ -49,7 +49,7 @@ def test_rows_run_beside_the_peers_that_are_installed_here(tmp_path):
     text = page.read_text()
     assert text.startswith("before\n<!-- measured")
     assert text.endswith("<!-- end of what is measured -->\nafter\n")
-    assert "LAST TIME" not in text
+    assert "BEFORE" not in text
     assert text.count("lifting denoise, 8 levels, CDF 9/7 |") == 2
 
 
