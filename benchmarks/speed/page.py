@@ -92,7 +92,7 @@ def measured(goals: Sequence[Goal], lines: Sequence[Line], versions: Mapping[str
     return (
         f"{summary(goals, lines)}\n{notes}\n"
         f"Measured on {machine()}. Versions: {packages}.\n\n"
-        f"### Growth with the rows\n\n{growth(goals, lines)}"
+        f"## Growth with the rows\n\n{growth(goals, lines)}"
     )
 
 
