@@ -295,7 +295,7 @@ def validate(
 
 def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected: bool) -> Export:
     """A run's correction chain in a number format; refuses a run that failed its acceptance limits unless told not to."""
-    from calibkit.firmware import chains, export, formats
+    from calibkit.firmware import chains, export, formats, sources
 
     accepted = bool(run.document["accepted"])
     if not accepted and not allow_rejected:
@@ -318,7 +318,7 @@ def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected:
         SOFTWARE,
         accepted,
     )
-    return export.of(chain, identity, formats.of(number), prefix)
+    return export.of(chain, identity, formats.of(number), prefix, sources.lines(spec, chain.structure))
 
 
 def export(

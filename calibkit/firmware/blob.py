@@ -148,9 +148,10 @@ def _read(
     program = layout.program(lines[:-1], _tables(lengths, numbers), name)
     flat = numbers[count + len(outputs) :]
     columns = [flat[k::width] for k in range(width)]
-    named = dict(zip([*inputs, *outputs], columns, strict=False))
+    # a result may have the name of an input: accel_x_g is corrected to accel_x_g
+    given, results = dict(zip(inputs, columns, strict=False)), dict(zip(outputs, columns[len(inputs) :], strict=False))
     updates, status = (tuple(map(int, column)) for column in columns[-2:])
-    stated = vectors.Vectors({key: named[key] for key in inputs}, updates, {key: named[key] for key in outputs}, status)
+    stated = vectors.Vectors(given, updates, results, status)
     return program, stated
 
 

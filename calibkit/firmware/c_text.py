@@ -40,6 +40,7 @@ def facts(export: Export) -> list[str]:
         f"schema        {SCHEMA}, made by {identity.software}",
         f"number        {number}: {NUMBERS[number]}",
         f"formula       {structure.formula}",
+        *export.sources,
         *(f"fitted over   {text}" for text in export.chain.ranges),
     ]
     if structure.interval_s is not None:

@@ -45,10 +45,14 @@ class Export:
     bounds: Mapping[str, float]
     """Worst-case evaluation error of each output in its unit; of a recursive chain that of one update."""
     vectors: Vectors
+    sources: tuple[str, ...] = ()
+    """What the inputs and indications were made of in calibration, one a line."""
 
 
-def of(chain: Chain, identity: Identity, number: Format, prefix: str) -> Export:
+def of(chain: Chain, identity: Identity, number: Format, prefix: str, sources: tuple[str, ...] = ()) -> Export:
     """Quantise a chain, bound its error and work out its self-test."""
     identifiers.check_prefix(prefix)
     quantised = program.of(chain, number)
-    return Export(prefix, identity, chain, quantised, bounds.of(chain, quantised), vectors.of(chain, quantised))
+    return Export(
+        prefix, identity, chain, quantised, bounds.of(chain, quantised), vectors.of(chain, quantised), sources
+    )

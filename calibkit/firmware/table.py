@@ -50,6 +50,7 @@ def _row(export: Export) -> dict[str, str]:
         "number": program.format.name,
         "formula": c_text.ascii_only(structure.formula),
         "fitted_over": "; ".join(export.chain.ranges),
+        "made_of": "; ".join(" ".join(line.split()) for line in export.sources),
     }
     row |= {f"bound_{output.name} [{output.unit}]": f"{export.bounds[output.name]:.1e}" for output in structure.outputs}
     for name in blob.table_names(structure):
