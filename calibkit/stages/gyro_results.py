@@ -337,6 +337,7 @@ def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
     def largest(values: Array) -> float:
         return gyro_figures.temperature_sensitivity(values, temperature, spec.reference_temp_degc)
 
+    u_K = np.hypot(u_K, _scatter(one))
     room = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if room.any() and not room.all():
         value, u = _propagated(largest, K, u_K)
@@ -344,6 +345,25 @@ def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
     value, u = _propagated(slope, K, u_K)
     figures.append(Figure(f"temperature_sensitivity.{IEEE}.{name}", value, "ppm/degC", u))
     return figures
+
+
+def _scatter(one: GyroOverRuns) -> float:
+    """How much K differs from run to run, at the reference temperature and about K(T); few runs widen it by Student's t."""
+    from scipy.special import stdtrit
+
+    found = []
+    if len(one.at_room) > 1 and _repeats(one):
+        K = np.array([run.scale(one.gyro).K for run in one.at_room])
+        found.append((K.size - 1, float(np.var(K, ddof=1))))
+    curve = one.K_over_temperature
+    if curve is not None and curve.dof > 0:
+        found.append((curve.dof, curve.residual_rms**2 * (1.0 + curve.coefficients.size / curve.dof)))
+    if not found:
+        return 0.0
+    # runs at the reference temperature are in both: the larger count is that of independent ones
+    dof = max(count for count, _ in found)
+    variance = sum(count * square for count, square in found) / sum(count for count, _ in found)
+    return float(np.sqrt(variance) * stdtrit(dof, 0.975) / stdtrit(np.inf, 0.975))
 
 
 def _repeats(one: GyroOverRuns) -> bool:
