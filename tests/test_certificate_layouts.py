@@ -136,6 +136,21 @@ def test_drift_at_rest_has_the_uncertainty_that_the_run_states(run):
             assert drift.uncertainty.expanded_uncertainty == pytest.approx(entry["expanded_uncertainty"], rel=1e-9)
 
 
+def test_a_bias_without_the_earth_s_rate_is_stated_where_the_run_knows_it(tmp_path, run):
+    """With latitude and input axis: the bias of the coefficient file, as uncertain as the rate at rest; else the rate alone."""
+    key = "drift_rate.bias_at_reference"
+    assert key not in by_key(certificate(run("fog_thermal"), "fog_thermal"))
+    known = fitted(tmp_path, "fog_thermal", overrides=("site.latitude_deg=34.2", "input_axis.elevation_deg=90"))
+    found = by_key(certificate(known, "fog_thermal"))
+    stated = {figure.name: figure.value for figure in known.records["drift_rate.json"].figures}
+    at_rest = found["drift_rate.drift.bias@25"]
+    assert found[key].value == stated["bias_at_reference"]
+    assert at_rest.value - found[key].value == pytest.approx(stated["earth_rate_along_input_axis"], abs=1e-9)
+    assert found[key].uncertainty.expanded_uncertainty == pytest.approx(
+        at_rest.uncertainty.expanded_uncertainty, rel=1e-3
+    )
+
+
 def test_what_is_zero_by_definition_is_printed_as_the_reference_and_not_judged(run):
     """No U at 25 °C, no statement by a *, and naming it is an error with the line of the specification."""
     made = certificate(run("fog_thermal"), "fog_thermal")

@@ -9,9 +9,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.certificate.results import Block, Equation, Figure, GridTable, ListTable, Result, Series
-from calibkit.certificate.stated import COEFFICIENT_NOTE, TEMPERATURE, powers, range_words, residual_words
+from calibkit.certificate.stated import COEFFICIENT_NOTE, TEMPERATURE, powers, range_words, residual_words, weighted
 from calibkit.certificate.words import Words
-from calibkit.numeric import gum
+from calibkit.numeric import earth, gum
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -37,15 +37,22 @@ RATE = Equation(
     Words("r temperature rate of the chamber air [°C/min].", "r 为箱内空气温变速率 [°C/min]。"),
 )
 LEVEL_WHERE = Words(
-    "T case temperature [°C], Ṫ its rate [°C/min], G case less chamber temperature [K], Ġ its rate [K/min].",
-    "T 为壳温 [°C]，Ṫ 为其速率 [°C/min]，G 为壳温与箱温之差 [K]，Ġ 为其速率 [K/min]。",
+    "T case temperature [°C], Ṫ its rate [°C/min], G case less chamber temperature [K], Ġ its rate [K/min]. "
+    "D, which is taken off, is ω less its value at rest at the reference temperature T₀: bias and earth's rate stay.",
+    "T 为壳温 [°C]，Ṫ 为其速率 [°C/min]，G 为壳温与箱温之差 [K]，Ġ 为其速率 [K/min]。"
+    "补偿量 D 为 ω 减去参考温度 T₀ 稳态时的值：零偏与地球自转分量保留在输出中。",
 )
 LAGGED_WHERE = Words(
     "T temperature of the coil's outside [°C], which follows the case with the lag τₒ; "
-    "G its excess over the inside [K], which follows it with τᵢ.",
-    "T 为光纤环外层温度（以时间常数 τₒ 跟随壳温），G 为环内外层温差（内层以 τᵢ 跟随外层）。",
+    "G its excess over the inside [K], which follows it with τᵢ. "
+    "D, which is taken off, is ω less its value at rest at the reference temperature T₀: bias and earth's rate stay.",
+    "T 为光纤环外层温度（以时间常数 τₒ 跟随壳温），G 为环内外层温差（内层以 τᵢ 跟随外层）。"
+    "补偿量 D 为 ω 减去参考温度 T₀ 稳态时的值：零偏与地球自转分量保留在输出中。",
 )
-LATEX = r"D = b_0 + b_1 T + b_2 T^2 + b_3 T^3 + s_r \dot T + s_G G + s_{GG} G^2 + s_{Tr} T \dot T + s_{\dot G} \dot G"
+LATEX = (
+    r"D = \omega - \omega(T_0), \quad \omega = b_0 + b_1 T + b_2 T^2 + b_3 T^3 "
+    r"+ s_r \dot T + s_G G + s_{GG} G^2 + s_{Tr} T \dot T + s_{\dot G} \dot G"
+)
 EQUATIONS = {
     "fog-drift-rate/1": RATE,
     "fog-drift-level/1": Equation("fog-drift-level/1", LATEX, LEVEL_WHERE),
@@ -57,6 +64,9 @@ EQUATIONS = {
 }
 RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
 """Temperature rates [°C/min] of which the fastest that the model holds at is taken for the ramp values."""
+BIAS = "bias_at_reference"
+STEP_DEG = 1e-3
+"""Step of latitude [°] of the differences that its share in the bias is taken from."""
 AT_REST = Words("at rest", "稳态")
 
 
@@ -150,8 +160,9 @@ def _level_values(stated: Stated, record: Record, model: Model) -> tuple[list[Li
         principal=True,
         more=_model_error(model),
     )
+    found = (bias, *_without_earth(stated, record, model, reference))
     tables: list[ListTable | GridTable] = [
-        ListTable(Words(f"Bias at {reference:g} °C", f"{reference:g} °C 零偏"), (bias,))
+        ListTable(Words(f"Bias at {reference:g} °C", f"{reference:g} °C 零偏"), found)
     ]
     temperatures = stated.grid(model)
     if not temperatures:
@@ -181,6 +192,39 @@ def _level_values(stated: Stated, record: Record, model: Model) -> tuple[list[Li
     table = stated.over(head, temperatures, columns, note=note if reference in temperatures else None)
     tables.append(table)
     return tables, [_plot(table)]
+
+
+def _without_earth(stated: Stated, record: Record, model: Model, reference: float) -> tuple[Result, ...]:
+    """Bias at the reference without the earth's rate, where the run knew latitude and attitude of the input axis."""
+    figures = {figure.name: figure for figure in record.figures}
+    where = {condition.name: condition.value for condition in record.conditions}
+    if BIAS not in figures or not {"latitude", "input_axis_elevation"} <= where.keys():
+        return ()
+    rate = figures["mean_rate_at_reference"].value
+
+    def along(latitude: float) -> float:
+        return float(earth.along_axis(latitude, where["input_axis_elevation"], where.get("input_axis_azimuth", 0.0)))
+
+    by_latitude = (along(where["latitude"] + STEP_DEG) - along(where["latitude"] - STEP_DEG)) / (2.0 * STEP_DEG)
+    found = stated.result(
+        f"{record.stage}.json",
+        f"{record.stage}.{BIAS}",
+        "B",
+        Words("bias at rest without the earth's rate", "稳态零偏（不含地球自转分量）"),
+        figures[BIAS].value,
+        "deg/h",
+        type_a=figures[BIAS].standard_uncertainty,
+        dof=model.dof,
+        called=(BIAS, f"{record.stage}.{model.name}.bias", "bias"),
+        sensitivities={
+            "latitude_deg": (where["latitude"], -by_latitude),
+            "gyro_dph": (rate, 1.0),
+            TEMPERATURE: (reference, weighted(model, powers("b", model, reference)[1])[0]),
+        },
+        at=((TEMPERATURE, reference, "degC"),),
+        more=_model_error(model),
+    )
+    return (found,)
 
 
 def _rate(model: Model) -> float | None:
