@@ -80,6 +80,15 @@ def test_counts_of_a_header_take_their_time_from_the_recipe(tmp_path):
         read(tmp_path, content, 'gyro_x_lsb = { from = "n" }', ("gyro_x_lsb",))
 
 
+@pytest.mark.parametrize(("interval", "told"), [("0.1", True), ("0.5", False)])
+def test_an_interval_that_is_not_the_rows_is_told(tmp_path, interval, told):
+    """Rows of every half second that are said to count 0.1 s each: right of a thinned log, else five times too much."""
+    content = "t,n\n0,5\n0.5,7\n1.0,6\n"
+    mapping = f'time_s = {{ from = "t" }}\ngyro_x_lsb = {{ from = "n", unit = "1/sample", interval_s = {interval} }}'
+    log = read(tmp_path, content, mapping, ("time_s", "gyro_x_lsb"))
+    assert any("0.5 s apart" in note and "are 5 times" in note for note in log.notes) == told
+
+
 def test_accumulated_pulses_become_rates_across_a_wrap(tmp_path):
     """A sixteen-bit counter at irregular times: counts per second, the wrap said, the first row removed and said."""
     content = "t,n\n0,65000\n0.5,65500\n1.5,964\n2.0,1464\n"

@@ -29,6 +29,9 @@ SENTINELS = (9.9e37, -9.9e37)
 SENTINELS_BUT_COUNTS = (1e9, -1e9, 9e9, -9e9)
 """The same where the column is no count and no time, which can reach them; +9.0E+9 is an open thermocouple."""
 
+SPACING = 1e-3
+"""Relative difference between the rows' spacing and a stated interval that no clock has."""
+
 
 @dataclass(frozen=True, slots=True)
 class Mapped:
@@ -165,6 +168,7 @@ def value(table: Table, source: str, column: Column | None, name: str, recipe: R
     per_sample = unit == "1/sample"
     if per_sample:
         values = values / _interval(column, seconds, name, table)
+        notes += _otherwise_spaced(column, seconds, name)
         unit = "1/s"
     try:
         values = units.convert(values, unit, target, gravity_mps2=recipe.site.gravity_mps2)
@@ -188,6 +192,17 @@ def _interval(column: Column | None, seconds: Array | None, name: str, table: Ta
             hint=f"give interval_s in [columns.{name}], or map time_s",
         )
     return np.concatenate([[np.nan], np.diff(seconds)])
+
+
+def _otherwise_spaced(column: Column | None, seconds: Array | None, name: str) -> tuple[str, ...]:
+    """What to say where the rows lie further apart, or nearer, than counts are said to be counted for."""
+    if column is None or column.interval_s is None or seconds is None or seconds.size < 2:
+        return ()
+    apart = float(np.nanmedian(np.diff(seconds)))
+    if not apart > 0.0 or abs(apart / column.interval_s - 1.0) < SPACING:
+        return ()
+    said = f"rows are {apart:g} s apart, interval_s says that each one counts {column.interval_s:g} s"
+    return (f"column '{name}': {said}: rates are {apart / column.interval_s:.4g} times those of a log of every sample",)
 
 
 def unwrapped(raw: Array, modulus: float, source: str) -> tuple[Array, tuple[str, ...]]:
