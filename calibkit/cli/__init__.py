@@ -24,6 +24,7 @@ from calibkit.cli.console import (
 )
 from calibkit.cli.ending import guarded
 from calibkit.cli.options import DATA, DRY, JSON, RECIPE, RUN, RUNS, SET, Group, day_of, now, rehearsed
+from calibkit.cli.pipe import forgive
 from calibkit.errors import FrameError
 
 if TYPE_CHECKING:
@@ -333,5 +334,6 @@ def main(arguments: Sequence[str] | None = None) -> NoReturn:
     # one thread a factorisation: these are tall and narrow, threads only wait for each other, and the sums keep their order
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     argv = list(sys.argv[1:] if arguments is None else arguments)
+    forgive()
     prepare(argv)
     sys.exit(guarded(lambda: cli.main(argv, prog_name="calibkit", standalone_mode=False), as_json="--json" in argv))

@@ -17,6 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable
 
 
+BROKEN_PIPE = 141
+"""Exit code of a command that a closed pipe ended, as shells count it (128 + SIGPIPE); 1 would say that a limit failed."""
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Errors of a write to a stream; files that calibkit writes itself have OutputError."""
 
@@ -51,9 +53,9 @@ def _outcome(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 
         return _fail(2, "usage", error.format_message().rstrip("."), hint, as_json=as_json)
     except (KeyboardInterrupt, click.Abort):
         return _fail(130, "interrupted", "interrupted; what was not finished was not written", "", as_json=as_json)
-    except BrokenPipeError:  # `calibkit show | head` has seen enough
+    except BrokenPipeError:  # of another pipe than stdout and stderr, or where the system cannot tell whose it is
         _silence_stdout()
-        return 0
+        return BROKEN_PIPE
     except Exception as error:  # noqa: BLE001 (the last resort: a traceback helps nobody at the bench)
         if isinstance(error, OSError) and error.filename is None and error.errno in FULL:
             _silence_stdout()
