@@ -66,13 +66,26 @@ def noise_gains(scheme: Scheme, levels: int) -> Array:
 
 @lru_cache(maxsize=64)
 def _noise_gains(scheme: Scheme, levels: int) -> tuple[float, ...]:
-    """Norms of the cascades of the filters, level by level."""
+    """Norms of the cascades of the filters, level by level, from the products of each with itself shifted by whole steps.
+
+    They need a handful of numbers a level: the filters of level 20 themselves would be a million taps long.
+    """
     low, high = (_interleaved(even, odd) for even, odd in polyphase(scheme))
-    gains, cascade = [], np.ones(1)
-    for level in range(levels):
-        gains.append(float(np.linalg.norm(_convolved(cascade, high, 1 << level))))
-        cascade = _convolved(cascade, low, 1 << level)
+    reach = max(low.size, high.size) - 1
+    of_low, of_high = (_products(taps, reach) for taps in (low, high))
+    shift = np.arange(-reach, reach + 1)
+    gains, cascade = [], (shift == 0).astype(np.float64)
+    for _ in range(levels):
+        gains.append(math.sqrt(float(of_high @ cascade)))
+        wide = np.pad(cascade, 2 * reach)
+        cascade = np.array([float(of_low @ wide[3 * reach + 2 * k + shift]) for k in shift.tolist()])
     return tuple(gains)
+
+
+def _products(taps: Array, reach: int) -> Array:
+    """Products of a filter with itself shifted by −reach … reach."""
+    whole = np.correlate(taps, taps, "full")
+    return np.pad(whole, reach + 1 - taps.size)
 
 
 def _interleaved(even: Laurent, odd: Laurent) -> Array:
@@ -82,14 +95,6 @@ def _interleaved(even: Laurent, odd: Laurent) -> Array:
     for offset, (low, values) in ((0, even), (1, odd)):
         taps[2 * low + offset - start :: 2][: len(values)] = values
     return taps
-
-
-def _convolved(signal: Array, taps: Array, spacing: int) -> Array:
-    """Convolution with taps that stand `spacing` samples apart, by its few terms: the zeros between would cost the square."""
-    out = np.zeros(signal.size + (taps.size - 1) * spacing)
-    for k, tap in enumerate(taps):
-        out[k * spacing : k * spacing + signal.size] += tap * signal
-    return out
 
 
 def universal(details: Array, noise: float, count: int) -> float:

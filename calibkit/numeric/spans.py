@@ -92,7 +92,8 @@ def _guess(
     every = max(1, inside // SAMPLE)
     for part in parts():
         among = part[(part > bounds[0]) & (part < bounds[1])] if np.isfinite(bounds).any() else part
-        seen.append(among[among.size % every // 2 :: every] if among.size > every else among[:1])
+        # a copy: a slice would keep the whole part
+        seen.append((among[among.size % every // 2 :: every] if among.size > every else among[:1]).copy())
     sample = np.sort(np.concatenate(seen))
     reach = 4.0 * np.sqrt(share * (1.0 - share) / sample.size) + 2.0 / sample.size
     at = np.clip([(share - reach) * sample.size, (share + reach) * sample.size], 0, sample.size - 1).astype(np.int64)

@@ -144,9 +144,11 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = cut(log, recipe)
+    spans.release(time, env)
     smooth, noise, flags = _denoised(log, gyro, cuts, recipe)
     middle, t_case, t_env = (held.means(values) for values in (time, case, env))
     raw = drift.blocks_of(held, middle, t_case, t_env, held.means(gyro), slope)
+    spans.release(slope)
     clean = replace(raw, indication=held.filled(held.means(smooth)))
     return PreparedLog(
         log.name,
