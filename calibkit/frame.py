@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import difflib
 import hashlib
+import json
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Literal
@@ -183,10 +184,11 @@ def require(file: str, present: Iterable[str], needed: Iterable[str], *, of: str
         first, *more = missing
         close = difflib.get_close_matches(first, free, n=1)
         guess = f"did you mean '{close[0]}'? " if close else ""
+        source = json.dumps(close[0] if close else "…", ensure_ascii=False)
         others = f" (and so {'is' if len(more) == 1 else 'are'} {', '.join(map(repr, more))})" if more else ""
         raise MissingColumnError(
             f"{file}:1: column '{first}' is missing{others}, found {', '.join(there)}",
-            hint=f'{guess}map it in the recipe: [columns.{of or first}] from = "…"',
+            hint=f"{guess}map it in the recipe: [columns.{of or first}] from = {source}",
             columns=(of,) if of else tuple(missing),
         )
 

@@ -1,5 +1,7 @@
 """What a message advises is the thing to do: signs, names of columns, sentinels, and what a JSON document says of a refusal."""
 
+import re
+
 import numpy as np
 import pandas as pd
 import pytest
@@ -111,6 +113,16 @@ def test_all_missing_columns_are_named_at_once():
     assert "[columns.gyro_dph]" in raised.value.hint
 
 
+def test_the_column_that_may_be_meant_is_the_one_that_the_hint_maps():
+    """One advice, not two: the canonical key, and from = the log's own column, quoted as TOML has it."""
+    with pytest.raises(MissingColumnError) as raised:
+        require("a.csv", ["Zeit ms", "x"], ["Zeit [ms]"], of="time_s")
+    assert raised.value.hint == "did you mean 'Zeit ms'? map it in the recipe: [columns.time_s] from = \"Zeit ms\""
+    with pytest.raises(MissingColumnError) as raised:
+        require("a.csv", ["x"], ["Zeit [ms]"], of="time_s")
+    assert raised.value.hint == 'map it in the recipe: [columns.time_s] from = "…"'
+
+
 def test_apply_says_which_columns_the_run_needs_and_how_to_name_them(tmp_path, calibkit):
     """A run's recipe cannot be edited: --set is the way, it is said column by column, and it works."""
     runs, data = tmp_path / "runs", table(tmp_path / "logs", lambda frame: frame)
@@ -123,6 +135,14 @@ def test_apply_says_which_columns_the_run_needs_and_how_to_name_them(tmp_path, c
     assert "column 'gyro_x_lsb' is missing, found time_s" in outcome.err
     assert "S@r001 needs gyro_x_lsb: name the log's own columns with --set columns.gyro_x_lsb.from=…" in outcome.err
     assert calibkit(*call, "--set", "columns.gyro_x_lsb.from=out").code == 0
+    per_sample = ("--set", "columns.gyro_x_lsb={from='out',unit='1/sample'}")
+    call = (*call[:-1], tmp_path / "per_sample.csv", *per_sample)
+    outcome = calibkit(*call)
+    assert outcome.code == 3
+    said = re.search(r"--set (columns.gyro_x_lsb.interval_s=\S+) \(the usual one of this log\)", outcome.err).group(1)
+    assert said == f"columns.gyro_x_lsb.interval_s={np.median(np.diff(foreign['time_s'])):.9g}"
+    assert calibkit(*call, "--set", said).code == 0
+    assert len(pd.read_csv(tmp_path / "per_sample.csv")) == len(foreign)
 
 
 @pytest.mark.parametrize("procedure", ["gyro_pair", "gyro_triad"])

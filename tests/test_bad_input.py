@@ -193,7 +193,7 @@ def test_an_internal_error_is_one_line_and_70(calibkit, monkeypatch):
     """A bug is reported as one line, without a traceback, with exit code 70."""
     from calibkit import pipeline
 
-    monkeypatch.setattr(pipeline, "simulate", lambda *_: 1 / 0)
+    monkeypatch.setattr(pipeline, "simulate", lambda *_, **__: 1 / 0)
     outcome = calibkit("simulate", "fog_thermal", "--out", "x", "--seed", 1)
     assert outcome.code == 70
     assert outcome.err.startswith("calibkit: internal error: ZeroDivisionError")
@@ -203,7 +203,7 @@ def test_an_interrupt_is_130(calibkit, monkeypatch):
     """Ctrl-C exits with 130."""
     from calibkit import pipeline
 
-    def stop(*_):
+    def stop(*_, **__):
         raise KeyboardInterrupt
 
     monkeypatch.setattr(pipeline, "simulate", stop)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import contextlib
 import csv
 import io
 from dataclasses import dataclass
@@ -10,9 +11,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import units
-from calibkit.errors import FrameError, LogFormatError
+from calibkit.errors import CalibkitError, FrameError, LogFormatError
 from calibkit.readers import delimited, registry, tokens
-from calibkit.stages.ingest import unmapped
+from calibkit.stages import ingest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -50,13 +51,28 @@ def replaced(
         if len(text) != len(log.rows):
             raise FrameError(
                 f"{path.name}: {len(log.rows)} rows in, {len(text)} compensated",
-                hint="counts since the row before give no value for every row; map rates",
+                hint=_every_row(recipe, path),
             )
     for column, text in texts.items():
         for row, fields in enumerate(log.rows):
             fields[column] = text[row]
     lines = [[*fields, *(text[row] for text in extra)] for row, fields in enumerate(log.rows)]
     return _written([[*names, *added], *lines], quotes=log.quotes)
+
+
+def _every_row(recipe: Recipe, path: Path) -> str:
+    """What to do where counts since the row before leave the first row without a value: state their interval [s]."""
+    said = "counts since the row before give the first row no value"
+    counted = {name: column for name, column in recipe.columns.items() if column.interval_s is None}
+    per_sample = [name for name, column in counted.items() if column.unit == "1/sample" and not column.accumulated]
+    if not per_sample or any(column.accumulated for column in counted.values()):
+        return f'{said}: map rates, or counts per sample (unit = "1/sample") with interval_s, the interval of a sample'
+    usual = "SECONDS"
+    with contextlib.suppress(CalibkitError):
+        time = ingest.read_one(recipe, path, path.name, ("time_s",)).frame["time_s"].to_numpy(dtype=np.float64)
+        usual = f"{float(np.median(np.diff(time))):.9g}"
+    mapped = " ".join(f"--set columns.{name}.interval_s={usual}" for name in per_sample)
+    return f"{said}: state the interval of a sample, and every row has one: {mapped} (the usual one of this log)"
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,7 +141,7 @@ def _own_unit(recipe: Recipe, name: str, values: NDArray[np.float64], log: _Fiel
     """Values in the unit and sign that the log's own column has."""
     column, stated = recipe.columns.get(name), log.units.get(header, "")
     if column is not None:
-        return unmapped(values, column, name, recipe, stated)
+        return ingest.unmapped(values, column, name, recipe, stated)
     target = units.column_unit(name)
     return units.convert(values, target, stated or target, gravity_mps2=recipe.site.gravity_mps2)
 
