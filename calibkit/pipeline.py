@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING, Any
 from calibkit import __version__, coefficients, procedures, recipe, store
 from calibkit.check import copies
 from calibkit.errors import CoefficientError, FrameError, MissingColumnError, OutputError, RecipeError, UsageError
+from calibkit.history import dates
 from calibkit.recipe import type_b
 from calibkit.report import documents, figures, html
 from calibkit.stages import budget, ingest, unseen
@@ -65,22 +66,20 @@ def fit(
 
     def build(revision: int, superseded: Mapping[str, str]) -> dict[str, bytes]:
         identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
-        records = {
-            result.file: coefficients.record(result, identity, superseded.get(result.stage, ""))
-            for result in fitted.results
-        }
+        records = {r.file: coefficients.record(r, identity, superseded.get(r.stage, "")) for r in fitted.results}
+        dated = replace(fitted, summary=dates.flagged(fitted.summary, out, serial, revision, date))
         contents = {file: coefficients.dumps(record).encode() for file, record in records.items()}
         with figures.styled():
-            drawn = procedure.draw(f"{serial} r{revision:03d}", fitted)
+            drawn = procedure.draw(f"{serial} r{revision:03d}", dated)
         contents |= documents.printed(drawn)
-        so_far = _run_document(identity, source, spec, fitted, contents)
+        so_far = _run_document(identity, source, spec, dated, contents)
         contents[documents.PAGE] = html.page(so_far, records, drawn)
-        built.update(_run_document(identity, source, spec, fitted, contents))
+        built.update(_run_document(identity, source, spec, dated, contents))
         return {store.RUN_FILE: coefficients.seal(built).encode(), **contents}
 
     folder = (store.rehearse if dry_run else store.commit)(out, serial, build)
     name = f"{serial}@{folder.name}"
-    summary = replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}")
+    summary = replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}", flags=tuple(built["flags"]))
     return FitOutcome(folder, name, summary, built, guesses(fitted.inputs))
 
 

@@ -1,0 +1,47 @@
+"""What a date does to the selection of runs by date, said when the run is made."""
+
+from __future__ import annotations
+
+import contextlib
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+from calibkit import store
+from calibkit.errors import CoefficientError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+    from typing import Any
+
+    from calibkit.report.summary import Summary
+
+
+def flagged(summary: Summary, runs: Path, serial: str, revision: int, date: str) -> Summary:
+    """The summary of a revision about to be saved, with a flag where it holds from before the one before it did.
+
+    Only the dates of the revisions are compared; no clock is read.
+    """
+    earlier: list[dict[str, Any]] = []
+    for number in reversed([number for number in store.revisions(runs / serial) if number < revision]):
+        with contextlib.suppress(CoefficientError):  # what an old revision holds is no matter of the new one
+            earlier.append(store.own_document(runs, serial, number))
+        if earlier and earlier[0]["effective_from"] <= date:
+            return summary
+    if not earlier:
+        return summary
+    own = {"revision": revision, "effective_from": date, "accepted": summary.accepted}
+    before = f"effective from {date}, before r{earlier[0]['revision']:03d}'s {earlier[0]['effective_from']}"
+    newest = f"without a date {serial} is r{revision:03d}, the newest revision"
+    return replace(summary, flags=(*summary.flags, f"{before}: {_by_date(own, earlier)}; {newest}"))
+
+
+def _by_date(own: dict[str, Any], earlier: list[dict[str, Any]]) -> str:
+    """Between which dates a revision is the one in force."""
+    name, date = f"r{own['revision']:03d}", own["effective_from"]
+    if not own["accepted"]:
+        return f"not accepted, {name} is in force on no date"
+    winners = store.in_force([*earlier, own])
+    after = min((since for since in winners if since > date), default="")
+    if not after:
+        return f"by date {name} is in force from {date} on"
+    return f"by date {name} is in force from {date} until {after}, from then on r{winners[after]:03d} again"

@@ -1,0 +1,64 @@
+"""A fit that is dated before the revision before it: flagged, and the flag says what selection by date does."""
+
+import json
+
+import pytest
+
+from calibkit import store
+from calibkit.coefficients import Criterion
+from calibkit.history import dates
+from calibkit.report.summary import Summary
+from conftest import ROOT
+from kept import keep, model
+
+
+def flags(runs, date, *, accepted=True):
+    """Flags of r003 of S-1 with a date."""
+    limit = Criterion("K", 1.0, 2.0, "1", accepted)
+    return dates.flagged(Summary("", (), (), (limit,)), runs, "S-1", 3, date).flags
+
+
+@pytest.fixture
+def two_years(tmp_path):
+    """Return a folder with two runs of S-1, of 2022 and 2023."""
+    for year in (2022, 2023):
+        keep(tmp_path, model({"K": (10.0, "1/deg", 0.02)}), date=f"{year}-01-01")
+    return tmp_path
+
+
+@pytest.mark.parametrize("date", ["2023-01-01", "2023-01-02", "2099-01-01"])
+def test_a_date_that_is_not_before_the_last_one_is_not_flagged(two_years, date):
+    """The same day, the next, and years later: no clock is read."""
+    assert flags(two_years, date) == ()
+
+
+@pytest.mark.parametrize("date", ["2021-05-01", "2022-05-01"])
+def test_the_flag_says_what_selection_by_date_then_does(two_years, date):
+    """Between the two dates of the flag, and there alone, the run is found by date; without a date it is always found."""
+    (said,) = flags(two_years, date)
+    until, other = {"2021-05-01": ("2022-01-01", "r001"), "2022-05-01": ("2023-01-01", "r002")}[date]
+    assert said == (
+        f"effective from {date}, before r002's 2023-01-01: by date r003 is in force from {date} until {until}, "
+        f"from then on {other} again; without a date S-1 is r003, the newest revision"
+    )
+    keep(two_years, model({"K": (10.0, "1/deg", 0.02)}), date=date)
+    assert store.find("S-1", two_years, date).name == "r003"
+    assert store.find("S-1", two_years, until).name == other
+    assert store.find("S-1", two_years).name == "r003"
+
+
+def test_a_rejected_run_is_in_force_on_no_date(two_years):
+    """Its date says nothing."""
+    (said,) = flags(two_years, "2022-05-01", accepted=False)
+    assert "2023-01-01: not accepted, r003 is in force on no date; without" in said
+
+
+def test_fit_says_it_and_keeps_it(tmp_path, calibkit):
+    """On the first fit nothing, on one that is dated before it a line, which run.json holds too."""
+    call = ("fit", "inclinometer", "--data", ROOT / "datasets" / "inclinometer", "--serial", "S", "--out", tmp_path)
+    first, second = (calibkit(*call, "--date", day, "--json") for day in ("2026-10-05", "2026-01-01"))
+    assert not [flag for flag in first.json["flags"] if "effective" in flag]
+    (said,) = [flag for flag in second.json["flags"] if "effective" in flag]
+    assert said.startswith("effective from 2026-01-01, before r001's 2026-10-05: ")
+    assert said in json.loads((tmp_path / "S" / "r002" / "run.json").read_text(encoding="utf-8"))["flags"]
+    assert calibkit("verify", tmp_path / "S" / "r002").code == 0
