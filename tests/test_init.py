@@ -96,6 +96,33 @@ def test_units_by_name_are_stated_and_findings_are_comments(tmp_path, calibkit, 
     assert spec["columns"]["time_s"]["from"] == "t_s"
 
 
+def test_headers_without_units_are_said_aloud_and_in_the_recipe(tmp_path, calibkit, log_writer):
+    """Columns that are recognised by name alone: which, what they would be taken in, and the key that states it."""
+    time = np.arange(0.0, 3600.0, 1.0)
+    ramp = np.interp(time, [600.0, 3000.0], [-20.0, 60.0])
+    rates = np.random.default_rng(1).normal(0.0, 0.5, time.size) + 10.0
+    log_writer(tmp_path / "a.csv", Zeit=time, Kreisel=rates, Gehäuse=ramp, **{"Kammer [°C]": ramp})
+    outcome = calibkit("init", "--from", tmp_path)
+    assert outcome.code == 0
+    said = (
+        'No unit in the logs: "Zeit" in s, "Gehäuse" in degC, "Kreisel" in deg/h would be taken; '
+        'state unit = "…" in [columns.time_s], [columns.temp_case_degc], [columns.gyro_dph]'
+    )
+    assert f"? {said}\n" in outcome.err
+    assert f"# {said}\n" in outcome.out
+    assert '[columns.gyro_dph] # no unit in the log: taken in deg/h, or state unit = "…"' in outcome.out
+    assert "No unit" not in calibkit("init", "--from", ROOT / "datasets" / "fog_thermal").err
+
+
+def test_where_nothing_is_proposed_missing_units_are_named_and_stdout_is_empty(tmp_path, calibkit):
+    """Names that say nothing, of which some state no unit: exit code 3, and those are told with what to do."""
+    (tmp_path / "a.csv").write_text("Ch 1;Ch 2 [V]\n" + "1,5;2,5\n" * 50, encoding="utf-8")
+    outcome = calibkit("init", "--from", tmp_path)
+    assert (outcome.code, outcome.out) == (3, "")
+    assert 'no unit is stated for "Ch 1": write it behind the name' in outcome.err
+    assert '"Ch 2 [V]"' not in outcome.err
+
+
 def test_nothing_is_proposed_where_the_columns_say_nothing(tmp_path, calibkit):
     """No log, a log without names, and names that mean nothing: an error with exit code 3 that shows what is there."""
     assert calibkit("init", "--from", tmp_path / "none").code == 2

@@ -130,12 +130,16 @@ def init(folder: Path, *, as_json: bool) -> int:
     calibkit init --from logs --json
     """
     from calibkit import pipeline
+    from calibkit.stages.proposal import UNSTATED
 
     text = pipeline.init(folder)
     if as_json:
         print_json({"ok": True, "recipe": text})
     else:
         print_data(text)
+        for line in text.splitlines():
+            if line.startswith(UNSTATED):
+                say(f"? {line.removeprefix('# ')}")
     return 0
 
 

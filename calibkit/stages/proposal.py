@@ -31,6 +31,10 @@ SKIPPED = re.compile(
 TEMPERATURES = frozenset({"temp_case_degc", "temp_env_degc", "temp_degc"})
 
 
+UNSTATED = "# No unit in the logs: "
+"""Beginning of the line that names columns whose unit has to be stated; it is said aloud too."""
+
+
 @dataclass(frozen=True, slots=True)
 class Group:
     """Logs that are written alike: their files, columns, and how they are written."""
@@ -51,11 +55,44 @@ def proposed(folder: Path) -> str:
         )
         raise FrameError(
             f"{folder}: no shipped procedure reads these columns: {columns}",
-            hint="name headerless columns in [logs] names, or copy a shipped recipe and map the columns by hand",
+            hint=_told_by_hand([column for group in groups for column in group.columns]),
         )
     # the procedure that more of the logs are for
     chosen, group = max(choices, key=lambda choice: len(choice[1].files))
     return _written(folder, chosen, group, [other for other in groups if other is not group])
+
+
+def _told_by_hand(columns: Sequence[Column]) -> str:
+    """What to do where columns do not say what they are; of those without a unit, that it is missing."""
+    silent = [json.dumps(column.name, ensure_ascii=False) for column in columns if _silent(column)]
+    units_too = (
+        f'no unit is stated for {", ".join(dict.fromkeys(silent))}: write it behind the name (like "Channel 1 [deg/s]"), or '
+        f'state it with the mapping (like [columns.gyro_dph] from = "…", unit = "deg/s"); '
+        if silent
+        else ""
+    )
+    return f"{units_too}name headerless columns in [logs] names, or copy a shipped recipe and map the columns by hand"
+
+
+def _silent(column: Column) -> bool:
+    """Whether nothing says in which unit a column is."""
+    return not column.stated and not column.is_time
+
+
+def _unstated(choice: Choice) -> list[str]:
+    """Comment on the mapped columns that are in a unit which the log does not state, and what each would be taken in."""
+    silent = {
+        name: column
+        for name, column in choice.mapping.items()
+        if _silent(column) and column.name != name and units.column_unit(name) != "1"
+    }
+    if not silent:
+        return []
+    taken = (
+        f"{json.dumps(column.name, ensure_ascii=False)} in {units.column_unit(name)}" for name, column in silent.items()
+    )
+    keys = ", ".join(f"[columns.{name}]" for name in silent)
+    return [f'{UNSTATED}{", ".join(taken)} would be taken; state unit = "…" in {keys}']
 
 
 def _chosen_of(folder: Path, group: Group, groups: Sequence[Group]) -> Choice | None:
@@ -302,7 +339,7 @@ def _mapping(choice: Choice, group: Group) -> str:
         if column.name == name and not column.is_time:
             continue
         by_reader = column.unit or units.of_header(column.name)
-        said = f"the log states {column.stated}" if column.stated else "no unit in the log: the canonical one is taken"
+        said = f"the log states {column.stated}" if column.stated else _taken_in(name)
         lines.append(f"[columns.{name}]" + ("" if column.is_time else f" # {said}"))
         lines.append(f"from = {json.dumps(column.name, ensure_ascii=False)}")
         if column.stated and not by_reader and not column.is_time:
@@ -319,6 +356,12 @@ def _mapping(choice: Choice, group: Group) -> str:
     return "\n".join(lines).rstrip("\n") + "\n" if len(lines) > 1 else ""
 
 
+def _taken_in(name: str) -> str:
+    """What is said of a mapped column without a unit."""
+    unit = units.column_unit(name)
+    return "no unit" if unit == "1" else f'no unit in the log: taken in {unit}, or state unit = "…"'
+
+
 def _header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
     """Comment that says what was guessed from what, and which logs are not read."""
     count = f"{len(group.files)} log{'s' if len(group.files) > 1 else ''} of {len(group.columns)} columns"
@@ -328,6 +371,7 @@ def _header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
     lines.append(
         "# Check every unit, sign and column below before you trust a number: calibkit check RECIPE --data DIR"
     )
+    lines += _unstated(choice)
     if choice.recipe == "gyro_noise":
         lines.append("# Taken for gyros at rest, for want of anything that says they moved: a log cannot show it.")
     for other in rest:
