@@ -103,7 +103,7 @@ def blocks_of(held: Intervals, time: Array, case: Array, env: Array, indication:
     Intervals with less than half of their samples, whose means would be noisier than the others, are filled by straight
     lines between their neighbours.
     """
-    t_case, t_env, rate = (held.filled(values) for values in (case, env, slope[held.first + held.count - 1]))
+    t_case, t_env, rate = (held.filled(values) for values in (case, env, held.last(slope)))
     return Blocks(held.centres(time), t_case, t_case - t_env, held.filled(indication), rate)
 
 

@@ -59,6 +59,14 @@ class Intervals:
             spans.release(values)
         return means / self.count
 
+    def last(self, values: Array) -> Array:
+        """Last of the values [rows] of each interval: [m]."""
+        ends = np.empty(self.first.size)
+        for held, _ in self.groups():
+            ends[held] = values[self.first[held] + self.count[held] - 1]
+            spans.release(values)
+        return ends
+
     def filled(self, means: Array) -> Array:
         """Values of all intervals from those [m] of the ones that hold samples: straight lines across the empty and cut short."""
         if self.whole:

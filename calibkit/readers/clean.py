@@ -77,7 +77,7 @@ def _columns(stream: BinaryIO, digest: hashlib._Hash, fields: int, size: int) ->
     store: tuple[Array, ...] = tuple(np.empty(0) for _ in range(fields))
     rows = seen = 0
     with ThreadPoolExecutor(WORKERS) as beside:
-        parsing: deque[tuple[int, Future[Array | None]]] = deque()
+        parsing: deque[tuple[int, Future[list[Array] | None]]] = deque()
         blocks = _blocks(stream)
         while (block := next(blocks, b"")) or parsing:
             if block:
@@ -91,20 +91,20 @@ def _columns(stream: BinaryIO, digest: hashlib._Hash, fields: int, size: int) ->
                 return None
             seen += length
             store = _stored(store, numbers, rows, size / seen)
-            rows += len(numbers)
+            rows += numbers[0].size
     return _Columns(digest.hexdigest(), tuple(column[:rows] for column in store)) if rows else None
 
 
-def _stored(store: tuple[Array, ...], numbers: Array, row: int, share: float) -> tuple[Array, ...]:
-    """Columns with the numbers [m, fields] of a block from a row on; made longer for the rest of the file where they are full.
+def _stored(store: tuple[Array, ...], numbers: list[Array], row: int, share: float) -> tuple[Array, ...]:
+    """Columns with those [m] of a block from a row on; made longer for the rest of the file where they are full.
 
     `share` is the length of the file, of what has been read of it.
     """
-    stop = row + len(numbers)
+    stop = row + numbers[0].size
     if stop > store[0].size:
         more = int(1.02 * stop * share) + 1
         store = tuple(np.concatenate((column[:row], np.empty(more - row))) for column in store)
-    for column, values in zip(store, numbers.T, strict=True):
+    for column, values in zip(store, numbers, strict=True):
         column[row:stop] = values
     return store
 
@@ -211,8 +211,8 @@ class _Lines:
         return iter(())
 
 
-def _numbers(block: bytes, fields: int) -> Array | None:
-    """Numbers [rows, fields] of a block of lines, or none where it is not clean."""
+def _numbers(block: bytes, fields: int) -> list[Array] | None:
+    """Columns [rows] of a block of lines, or none where it is not clean."""
     import pandas as pd
 
     rows = _clean_rows(block, fields)
@@ -223,4 +223,4 @@ def _numbers(block: bytes, fields: int) -> Array | None:
         frame = pd.read_csv(lines, header=None, names=list(range(fields)), dtype="float64", low_memory=False)
     except (ValueError, OverflowError):
         return None
-    return frame.to_numpy() if len(frame) == rows else None
+    return [frame[k].to_numpy() for k in range(fields)] if len(frame) == rows else None

@@ -148,7 +148,6 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     smooth, noise, flags = _denoised(log, gyro, cuts, recipe)
     middle, t_case, t_env = (held.means(values) for values in (time, case, env))
     raw = drift.blocks_of(held, middle, t_case, t_env, held.means(gyro), slope)
-    spans.release(slope)
     clean = replace(raw, indication=held.filled(held.means(smooth)))
     return PreparedLog(
         log.name,
