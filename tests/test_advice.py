@@ -69,7 +69,7 @@ def held(tmp_path, step_s, angle=lambda rate: rate):
 
 
 def test_an_angle_that_turns_half_round_between_rows_is_not_held_against_the_rate(tmp_path, calibkit):
-    """At 2 s from row to row 100 °/s are 200°: said. At 1 s they are not. The slower rates still tell a wrong unit or sign."""
+    """At 2 s from row to row 100 °/s are 200°, which is said; at 1 s they are not; slower rates still tell a wrong unit."""
     aliased = calibkit("check", "rate_table", "--data", held(tmp_path / "a", 2.0))
     assert aliased.code == 0
     assert "the table turns by up to 200° from row to row at 2 held rates" in aliased.out

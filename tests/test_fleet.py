@@ -89,6 +89,7 @@ def test_processes_that_share_a_machine_take_one_thread_each(tmp_path, monkeypat
     assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
 
 
+@pytest.mark.drawn
 def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
     """Killed (-9) as a whole and called again, it fits what is missing, nothing twice, and ends as if never killed."""
     fleet_logs(tmp_path / "units", 8)

@@ -63,6 +63,7 @@ def cluster_of(tmp_path):
         process.wait()
 
 
+@pytest.mark.drawn
 def test_two_workers_fit_a_fleet_though_one_is_killed_and_write_what_one_process_writes(tmp_path, cluster_of):
     """With one of two workers killed (-9) after two units all six are fitted once, to the same bytes as here."""
     fleet_logs(tmp_path / "units", 6)

@@ -67,7 +67,7 @@ def _bracket(values: Array, about: float) -> tuple[float, float]:
     sample = np.sort(np.abs(values[::step] - about))
     off = round(MARGIN * math.sqrt(sample.size) / 2.0)
     middle = sample.size // 2
-    return float(sample[middle - off]), float(sample[middle + off])
+    return float(sample[max(middle - off, 0)]), float(sample[min(middle + off, sample.size - 1)])
 
 
 def _inside(values: Array, about: float, low: float, high: float) -> tuple[int, Array]:
