@@ -26,8 +26,6 @@ Rule = Literal["soft", "hard", "garrote", "firm"]
 
 MAD_OF_UNIT_NORMAL = 0.6745
 """Median of |x| for unit normal x, to the digits the field prints (0.67449)."""
-MANY = 1 << 22
-"""Details above which their median is searched in bounded memory."""
 MINIMAX_FROM = 32
 """Smallest number of details for which the minimax threshold is not zero."""
 
@@ -47,7 +45,7 @@ def noise(details: Array) -> float:
     """
     if details.size == 0:
         raise FitError("the noise of no details cannot be told", hint="use fewer levels or a longer signal")
-    if details.size > MANY:  # it may be on disk: in bounded memory, the same number
+    if spans.on_disk(details):  # in bounded memory, the same number
         with np.errstate(all="ignore"):
             finite = all(math.isfinite(float(np.sum(details[a:b]))) for a, b in spans.along(details))
         if finite:

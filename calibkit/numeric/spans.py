@@ -36,13 +36,24 @@ def along(*columns: NDArray[np.generic], rows: int = 0) -> Iterator[tuple[int, i
 def release(*columns: NDArray[np.generic]) -> None:
     """Let go of the pages that memory-mapped columns hold in memory; nothing for columns that are in memory."""
     for column in columns:
-        base: object = column
-        while isinstance(base, np.ndarray):
-            base = base.base
-        if isinstance(base, memoryview):
-            base = base.obj
-        if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-            base.madvise(mmap.MADV_DONTNEED)
+        mapped = _map(column)
+        if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
+            mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def on_disk(column: NDArray[np.generic]) -> bool:
+    """Whether a column lies in a mapped file."""
+    return _map(column) is not None
+
+
+def _map(column: NDArray[np.generic]) -> mmap.mmap | None:
+    """The mapped file that a column is a part of, or none."""
+    base: object = column
+    while isinstance(base, np.ndarray):
+        base = base.base
+    if isinstance(base, memoryview):
+        base = base.obj
+    return base if isinstance(base, mmap.mmap) else None
 
 
 def median(values: Array) -> float:
