@@ -38,7 +38,7 @@ def test_it_is_the_median_of_numpy_to_the_last_bit(n):
 
 
 def test_a_sample_that_misleads_leaves_the_median_as_it_is():
-    """Where every sampled value is an outlier the bracket misses the median, and all values are partitioned."""
+    """Where every sampled value is an outlier the bracket misses the median, and another is looked for."""
     values = np.random.default_rng(1).normal(size=4 * MANY)
     for step in range(16, 20):
         values[::step] += 1e3
@@ -47,7 +47,7 @@ def test_a_sample_that_misleads_leaves_the_median_as_it_is():
 
 @pytest.mark.parametrize("period", [2, 10, 60, 200, 1000])
 def test_values_of_another_kind_at_regular_places_do_not_mislead_the_sample(period):
-    """Where one value in `period` is an outlier the bracket still holds the median: nothing is partitioned whole."""
+    """Where one value in `period` is an outlier the bracket still holds the median: no other is looked for."""
     values = np.random.default_rng(4).normal(size=610 * medians.SAMPLE // 20)
     values[::period] += 50.0
     low, high = medians._bracket(values, 0.0)

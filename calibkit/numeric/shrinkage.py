@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import medians, spans
+from calibkit.numeric import medians
 from calibkit.numeric.factor import polyphase
 
 if TYPE_CHECKING:
@@ -45,12 +45,6 @@ def noise(details: Array) -> float:
     """
     if details.size == 0:
         raise FitError("the noise of no details cannot be told", hint="use fewer levels or a longer signal")
-    if spans.on_disk(details):  # in bounded memory, the same number
-        with np.errstate(all="ignore"):
-            finite = all(math.isfinite(float(np.sum(details[a:b]))) for a, b in spans.along(details))
-        if finite:
-            parts = lambda: (np.abs(details[a:b]) for a, b in spans.along(details))  # noqa: E731 (a function of one line)
-            return spans.middle(parts, details.size) / MAD_OF_UNIT_NORMAL
     try:
         return medians.magnitude(details) / MAD_OF_UNIT_NORMAL
     except FitError:

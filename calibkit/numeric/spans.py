@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
 ROWS = 1 << 17
 """Rows of a span: a few columns of them stay in a cache."""
-KEPT = 1 << 18
+KEPT = 1 << 19
 """Values that a search for order statistics holds at once."""
 SAMPLE = 1 << 13
 """Values from which such a search guesses where to look."""
@@ -36,24 +36,13 @@ def along(*columns: NDArray[np.generic], rows: int = 0) -> Iterator[tuple[int, i
 def release(*columns: NDArray[np.generic]) -> None:
     """Let go of the pages that memory-mapped columns hold in memory; nothing for columns that are in memory."""
     for column in columns:
-        mapped = _map(column)
-        if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
-            mapped.madvise(mmap.MADV_DONTNEED)
-
-
-def on_disk(column: NDArray[np.generic]) -> bool:
-    """Whether a column lies in a mapped file."""
-    return _map(column) is not None
-
-
-def _map(column: NDArray[np.generic]) -> mmap.mmap | None:
-    """The mapped file that a column is a part of, or none."""
-    base: object = column
-    while isinstance(base, np.ndarray):
-        base = base.base
-    if isinstance(base, memoryview):
-        base = base.obj
-    return base if isinstance(base, mmap.mmap) else None
+        base: object = column
+        while isinstance(base, np.ndarray):
+            base = base.base
+        if isinstance(base, memoryview):
+            base = base.obj
+        if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
+            base.madvise(mmap.MADV_DONTNEED)
 
 
 def median(values: Array) -> float:
@@ -61,25 +50,32 @@ def median(values: Array) -> float:
     return middle(lambda: (values[a:b] for a, b in along(values)), values.size)
 
 
-def middle(parts: Callable[[], Iterable[Array]], count: int) -> float:
+def middle(parts: Callable[[], Iterable[Array]], count: int, bracket: tuple[float, float] | None = None) -> float:
     """Median of `count` values that come in parts, as often as they are asked for; the same number as from all of them at once.
 
-    NaN where there is none. The values must be finite.
+    `bracket` are two values that it is likely between; without one the parts are asked for once more. NaN where there is no
+    value. The values must be finite.
     """
     if count == 0:
         return float("nan")
-    if count <= KEPT:
+    if count <= KEPT and bracket is None:
         whole = np.concatenate(list(parts()))
         return float(np.median(whole, overwrite_input=True))
-    low, high = _ranked(parts, ((count - 1) // 2, count // 2), count)
+    low, high = _ranked(parts, ((count - 1) // 2, count // 2), count, bracket)
     return (low + high) / 2.0
 
 
-def _ranked(parts: Callable[[], Iterable[Array]], ranks: tuple[int, int], count: int) -> tuple[float, float]:
+def _ranked(
+    parts: Callable[[], Iterable[Array]],
+    ranks: tuple[int, int],
+    count: int,
+    bracket: tuple[float, float] | None = None,
+) -> tuple[float, float]:
     """The values of two ranks (from 0, neighbours or one) among all: a bracket about them is guessed, counted, narrowed."""
     low, high, below, inside = -np.inf, np.inf, 0, count
     while True:
-        first, last = _guess(parts, (low, high), (sum(ranks) / 2.0 - below) / inside, inside)
+        first, last = bracket or _guess(parts, (low, high), (sum(ranks) / 2.0 - below) / inside, inside)
+        bracket = None
         counts, kept = _counted(parts, first, last)
         cell = np.searchsorted(counts, ranks, side="right")
         if cell[0] != cell[1]:  # two neighbours on both sides of a bound
