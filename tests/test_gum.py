@@ -263,6 +263,15 @@ def test_uncertainty_along_a_log_is_the_diagonal_of_the_full_propagation():
     np.testing.assert_allclose(gum.along(root @ root.T, jacobian), expected, rtol=1e-12)
 
 
+@pytest.mark.parametrize(
+    ("dof", "quantile"), [(1, 12.706), (2, 4.303), (5, 2.571), (10, 2.228), (30, 2.042), (120, 1.980)]
+)
+def test_few_degrees_of_freedom_widen_by_students_quantile_over_the_normal_one(dof, quantile):
+    """t(0.975) as tables print it over 1.960; nothing is widened that is known from many."""
+    assert gum.widening(dof) == pytest.approx(quantile / 1.95996, rel=3e-4)
+    assert gum.widening(np.inf) == 1.0
+
+
 def test_sensitivities_are_the_derivatives_of_a_smooth_function():
     """Central differences of a quadratic are exact, an input without uncertainty included."""
     jacobian = gum.sensitivities(lambda x: x[0] ** 2 + 3.0 * x[1], np.array([2.0, 5.0]), np.array([0.1, 0.0]))

@@ -171,6 +171,14 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
     return float(ndtri(quantile) if np.isinf(effective_dof) else stdtrit(whole, quantile))
 
 
+def widening(effective_dof: float, *, probability: float = 0.95) -> float:
+    """What few degrees of freedom widen an uncertainty by: their coverage factor over that of a normal distribution.
+
+    Raises FitError as `coverage_factor` does.
+    """
+    return coverage_factor(effective_dof, probability=probability) / coverage_factor(np.inf, probability=probability)
+
+
 def expand_along(contributions: Array, dof: Array, *, probability: float = TWO_SIGMA) -> tuple[Array, Array, Array]:
     """Combined standard uncertainty, effective degrees of freedom and expanded uncertainty [n each] of results along a log.
 

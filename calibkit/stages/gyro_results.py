@@ -9,7 +9,7 @@ import numpy as np
 
 from calibkit.coefficients import Coefficient, Condition, Figure, Model, Parameter, StageResult
 from calibkit.errors import FitError
-from calibkit.numeric import gyro_figures, gyro_pair, gyro_scale
+from calibkit.numeric import gum, gyro_figures, gyro_pair, gyro_scale
 from calibkit.stages import gyro_shape
 from calibkit.stages.gyro_runs import RATE, TEMPERATURE, vertical_rate_dps
 
@@ -349,8 +349,6 @@ def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
 
 def _scatter(one: GyroOverRuns) -> float:
     """How much K differs from run to run, at the reference temperature and about K(T); few runs widen it by Student's t."""
-    from scipy.special import stdtrit
-
     found = []
     if len(one.at_room) > 1 and _repeats(one):
         K = np.array([run.scale(one.gyro).K for run in one.at_room])
@@ -363,7 +361,7 @@ def _scatter(one: GyroOverRuns) -> float:
     # runs at the reference temperature are in both: the larger count is that of independent ones
     dof = max(count for count, _ in found)
     variance = sum(count * square for count, square in found) / sum(count for count, _ in found)
-    return float(np.sqrt(variance) * stdtrit(dof, 0.975) / stdtrit(np.inf, 0.975))
+    return float(np.sqrt(variance)) * gum.widening(dof)
 
 
 def _repeats(one: GyroOverRuns) -> bool:

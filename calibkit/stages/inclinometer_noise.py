@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import northseek_closure
+from calibkit.numeric import gum, northseek_closure
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -18,8 +18,6 @@ if TYPE_CHECKING:
 
     Array = NDArray[np.float64]
 
-NORMAL_95 = 1.959963984540054
-"""Quantile of the normal distribution that 95 % lie within."""
 CONTRADICTED = 1e-6
 """Probability of closures so much smaller or larger than the known noise, below which they have a noise of their own."""
 KINDS = (("accel", "g", "g"), ("gyro", "dph", "deg/h"))
@@ -110,9 +108,7 @@ def widened(noise: Noise, spec: InclinometerRecipe) -> Noise:
     """Noise for propagation: one known from few degrees of freedom is raised by Student's t, so that k = 2 still means 95 %."""
     if not noise.dof:
         return noise
-    from scipy.special import stdtrit
-
-    factor = float(stdtrit(noise.dof, 0.975)) / NORMAL_95
+    factor = gum.widening(noise.dof)
     given = spec.stations.accel_noise_g != "auto", spec.stations.gyro_noise_dph != "auto"
     accel, gyro = (1.0 if stated else factor for stated in given)
     return Noise(accel * noise.accel_g, gyro * noise.gyro_dph, noise.dof)
