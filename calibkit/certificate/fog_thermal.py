@@ -65,8 +65,6 @@ EQUATIONS = {
 RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
 """Temperature rates [°C/min] of which the fastest that the model holds at is taken for the ramp values."""
 BIAS = "bias_at_reference"
-STEP_DEG = 1e-3
-"""Step of latitude [°] of the differences that its share in the bias is taken from."""
 AT_REST = Words("at rest", "稳态")
 
 
@@ -201,11 +199,8 @@ def _without_earth(stated: Stated, record: Record, model: Model, reference: floa
     if BIAS not in figures or not {"latitude", "input_axis_elevation"} <= where.keys():
         return ()
     rate = figures["mean_rate_at_reference"].value
-
-    def along(latitude: float) -> float:
-        return float(earth.along_axis(latitude, where["input_axis_elevation"], where.get("input_axis_azimuth", 0.0)))
-
-    by_latitude = (along(where["latitude"] + STEP_DEG) - along(where["latitude"] - STEP_DEG)) / (2.0 * STEP_DEG)
+    axis = where["latitude"], where["input_axis_elevation"], where.get("input_axis_azimuth", 0.0)
+    by_latitude = float(earth.along_axis_by_latitude(*axis))
     found = stated.result(
         f"{record.stage}.json",
         f"{record.stage}.{BIAS}",

@@ -45,6 +45,13 @@ def along_axis(latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: A
     return np.asarray(along, dtype=np.float64)
 
 
+def along_axis_by_latitude(latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike = 0.0) -> Array:
+    """Derivative of `along_axis` by latitude [°/h/°]: ω_e (cos α sin el − sin α cos el cos az) π/180."""
+    el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
+    north, up = horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
+    return np.asarray(np.radians(north * np.sin(el) - up * np.cos(el) * np.cos(az)), dtype=np.float64)
+
+
 def two_position(up: ArrayLike, down: ArrayLike) -> tuple[Array, Array]:
     """Vertical input rate and bias from means with the input axis up and down, in the unit of the means.
 

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from calibkit.stages.fog_ramps import PreparedLog
 
 RESULT = "bias_at_reference"
-STEP_DEG = 1e-3
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,12 +47,16 @@ class Rest:
         return None if self.earth_dph is None else self.rate_dph - self.earth_dph
 
 
-def earth_rate(recipe: FogThermalRecipe) -> float | None:
-    """Earth's rate [°/h] along the input axis, where latitude and attitude of the axis are given."""
+def earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
+    """Earth's rate [°/h] along the input axis and its derivative by latitude [°/h/°]; none and 0 where it is not known.
+
+    It is where latitude and attitude of the axis are given.
+    """
     axis, latitude = recipe.input_axis, recipe.site.latitude_deg
     if axis is None or latitude is None:
-        return None
-    return float(earth.along_axis(latitude, axis.elevation_deg, axis.azimuth_deg or 0.0))
+        return None, 0.0
+    where = latitude, axis.elevation_deg, axis.azimuth_deg or 0.0
+    return float(earth.along_axis(*where)), float(earth.along_axis_by_latitude(*where))
 
 
 def at_rest(model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe) -> Rest | None:
@@ -66,13 +69,7 @@ def at_rest(model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRe
     rate = float(row @ model.thermal.coefficients)
     u = float(np.sqrt(row @ model.thermal.covariance[:9, :9] @ row))
     turn_on = tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True))
-    seen, slope = earth_rate(recipe), 0.0
-    if seen is not None and recipe.site.latitude_deg is not None:
-        moved = recipe.model_copy(
-            update={"site": recipe.site.model_copy(update={"latitude_deg": recipe.site.latitude_deg + STEP_DEG})}
-        )
-        slope = ((earth_rate(moved) or 0.0) - seen) / STEP_DEG
-    return Rest(temperature, rate, u, seen, slope, turn_on)
+    return Rest(temperature, rate, u, *earth_rate(recipe), turn_on)
 
 
 def flags(rest: Rest | None, recipe: FogThermalRecipe) -> list[str]:
