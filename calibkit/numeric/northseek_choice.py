@@ -9,6 +9,7 @@ import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.numeric import northseek
+from calibkit.numeric.attitude import wrapped
 from calibkit.numeric.northseek_covariance import covariance, root_gradient
 
 if TYPE_CHECKING:
@@ -200,7 +201,7 @@ def log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
 
 def by_heading(found: Estimates, heading_deg: Array) -> NDArray[np.int64]:
     """Column [n] of the root whose azimuth is nearer a heading [n] [°]; −1 without heading or positive root."""
-    difference = np.abs(np.remainder(np.degrees(found.azimuth) - heading_deg[:, None] + 180.0, 360.0) - 180.0)
+    difference = np.abs(wrapped(np.degrees(found.azimuth) - heading_deg[:, None]))
     difference = np.where(found.s > 0.0, difference, np.inf)
     nearer = np.argmin(np.where(np.isnan(difference), np.inf, difference), axis=1)
     known = np.isfinite(heading_deg) & (found.s > 0.0).any(axis=1)

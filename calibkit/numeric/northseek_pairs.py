@@ -7,6 +7,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.numeric.attitude import wrapped
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -54,10 +56,10 @@ def combine(x: Solution, y: Solution) -> Combined:
     used = np.column_stack([[not reason for reason in pair.status] for pair in (x, y)]).astype(np.bool_)
     weight = _weights(x, y, used)
     angles_x, angles_y = _angles(x), _angles(y)
-    difference = np.remainder(angles_y - angles_x + 180.0, 360.0) - 180.0
+    difference = wrapped(angles_y - angles_x)
     # where only one pair is used the weight picks it; NaN of the other must not spread
     joined = np.where(used[:, :1], np.where(used[:, 1:], angles_x + (1.0 - weight) * difference, angles_x), angles_y)
-    plain = np.remainder(y.uncorrected_deg - x.uncorrected_deg + 180.0, 360.0) - 180.0
+    plain = wrapped(y.uncorrected_deg - x.uncorrected_deg)
     uncorrected = np.where(used[:, 0], x.uncorrected_deg, y.uncorrected_deg)
     uncorrected = np.where(used[:, 0] & used[:, 1], x.uncorrected_deg + (1.0 - weight[:, 2]) * plain, uncorrected)
     covariance = _covariance(x, weight, used[:, 0]) + _covariance(y, 1.0 - weight, used[:, 1])
@@ -67,7 +69,7 @@ def combine(x: Solution, y: Solution) -> Combined:
     status = tuple("" if u.any() else _both(a, b) for u, a, b in zip(used, x.status, y.status, strict=True))
     return Combined(
         inclination_deg=inclination,
-        toolface_deg=180.0 - np.remainder(180.0 - joined[:, 1], 360.0),
+        toolface_deg=wrapped(joined[:, 1]),
         azimuth_deg=_full_circle(joined[:, 2]),
         uncorrected_deg=_full_circle(uncorrected),
         covariance=covariance,

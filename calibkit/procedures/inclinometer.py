@@ -58,9 +58,8 @@ def examine(spec: InclinometerRecipe, log: Log) -> Examined:
 def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit s(T) of each gyro to the stations of all logs together."""
     logs = list(copies.distinct(read(spec, data, file) for file in progress(files, "reading")))
-    found = [finding for log in logs for finding in inclinometer_stations.findings(log, spec)]
-    refuse(found)
-    rows = inclinometer_stations.gather([inclinometer_dwells.of(log, spec).log for log in logs], _on_site(spec))
+    admitted, found = inclinometer_stations.admitted(logs, spec)
+    rows = inclinometer_stations.gather(admitted, _on_site(spec))
     stations = inclinometer_stations.stations(rows, spec)
     fits, seen = inclinometer_solve.fit(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
@@ -126,8 +125,8 @@ def validate(
     entries, flags, tables, parts = [], [], [], []
     for file in progress(files, "validating"):
         log = read(spec, data, file)
-        refuse(inclinometer_stations.findings(log, spec))
-        stations, seen, found = _seek(spec, records, inclinometer_dwells.of(log, spec).log)
+        (admitted,), _ = inclinometer_stations.admitted([log], spec)
+        stations, seen, found = _seek(spec, records, admitted)
         errors = inclinometer_azimuth.errors(stations, seen)
         if not errors.known.any():
             raise FrameError(

@@ -9,6 +9,7 @@ import numpy as np
 
 from calibkit.coefficients import Criterion
 from calibkit.numeric import northseek
+from calibkit.numeric.attitude import wrapped
 from calibkit.report.inclinometer import ScaleCurve, SeekingReport
 from calibkit.report.summary import Summary, SummaryTable, number
 
@@ -60,16 +61,11 @@ def errors(stations: Stations, seen: Seen) -> Errors:
     with np.errstate(invalid="ignore"):
         return Errors(
             np.where(seen.refused, np.nan, joined.inclination_deg - reference[:, 0]),
-            _wrapped(joined.toolface_deg - reference[:, 1]),
-            _wrapped(joined.uncorrected_deg - reference[:, 2]),
-            _wrapped(joined.azimuth_deg - reference[:, 2]),
+            wrapped(joined.toolface_deg - reference[:, 1]),
+            wrapped(joined.uncorrected_deg - reference[:, 2]),
+            wrapped(joined.azimuth_deg - reference[:, 2]),
             joined.standard_uncertainty[:, 2],
         )
-
-
-def _wrapped(angle: Array) -> Array:
-    """Angle in [−180, 180) [°]."""
-    return np.asarray(np.remainder(angle + 180.0, 360.0) - 180.0, dtype=np.float64)
 
 
 def rms(values: Array) -> float:
@@ -216,7 +212,7 @@ def drawing(fits: Mapping[Sensor, ScaleFit], stations: Stations, seen: Seen, spe
     label = northseek.label(
         np.radians(seen.joined.inclination_deg), np.radians(seen.joined.azimuth_deg), spec.site.latitude_deg
     )
-    shift = _wrapped(seen.joined.azimuth_deg - seen.joined.uncorrected_deg)
+    shift = wrapped(seen.joined.azimuth_deg - seen.joined.uncorrected_deg)
     table = station_table(stations, seen, TITLE)
     return SeekingReport(curves, label, found.before, found.after, shift, found.standard_uncertainty, table)
 

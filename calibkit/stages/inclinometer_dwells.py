@@ -11,7 +11,7 @@ import numpy as np
 from calibkit import check
 from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
-from calibkit.numeric import northseek
+from calibkit.numeric import attitude, northseek
 from calibkit.numeric.dwells import averages
 
 if TYPE_CHECKING:
@@ -137,7 +137,7 @@ def _averages(log: Log, start: Index, stop: Index) -> tuple[pd.DataFrame, dict[s
         if name in DIRECTIONS:
             # the rows of a dwell as departures from its first: 359.98° and 0.01° are neighbours
             first = np.repeat(columns[start, k], np.diff(np.append(start, len(columns))))
-            columns[start[0] :, k] = first + (columns[start[0] :, k] - first + 180.0) % 360.0 - 180.0
+            columns[start[0] :, k] = first + attitude.wrapped(columns[start[0] :, k] - first)
     found = averages(columns, intervals)
     frame = pd.DataFrame(found.mean, columns=names, index=log.frame.index[start])
     return frame, dict(zip(names, found.standard_error.T, strict=True))
@@ -161,27 +161,27 @@ def _open(log: Log, errors: Mapping[str, Array], spec: InclinometerRecipe) -> li
     r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of one attitude holds neither signal nor bias.
     """
     station, position = values(log.frame, "station"), values(log.frame, "position_deg")
-    sign = 1.0 - 2.0 * (np.round(position / 90.0) % 2.0)
+    names = [
+        (kind, f"{kind}_{axis}_{suffix}") for axis in spec.axes for kind, suffix in (("accel", "g"), ("gyro", "dph"))
+    ]
+    four = northseek.arrange(station, position, np.column_stack([values(log.frame, name) for _, name in names]))
+    known = northseek.arrange(station, position, np.column_stack([errors[name] for _, name in names]))
+    closures = 2.0 * northseek.closures(np.moveaxis(four.indication, 1, -1))
+    certain = CERTAIN * np.sqrt(np.sum(known.indication**2, axis=1))
     found = []
-    for axis in spec.axes:
-        for kind, suffix in (("accel", "g"), ("gyro", "dph")):
-            name = f"{kind}_{axis}_{suffix}"
-            limit, unit = CLOSURE[kind]
-            reading = values(log.frame, name)
-            for number in np.unique(station):
-                rows = np.flatnonzero(station == number)
-                closure = float(sign[rows] @ reading[rows])
-                error = float(np.sqrt(np.sum(errors[name][rows] ** 2)))
-                if rows.size == len(northseek.POSITIONS_DEG) and abs(closure) > max(limit, CERTAIN * error):
-                    found.append(
-                        Finding(
-                            f"{log.place(int(rows[0]))}: station {number:g}: {name}",
-                            f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closure:.3g} {unit}",
-                            f"at most {limit:g} {unit} of one attitude",
-                            "the tool was moved between these dwells: give a column station, or leave out with [[exclude]] the "
-                            "dwells that make no four",
-                            name="closure",
-                            line=check.line(log, int(rows[0])),
-                        )
-                    )
+    for column, (kind, name) in enumerate(names):
+        limit, unit = CLOSURE[kind]
+        for k in np.flatnonzero(np.abs(closures[:, column]) > np.maximum(limit, certain[:, column])).tolist():
+            row = int(np.flatnonzero(station == four.station[k])[0])
+            found.append(
+                Finding(
+                    f"{log.place(row)}: station {four.station[k]:g}: {name}",
+                    f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closures[k, column]:.3g} {unit}",
+                    f"at most {limit:g} {unit} of one attitude",
+                    "the tool was moved between these dwells: give a column station, or leave out with [[exclude]] the "
+                    "dwells that make no four",
+                    name="closure",
+                    line=check.line(log, row),
+                )
+            )
     return found

@@ -9,6 +9,7 @@ import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.numeric import northseek_choice, northseek_pairs, northseek_prior
+from calibkit.numeric.attitude import wrapped
 from calibkit.numeric.northseek_choice import Prior
 from calibkit.numeric.northseek_prior import History
 
@@ -128,7 +129,7 @@ def require_consistent(seen: Seen, where: str) -> None:
     if len(seen.solutions) == 2:
         x, y = (seen.solutions[axis].toolface_deg for axis in ("x", "y"))
         with np.errstate(invalid="ignore"):
-            apart = int(np.sum(np.abs(180.0 - np.mod(180.0 - (x - y), 360.0)) > APART_DEG))
+            apart = int(np.sum(np.abs(wrapped(x - y)) > APART_DEG))
         if 2 * apart > count:
             raise FitError(
                 f"{where}: the two sensor pairs see toolfaces more than {APART_DEG:g}° apart at {apart} of {count} stations",

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import check
-from calibkit.frame import Examined, Finding, Log, values
-from calibkit.numeric import northseek, northseek_fit
+from calibkit.frame import Examined, Finding, Log, refuse, values
+from calibkit.numeric import attitude, northseek, northseek_fit
 from calibkit.stages import inclinometer_dwells, inclinometer_noise
 from calibkit.stages.inclinometer_noise import Closing, Noise
 from calibkit.stages.ingest import unmapped
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from calibkit.numeric.northseek import Components, Sensor
     from calibkit.recipe.inclinometer import InclinometerRecipe
+    from calibkit.stages.inclinometer_dwells import Dwelt
 
     Array = NDArray[np.float64]
     Index = NDArray[np.int64]
@@ -78,20 +79,30 @@ def needed(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
     return tuple(wanted), tuple(name for name in ("station", "time_s", TEMPERATURE, *REFERENCE) if name not in wanted)
 
 
-def findings(log: Log, spec: InclinometerRecipe) -> list[Finding]:
-    """Everything that is wrong with a log and its stations; a calibration takes only logs without a refused finding."""
-    return list(examine(log, spec).findings)
-
-
 def examine(log: Log, spec: InclinometerRecipe) -> Examined:
     """Findings of a log, and its stations: the rows of one station number that follow each other, or its dwells."""
+    dwelt, found = dwells(log, spec)
+    held = () if dwelt is None else (*dwelt.held("station"), *dwelt.held("dwell"))
+    return Examined(tuple(found), held)
+
+
+def admitted(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log], list[Finding]]:
+    """Logs of one row a position and the findings of all; raises FrameError with all that are refused."""
+    looked = [dwells(log, spec) for log in logs]
+    found = [finding for _, findings in looked for finding in findings]
+    refuse(found)
+    return [dwelt.log for dwelt, _ in looked if dwelt is not None], found
+
+
+def dwells(log: Log, spec: InclinometerRecipe) -> tuple[Dwelt | None, list[Finding]]:
+    """Dwells of a log, none where it is refused as a whole, and everything that is wrong with it and its stations."""
     columns = [name for name in log.frame.columns if name not in REFERENCE]
     found = [*check.rows(log, 3), *check.finite(log, columns)]
     if any(finding.refused for finding in found):
-        return Examined(tuple(found))
+        return None, found
     found += unusable(log, spec)
     if any(finding.refused for finding in found):
-        return Examined(tuple(found))
+        return None, found
     dwelt = inclinometer_dwells.of(log, spec)
     found += dwelt.findings
     if spec.stations.method == "four_differences":
@@ -100,7 +111,7 @@ def examine(log: Log, spec: InclinometerRecipe) -> Examined:
         gyros = [f"gyro_{axis}_dph" for axis in spec.axes]
         found += [finding for gyro in gyros for finding in check.magnitude.gyro(log, gyro)]
         found += check.magnitude.compensated(log, spec, gyros)
-    return Examined(tuple(found), (*dwelt.held("station"), *dwelt.held("dwell")))
+    return dwelt, found
 
 
 def unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
@@ -347,10 +358,8 @@ def _means(column: Array, station: Index, count: int) -> Array:
 
 def _directions(column: Array, station: Index, count: int) -> Array:
     """Mean direction [°] of each station [count], around the circle; one value a station is kept as it is."""
-    angle = np.radians(column)
     first = np.full(count, np.nan)
     finite = np.isfinite(column)
     first[station[finite][::-1]] = column[finite][::-1]
     # the mean departure from the first value: no rounding where all are the same
-    departure = np.degrees(np.angle(np.exp(1j * (angle - np.radians(first)[station]))))
-    return first + _means(departure, station, count)
+    return first + _means(attitude.wrapped(column - first[station]), station, count)
