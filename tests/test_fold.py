@@ -7,12 +7,6 @@ from calibkit.errors import FitError
 from calibkit.numeric import fit, fold
 
 
-def test_blocks_cover_the_rows_once():
-    """Slices follow one another to the last row."""
-    assert [(part.start, part.stop) for part in fold.blocks(10, 4)] == [(0, 4), (4, 8), (8, 10)]
-    assert list(fold.blocks(0)) == []
-
-
 def test_triangle_has_the_gram_matrix_of_the_rows():
     """RᵀR is the rows' Gram matrix, whatever the blocks, also for fewer rows than columns."""
     rows = np.random.default_rng(0).normal(size=(500, 7))

@@ -38,6 +38,12 @@ def drifting(rows=ROWS, seed=0):
     return t, np.round(8_000_000.0 + 30.0 * t - 2e-4 * t**2 + noise)
 
 
+def test_blocks_cover_the_rows_once():
+    """Slices follow one another to the last row."""
+    assert [(part.start, part.stop) for part in gram.blocks(10, 4)] == [(0, 4), (4, 8), (8, 10)]
+    assert list(gram.blocks(0, 4)) == []
+
+
 def test_a_polynomial_has_twelve_digits_of_the_exact_one():
     """Bias, slope and curvature of 30,000 integer readings agree with rational arithmetic to 1e-12."""
     t, y = drifting()

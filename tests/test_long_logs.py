@@ -129,6 +129,20 @@ def test_a_setting_that_is_no_number_is_refused(folder, monkeypatch):
         prepared(folder)
 
 
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("row", [0, spans.ROWS - 1, spans.ROWS, spans.ROWS + 6])
+def test_one_value_that_is_not_finite_is_seen_in_any_span(bad, row):
+    """First, last and over the edge of a span; infinities of both signs, and sums that overflow, do not hide or feign one."""
+    column = np.ones(spans.ROWS + 7)
+    assert spans.finite(column)
+    assert spans.finite(np.full(spans.ROWS + 7, 1e308))
+    column[row] = bad
+    assert not spans.finite(column)
+    column[3] = -bad
+    assert not spans.finite(column)
+    assert spans.finite(column[:0])
+
+
 @given(st.lists(st.floats(-5.0, 5.0).map(lambda x: round(x, 1)), min_size=1, max_size=300), st.integers(1, 40))
 @settings(max_examples=150, deadline=None)
 def test_the_median_in_spans_is_that_of_numpy(values, rows):

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
+from calibkit.numeric import spans
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -99,7 +100,7 @@ def overlapping(
     if factors.size == 0:
         raise FitError("every other sample is a gap: no two whole neighbours", hint="look at how the log marks gaps")
     total = running_sum(rate)
-    missing = None if _gapless(rate) else np.cumsum(np.concatenate(([0], np.isnan(rate))))
+    missing = None if spans.finite(rate) else np.cumsum(np.concatenate(([0], np.isnan(rate))))
     variance, pairs = np.array([_pair_variance(total, missing, int(m)) for m in factors]).T
     kinds = identified_noise(total, missing, factors) if noise == "identify" else (noise,) * factors.size
     dof = np.array([equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)])
@@ -116,7 +117,7 @@ def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int 
 
 def whole_runs(rate: Array) -> Counts:
     """Lengths [g] of the stretches of rate [n] that hold no gap; a single zero when there is none."""
-    if _gapless(rate):
+    if spans.finite(rate):
         return np.array([rate.size], dtype=np.int64)
     edges = np.flatnonzero(np.diff(np.concatenate(([True], np.isnan(rate), [True])).astype(np.int8)))
     lengths = np.asarray(edges[1::2] - edges[::2], dtype=np.int64)
@@ -125,7 +126,7 @@ def whole_runs(rate: Array) -> Counts:
 
 def running_sum(rate: Array) -> Array:
     """Running sum [n + 1] of rate [n] less its mean, gaps as zero; carried over blocks in extended precision."""
-    mean, gapless = _finite_mean(rate), _gapless(rate)
+    mean, gapless = _finite_mean(rate), spans.finite(rate)
     total = np.empty(rate.size + 1)
     total[0] = 0.0
     carry = np.longdouble(0.0)
@@ -141,14 +142,9 @@ def running_sum(rate: Array) -> Array:
     return total
 
 
-def _gapless(rate: Array) -> bool:
-    """Whether rate [n] holds no NaN: their sum tells, in one pass and without a mask."""
-    return bool(np.isfinite(np.sum(rate)))
-
-
 def _finite_mean(rate: Array) -> float:
     """Mean of the samples that are not NaN."""
-    return float(np.mean(rate) if _gapless(rate) else np.nanmean(rate))
+    return float(np.mean(rate) if spans.finite(rate) else np.nanmean(rate))
 
 
 def _pair_variance(total: Array, missing: Counts | None, factor: int) -> tuple[float, int]:
@@ -378,9 +374,9 @@ def _curve(
 
 def _require_record(rate: Array, interval_s: float) -> None:
     """Refuse what has no deviation: too few samples, infinite ones, no interval."""
-    if rate.ndim != 1 or rate.size < 3 or (not _gapless(rate) and int(np.sum(~np.isnan(rate))) < 3):
+    if rate.ndim != 1 or rate.size < 3 or (not spans.finite(rate) and int(np.sum(~np.isnan(rate))) < 3):
         raise FitError(f"a record of shape {rate.shape} holds fewer than three rates", hint="record for longer")
-    if not _gapless(rate) and np.isinf(rate).any():
+    if not spans.finite(rate) and np.isinf(rate).any():
         raise FitError("an infinite rate in the record", hint="mark unusable samples as missing (NaN)")
     if not (np.isfinite(interval_s) and interval_s > 0.0):
         raise FitError(f"the sampling interval is {interval_s!r} s, expected a positive number")

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import difflib
-import math
 from bisect import bisect_left
 from dataclasses import dataclass
 from functools import lru_cache
@@ -14,7 +13,7 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.numeric.lifting import BLOCK, forward, inverse, scheme, span, untouched
 from calibkit.numeric.shrinkage import RULES, THRESHOLDS, noise, noise_gains, universal
-from calibkit.numeric.spans import along, release
+from calibkit.numeric.spans import finite, release
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -245,14 +244,11 @@ def _noise(parts: Decomposition, lifting: Scheme) -> Array:
 def _checked(signal: Array) -> Array:
     """The signal as an array of finite numbers."""
     samples = np.ascontiguousarray(signal, dtype=np.float64)
-    with np.errstate(all="ignore"):
-        total = sum(float(np.sum(samples[a:b])) for a, b in along(samples))
-    # one pass without a mask: a sum is finite only where every term is
-    finite = np.isfinite(samples) if not math.isfinite(total) else np.ones(1, dtype=np.bool_)
-    if not finite.all():
+    if not finite(samples):
+        known = np.isfinite(samples)
         raise FitError(
-            f"{samples.size - np.count_nonzero(finite)} of {samples.size} samples are not finite, the first is sample "
-            f"{int(np.argmin(finite))}",
+            f"{samples.size - np.count_nonzero(known)} of {samples.size} samples are not finite, the first is sample "
+            f"{int(np.argmin(known))}",
             hint="exclude or split the segment there: a wavelet spreads one bad sample over its whole filter",
         )
     return samples

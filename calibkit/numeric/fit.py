@@ -26,14 +26,16 @@ REFINEMENT_STEPS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class LinearFit:
-    """A finished linear fit: coefficients [p], covariance [p, p] (type A), residuals [n] in the unit of the indication."""
+class Reduced:
+    """What a linear fit leaves of any number of rows: nothing in it grows with them."""
 
     coefficients: Array
+    """[p]."""
     covariance: Array
-    residuals: Array
+    """[p, p], type A."""
     dof: int
     residual_rms: float
+    """Root of the weighted mean square [unit of the indication]."""
     condition: float
     """Of the columns scaled to unit length, within a power of two each."""
 
@@ -46,6 +48,17 @@ class LinearFit:
     def standard_uncertainty(self) -> Array:
         """Square roots of the covariance's diagonal [p]."""
         return np.sqrt(np.diag(self.covariance))
+
+    def having(self, residuals: Array) -> LinearFit:
+        """The fit with its residuals [n] [unit of the indication]."""
+        return LinearFit(self.coefficients, self.covariance, self.dof, self.residual_rms, self.condition, residuals)
+
+
+@dataclass(frozen=True, slots=True)
+class LinearFit(Reduced):
+    """A finished linear fit with its residuals [n] in the unit of the indication."""
+
+    residuals: Array
 
 
 def linear(design: Array, indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()) -> LinearFit:
@@ -74,9 +87,9 @@ def linear(design: Array, indication: Array, *, weights: Array | None = None, na
     """
     rows, columns = design.shape
     names = tuple(names) or tuple(f"column {j}" for j in range(columns))
-    tall = _tall(lambda part: design[part], indication, weights)
-    if tall is not None:
-        return tall
+    found = _tall(lambda part: design[part], indication, weights)
+    if found is not None:
+        return found
     if rows < columns:
         raise FitError(
             f"{rows} rows for {columns} coefficients ({', '.join(names)})", hint="add data or lower the order"
@@ -100,19 +113,26 @@ def linear(design: Array, indication: Array, *, weights: Array | None = None, na
     inverse = solve_triangular(r, np.eye(columns)) / scale[:, None]
     covariance = inverse @ inverse.T * (square / dof if dof else 0.0)
     rms = float(np.sqrt(square / np.sum(root**2)))
-    return LinearFit(coefficients, covariance, residuals, dof, rms, condition)
+    return Reduced(coefficients, covariance, dof, rms, condition).having(residuals)
 
 
-def _tall(design: Callable[[slice], Array], indication: Array, weights: Array | None) -> LinearFit | None:
+def tall(design: Callable[[slice], Array], indication: Array, weights: Array | None) -> Reduced | None:
     """The fit of many well-conditioned rows by normal equations; None for few, or where they would lose digits."""
     rows = len(indication)
     normal = gram.solve(design, indication, weights) if rows >= gram.TALL else None
     if normal is None:
         return None
     dof = rows - normal.coefficients.size
-    residuals = gram.residuals(design, indication, normal.coefficients)
     rms = float(np.sqrt(normal.square / float(rows if weights is None else np.sum(weights))))
-    return LinearFit(normal.coefficients, normal.inverse * (normal.square / dof), residuals, dof, rms, normal.condition)
+    return Reduced(normal.coefficients, normal.inverse * (normal.square / dof), dof, rms, normal.condition)
+
+
+def _tall(design: Callable[[slice], Array], indication: Array, weights: Array | None) -> LinearFit | None:
+    """The same with residuals."""
+    found = tall(design, indication, weights)
+    if found is None:
+        return None
+    return found.having(gram.residuals(design, indication, found.coefficients))
 
 
 def undetermined(design: Array, names: Sequence[str]) -> list[str]:

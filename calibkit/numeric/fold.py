@@ -7,7 +7,6 @@ the memory is that of a block, and the block stays in the cache.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,7 +16,7 @@ from calibkit.numeric import fit as least_squares
 from calibkit.numeric import gram
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
@@ -27,35 +26,10 @@ BLOCK_ROWS = 2048
 """Rows of a block that is factorised: 150 kilobytes at nine columns, which stay in the cache."""
 
 
-@dataclass(frozen=True, slots=True)
-class Reduced:
-    """What a fit leaves of any number of rows: nothing in it grows with them."""
-
-    coefficients: Array
-    """[p]."""
-    covariance: Array
-    """[p, p], type A."""
-    dof: int
-    residual_rms: float
-    """Root of the weighted mean square [unit of the indication], as in `fit.LinearFit`."""
-    condition: float
-    """Of the columns scaled to unit length, within a power of two each."""
-
-    @property
-    def rank(self) -> int:
-        """All of the p coefficients: a fit whose data leave one undetermined is refused."""
-        return self.coefficients.size
-
-
-def blocks(rows: int, size: int = BLOCK_ROWS) -> Iterator[slice]:
-    """Slices that cover the rows in order."""
-    return gram.blocks(rows, size)
-
-
 def triangle(block: Callable[[slice], Array], rows: int, size: int = BLOCK_ROWS) -> Array:
     """R [min(rows, p), p] of the rows that `block` gives slice by slice, each [m, p]."""
     folded: Array | None = None
-    for part in blocks(rows, size):
+    for part in gram.blocks(rows, size):
         stacked = block(part) if folded is None else np.concatenate([folded, block(part)])
         folded = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
     return np.zeros((0, 0)) if folded is None else folded
@@ -63,7 +37,7 @@ def triangle(block: Callable[[slice], Array], rows: int, size: int = BLOCK_ROWS)
 
 def reduced(
     design: Callable[[slice], Array], indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()
-) -> Reduced:
+) -> least_squares.Reduced:
     """Fit indication = design · coefficients as `fit.linear` does, in the memory of a block.
 
     Parameters
@@ -85,11 +59,9 @@ def reduced(
     """
     rows = len(indication)
     total = float(rows if weights is None else np.sum(weights))
-    normal = gram.solve(design, indication, weights) if rows >= gram.TALL else None
-    if normal is not None:
-        dof = rows - normal.coefficients.size
-        covariance = normal.inverse * (normal.square / dof)
-        return Reduced(normal.coefficients, covariance, dof, float(np.sqrt(normal.square / total)), normal.condition)
+    found = least_squares.tall(design, indication, weights)
+    if found is not None:
+        return found
     root = np.ones(rows) if weights is None else np.sqrt(weights)
     whole = triangle(lambda part: np.column_stack([design(part), indication[part]]) * root[part, None], rows)
     columns = whole.shape[1] - 1
@@ -99,7 +71,7 @@ def reduced(
     # the triangle has p + 1 rows, one degree of freedom, and the same sum of squares
     square = float(np.sum(solved.residuals**2))
     covariance = solved.covariance * (solved.dof / max(dof, 1))
-    return Reduced(coefficients, covariance, dof, float(np.sqrt(square / total)), solved.condition)
+    return least_squares.Reduced(coefficients, covariance, dof, float(np.sqrt(square / total)), solved.condition)
 
 
 def linear(
@@ -114,15 +86,12 @@ def linear(
 
     """
     found = reduced(design, indication, weights=weights, names=names)
-    residuals = gram.residuals(design, indication, found.coefficients)
-    return least_squares.LinearFit(
-        found.coefficients, found.covariance, residuals, found.dof, found.residual_rms, found.condition
-    )
+    return found.having(gram.residuals(design, indication, found.coefficients))
 
 
 def polynomial(
     abscissa: Array, indication: Array, order: int, *, weights: Array | None = None
-) -> tuple[Reduced, Array, Array]:
+) -> tuple[least_squares.Reduced, Array, Array]:
     """Fit a polynomial of any number of rows as `fit.polynomial` does, in the memory of a block.
 
     Parameters

@@ -169,7 +169,7 @@ def _linearise(residuals: Residuals, parameters: Array, rows: int, block_rows: i
     width = parameters.size + 1
     triangle = np.zeros((0, width))
     count = 0
-    for part in fold.blocks(rows, block_rows):
+    for part in gram.blocks(rows, block_rows):
         residual, slope = residuals(parameters, part)
         count += residual.size
         stacked = np.concatenate([triangle, np.column_stack([slope, residual])])

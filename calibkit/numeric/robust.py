@@ -117,7 +117,7 @@ def linear(design: Array, indication: Array, *, weights: Array | None = None, na
     good = np.abs(studentised) <= SUSPECT
     rms = float(np.sqrt(np.sum((root * residuals)[good] ** 2) / np.sum(root[good] ** 2)))
     finished = least_squares.LinearFit(
-        final.coefficients, covariance, residuals, int(good.sum()) - columns, rms, final.condition
+        final.coefficients, covariance, int(good.sum()) - columns, rms, final.condition, residuals
     )
     return RobustFit(finished, row_weights, studentised, suspects)
 
