@@ -1,6 +1,7 @@
 """The fast reader: the strict reader's numbers, digest and rows for a clean log, and nothing for any other."""
 
 import numpy as np
+import pandas as pd
 import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
@@ -34,20 +35,30 @@ def same(path):
     assert (quick.notes, quick.reading, quick.units) == (strict.notes, strict.reading, strict.units)
 
 
-@given(ROWS, st.sampled_from(["\n", "\r\n"]), st.sampled_from(["", "\ufeff"]), st.sampled_from([7, 64, 1 << 22]))
+ENDS, STARTS = st.sampled_from(["\n", "\r\n"]), st.sampled_from(["", "\ufeff"])
+
+
+def compiled(patch, *, use):
+    """Let the reader have compiled kernels or not."""
+    if not use:
+        patch.setattr(clean, "kernels", lambda: None)
+
+
+@given(ROWS, ENDS, STARTS, st.sampled_from([7, 64, 1 << 22]), st.booleans())
 @settings(max_examples=150, deadline=None)
-def test_clean_logs_come_out_as_from_the_strict_reader(tmp_path_factory, rows, end, start, block):
-    """Any numbers, either line end, with or without a byte-order mark, blocks that cut anywhere: bit for bit."""
+def test_clean_logs_come_out_as_from_the_strict_reader(tmp_path_factory, rows, end, start, block, kernels):
+    """Any numbers, either line end, byte-order mark, blocks that cut anywhere, compiled or not: bit for bit."""
     path = tmp_path_factory.mktemp("clean") / "log.csv"
     path.write_bytes(text_of(rows, end, start))
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(clean, "BLOCK", block)
+        compiled(patch, use=kernels)
         same(path)
 
 
-@given(ROWS, st.data())
-@settings(max_examples=300, deadline=None)
-def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(tmp_path_factory, rows, data):
+@given(ROWS, st.data(), st.booleans())
+@settings(max_examples=400, deadline=None)
+def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(tmp_path_factory, rows, data, kernels):
     """One byte changed, removed or added anywhere: nothing, or what the strict reader reads, never other numbers."""
     whole = text_of(rows)
     at = data.draw(st.integers(0, len(whole) - 1))
@@ -56,7 +67,9 @@ def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(tmp_path_facto
     spoilt = whole[:at] + (b"" if kind == "remove" else byte) + whole[at + (kind != "add") :]
     path = tmp_path_factory.mktemp("spoilt") / "log.csv"
     path.write_bytes(spoilt)
-    quick = clean.read(path, "log.csv")
+    with pytest.MonkeyPatch.context() as patch:
+        compiled(patch, use=kernels)
+        quick = clean.read(path, "log.csv")
     if quick is not None:
         strict = delimited.read(path, "log.csv", NAMES)
         assert quick.sha256 == strict.sha256
@@ -74,14 +87,36 @@ def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(tmp_path_facto
         "1,2,3\r4,5,6\r",
         "1,2,3 \n",
         "1,2,3\n4,5,6\r\n7,8,9\r",
+        "1,2,3\r\r\n",
+        "1,2,1e\n4,5,6\n",
+        "1,2,1e+\n",
+        "1,2,.\n",
+        "1,2,-\n",
+        "1,2,0x10\n",
+        "1,2,1_0\n",
+        "1,2,3\x00\n",
         "",
     ],
-    ids=["fields", "no end", "blank line", "nan", "return first", "old Mac", "blank", "cut return", "no rows"],
+    ids=[
+        *("fields", "no end", "blank line", "nan", "return first", "old Mac", "blank", "cut return", "two returns"),
+        *(
+            "no exponent",
+            "only its sign",
+            "only a point",
+            "only a sign",
+            "hexadecimal",
+            "underscore",
+            "zero",
+        ),
+        "no rows",
+    ],
 )
 @pytest.mark.parametrize("block", [3, 1 << 22])
-def test_what_is_not_clean_is_not_read(tmp_path, monkeypatch, body, block):
-    """Each kind of irregular log gives nothing, wherever a block ends."""
+@pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
+def test_what_is_not_clean_is_not_read(tmp_path, monkeypatch, body, block, kernels):
+    """Each kind of irregular log gives nothing, wherever a block ends, compiled or not."""
     monkeypatch.setattr(clean, "BLOCK", block)
+    compiled(monkeypatch, use=kernels)
     path = tmp_path / "log.csv"
     path.write_bytes((",".join(NAMES) + "\n" + body).encode())
     assert clean.read(path, "log.csv") is None
@@ -98,14 +133,14 @@ def test_a_log_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch):
     """A row added behind the parser's back: one line that names the log."""
     path = tmp_path / "log.csv"
     path.write_bytes(text_of([("1", "2", "3")]))
-    parsed = clean._numbers
+    parsed = clean._parsed
 
-    def growing(block, fields):
+    def growing(block, columns):
         with path.open("ab") as stream:
             stream.write(b"4,5,6\n")
-        return parsed(block, fields)
+        return parsed(block, columns)
 
-    monkeypatch.setattr(clean, "_numbers", growing)
+    monkeypatch.setattr(clean, "_parsed", growing)
     with pytest.raises(LogFormatError, match=r"log\.csv: it changed while it was read"):
         clean.read(path, "log.csv")
 
@@ -123,3 +158,56 @@ def test_numbers_of_seventeen_digits_are_the_nearest(tmp_path):
     path = tmp_path / "log.csv"
     path.write_bytes(text_of([tuple(map(repr, row)) for row in values.tolist()]))
     assert clean.read(path, "log.csv").frame.to_numpy().tobytes() == values.tobytes()
+
+
+@pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
+@pytest.mark.parametrize("text", ["%.19f", "%.17e", "%.25f", "%.4f", "%.0f"])
+def test_numbers_of_any_length_are_the_nearest(tmp_path, monkeypatch, kernels, text):
+    """2,000 numbers a column, of few or many digits, are those that Python makes of their text."""
+    compiled(monkeypatch, use=kernels)
+    rng = np.random.default_rng(6)
+    rows = [tuple(text % x for x in row) for row in (rng.normal(0.0, 1e3, (2000, 3))).tolist()]
+    path = tmp_path / "log.csv"
+    path.write_bytes(text_of(rows))
+    expected = np.array([[float(field) for field in row] for row in rows])
+    assert clean.read(path, "log.csv").frame.to_numpy().tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
+def test_numbers_half_way_between_two_doubles_or_close_to_it_are_rounded_as_python_does(tmp_path, monkeypatch, kernels):
+    """Ties, to all their digits, a digit more and a digit less, and 30,000 numbers of 19 digits, of which a thousandth is next to one."""
+    compiled(monkeypatch, use=kernels)
+    ties = [str((2 * m + 1) << k) for m in range(2**52 + 5, 2**52 + 300, 7) for k in (0, 1, 4)]
+    rng = np.random.default_rng(8)
+    long = [f"{digits:019d}" for digits in rng.integers(10**18, 9 * 10**18, 30_000).tolist()]
+    cut = [f"{text[:at]}.{text[at:]}" for text, at in zip(long, rng.integers(0, 19, len(long)).tolist(), strict=True)]
+    fields = [text + more for text in ties for more in ("", ".", ".0", ".1", "e0")] + cut
+    rows = [(field, f"-{field}", "0") for field in fields]
+    path = tmp_path / "log.csv"
+    path.write_bytes(text_of(rows))
+    expected = np.array([[float(field) for field in row] for row in rows])
+    assert clean.read(path, "log.csv").frame.to_numpy().tobytes() == expected.tobytes()
+
+
+@pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
+def test_a_line_that_is_no_row_of_numbers_is_named_in_pieces(tmp_path, monkeypatch, kernels):
+    """A field of a number's bytes that is none gets by the scan; the piece that holds it names file, line and what it found."""
+    compiled(monkeypatch, use=kernels)
+    path = tmp_path / "log.csv"
+    path.write_bytes(text_of([("1", "2", "3")] * 50 + [("1", "2-3", "4")] + [("1", "2", "3")] * 9))
+    scan = clean.scanned(path, "log.csv")
+    with pytest.raises(LogFormatError, match=r"log\.csv:52: found '1,2-3,4', expected 3 numbers"):
+        list(clean.pieces(path, "log.csv", scan, 20))
+
+
+@pytest.mark.parametrize("rows", [1, 7, 60, 1000])
+def test_pieces_joined_are_the_log(tmp_path, monkeypatch, rows):
+    """Pieces of any size, from blocks that end anywhere, are the rows of the log; all but the last have that size."""
+    monkeypatch.setattr(clean, "BLOCK", 50)
+    values = np.random.default_rng(7).normal(size=(60, 3))
+    path = tmp_path / "log.csv"
+    path.write_bytes(text_of([tuple(map(repr, row)) for row in values.tolist()]))
+    tables = list(clean.pieces(path, "log.csv", clean.scanned(path, "log.csv"), rows))
+    assert [len(table.frame) for table in tables[:-1]] == [rows] * (len(tables) - 1)
+    joined = pd.concat([table.frame for table in tables])
+    assert joined.equals(clean.read(path, "log.csv").frame)

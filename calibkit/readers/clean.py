@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, BinaryIO, cast
 import numpy as np
 
 from calibkit.errors import LogFormatError
+from calibkit.native import kernels
 from calibkit.readers import delimited
 from calibkit.readers.table import Table
 
@@ -76,37 +77,39 @@ def _columns(stream: BinaryIO, digest: hashlib._Hash, fields: int, size: int) ->
     """Digest and columns of what follows the header in a file of `size` bytes, or none where a block is not clean."""
     store: tuple[Array, ...] = tuple(np.empty(0) for _ in range(fields))
     rows = seen = 0
-    with ThreadPoolExecutor(WORKERS) as beside:
-        parsing: deque[tuple[int, Future[list[Array] | None]]] = deque()
-        blocks = _blocks(stream)
-        while (block := next(blocks, b"")) or parsing:
-            if block:
-                digest.update(block)
-                parsing.append((len(block), beside.submit(_numbers, block, fields)))
-            if block and len(parsing) <= WORKERS:
-                continue
-            length, parsed = parsing.popleft()
-            numbers = parsed.result()
-            if numbers is None:
+    under_way: deque[tuple[Future[bool], Future[None]]] = deque()
+    # digests go block after block, in one thread; each block is parsed into its own rows of the columns
+    with ThreadPoolExecutor(WORKERS) as beside, ThreadPoolExecutor(1) as hashing:
+        for block in _blocks(stream):
+            lines = block.count(b"\n")
+            seen += len(block)
+            if rows + lines > store[0].size:
+                if not _done(under_way):
+                    return None
+                store = _longer(store, rows, int(1.02 * (rows + lines) * size / seen) + 1)
+            own = [column[rows : rows + lines] for column in store]
+            under_way.append((beside.submit(_parsed, block, own), hashing.submit(digest.update, block)))
+            rows += lines
+            if not _done(under_way, but=WORKERS):
                 return None
-            seen += length
-            store = _stored(store, numbers, rows, size / seen)
-            rows += numbers[0].size
+        if not _done(under_way):
+            return None
     return _Columns(digest.hexdigest(), tuple(column[:rows] for column in store)) if rows else None
 
 
-def _stored(store: tuple[Array, ...], numbers: list[Array], row: int, share: float) -> tuple[Array, ...]:
-    """Columns with those [m] of a block from a row on; made longer for the rest of the file where they are full.
+def _done(under_way: deque[tuple[Future[bool], Future[None]]], but: int = 0) -> bool:
+    """Wait for the first blocks under way until so many are left; whether all of them were clean."""
+    clean = True
+    while len(under_way) > but:
+        parsed, hashed = under_way.popleft()
+        hashed.result()
+        clean &= parsed.result()
+    return clean
 
-    `share` is the length of the file, of what has been read of it.
-    """
-    stop = row + numbers[0].size
-    if stop > store[0].size:
-        more = int(1.02 * stop * share) + 1
-        store = tuple(np.concatenate((column[:row], np.empty(more - row))) for column in store)
-    for column, values in zip(store, numbers, strict=True):
-        column[row:stop] = values
-    return store
+
+def _longer(store: tuple[Array, ...], rows: int, room: int) -> tuple[Array, ...]:
+    """Columns with room for more rows, the first so many of which are kept."""
+    return tuple(np.concatenate((column[:rows], np.empty(room - rows))) for column in store)
 
 
 @dataclass(frozen=True, slots=True)
@@ -131,23 +134,58 @@ def scanned(path: Path, file: str) -> Scanned | None:
 
 
 def pieces(path: Path, file: str, scan: Scanned, rows: int) -> Iterator[Table]:
-    """Tables of at most `rows` rows of a scanned file, one after the other; the index counts on."""
+    """Tables of at most `rows` rows of a scanned file, one after the other; the index counts on.
+
+    Raises LogFormatError for a line of anything but numbers, and for a file that changed since it was scanned.
+    """
+    fields, count, filled = len(scan.header), 0, 0
+    piece = _room(fields, rows)
+    try:
+        with path.open("rb") as stream:
+            stream.readline(LARGEST_HEADER)
+            for block in _blocks(stream):
+                numbers = _room(fields, block.count(b"\n"))
+                if not _parsed(block, numbers):
+                    raise _odd(file, block, count + filled, fields)
+                taken = 0
+                while taken < numbers[0].size:
+                    more = min(numbers[0].size - taken, rows - filled)
+                    for column, values in zip(piece, numbers, strict=True):
+                        column[filled : filled + more] = values[taken : taken + more]
+                    taken, filled = taken + more, filled + more
+                    if filled == rows:
+                        yield _piece(file, scan, piece, count)
+                        piece, count, filled = _room(fields, rows), count + rows, 0
+    except OSError as error:
+        raise LogFormatError(f"{file}: cannot be read: {error.strerror}", hint="check the file") from None
+    if filled:
+        yield _piece(file, scan, [column[:filled] for column in piece], count)
+    if count + filled != scan.rows:
+        raise LogFormatError(f"{file}: it changed while it was read", hint="wait until the logger has closed it")
+
+
+def _piece(file: str, scan: Scanned, columns: list[Array], first: int) -> Table:
+    """Rows of a file from a first one on."""
     import pandas as pd
 
-    names = list(range(len(scan.header)))
-    count = 0
-    try:
-        with pd.read_csv(path, skiprows=1, header=None, names=names, dtype="float64", chunksize=rows) as chunks:
-            for frame in chunks:
-                frame.columns = list(scan.header)
-                count += len(frame)
-                yield Table(file, scan.sha256, frame)
-    except (ValueError, OverflowError) as error:
-        raise LogFormatError(
-            f"{file}: behind line {count + 1}: {error}", hint="repair the row, or leave the range out with [[exclude]]"
-        ) from None
-    if count != scan.rows:
-        raise LogFormatError(f"{file}: it changed while it was read", hint="wait until the logger has closed it")
+    index = pd.RangeIndex(first, first + columns[0].size)
+    return Table(file, scan.sha256, pd.DataFrame(dict(zip(scan.header, columns, strict=True)), index=index, copy=False))
+
+
+def _odd(file: str, block: bytes, rows: int, fields: int) -> LogFormatError:
+    """What is to be said of the first line of a block, `rows` rows into a file, that is not one of numbers."""
+    lines = block.splitlines(keepends=True)
+    odd = next((k for k, line in enumerate(lines) if not _parsed(line, _room(fields, 1))), 0)
+    found = lines[odd].decode("ascii", "backslashreplace").strip()
+    return LogFormatError(
+        f"{file}:{rows + odd + 2}: found {found!r}, expected {fields} numbers",
+        hint="repair the row, or leave the range out with [[exclude]]",
+    )
+
+
+def _room(fields: int, rows: int) -> list[Array]:
+    """Columns [rows] to put numbers in."""
+    return [np.empty(rows) for _ in range(fields)]
 
 
 def _header(first: bytes, file: str) -> list[str] | None:
@@ -172,16 +210,8 @@ def _scan(stream: BinaryIO, digest: hashlib._Hash, fields: int) -> tuple[str, in
 
 def _blocks(stream: BinaryIO) -> Iterator[bytes]:
     """Whole lines of what is left of a file, about BLOCK bytes at a time; the last may lack its end."""
-    rest = b""
-    while part := stream.read(BLOCK):
-        end = part.rfind(b"\n") + 1
-        if end or len(rest) > LARGEST_LINE:
-            yield rest + part[:end]
-            rest = part[end:]
-        else:
-            rest += part
-    if rest:
-        yield rest
+    while block := stream.read(BLOCK):
+        yield block if block.endswith(b"\n") else block + stream.readline(LARGEST_LINE)
 
 
 def _clean_rows(block: bytes, fields: int) -> int:
@@ -211,16 +241,34 @@ class _Lines:
         return iter(())
 
 
-def _numbers(block: bytes, fields: int) -> list[Array] | None:
-    """Columns [rows] of a block of lines, or none where it is not clean."""
+def _parsed(block: bytes, columns: list[Array]) -> bool:
+    """Put the numbers of a block of lines into columns [rows]; whether it is clean and has so many rows."""
+    library = kernels()
+    if library is None:
+        return _parsed_by_pandas(block, columns)
+    from ctypes import POINTER, c_double
+
+    doubles = POINTER(c_double)
+    places = (doubles * len(columns))(*(column.ctypes.data_as(doubles) for column in columns))
+    rows: int = library.calibkit_numbers(block, len(block), len(columns), columns[0].size, places)
+    return rows == columns[0].size
+
+
+def _parsed_by_pandas(block: bytes, columns: list[Array]) -> bool:
+    """As `_parsed`, where there are no compiled kernels."""
     import pandas as pd
 
+    fields = len(columns)
     rows = _clean_rows(block, fields)
-    if not rows:
-        return None
+    if not rows or rows != columns[0].size:
+        return False
     lines = cast("BinaryIO", _Lines(block))
     try:
         frame = pd.read_csv(lines, header=None, names=list(range(fields)), dtype="float64", low_memory=False)
     except (ValueError, OverflowError):
-        return None
-    return [frame[k].to_numpy() for k in range(fields)] if len(frame) == rows else None
+        return False
+    if len(frame) != rows:
+        return False
+    for k, column in enumerate(columns):
+        column[:] = frame[k].to_numpy()
+    return True

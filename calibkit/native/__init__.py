@@ -1,0 +1,59 @@
+"""Kernels in C for what numpy does in many passes; without a compiler at installation there are none, and numpy does it.
+
+What they compute is to the last bit what their callers compute without them: whether they are there decides how long
+calibkit takes, and nothing else. `CALIBKIT_NATIVE=off` leaves them out, `python -m calibkit.native` compiles them again.
+"""
+
+from __future__ import annotations
+
+import os
+from functools import cache
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from ctypes import CDLL
+
+__all__ = ["kernels", "state"]
+
+FOLDER = Path(__file__).parent
+
+
+@cache
+def kernels() -> CDLL | None:
+    """The compiled kernels, or none. Calls into them run beside other threads."""
+    return _loaded()[0]
+
+
+def state() -> str:
+    """In a few words whether the kernels are used, and why not where they are not."""
+    return _loaded()[1]
+
+
+@cache
+def _loaded() -> tuple[CDLL | None, str]:
+    """The kernels of just these sources, and what there is to say of them."""
+    import ctypes
+
+    from calibkit.native import compiling
+
+    if os.environ.get("CALIBKIT_NATIVE", "on") == "off":
+        return None, "turned off by CALIBKIT_NATIVE"
+    try:
+        library = ctypes.CDLL(str(FOLDER / compiling.LIBRARY))
+        made_of = ctypes.c_uint64.in_dll(library, "calibkit_made_of").value
+    except (OSError, ValueError):
+        return None, "not compiled: there was no C compiler at installation"
+    if made_of != compiling.made_of(FOLDER):
+        return None, "compiled from other sources: install calibkit again, or run python -m calibkit.native"
+    _declare(library)
+    return library, "in use"
+
+
+def _declare(library: CDLL) -> None:
+    """Argument and result types of every kernel."""
+    from ctypes import POINTER, c_double, c_int64, c_void_p
+
+    doubles = POINTER(c_double)
+    library.calibkit_numbers.argtypes = [c_void_p, c_int64, c_int64, c_int64, POINTER(doubles)]
+    library.calibkit_numbers.restype = c_int64

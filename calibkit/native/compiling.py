@@ -1,0 +1,66 @@
+"""Compilation of the kernels: by whatever C compiler there is, into one library, or not at all."""
+
+from __future__ import annotations
+
+import hashlib
+import os
+import sys
+from pathlib import Path
+
+LIBRARY = "_kernels.so"
+FLAGS = ("-O3", "-std=c11", "-fPIC", "-shared", "-ffp-contract=off")
+"""No option that lets a compiler reorder or fuse floating-point operations: the bits are those of numpy."""
+TIMEOUT_S = 120.0
+
+
+def made_of(folder: Path) -> int:
+    """First 64 bits of the digest of the sources [*.c in order of name] in a folder: the mark of a library made of them."""
+    digest = hashlib.sha256()
+    for source in sorted(folder.glob("*.c")):
+        digest.update(source.read_bytes() + b"\0")
+    return int.from_bytes(digest.digest()[:8], "big")
+
+
+def compile_kernels(folder: Path) -> str | None:
+    """Compile the sources in a folder into a library beside them; what went wrong where there is none then.
+
+    A library that is in use is replaced, never written to. Only compilers of the GNU command line are asked.
+    """
+    import subprocess  # these two cost start-up, and most starts compile nothing
+    import tempfile
+
+    compiler = _compiler()
+    if compiler is None:
+        return "no C compiler was found"
+    try:
+        with tempfile.TemporaryDirectory(dir=folder) as name:
+            made, mark = Path(name) / LIBRARY, Path(name) / "mark.c"
+            mark.write_text(f"unsigned long long calibkit_made_of = 0x{made_of(folder):016x}ULL;\n", encoding="ascii")
+            sources = [str(source) for source in (*sorted(folder.glob("*.c")), mark)]
+            done = subprocess.run(  # noqa: S603 (the machine's own compiler)
+                [*compiler, *FLAGS, "-o", str(made), *sources, "-lm"],
+                capture_output=True,
+                text=True,
+                errors="replace",
+                timeout=TIMEOUT_S,
+                check=False,
+            )
+            if done.returncode:
+                return f"{compiler[0]}: {done.stderr.strip()}"
+            made.replace(folder / LIBRARY)
+    except (OSError, subprocess.TimeoutExpired) as error:
+        return str(error)
+    return None
+
+
+def _compiler() -> list[str] | None:
+    """Command of the C compiler: that of the environment, or the machine's."""
+    import shlex
+    import shutil
+
+    if sys.platform == "win32":
+        return None
+    named = shlex.split(os.environ.get("CC", ""))
+    if named:
+        return named if shutil.which(named[0]) else None
+    return next(([name] for name in ("cc", "gcc", "clang") if shutil.which(name)), None)

@@ -1,0 +1,88 @@
+"""Compiled kernels: there where a compiler is, of the sources that stand there, and without influence on a single bit."""
+
+import os
+import shutil
+import subprocess
+import sys
+from pathlib import Path
+
+import pytest
+
+from calibkit import native
+from calibkit.native import compiling
+
+COMPILER = any(shutil.which(name) for name in ("cc", "gcc", "clang"))
+
+
+@pytest.fixture
+def sources(tmp_path):
+    """Copy the kernels' sources into a folder of their own."""
+    for source in native.FOLDER.glob("*.c"):
+        shutil.copy(source, tmp_path)
+    return tmp_path
+
+
+@pytest.mark.skipif(not COMPILER, reason="no C compiler")
+def test_where_there_is_a_compiler_the_kernels_are_in_use():
+    """An installation with a compiler has kernels of its own sources (otherwise: python -m calibkit.native)."""
+    environment = {name: value for name, value in os.environ.items() if name != "CALIBKIT_NATIVE"}
+    command = [sys.executable, "-c", "from calibkit import native; print(native.state())"]
+    assert subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout == "in use\n"
+
+
+def test_kernels_can_be_turned_off():
+    """With CALIBKIT_NATIVE=off there are none."""
+    command = [sys.executable, "-c", "from calibkit import native; print(native.kernels(), native.state())"]
+    environment = {**os.environ, "CALIBKIT_NATIVE": "off"}
+    out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    assert out == "None turned off by CALIBKIT_NATIVE\n"
+
+
+@pytest.mark.skipif(not COMPILER, reason="no C compiler")
+def test_a_library_of_other_sources_is_not_used(sources, monkeypatch):
+    """A source that was changed since: nothing is loaded, and what to do is said."""
+    assert compiling.compile_kernels(sources) is None
+    monkeypatch.setattr(native, "FOLDER", sources)
+    assert native._loaded.__wrapped__()[1] == "in use"
+    changed = next(sources.glob("*.c"))
+    changed.write_text(changed.read_text() + "\n")
+    library, said = native._loaded.__wrapped__()
+    assert library is None
+    assert "compiled from other sources" in said
+
+
+def test_without_a_compiler_there_is_a_reason_and_no_library(sources, monkeypatch):
+    """A compiler that does not exist, or one that fails: said, and nothing is left behind."""
+    before = {path.name for path in sources.iterdir()}
+    monkeypatch.setenv("CC", "no-such-compiler")
+    assert compiling.compile_kernels(sources) == "no C compiler was found"
+    monkeypatch.setenv("CC", "false")
+    assert compiling.compile_kernels(sources).startswith("false: ")
+    assert {path.name for path in sources.iterdir()} == before
+
+
+@pytest.mark.skipif(not COMPILER, reason="no C compiler")
+def test_the_kernels_compile_without_a_warning():
+    """All warnings, on every source, are errors."""
+    for source in sorted(native.FOLDER.glob("*.c")):
+        flags = ["-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
+        done = subprocess.run(["cc", *flags, str(source)], capture_output=True, text=True, check=False)
+        assert done.returncode == 0, done.stderr
+
+
+@pytest.mark.skipif(native.kernels() is None, reason="no compiled kernels")
+def test_a_fit_without_kernels_writes_the_same_bytes(tmp_path):
+    """`calibkit simulate` and `fit` with kernels and without: the coefficient files are equal."""
+    written = []
+    for native_ in ("on", "off"):
+        logs, out = tmp_path / f"logs_{native_}", tmp_path / f"out_{native_}"
+        environment = {**os.environ, "CALIBKIT_NATIVE": native_}
+        for arguments in (
+            ["simulate", "fog_thermal", "--out", logs, "--seed", "3"],
+            ["fit", "fog_thermal", "--data", logs, "--serial", "N1", "--date", "2026-01-01", "--out", out],
+        ):
+            command = [sys.executable, "-m", "calibkit", *map(str, arguments)]
+            subprocess.run(command, env=environment, check=True, capture_output=True)
+        written.append({path.name: path.read_bytes() for path in sorted(Path(out).rglob("*.json"))})
+    assert written[0] == written[1]
+    assert written[0]
