@@ -175,7 +175,7 @@ def test_numbers_of_any_length_are_the_nearest(tmp_path, monkeypatch, kernels, t
 
 @pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
 def test_numbers_half_way_between_two_doubles_or_close_to_it_are_rounded_as_python_does(tmp_path, monkeypatch, kernels):
-    """Ties, to all their digits, a digit more and a digit less, and 30,000 numbers of 19 digits, of which a thousandth is next to one."""
+    """Ties, to all their digits, a digit more and a digit less, and 30,000 numbers of 19 digits."""
     compiled(monkeypatch, use=kernels)
     ties = [str((2 * m + 1) << k) for m in range(2**52 + 5, 2**52 + 300, 7) for k in (0, 1, 4)]
     rng = np.random.default_rng(8)
