@@ -33,6 +33,8 @@ from speed.goals import Goal, Line  # noqa: E402
 from speed.page import replaced  # noqa: E402
 from speed.rows import ROWS, Row  # noqa: E402
 
+from calibkit import native  # noqa: E402 the repository is found first
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
@@ -159,6 +161,7 @@ def tell(line: Line) -> None:
 def main(given: Sequence[str] | None = None) -> int:
     """Measure, print the table, write the page."""
     asked = arguments(given)
+    conditions = f"{page.load()}, compiled kernels {native.state()}"
     lines, versions = merged(asked, *measure(asked, tell))
     shown = [goal for goal in goals() if any(line.name == goal.name for line in lines)]
     print(page.summary(shown, lines))
@@ -166,7 +169,7 @@ def main(given: Sequence[str] | None = None) -> int:
     whole = not (asked.only or asked.quick or asked.rows or asked.here)
     if place := asked.page or (PAGE if whole else None):
         text = replaced(
-            place.read_text(encoding="utf-8"), page.BEGIN, page.END, page.measured(goals(), lines, versions)
+            place.read_text(encoding="utf-8"), page.BEGIN, page.END, page.measured(goals(), lines, versions, conditions)
         )
         place.write_text(text, encoding="utf-8")
     return int(any(missed(goal, lines) for goal in shown))

@@ -19,7 +19,7 @@ MEBI = 1 << 20
 
 
 def machine() -> str:
-    """Processors, memory and Python of this machine, without its name, and how busy it is."""
+    """Processors, memory and Python of this machine, without its name."""
     model = ""
     if Path("/proc/cpuinfo").is_file():
         found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
@@ -27,8 +27,12 @@ def machine() -> str:
     memory = ""
     if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
         memory = f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 2**30:.0f} GiB of memory"
-    load = f"; load average {os.getloadavg()[0]:.0f} when this was written" if hasattr(os, "getloadavg") else ""
-    return f"{os.cpu_count()} processors{model}{memory}, {platform.system()}, Python {platform.python_version()}{load}"
+    return f"{os.cpu_count()} processors{model}{memory}, {platform.system()}, Python {platform.python_version()}"
+
+
+def load() -> str:
+    """How busy the machine is, in words; nothing where the system does not tell."""
+    return f"load average {os.getloadavg()[0]:.1f} before the first row" if hasattr(os, "getloadavg") else ""
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
@@ -85,13 +89,13 @@ def _pair(values: tuple[float, float], said: Callable[[float], str]) -> str:
     return " / ".join(said(value) if value else "–" for value in values) if any(values) else ""
 
 
-def measured(goals: Sequence[Goal], lines: Sequence[Line], versions: Mapping[str, str]) -> str:
-    """What stands between the markers of the page."""
+def measured(goals: Sequence[Goal], lines: Sequence[Line], versions: Mapping[str, str], conditions: str) -> str:
+    """What stands between the markers of the page; `conditions` say under which it was measured."""
     notes = "".join(f"- {goal.title}: {goal.note}.\n" for goal in goals if goal.note)
     packages = ", ".join(f"{name} {number}" for name, number in sorted(versions.items()) if name != "Python")
     return (
         f"{summary(goals, lines)}\n{notes}\n"
-        f"Measured on {machine()}. Versions: {packages}.\n\n"
+        f"Measured on {machine()}; {conditions}. Versions: {packages}.\n\n"
         f"## Growth with the rows\n\n{growth(goals, lines)}"
     )
 
