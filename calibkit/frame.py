@@ -6,12 +6,13 @@ import difflib
 import hashlib
 import json
 import re
-from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from calibkit.errors import FrameError, MissingColumnError
+from calibkit.numeric import intervals, spans
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -67,6 +68,23 @@ class Log:
     """Offset of a second logger's clock [s] and the largest standard uncertainty of its times [s], where one was joined."""
     room: Callable[[int], NDArray[np.float64]] = np.empty
     """Makes arrays along the rows where the log lies: in memory, or on disk."""
+    _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
+    """What was asked of the columns before, by many checks; a log that replaces this one begins anew."""
+
+    def extremes(self, column: str) -> tuple[float, float]:
+        """Smallest and largest value of a column, both not a number where one is missing or there is no row."""
+        if column not in self._known:
+            self._known[column] = spans.extremes(values(self.frame, column))
+        known: tuple[float, float] = self._known[column]
+        return known
+
+    @property
+    def steps(self) -> intervals.Steps:
+        """Steps of the log's time, which must be finite."""
+        if "" not in self._known:
+            self._known[""] = intervals.steps(values(self.frame, "time_s"))
+        known: intervals.Steps = self._known[""]
+        return known
 
     @property
     def on_disk(self) -> bool:

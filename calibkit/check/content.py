@@ -7,7 +7,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import spans
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -61,9 +60,10 @@ def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
     """Missing or infinite values in columns that are needed."""
     findings = []
     for column in columns:
-        data = values(log.frame, column)
-        if not spans.finite(data):
-            bad = np.flatnonzero(~np.isfinite(data))
+        if all(map(math.isfinite, log.extremes(column))):
+            continue
+        bad = np.flatnonzero(~np.isfinite(values(log.frame, column)))
+        if bad.size:
             found = f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on"
             advice = "leave the range out with [[exclude]], or repair the log"
             expected = "a number in every row"
@@ -75,6 +75,8 @@ def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
 
 def monotonic(log: Log) -> list[Finding]:
     """Time that stands still or runs backwards."""
+    if log.steps.shortest > 0.0:
+        return []
     time = values(log.frame, "time_s")
     back = np.flatnonzero(time[1:] <= time[:-1])
     if not back.size:
@@ -92,13 +94,11 @@ def gaps(log: Log, limit_s: float) -> list[Finding]:
 
     A gap that an [[exclude]] table made is called that.
     """
-    time = values(log.frame, "time_s")
-    step = np.diff(time)
-    if not step.size or float(step.min()) <= 0.0:
+    known = log.steps
+    usual = known.usual
+    if not known.shortest > 0.0 or known.longest <= GAP * usual:
         return []
-    usual = spans.median(step)
-    if float(step.max()) <= GAP * usual:
-        return []
+    step = np.diff(values(log.frame, "time_s"))
     long = np.flatnonzero(step > max(limit_s, GAP * usual)).tolist()
     missing = np.flatnonzero((step > GAP * usual) & (step <= limit_s))
     return [*(_long_gap(log, k, step, limit_s) for k in long), *_short_gaps(log, missing, step, usual)]
@@ -151,9 +151,9 @@ def varying(log: Log, columns: Sequence[str]) -> list[Finding]:
     """Columns that the model needs to vary and that are constant."""
     findings = []
     for column in columns:
-        data = values(log.frame, column)
-        if data.size and np.ptp(data) == 0.0:
-            found = f"constant at {data[0]:g} over {data.size} rows"
+        low, high = log.extremes(column)
+        if low == high:
+            found = f"constant at {low:g} over {len(log.frame)} rows"
             advice = "check the sensor and the column mapping"
             place = f"{log.file}: column '{column}'"
             findings.append(Finding(place, found, "a column that varies", advice, name="constant"))
@@ -164,9 +164,10 @@ def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
     """Temperatures that no chamber reaches: a wrong unit, or a sentinel of an open sensor."""
     findings = []
     for column in columns:
-        data = values(log.frame, column)
-        if data.size and float(data.min()) >= COLDEST_DEGC and float(data.max()) <= HOTTEST_DEGC:
+        low, high = log.extremes(column)
+        if low >= COLDEST_DEGC and high <= HOTTEST_DEGC:
             continue
+        data = values(log.frame, column)
         bad = np.flatnonzero((data < COLDEST_DEGC) | (data > HOTTEST_DEGC))
         if bad.size:
             found = f"{data[bad[0]]:g} °C ({bad.size} such row{'s' if bad.size > 1 else ''})"
@@ -179,9 +180,10 @@ def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
 
 def plausible_rate(log: Log, column: str) -> list[Finding]:
     """Rates that no gyro on a bench indicates: a sentinel, or another unit."""
-    data = values(log.frame, column)
-    if data.size and float(data.min()) >= -LARGEST_RATE_DPH and float(data.max()) <= LARGEST_RATE_DPH:
+    low, high = log.extremes(column)
+    if low >= -LARGEST_RATE_DPH and high <= LARGEST_RATE_DPH:
         return []
+    data = values(log.frame, column)
     wild = np.flatnonzero(np.abs(data) > LARGEST_RATE_DPH)
     if not wild.size:
         return []

@@ -50,7 +50,8 @@ COMPENSATED = re.compile(r"comp(?!are|ass|ute|onent|lete)|correct|补偿|修正|
 def gyro(log: Log, column: str) -> list[Finding]:
     """A gyro at rest whose indication is too small or too large for °/h."""
     data = values(log.frame, column)
-    span, level = float(np.ptp(data)), float(np.median(np.abs(anomalies.sample(data))))
+    low, high = log.extremes(column)
+    span, level = high - low, float(np.median(np.abs(anomalies.sample(data))))
     if 0.0 < span < QUIETEST_DPH:
         what = f"all {data.size} rows lie within {span:.2g} deg/h"
         advice = f'the log looks like deg/s or rad/s: state it, [columns.{column}] unit = "deg/s"'

@@ -13,7 +13,7 @@ import numpy as np
 
 from calibkit.check.content import at_row
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import anomalies
+from calibkit.numeric import anomalies, spans
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -93,7 +93,7 @@ def turned_back(log: Log, column: str) -> list[Finding]:
     count = data.size // block
     if count < 10:
         return []
-    course = np.median(data[: count * block].reshape(count, block), axis=1)
+    course = spans.medians(data[: count * block].reshape(count, block))
     net, span = float(course[-1] - course[0]), float(np.ptp(course))
     if abs(net) < ONE_WAY * span:
         return []

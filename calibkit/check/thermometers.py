@@ -48,9 +48,10 @@ AGREE = 0.06
 
 def pair(log: Log, case: str, air: str) -> list[Finding]:
     """Case and chamber air that do not move together, or do not meet in a soak, as one unit and sign do, or are exchanged."""
-    a, b = values(log.frame, case), values(log.frame, air)
-    if np.ptp(b) < 2.0 * SPAN_DEGC or np.ptp(a) < SPAN_DEGC:
+    (a_low, a_high), (b_low, b_high) = log.extremes(case), log.extremes(air)
+    if b_high - b_low < 2.0 * SPAN_DEGC or a_high - a_low < SPAN_DEGC:
         return []
+    a, b = values(log.frame, case), values(log.frame, air)
     thinned = slice(None, None, a.size // 20_000 + 1)
     together = float(np.corrcoef(a[thinned], b[thinned])[0, 1])
     if together < -0.5:

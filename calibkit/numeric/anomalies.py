@@ -9,6 +9,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.numeric import spans
+
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
@@ -57,9 +59,13 @@ def sample(values: Array) -> Array:
     """At most 65,536 rows of a series [n], in sixteen stretches of neighbours spread over it."""
     if values.size <= SAMPLE:
         return values
-    length = SAMPLE // 16
-    starts = np.linspace(0, values.size - length, 16).astype(np.int64)
-    return np.concatenate([values[start : start + length] for start in starts])
+    return np.concatenate([values[start : start + SAMPLE // 16] for start in _stretches(values.size)])
+
+
+def _stretches(size: int) -> list[int]:
+    """First rows of the sixteen stretches of a sample of a series of so many rows."""
+    starts: list[int] = np.linspace(0, size - SAMPLE // 16, 16).astype(np.int64).tolist()
+    return starts
 
 
 def scatter(values: Array) -> float:
@@ -102,10 +108,8 @@ def spikes(values: Array, *, least: float = 0.0) -> Rows:
         return np.zeros(0, dtype=np.int64)
     floor = max(least, 5.0 * resolution(values), SMALL * span(values))
     # whatever stands out steps away from a neighbour: only rows after a large step are looked at closer
-    step = np.diff(values)
-    np.abs(step, out=step)
-    usual = HIGH_TO_SIGMA * float(np.quantile(sample(step), HIGH)) / np.sqrt(2.0)
-    wide = np.flatnonzero(step > max(SPIKE / 2.0 * usual, floor / 2.0))
+    usual = HIGH_TO_SIGMA * float(np.quantile(_sampled_steps(values), HIGH)) / np.sqrt(2.0)
+    wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
     if wide.size > values.size // 20:  # not one scatter throughout
         wide = np.arange(values.size - 1)
     if not wide.size:
@@ -117,6 +121,23 @@ def spikes(values: Array, *, least: float = 0.0) -> Rows:
     near, from_median = near[suspect], from_median[suspect]
     limit = np.maximum(SPIKE * _local(values, near), floor)
     return np.asarray(near[from_median > limit], dtype=np.int64)
+
+
+def _sampled_steps(values: Array) -> Array:
+    """Magnitudes of the steps of a series [n], of its sample where it is long: those that `sample` would choose of all."""
+    count = values.size - 1
+    starts, length = ([0], count) if count <= SAMPLE else (_stretches(count), SAMPLE // 16)
+    steps: Array = np.concatenate([np.diff(values[k : k + length + 1]) for k in starts])
+    return np.abs(steps, out=steps)
+
+
+def _wide_steps(values: Array, limit: float) -> Rows:
+    """Rows before a step of a series [n] of more than a limit, looked for in parts that stay in a processor's cache."""
+    found = []
+    for start, stop in spans.along(values, rows=spans.CACHED):
+        step = np.diff(values[start : stop + 1])
+        found.append(np.flatnonzero(np.abs(step, out=step) > limit) + start)
+    return np.concatenate(found)
 
 
 def _local(values: Array, rows: Rows) -> Array:
@@ -213,7 +234,8 @@ def clipped(values: Array) -> tuple[int, float] | None:
     """Rows at the largest or smallest value of a noisy series [n], and the value, where they pile up there; else none."""
     if values.size < 10 * PILE or repeats(values) > NOISY or scatter(values) < QUIET * span(values):
         return None
-    for end, sense in ((float(values.max()), 1.0), (float(values.min()), -1.0)):
+    low, high = spans.extremes(values)
+    for end, sense in ((high, 1.0), (low, -1.0)):
         at = int(np.count_nonzero(values == end))
         if at < PILE:
             continue

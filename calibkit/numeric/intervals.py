@@ -84,12 +84,13 @@ class Intervals:
         return int(self.number[np.searchsorted(self.first, row, side="right") - 1])
 
 
-def of(time: Array, length_s: float) -> Intervals:
+def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
     """Intervals of a log from its time [n, s]; half a sample of jitter moves nothing.
 
-    Raises FitError when the log is sampled more slowly than the interval, because coefficients are per interval.
+    `step_s` is the log's sampling interval, where it is known already. Raises FitError when the log is sampled more
+    slowly than the interval, because coefficients are per interval.
     """
-    step = sampling_interval(time)
+    step = sampling_interval(time) if step_s is None else step_s
     if step > length_s * 1.01:
         raise FitError(
             f"sampled every {step:g} s, the model interval is {length_s:g} s",
@@ -97,23 +98,60 @@ def of(time: Array, length_s: float) -> Intervals:
         )
     first: list[Index] = []
     number: list[Index] = []
-    last = -1
+    last = -1.0
     for start, stop in spans.along(time):
-        found = numbers(time[start:stop], float(time[0]), length_s, step)
+        found = _numbers(time[start:stop], float(time[0]), length_s, step)
         new = np.flatnonzero(np.diff(found, prepend=last))
         first.append(new + start)
-        number.append(found[new])
-        last = int(found[-1])
+        number.append(found[new].astype(np.int64))
+        last = float(found[-1])
     begins = np.concatenate(first)
     count = np.diff(np.append(begins, time.size))
     return Intervals(np.concatenate(number), begins, count, time.size, float(time[0]), length_s, step)
 
 
+@dataclass(frozen=True, slots=True)
+class Steps:
+    """Shortest, longest and median step [s] of a log's time; not a number where it has less than two rows."""
+
+    shortest: float
+    longest: float
+    usual: float
+
+
+def steps(time: Array) -> Steps:
+    """Steps of a log's time [n, s], which must be finite."""
+    every = max(1, (time.size - 1) // spans.SAMPLE)
+    ends, sample = [], []
+    for step in _steps(time):
+        if step.size:
+            ends.append((step.min(), step.max()))
+            sample.append(step[step.size % every // 2 :: every])
+    if not ends:
+        return Steps(*(float("nan"),) * 3)
+    low, high = np.array(ends).T
+    bracket = spans.likely(np.concatenate(sample)) if time.size > spans.KEPT else None
+    return Steps(float(low.min()), float(high.max()), spans.middle(lambda: _steps(time), time.size - 1, bracket))
+
+
+def _steps(time: Array) -> Iterator[Array]:
+    """Steps of a time [n], a span of rows after the other."""
+    return (np.diff(time[max(a - 1, 0) : b]) for a, b in spans.along(time))
+
+
 def sampling_interval(time: Array) -> float:
     """Median sampling interval [s] of a log's time [n, s]."""
-    return spans.middle(lambda: (np.diff(time[max(a - 1, 0) : b]) for a, b in spans.along(time)), time.size - 1)
+    return steps(time).usual
 
 
 def numbers(time: Array, begin: float, length_s: float, step_s: float) -> Index:
     """Number [n] of the interval that each instant [n, s] falls in, of a log that begins then and is sampled so often."""
-    return np.asarray(np.floor((time - begin) / length_s + 0.5 * min(step_s / length_s, 1.0)), dtype=np.int64)
+    return _numbers(time, begin, length_s, step_s).astype(np.int64)
+
+
+def _numbers(time: Array, begin: float, length_s: float, step_s: float) -> Array:
+    """Numbers of intervals, as `numbers`, before they are made integers."""
+    number = time - begin
+    number /= length_s
+    number += 0.5 * min(step_s / length_s, 1.0)
+    return np.floor(number, out=number)

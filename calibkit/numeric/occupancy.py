@@ -33,12 +33,15 @@ def spikes(indication: Array, held: Intervals) -> Rows:
     nothing is a spike. Where most samples are alike (counts of a quiet gyro) the smallest step stands in for it. Of two
     samples in an interval neither stands out.
     """
-    own = np.empty(held.first.size)
-    middles = np.empty(held.first.size)
+    own, middles, largest = (np.empty(held.first.size) for _ in range(3))
+    every = max(1, held.rows // spans.SAMPLE)
+    sample: list[Array] = []
     for among, rows in held.groups():
         first = held.first[among] - rows.start
         middles[among] = _medians(indication[rows], first)
-        own[among] = _medians(_deviation(indication[rows], middles[among], held.count[among]), first)
+        away = _deviation(indication[rows], middles[among], held.count[among])
+        own[among], largest[among] = _medians(away, first), np.maximum.reduceat(away, first)
+        sample.append(away[away.size % every // 2 :: every].copy())
         spans.release(indication)
 
     def deviations() -> Iterator[Array]:
@@ -46,13 +49,16 @@ def spikes(indication: Array, held: Intervals) -> Rows:
             yield _deviation(indication[rows], middles[among], held.count[among])
             spans.release(indication)
 
-    whole = spans.middle(deviations, held.rows)
+    bracket = spans.likely(np.concatenate(sample)) if held.rows > spans.KEPT else None
+    whole = spans.middle(deviations, held.rows, bracket)
     if whole == 0.0:
         whole = min((float(part[part > 0.0].min()) for part in deviations() if part.any()), default=0.0)
     limit = SPIKE * MAD_TO_SIGMA * np.maximum(own, whole)
-    found = []
-    for (among, rows), part in zip(held.groups(), deviations(), strict=True):
-        found.append(np.flatnonzero(part > np.repeat(limit[among], held.count[among])) + rows.start)
+    found = [np.zeros(0, dtype=np.int64)]
+    for k in np.flatnonzero(largest > limit).tolist():
+        start = int(held.first[k])
+        part = indication[start : start + int(held.count[k])]
+        found.append(np.flatnonzero(np.abs(part - middles[k]) > limit[k]) + start)
     return np.concatenate(found)
 
 
@@ -69,14 +75,12 @@ def _medians(values: Array, first: Rows) -> Array:
     out = np.empty(first.size)
     for size in np.unique(count).tolist():
         same = np.flatnonzero(count == size)
-        low, high = (size - 1) // 2, size // 2
         begin = int(first[same[0]])
         if int(first[same[-1]]) == begin + (same.size - 1) * size and (np.diff(same) == 1).all():
             together = values[begin : begin + same.size * size].reshape(same.size, size)
         else:
             together = values[first[same, None] + np.arange(size)]
-        parted = np.partition(together, (low, high), axis=1)
-        out[same] = (parted[:, low] + parted[:, high]) / 2.0
+        out[same] = spans.medians(together)
     return out
 
 

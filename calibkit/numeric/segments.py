@@ -202,10 +202,11 @@ def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
     directions: list[float] = []
     for start, stop in spans.along(slope):
         part = slope[start:stop]
-        sign = np.where(np.abs(part) >= ramp_min, np.sign(part), 0.0)
-        edges = np.flatnonzero(np.diff(sign, prepend=directions[-1] if directions else np.nan))
+        # one byte a row; 2 is no direction: the first row begins a run
+        sign = (part >= ramp_min).astype(np.int8) - (part <= -ramp_min).astype(np.int8)
+        edges = np.flatnonzero(np.diff(sign, prepend=np.int8(directions[-1] if directions else 2)))
         bounds += (edges + start).tolist()
-        directions += sign[edges].tolist()
+        directions += sign[edges].astype(np.float64).tolist()
     return [(start, stop, way) for (start, stop), way in zip(pairwise([*bounds, slope.size]), directions, strict=True)]
 
 

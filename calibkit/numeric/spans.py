@@ -22,6 +22,8 @@ ROWS = 1 << 17
 """Rows of a span: a few columns of them stay in a cache."""
 KEPT = 1 << 19
 """Values that a search for order statistics holds at once."""
+CACHED = 1 << 15
+"""Values that are gone over several times while they stay in a processor's nearest cache."""
 SAMPLE = 1 << 13
 """Values from which such a search guesses where to look."""
 
@@ -54,9 +56,44 @@ def finite(values: Array) -> bool:
     return math.isfinite(total) or all(np.isfinite(values[a:b]).all() for a, b in along(values))
 
 
+def extremes(values: Array) -> tuple[float, float]:
+    """Smallest and largest of values [n], both not a number where one of them is not; not a number where there is none."""
+    if not values.size:
+        return float("nan"), float("nan")
+    ends = [(np.min(values[a:b]), np.max(values[a:b])) for a, b in along(values, rows=CACHED)]
+    low, high = np.array(ends).T
+    return float(np.min(low)), float(np.max(high))
+
+
+def medians(rows: Array) -> Array:
+    """Median of each row [m] of values [m, n]: that of `np.median`. The values must be finite."""
+    count, size = rows.shape
+    step = max(1, ROWS // size)
+    parts = (np.partition(rows[k : k + step], size // 2, axis=1) for k in range(0, count, step))
+    return np.concatenate([_halfway(part, size) for part in parts])
+
+
+def _halfway(parted: Array, size: int) -> Array:
+    """Median along the last axis of values that are parted at half their number.
+
+    One element is put in its place and the other of the middle two looked for below it: numpy's selection of a single
+    element is vectorised, that of two is not and takes five times as long.
+    """
+    upper = parted[..., size // 2]
+    return upper if size % 2 else np.asarray((parted[..., : size // 2].max(axis=-1) + upper) / 2.0)
+
+
 def median(values: Array) -> float:
     """Median of values [n] in any order: that of `np.median`, in bounded memory."""
     return middle(lambda: (values[a:b] for a, b in along(values)), values.size)
+
+
+def likely(sample: Array, share: float = 0.5) -> tuple[float, float]:
+    """Two values of a sample [n] that the given share of what it was drawn from, the half for a median, is likely between."""
+    ordered = np.sort(sample)
+    reach = 4.0 * np.sqrt(share * (1.0 - share) / ordered.size) + 2.0 / ordered.size
+    at = np.clip([(share - reach) * ordered.size, (share + reach) * ordered.size], 0, ordered.size - 1).astype(np.int64)
+    return float(ordered[at[0]]), float(ordered[at[1]])
 
 
 def middle(parts: Callable[[], Iterable[Array]], count: int, bracket: tuple[float, float] | None = None) -> float:
@@ -69,7 +106,8 @@ def middle(parts: Callable[[], Iterable[Array]], count: int, bracket: tuple[floa
         return float("nan")
     if count <= KEPT and bracket is None:
         whole = np.concatenate(list(parts()))
-        return float(np.median(whole, overwrite_input=True))
+        whole.partition(count // 2)  # puts what is not a number behind all else
+        return float(_halfway(whole, count)) if not np.isnan(whole[count // 2 :].max()) else float("nan")
     low, high = _ranked(parts, ((count - 1) // 2, count // 2), count, bracket)
     return (low + high) / 2.0
 
@@ -92,9 +130,10 @@ def _ranked(
         if cell[0] in {1, 3}:
             return (first,) * 2 if cell[0] == 1 else (last,) * 2
         if cell[0] == 2 and kept is not None:
-            at = [rank - counts[1] for rank in ranks]
-            kept.partition(at)
-            return float(kept[at[0]]), float(kept[at[1]])
+            first_at, last_at = (rank - counts[1] for rank in ranks)
+            kept.partition(last_at)
+            upper = float(kept[last_at])
+            return (upper if first_at == last_at else float(kept[:last_at].max())), upper
         edges = (below, *counts, below + inside)
         low, high = {0: (low, first), 2: (first, last), 4: (last, high)}[int(cell[0])]
         below, inside = edges[cell[0]], edges[cell[0] + 1] - edges[cell[0]]
@@ -110,10 +149,7 @@ def _guess(
         among = part[(part > bounds[0]) & (part < bounds[1])] if np.isfinite(bounds).any() else part
         # a copy: a slice would keep the whole part
         seen.append((among[among.size % every // 2 :: every] if among.size > every else among[:1]).copy())
-    sample = np.sort(np.concatenate(seen))
-    reach = 4.0 * np.sqrt(share * (1.0 - share) / sample.size) + 2.0 / sample.size
-    at = np.clip([(share - reach) * sample.size, (share + reach) * sample.size], 0, sample.size - 1).astype(np.int64)
-    return float(sample[at[0]]), float(sample[at[1]])
+    return likely(np.concatenate(seen), share)
 
 
 def _counted(

@@ -93,7 +93,7 @@ def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     given = recipe.drift.rates_degc_min.get(log.name)
     if given is None:
         return []
-    cuts, _ = _found(values(log.frame, "time_s"), values(log.frame, "temp_env_degc"), recipe, log.room)
+    cuts, _ = _found(log, recipe)
     ramps = [segment.rate for segment in cuts if segment.kind == "ramp"]
     return check.thermometers.given(log, "temp_env_degc", given, max(ramps, key=abs)) if ramps else []
 
@@ -140,7 +140,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     """A checked log, cut, denoised and averaged."""
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     try:
-        held = intervals.of(time, recipe.drift.interval_s)
+        held = intervals.of(time, recipe.drift.interval_s, log.steps.usual)
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = cut(log, recipe)
@@ -195,22 +195,21 @@ def cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Arr
         ]
         slope = segments.measured_slope(time, env, recipe.segments.slope_window_s, room=log.room)
         return segments.pinned(time, env, slope, ramps), slope
-    return _found(time, env, recipe, log.room)
+    return _found(log, recipe)
 
 
-def _found(
-    time: Array, env: Array, recipe: FogThermalRecipe, room: segments.Room
-) -> tuple[list[segments.Segment], Array]:
+def _found(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
     """Segments that the chamber air shows, and its slope."""
-    step = intervals.sampling_interval(time)
+    time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
+    low, high = log.extremes("temp_env_degc")
     spec = recipe.segments
     limits = {"ramp_min": spec.ramp_min_degc_min, "min_span": spec.ramp_min_span_degc}
     first: tuple[list[segments.Segment], Array] | None = None
     for doubled in range(LONGER_WINDOWS + 1):
         window = spec.slope_window_s * 2.0**doubled
-        slope = segments.measured_slope(time, env, window, room=room)
-        cuts = segments.segments(slope, env, **limits, merge=round(window / step))
-        if any(segment.kind == "ramp" for segment in cuts) or np.ptp(env) < spec.ramp_min_span_degc:
+        slope = segments.measured_slope(time, env, window, room=log.room)
+        cuts = segments.segments(slope, env, **limits, merge=round(window / log.steps.usual))
+        if any(segment.kind == "ramp" for segment in cuts) or high - low < spec.ramp_min_span_degc:
             return cuts, slope
         first = first or (cuts, slope)
     assert first is not None  # noqa: S101 (the loop runs at least once)

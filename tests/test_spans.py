@@ -1,0 +1,76 @@
+"""Long columns a span of rows at a time: extremes, medians and steps are those of the whole column."""
+
+import numpy as np
+import pytest
+from hypothesis import given
+from hypothesis import strategies as st
+from hypothesis.extra.numpy import arrays
+
+from calibkit.numeric import anomalies, intervals, spans
+from calibkit.numeric.intervals import Intervals
+
+FINITE = st.floats(-1e6, 1e6)
+
+
+@given(arrays(np.float64, st.tuples(st.integers(1, 7), st.integers(1, 12)), elements=FINITE))
+def test_the_median_of_each_row_is_that_of_numpy(rows: np.ndarray) -> None:
+    """One selected element and the largest below it give the very median, of an even and of an odd number of values."""
+    assert np.array_equal(spans.medians(rows), np.median(rows, axis=1))
+
+
+def test_medians_of_many_rows_are_taken_a_span_at_a_time() -> None:
+    """A last span with fewer rows than the others keeps its place."""
+    rows = np.random.default_rng(3).normal(size=(1000, 301))
+    assert np.array_equal(spans.medians(rows), np.median(rows, axis=1))
+
+
+@pytest.mark.parametrize("size", [1, 2, 9, 10, spans.KEPT, spans.KEPT + 1, 2 * spans.KEPT + 7])
+def test_the_median_of_a_column_is_that_of_numpy(size: int) -> None:
+    """Short columns are parted whole, long ones between two values of a sample; ties change nothing."""
+    rng = np.random.default_rng(size)
+    for values in (rng.normal(size=size), rng.integers(0, 3, size).astype(np.float64)):
+        assert spans.median(values) == np.median(values)
+
+
+def test_the_median_with_a_missing_value_is_missing() -> None:
+    """Nothing that is not a number passes for a large value."""
+    assert np.isnan(spans.median(np.array([1.0, np.nan, 2.0])))
+
+
+@pytest.mark.parametrize("where", [0, spans.CACHED - 1, spans.CACHED, 2 * spans.CACHED])
+def test_extremes_are_found_and_a_missing_value_is_not_passed_over(where: int) -> None:
+    """The smallest and largest of every part count, and one missing value makes both missing."""
+    values = np.random.default_rng(1).normal(size=2 * spans.CACHED + 1)
+    assert spans.extremes(values) == (values.min(), values.max())
+    values[where] = 1e3
+    assert spans.extremes(values)[1] == 1e3
+    values[where] = np.nan
+    assert np.isnan(spans.extremes(values)).all()
+    assert np.isnan(spans.extremes(values[:0])).all()
+
+
+@pytest.mark.parametrize("size", [2, 5, 200_000, spans.KEPT + 2, spans.KEPT + 3])
+def test_steps_of_a_clock_are_those_of_its_differences(size: int) -> None:
+    """Shortest, longest and median step are those of all differences, those across two spans among them."""
+    time = np.cumsum(np.random.default_rng(size).uniform(0.5, 1.5, size))
+    time[size // 2 :] += 20.0
+    step = np.diff(time)
+    assert intervals.steps(time) == intervals.Steps(step.min(), step.max(), np.median(step))
+    assert np.isnan(intervals.steps(time[:1]).usual)
+
+
+def test_an_interval_that_is_known_changes_no_model_interval() -> None:
+    """Model intervals are the same whether the sampling interval is given or measured."""
+    time = np.arange(0.0, 500.0, 0.1)
+    given_step, measured = (intervals.of(time, 10.0, step) for step in (intervals.sampling_interval(time), None))
+    assert isinstance(given_step, Intervals)
+    assert np.array_equal(given_step.first, measured.first)
+    assert np.array_equal(given_step.number, measured.number)
+
+
+@pytest.mark.parametrize("size", [40, anomalies.SAMPLE + 1, anomalies.SAMPLE + 2, 200_001])
+def test_sampled_steps_are_the_sample_of_all_steps(size: int) -> None:
+    """The steps that the noise is told from are those that a sample of all steps would hold."""
+    values = np.random.default_rng(size).normal(size=size)
+    assert np.array_equal(anomalies._sampled_steps(values), anomalies.sample(np.abs(np.diff(values))))
+    assert np.array_equal(anomalies._wide_steps(values, 2.0), np.flatnonzero(np.abs(np.diff(values)) > 2.0))
