@@ -12,7 +12,7 @@ from calibkit.numeric import gyro_scale, plateau_means
 from calibkit.procedures import silent
 from calibkit.report import figures as drawing
 from calibkit.simulate import gyro_pair, rate_table
-from calibkit.stages import gyro_results
+from calibkit.stages import gyro_over_runs
 from conftest import AUTHORITIES, ROOT
 
 CASES = json.loads((AUTHORITIES / "gyro_orthogonality.json").read_text(encoding="utf-8"))["cases"]
@@ -610,7 +610,7 @@ def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
         ]
         curve = gyro_scale.over_temperature(K, u, temperature)
         one = SimpleNamespace(gyro="x", runs=runs, at_room=runs[:3], K=(12345.6, 0.01), K_over_temperature=curve)
-        found = {figure.name.partition(".")[2]: figure for figure in gyro_results.run_figures("gyro_x", one, spec)}
+        found = {figure.name.partition(".")[2]: figure for figure in gyro_over_runs.run_figures("gyro_x", one, spec)}
         ratios.append(
             [
                 (found[f"{standard}.gyro_x"].value - 13.0) / found[f"{standard}.gyro_x"].standard_uncertainty

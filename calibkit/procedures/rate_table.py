@@ -11,7 +11,7 @@ from calibkit.procedures import Fitted
 from calibkit.report import gyro as pages
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-from calibkit.stages import gyro_compensate, gyro_report, gyro_results, gyro_runs, ingest, write_back
+from calibkit.stages import gyro_compensate, gyro_over_runs, gyro_report, gyro_runs, ingest, write_back
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from calibkit.recipe.gyro import RateTableRecipe
     from calibkit.report.summary import SummaryTable
     from calibkit.stages.gyro_compensate import Frozen
-    from calibkit.stages.gyro_results import GyroOverRuns
+    from calibkit.stages.gyro_over_runs import GyroOverRuns
     from calibkit.stages.ingest import Reader
 
 COLUMNS = 3
@@ -44,9 +44,9 @@ def fit(spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progr
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
     logs = copies.distinct(read(spec, data, file) for file in progress(files, "reading and averaging"))
     runs = [gyro_runs.run_of(log, spec.gyros, spec) for log in logs]
-    gyros = [gyro_results.over_runs(gyro, runs, spec) for gyro in spec.gyros]
-    flags = tuple(dict.fromkeys([flag for run in runs for flag in run.flags] + gyro_results.run_flags(gyros, spec)))
-    result = gyro_results.rate_table_result(gyros, flags, spec)
+    gyros = [gyro_over_runs.over_runs(gyro, runs, spec) for gyro in spec.gyros]
+    flags = tuple(dict.fromkeys([flag for run in runs for flag in run.flags] + gyro_over_runs.run_flags(gyros, spec)))
+    result = gyro_over_runs.rate_table_result(gyros, flags, spec)
     tables = (
         gyro_report.scale_table(result.models),
         *gyro_report.temperature_table(result.models),

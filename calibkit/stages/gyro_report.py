@@ -18,7 +18,8 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Figure, Model, StageResult
     from calibkit.numeric.gyro_scale import ScaleOverTemperature
     from calibkit.recipe.gyro import PairAcceptance, RateTableAcceptance, TriadAcceptance
-    from calibkit.stages.gyro_results import GyroOverRuns, PairFit
+    from calibkit.stages.gyro_over_runs import GyroOverRuns
+    from calibkit.stages.gyro_results import PairFit
     from calibkit.stages.gyro_runs import TableRun
 
 PPM = 1e6
