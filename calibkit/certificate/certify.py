@@ -49,13 +49,7 @@ def certify(
     RecipeError for a faulty profile, CoefficientError for files that are not what they claim to be, UsageError for a key that
     cannot sign or an `out` that is no .pdf, OutputError where a file exists or a DCC does not fit the schema.
     """
-    if out.suffix.lower() != ".pdf" or out.is_dir():
-        raise UsageError(
-            f"--out {str(out)!r} is no name of a PDF", hint="name a file that ends in .pdf; its DCC is put beside it"
-        )
-    beside = out.with_name(f"{out.stem}.xml")
-    for path in (out, beside):
-        store.refuse_existing(path)
+    beside = _beside(out)
     signer = None if key is None else sign.signer(key)
     run = store.load(run_folder)
     stated, text = profile.load(profile_path, overrides)
@@ -77,6 +71,18 @@ def certify(
         document = sign.signed(document, signer, key.now)
     store.write_all({out: document, beside: digital.content}, dry_run=dry_run)
     return Issued((out, beside), certificate)
+
+
+def _beside(out: Path) -> Path:
+    """Name of the DCC beside a certificate; neither of the two is there yet."""
+    if out.suffix.lower() != ".pdf" or out.is_dir():
+        raise UsageError(
+            f"--out {str(out)!r} is no name of a PDF", hint="name a file that ends in .pdf; its DCC is put beside it"
+        )
+    beside = out.with_name(f"{out.stem}.xml")
+    for path in (out, beside):
+        store.refuse_existing(path)
+    return beside
 
 
 def _rendered(

@@ -105,10 +105,15 @@ def _exported(stated: Stated, record: Record) -> Block:
     return Block(record.stage, f"{record.stage}.json", title, equations, tuple(tables), tuple(figures), tuple(notes))
 
 
+def _reference(stated: Stated, model: Model) -> float:
+    """Reference temperature [°C], clamped to the fitted range."""
+    low, high = model.valid[TEMPERATURE]
+    return min(max(stated.reference_degc, low), high)
+
+
 def _at_rest(stated: Stated, record: Record, model: Model) -> Callable[[float], Result]:
     """Drift at rest less that at the reference: b1 (T − T₀) + b2 (T² − T₀²) + …; the model error stands beside the fit."""
-    low, high = model.valid[TEMPERATURE]
-    reference = min(max(stated.reference_degc, low), high)
+    reference = _reference(stated, model)
 
     def at(t: float) -> Result:
         weights, slope = powers("b", model, t)
@@ -141,15 +146,45 @@ def _model_error(model: Model) -> tuple[tuple[str, float, float], ...]:
 
 def _level_values(stated: Stated, record: Record, model: Model) -> tuple[list[ListTable | GridTable], list[Figure]]:
     """Bias at the reference; drift at rest over temperature, and of a lagged model on ramps."""
-    low, high = model.valid[TEMPERATURE]
-    reference = min(max(stated.reference_degc, low), high)
+    reference = _reference(stated, model)
+    found = (_with_earth(stated, record, model, reference), *_without_earth(stated, record, model, reference))
+    bias = ListTable(Words(f"Bias at {reference:g} °C", f"{reference:g} °C 零偏"), found)
+    temperatures = stated.grid(model)
+    if not temperatures:
+        return [bias], []
+    head = Words(f"Thermal drift against {reference:g} °C at rest", f"相对 {reference:g} °C 稳态的热致漂移")
+    note = Words(
+        f"ref.: at rest at {reference:g} °C the drift is zero by definition.",
+        f"ref.：按定义，{reference:g} °C 稳态漂移为零。",
+    )
+    columns = [(AT_REST, "deg/h", _at_rest(stated, record, model)), *_ramp_columns(stated, record, model)]
+    table = stated.over(head, temperatures, columns, note=note if reference in temperatures else None)
+    return [bias, table], [_plot(table)]
+
+
+def _ramp_columns(
+    stated: Stated, record: Record, model: Model
+) -> list[tuple[Words, str, Callable[[float], Result | None]]]:
+    """Columns of drift on ramps both ways and their difference, of a lagged model."""
+    rate = _rate(model)
+    if rate is None:
+        return []
+    ways = (
+        (Words(f"heating, {rate:g} °C/min", f"升温 {rate:g} °C/min"), rate, None),
+        (Words(f"cooling, {rate:g} °C/min", f"降温 {rate:g} °C/min"), -rate, None),
+        (Words("heating − cooling", "升温 − 降温"), rate, -rate),
+    )
+    return [(words, "deg/h", _on_ramp(stated, record, model, one, less)) for words, one, less in ways]
+
+
+def _with_earth(stated: Stated, record: Record, model: Model, reference: float) -> Result:
+    """Bias at the reference, the earth's rate in it."""
     weights, slope = powers("b", model, reference)
-    words = Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）")
-    bias = stated.linear(
+    return stated.linear(
         record,
         model,
         "bias",
-        words,
+        Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）"),
         weights,
         "deg/h",
         at=reference,
@@ -158,38 +193,6 @@ def _level_values(stated: Stated, record: Record, model: Model) -> tuple[list[Li
         principal=True,
         more=_model_error(model),
     )
-    found = (bias, *_without_earth(stated, record, model, reference))
-    tables: list[ListTable | GridTable] = [
-        ListTable(Words(f"Bias at {reference:g} °C", f"{reference:g} °C 零偏"), found)
-    ]
-    temperatures = stated.grid(model)
-    if not temperatures:
-        return tables, []
-    at_rest = _at_rest(stated, record, model)
-    columns: list[tuple[Words, str, Callable[[float], Result | None]]] = [(AT_REST, "deg/h", at_rest)]
-    rate = _rate(model)
-    if rate is not None:
-        columns += [
-            (
-                Words(f"heating, {rate:g} °C/min", f"升温 {rate:g} °C/min"),
-                "deg/h",
-                _on_ramp(stated, record, model, rate, None),
-            ),
-            (
-                Words(f"cooling, {rate:g} °C/min", f"降温 {rate:g} °C/min"),
-                "deg/h",
-                _on_ramp(stated, record, model, -rate, None),
-            ),
-            (Words("heating − cooling", "升温 − 降温"), "deg/h", _on_ramp(stated, record, model, rate, -rate)),
-        ]
-    head = Words(f"Thermal drift against {reference:g} °C at rest", f"相对 {reference:g} °C 稳态的热致漂移")
-    note = Words(
-        f"ref.: at rest at {reference:g} °C the drift is zero by definition.",
-        f"ref.：按定义，{reference:g} °C 稳态漂移为零。",
-    )
-    table = stated.over(head, temperatures, columns, note=note if reference in temperatures else None)
-    tables.append(table)
-    return tables, [_plot(table)]
 
 
 def _without_earth(stated: Stated, record: Record, model: Model, reference: float) -> tuple[Result, ...]:
@@ -241,13 +244,11 @@ def _on_ramp(
     names = tuple(c.name for c in model.coefficients)
     best = np.array([c.value for c in model.coefficients])
     u = np.array([c.standard_uncertainty for c in model.coefficients])
-    reference = min(max(stated.reference_degc, low), high)
+    reference = _reference(stated, model)
 
     def drift(values: Array, t: float) -> float:
-        other = (reference, 0.0) if less is None else (t, less)
-        return _steady(dict(zip(names, values.tolist(), strict=True)), t, rate) - _steady(
-            dict(zip(names, values.tolist(), strict=True)), *other
-        )
+        c = dict(zip(names, values.tolist(), strict=True))
+        return _steady(c, t, rate) - (_steady(c, reference, 0.0) if less is None else _steady(c, t, less))
 
     def at(t: float) -> Result | None:
         lag = sum(model.value(name) for name in names if name == "tau_outer") / 60.0

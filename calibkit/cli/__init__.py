@@ -30,6 +30,7 @@ from calibkit.errors import FrameError
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
+    from calibkit.certificate.certify import Issued
     from calibkit.certificate.words import Lang
 
 
@@ -263,12 +264,9 @@ def certify(
         say(f"! {rejection}")
     if as_json:
         print_json({"ok": True, **certificates.said(issued), **rehearsed(dry_run=dry_run)})
-        return 0
-    if issued.missing:
-        say("DRAFT: not a calibration certificate; missing:")
-    for item in issued.missing:
-        say(f"  {item.key}: {item.what.en}")
-    print_written(issued.files, dry_run=dry_run)
+    else:
+        _tell_missing(issued)
+        print_written(issued.files, dry_run=dry_run)
     return 0
 
 
@@ -315,6 +313,14 @@ def complete(shell: str, *, as_json: bool) -> int:
     else:
         print_data(text)
     return 0
+
+
+def _tell_missing(issued: Issued) -> None:
+    """Say what makes a certificate a DRAFT."""
+    if issued.missing:
+        say("DRAFT: not a calibration certificate; missing:")
+    for item in issued.missing:
+        say(f"  {item.key}: {item.what.en}")
 
 
 def _verdict(document: Any) -> dict[str, Any]:  # noqa: ANN401 (a JSON object)

@@ -10,6 +10,7 @@ from calibkit.firmware.twin import INVALID
 
 if TYPE_CHECKING:
     from calibkit.firmware.blob import Shape
+    from calibkit.firmware.chain import Structure
     from calibkit.firmware.export import Export
 
 NOT_LOADED = 0x4000
@@ -27,6 +28,25 @@ REASONS = (
 )
 """What a load returns, counted from 0, with the meaning."""
 
+CONTENT = f"""        for (k = 0U; k < 8U; k++) {{
+            same &= (blob[16U + k] == layout[k]) ? 1U : 0U;
+        }}
+        if ((same == 0U) || (length < @P_NEEDED)) {{
+            reason = @P_LOAD_LAYOUT;
+#ifndef CAL_ALLOW_REJECTED
+        }} else if ((blob[14] & 1U) == 0U) {{
+            reason = @P_LOAD_REJECTED;
+#endif
+        }} else if ((@p_fill(&blob[{blob.HEADER.size}]) == 0U) || (@p_sane() == 0U)) {{
+            reason = @P_LOAD_VALUES;
+        }} else if (@p_hold(&blob[@P_TESTS_AT]) == 0U) {{
+            reason = @P_LOAD_VECTORS;
+        }} else {{
+            @p_tests = &blob[@P_TESTS_AT];
+            @p_ready = 1U;
+        }}
+"""
+"""What becomes of a blob whose frame and CRC are right."""
 LOAD = """/* takes the numbers of a blob, which must stay where it is for @p_selftest; 0 = loaded; until then, and after a
    rejection, nothing is corrected */
 uint32_t @p_load(const uint8_t blob[], uint32_t size);
@@ -243,15 +263,6 @@ def _vectors(export: Export) -> str:
     inputs, outputs = structure.inputs, structure.outputs
     width, first = len(inputs) + len(outputs) + 2, len(outputs)
     memory = structure.interval_s is not None
-    calls = ["        status = @p_evaluated(&in, &out);"]
-    if memory:
-        calls = [
-            *(["        @p_reset(&state);"] if structure.summing else []),
-            f"        updates = (uint32_t)@p_number(&row[{size * (width - 2)}]);",
-            "        for (n = 0U; n < updates; n++) {",
-            "            status = @p_evaluated(&state, &in, &out);",
-            "        }",
-        ]
     checks = [f"(status != (uint32_t)@p_number(&row[{size * (width - 1)}]))"]
     checks += [
         f"(@p_near(out.{output.name}, @p_number(&row[{size * (len(inputs) + k)}]), @p_number(&at[{size * k}])) == 0U)"
@@ -274,7 +285,7 @@ def _vectors(export: Export) -> str:
         *(["        uint32_t updates;", "        uint32_t n;"] if memory else []),
         "",
         *(f"        in.{entry.name} = @p_number(&row[{size * k}]);" for k, entry in enumerate(inputs)),
-        *calls,
+        *_calls(structure, size * (width - 2)),
         "        if (" + "\n            || ".join(checks) + ") {",
         "            holds = 0U;",
         "        }",
@@ -283,6 +294,19 @@ def _vectors(export: Export) -> str:
         "}",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _calls(structure: Structure, updates_at: int) -> list[str]:
+    """Lines that evaluate one vector, as often as it says where the chain has memory."""
+    if structure.interval_s is None:
+        return ["        status = @p_evaluated(&in, &out);"]
+    return [
+        *(["        @p_reset(&state);"] if structure.summing else []),
+        f"        updates = (uint32_t)@p_number(&row[{updates_at}]);",
+        "        for (n = 0U; n < updates; n++) {",
+        "            status = @p_evaluated(&state, &in, &out);",
+        "        }",
+    ]
 
 
 def _load(found: Shape) -> str:
@@ -309,24 +333,7 @@ def _load(found: Shape) -> str:
     }} else if (@p_crc(blob, length - 4U) != @p_u32(&blob[length - 4U])) {{
         reason = @P_LOAD_CRC;
     }} else {{
-        for (k = 0U; k < 8U; k++) {{
-            same &= (blob[16U + k] == layout[k]) ? 1U : 0U;
-        }}
-        if ((same == 0U) || (length < @P_NEEDED)) {{
-            reason = @P_LOAD_LAYOUT;
-#ifndef CAL_ALLOW_REJECTED
-        }} else if ((blob[14] & 1U) == 0U) {{
-            reason = @P_LOAD_REJECTED;
-#endif
-        }} else if ((@p_fill(&blob[{blob.HEADER.size}]) == 0U) || (@p_sane() == 0U)) {{
-            reason = @P_LOAD_VALUES;
-        }} else if (@p_hold(&blob[@P_TESTS_AT]) == 0U) {{
-            reason = @P_LOAD_VECTORS;
-        }} else {{
-            @p_tests = &blob[@P_TESTS_AT];
-            @p_ready = 1U;
-        }}
-    }}
+{CONTENT}    }}
     return reason;
 }}
 """

@@ -10,7 +10,7 @@ from calibkit.firmware.chain import Limit, Map, Select, Slope, Sum
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from calibkit.firmware.chain import Step
+    from calibkit.firmware.chain import Step, Structure
     from calibkit.firmware.export import Export
 
 CONTRACT = {
@@ -261,25 +261,7 @@ def _update(export: Export) -> str:
 def _selftest(export: Export) -> str:
     """Vectors and the function that holds the chain against them."""
     structure, rows = export.chain.structure, len(export.vectors.status)
-    checks = ["(status != @p_test_status[k])"]
-    for output in structure.outputs:
-        if export.program.format.fixed:
-            checks.append(f"(out.{output.name} != @p_test_out[k].{output.name})")
-        else:
-            tolerance = export.program.format.text(tolerance_of(export, output.name))
-            checks.append(f"(@p_near(out.{output.name}, @p_test_out[k].{output.name}, {tolerance}) == 0U)")
     memory, zero = structure.interval_s is not None, c_steps.Body(export.program).zero
-    calls = ["        const uint32_t status = @p_correct(&@p_test_in[k], &out);"]
-    if memory:
-        calls = [
-            "        uint32_t status = @P_OK;",
-            "        uint32_t n;",
-            "",
-            *(["        @p_reset(&state);"] if structure.summing else []),
-            "        for (n = 0U; n < @p_test_updates[k]; n++) {",
-            "            status = @p_update(&state, &@p_test_in[k], &out);",
-            "        }",
-        ]
     lines = [
         "#ifndef CAL_NO_SELFTEST",
         f"#define @P_TESTS {rows}U",
@@ -302,9 +284,9 @@ def _selftest(export: Export) -> str:
             if memory
             else ["        @p_out out;"]
         ),
-        *calls,
+        *_calls(structure),
         "",
-        "        if (" + "\n            || ".join(checks) + ") {",
+        "        if (" + "\n            || ".join(_differences(export)) + ") {",
         "            failed = 1;",
         "        }",
         "    }",
@@ -313,6 +295,34 @@ def _selftest(export: Export) -> str:
         "#endif",
     ]
     return "\n".join(lines) + "\n"
+
+
+def _calls(structure: Structure) -> list[str]:
+    """Lines that evaluate one vector, as often as it says where the chain has memory."""
+    if structure.interval_s is None:
+        return ["        const uint32_t status = @p_correct(&@p_test_in[k], &out);"]
+    return [
+        "        uint32_t status = @P_OK;",
+        "        uint32_t n;",
+        "",
+        *(["        @p_reset(&state);"] if structure.summing else []),
+        "        for (n = 0U; n < @p_test_updates[k]; n++) {",
+        "            status = @p_update(&state, &@p_test_in[k], &out);",
+        "        }",
+    ]
+
+
+def _differences(export: Export) -> list[str]:
+    """Conditions under which the results of a vector are not those that it states."""
+    number = export.program.format
+    checks = ["(status != @p_test_status[k])"]
+    for name in (output.name for output in export.chain.structure.outputs):
+        if number.fixed:
+            checks.append(f"(out.{name} != @p_test_out[k].{name})")
+        else:
+            tolerance = number.text(tolerance_of(export, name))
+            checks.append(f"(@p_near(out.{name}, @p_test_out[k].{name}, {tolerance}) == 0U)")
+    return checks
 
 
 def _words(name: str, texts: list[str]) -> str:

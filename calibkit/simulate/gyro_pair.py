@@ -11,7 +11,7 @@ from calibkit.simulate import rate_table
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -75,16 +75,7 @@ def campaign(
     gyros = {name: linear(gyro) for name, gyro in drawn.items()} if ideal else drawn
     rates = rate_table.both_ways() if rates_dps is None else tuple(rates_dps)
     stand = rate_table.Table(start_angle_deg=rng.uniform(0.0, 360.0)) if table is None else table
-    logs: dict[str, dict[str, Array]] = {}
-    lines: dict[str, dict[str, float]] = {}
-    for axis in ("a", "b"):
-        mounted = {f"gyro_{g}_lsb": replace(gyros[g], axis=directions[f"{g}_about_{axis}"]) for g in ("a", "b")}
-        columns = rate_table.run(mounted, stand, rates, START_DEGC, rng)
-        degc = float(np.mean(columns["temp_case_degc"]))
-        logs[f"table_axis_{axis}.csv"] = columns
-        for g in ("a", "b"):
-            slope, intercept = rate_table.best_line(mounted[f"gyro_{g}_lsb"], stand, rates, degc)
-            lines[f"{g}_about_{axis}"] = {"K": slope, "F0": intercept, "temp_case_degc": degc}
+    logs, lines = _turned(gyros, directions, stand, rates, rng)
     gamma = float(np.cos(np.radians(alpha)))
     truth = {
         "procedure": "gyro_pair",
@@ -101,3 +92,24 @@ def campaign(
         "side": "same" if gamma >= 0.0 else "opposite",
     }
     return Campaign(logs, rate_table.DECIMALS, truth)
+
+
+def _turned(
+    gyros: Mapping[str, rate_table.RateGyro],
+    directions: Mapping[str, tuple[float, float, float]],
+    table: rate_table.Table,
+    rates: Sequence[float],
+    rng: np.random.Generator,
+) -> tuple[dict[str, dict[str, Array]], dict[str, dict[str, float]]]:
+    """Logs of the runs about both table axes, and the best line of each gyro in each."""
+    logs: dict[str, dict[str, Array]] = {}
+    lines: dict[str, dict[str, float]] = {}
+    for axis in ("a", "b"):
+        mounted = {g: replace(gyros[g], axis=directions[f"{g}_about_{axis}"]) for g in ("a", "b")}
+        columns = rate_table.run({f"gyro_{g}_lsb": gyro for g, gyro in mounted.items()}, table, rates, START_DEGC, rng)
+        logs[f"table_axis_{axis}.csv"] = columns
+        degc = float(np.mean(columns["temp_case_degc"]))
+        for g, gyro in mounted.items():
+            slope, intercept = rate_table.best_line(gyro, table, rates, degc)
+            lines[f"{g}_about_{axis}"] = {"K": slope, "F0": intercept, "temp_case_degc": degc}
+    return logs, lines

@@ -74,26 +74,12 @@ def campaign(
     gyros = [rate_table.draw(rng, noise_lsb=noise_lsb) for _ in GYROS]
     table = rate_table.Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
     rates = rate_table.both_ways(RATES_DPS) if rates_dps is None else tuple(rates_dps)
-    logs, truths = {}, {}
+    logs: dict[str, dict[str, Array]] = {}
+    truths: dict[str, dict[str, list[list[float]]]] = {}
     for degc in (*temperatures_degc, *withheld_degc):
         folder = "" if degc in temperatures_degc else "withheld/"
-        directions = axes_at(axes, turns, degc)
-        lines = np.zeros((3, 3))
-        for axis, name in enumerate(GYROS):
-            mounted = {
-                f"gyro_{g}_lsb": replace(gyro, axis=about(axis, direction))
-                for g, gyro, direction in zip(GYROS, gyros, directions, strict=True)
-            }
-            columns = rate_table.run(mounted, table, rates, degc, rng)
-            logs[f"{folder}about_{name}_{degc:.0f}.csv"] = columns
-            case = float(np.mean(columns["temp_case_degc"]))
-            lines[:, axis] = [rate_table.best_line(gyro, table, rates, case)[0] for gyro in mounted.values()]
-        cosines = np.clip(directions @ directions.T, -1.0, 1.0)
-        truths[f"{degc:.0f}"] = {
-            "sensitivity": lines.tolist(),
-            "axes": directions.tolist(),
-            "angles_deg": np.degrees(np.arccos(cosines)).tolist(),
-        }
+        runs, truths[f"{degc:.0f}"] = _turned(gyros, axes_at(axes, turns, degc), table, rates, degc, rng)
+        logs |= {f"{folder}about_{name}_{degc:.0f}.csv": run for name, run in runs.items()}
     truth = {
         "procedure": "gyro_triad",
         "seed": seed,
@@ -104,3 +90,30 @@ def campaign(
     }
     decimals = rate_table.DECIMALS | {f"gyro_{g}_lsb": 1 for g in GYROS}
     return Campaign(logs, decimals, truth)
+
+
+def _turned(
+    gyros: Sequence[rate_table.RateGyro],
+    directions: Array,
+    table: rate_table.Table,
+    rates: Sequence[float],
+    degc: float,
+    rng: np.random.Generator,
+) -> tuple[dict[str, dict[str, Array]], dict[str, list[list[float]]]]:
+    """Columns of the runs about each axis at one temperature [°C], gyros along directions [3, 3], and the truth of them."""
+    runs: dict[str, dict[str, Array]] = {}
+    lines = np.zeros((3, 3))
+    for axis, name in enumerate(GYROS):
+        mounted = {
+            f"gyro_{g}_lsb": replace(gyro, axis=about(axis, direction))
+            for g, gyro, direction in zip(GYROS, gyros, directions, strict=True)
+        }
+        runs[name] = rate_table.run(mounted, table, rates, degc, rng)
+        case = float(np.mean(runs[name]["temp_case_degc"]))
+        lines[:, axis] = [rate_table.best_line(gyro, table, rates, case)[0] for gyro in mounted.values()]
+    cosines = np.clip(directions @ directions.T, -1.0, 1.0)
+    return runs, {
+        "sensitivity": lines.tolist(),
+        "axes": directions.tolist(),
+        "angles_deg": np.degrees(np.arccos(cosines)).tolist(),
+    }
