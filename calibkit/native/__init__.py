@@ -57,3 +57,5 @@ def _declare(library: CDLL) -> None:
     doubles = POINTER(c_double)
     library.calibkit_numbers.argtypes = [c_void_p, c_int64, c_int64, c_int64, POINTER(doubles)]
     library.calibkit_numbers.restype = c_int64
+    library.calibkit_slopes.argtypes = [c_void_p, c_void_p, c_int64, c_int64, c_double, c_double, c_void_p]
+    library.calibkit_slopes.restype = c_int64

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from calibkit.native import kernels
 from calibkit.numeric import spans
 
 if TYPE_CHECKING:
@@ -57,6 +58,18 @@ def causal_slope(time: Array, temperature: Array, window_s: float, *, room: Room
 
 def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
     """Slopes [°C/min] at the samples behind the first `skipped` ones of a stretch [n] that holds all their windows."""
+    library = kernels()
+    if library is not None:
+        time, temperature = (np.ascontiguousarray(x, dtype=np.float64) for x in (time, temperature))
+        slope, reach = np.empty(time.size - skipped), window_s * (1.0 + 1e-9)
+        series = time.ctypes.data, temperature.ctypes.data, time.size, skipped
+        if library.calibkit_slopes(*series, reach, window_s / 2.0, slope.ctypes.data) == 0:
+            return slope
+    return _slopes_of_arrays(time, temperature, window_s, skipped)
+
+
+def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
+    """As `_slopes`, where there are no compiled kernels or the time runs backwards."""
     ends = time[skipped:]
     first = _first_in_window(time, ends - window_s * (1.0 + 1e-9), skipped)
     t = (time - time[time.size // 2]) / 60.0
