@@ -1,14 +1,18 @@
-"""A log larger than memory should be, fitted from disk and in memory: peak resident set, times, and how far coefficients differ.
+"""Logs larger than memory should be, fitted and compensated from disk and in memory: peak resident set, times, differences.
 
-A simulated gyro on one 5 °C/min ramp of an hour is written as CSV of so many rows (default 40 million, 1.4 GB) unless it is
-there, and fitted twice by the command line: with its columns on disk (CALIBKIT_LARGEST_LOG_MB=0) and in memory.
+A simulated log of so many rows (default 40 million, 1.4 GB) is written as CSV unless it is there, and each procedure fits it
+twice by the command line: with its columns on disk (CALIBKIT_LARGEST_LOG_MB=0) and in memory; `apply` then compensates the
+same log with its run. What differs in the coefficient files is printed; compensated logs must be the same to the byte.
 
-    python benchmarks/out_of_core.py FOLDER                 40 million rows; FOLDER is kept for another run
-    python benchmarks/out_of_core.py FOLDER 4000000
+    python benchmarks/out_of_core.py FOLDER                             40 million rows, every procedure; FOLDER is kept
+    python benchmarks/out_of_core.py FOLDER 4000000 bias_temperature    one procedure
+
+Fits end with 0 or 1: what a procedure makes of so plain a log is not asked here.
 """
 
 from __future__ import annotations
 
+import filecmp
 import json
 import os
 import subprocess
@@ -18,23 +22,42 @@ import time
 from pathlib import Path
 from typing import Any
 
-from big_ramps import write
+import big_ramps
+import big_tables
 
-STAGES = ("denoise.json", "drift.json", "drift_rate.json")
+SETTINGS = {"on disk": "0", "in memory": "1e9"}
+SERIES = ("--set", 'logs.files=["*.csv"]', "--set", "dwells.mode=series")
+PROCEDURES: dict[str, tuple[str, ...]] = {
+    "fog_thermal": (),
+    "bias_temperature": (),
+    "rate_table": (),
+    "accelerometer": SERIES,
+}
+"""Procedure → options of its fit."""
+RAMP_DEGC_MIN = 5.0
 LARGEST_DIFFERENCE = 1e-10
 
 
-def fit(data: Path, out: Path, largest_mb: str) -> tuple[float, float, float]:
-    """Fit in a process of its own; peak resident set [MB], wall and processor time [s]."""
-    command = [sys.executable, "-m", "calibkit", "fit", "fog_thermal", "--data", str(data), "--serial", "G"]
-    command += ["--date", "2026-01-01", "--out", str(out)]
+def log_of(folder: Path, procedure: str, rows: int) -> Path:
+    """Log of so many rows that a procedure fits, alone in its folder."""
+    if procedure in big_tables.KINDS:
+        return big_tables.write(folder / procedure, procedure, rows)
+    return big_ramps.write(folder / "ramp", rows, (RAMP_DEGC_MIN,))[0]
+
+
+def measured(what: str, place: str, *arguments: str) -> None:
+    """Run a command with its columns in a place, in a process of its own, and print peak, wall and processor time."""
     begun = time.perf_counter()
-    environment = os.environ | {"CALIBKIT_LARGEST_LOG_MB": largest_mb}
-    child = subprocess.Popen(command, env=environment, stdout=subprocess.DEVNULL)
+    environment = os.environ | {"CALIBKIT_LARGEST_LOG_MB": SETTINGS[place]}
+    child = subprocess.Popen([sys.executable, "-m", "calibkit", *arguments], env=environment, stdout=subprocess.DEVNULL)
     _, status, usage = os.wait4(child.pid, 0)
     if os.waitstatus_to_exitcode(status) not in (0, 1):
-        sys.exit(f"the fit ended with {os.waitstatus_to_exitcode(status)}")
-    return usage.ru_maxrss / 1024.0, time.perf_counter() - begun, usage.ru_utime + usage.ru_stime
+        sys.exit(f"{what} ended with {os.waitstatus_to_exitcode(status)}")
+    wall, cpu = time.perf_counter() - begun, usage.ru_utime + usage.ru_stime
+    print(
+        f"{what:22s} {place:9s}: peak {usage.ru_maxrss / 1024.0:5.0f} MB, {wall:6.1f} s, {cpu:6.1f} s of processor",
+        flush=True,
+    )
 
 
 def numbers(entry: Any) -> list[float]:  # noqa: ANN401 (JSON)
@@ -48,26 +71,45 @@ def numbers(entry: Any) -> list[float]:  # noqa: ANN401 (JSON)
 
 def difference(one: Path, other: Path) -> float:
     """Largest relative difference of the numbers of two runs' coefficient files."""
+    stages = sorted(path.name for path in one.glob("*.json") if path.name != "run.json")
     largest = 0.0
-    for stage in STAGES:
+    for stage in stages:
         pairs = zip(*(numbers(json.loads((run / stage).read_text("utf-8"))) for run in (one, other)), strict=True)
         largest = max([largest, *(abs(a - b) / max(abs(a), abs(b)) for a, b in pairs if a != b)])
+    same = all((one / stage).read_bytes() == (other / stage).read_bytes() for stage in stages)
+    print(
+        f"{'':22s} {', '.join(stages)}: {'the same bytes' if same else f'differ by {largest:.1e} at most'}", flush=True
+    )
     return largest
 
 
+def compared(procedure: str, log: Path, out: Path) -> bool:
+    """Fit and compensate from disk and in memory; whether both came out alike."""
+    runs = {place: out / place for place in SETTINGS}
+    for place, run in runs.items():
+        options = ("--data", str(log.parent), "--serial", "G", "--date", "2026-01-01", "--out", str(run))
+        measured(f"fit {procedure}", place, "fit", procedure, *options, *PROCEDURES[procedure])
+    alike = difference(*(run / "G" / "r001" for run in runs.values())) <= LARGEST_DIFFERENCE
+    written = {place: out / f"{place}.csv" for place in SETTINGS}
+    for place, path in written.items():
+        run = str(runs["in memory"] / "G" / "r001")
+        measured(f"apply {procedure}", place, "apply", run, "--data", str(log), "--out", str(path))
+    same = filecmp.cmp(*written.values(), shallow=False)
+    print(f"{'':22s} compensated logs: {'the same bytes' if same else 'they differ'}", flush=True)
+    return alike and same
+
+
 def main() -> None:
-    """Write, fit twice, compare."""
-    rows = int(sys.argv[2]) if len(sys.argv) > 2 else 40_000_000
-    (log,) = write(Path(sys.argv[1]), rows, (5.0,))
-    print(f"{log.stat().st_size / 1e6:.0f} MB, {rows} rows, {8e-6 * 4 * rows:.0f} MB as numbers", flush=True)
-    with tempfile.TemporaryDirectory() as folder:
-        runs = {name: Path(folder) / name for name in ("on disk", "in memory")}
-        for name, largest in (("on disk", "0"), ("in memory", "1e9")):
-            peak, wall, cpu = fit(log.parent, runs[name], largest)
-            print(f"{name:9s}: peak {peak:5.0f} MB, {wall:6.1f} s, {cpu:6.1f} s of processor", flush=True)
-        largest_found = difference(*(run / "G" / "r001" for run in runs.values()))
-    print(f"largest relative difference of a number in the coefficient files: {largest_found:.1e}")
-    sys.exit(largest_found > LARGEST_DIFFERENCE)
+    """Write, fit, compensate, compare."""
+    folder, *more = sys.argv[1:]
+    rows = int(more[0]) if more else 40_000_000
+    alike = True
+    for procedure in more[1:] or PROCEDURES:
+        log = log_of(Path(folder), procedure, rows)
+        print(f"{procedure}: {log.stat().st_size / 1e6:.0f} MB, {rows} rows", flush=True)
+        with tempfile.TemporaryDirectory() as out:
+            alike &= compared(procedure, log, Path(out))
+    sys.exit(not alike)
 
 
 if __name__ == "__main__":

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import anomalies
-from calibkit.numeric import fit as core
+from calibkit.numeric import anomalies, hac
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -237,7 +236,7 @@ def _judged(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: f
             "a clock offset cannot be told from another level of the two sensors",
             hint="log a change that both loggers see, or state the clock",
         )
-    covariance = core.hac_covariance(design / size, left) / np.outer(size, size)
+    covariance = hac.covariance(lambda part: design[part] / size, left) / np.outer(size, size)
     pair = np.zeros((2, 2))
     pair[: theta.size, : theta.size] = covariance[: theta.size, : theta.size]
     skew = float(theta[1]) if theta.size > 1 else 0.0

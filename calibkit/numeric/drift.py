@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import fit, intervals
+from calibkit.numeric import fit, hac, intervals
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -127,7 +127,7 @@ def ramp(ramp_blocks: Blocks, rate: float, *, estimate: str = "levels") -> RampF
         design = terms
         found = fit.linear(design, np.diff(ramp_blocks.indication), names=TERMS)
         keep = slice(0, 3)
-    covariance = fit.hac_covariance(design, found.residuals)
+    covariance = hac.covariance(lambda part: design[part], found.residuals)
     return RampFit(
         found.coefficients[keep],
         covariance[keep, keep],

@@ -9,7 +9,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from calibkit.errors import FitError
-from calibkit.numeric import gram
+from calibkit.numeric import gram, spans
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -214,7 +214,13 @@ def mapped_powers(abscissa: Array, order: int) -> tuple[Callable[[slice], Array]
     if half == 0.0 and order > 0:
         raise FitError(f"the abscissa is constant at {middle:g}", hint="a polynomial needs it to vary")
     half = half or 1.0
-    return lambda part: gram.powers(abscissa[part], order, middle=middle, half=half), raw_powers(middle, half, order)
+
+    def columns(part: slice) -> Array:
+        made = gram.powers(spans.taken(abscissa, part), order, middle=middle, half=half)
+        spans.release(abscissa)
+        return made
+
+    return columns, raw_powers(middle, half, order)
 
 
 def in_raw_powers(coefficients: Array, covariance: Array, to_raw: NDArray[np.longdouble]) -> tuple[Array, Array]:
@@ -226,7 +232,7 @@ def in_raw_powers(coefficients: Array, covariance: Array, to_raw: NDArray[np.lon
 
 def mapping(abscissa: Array) -> tuple[float, float]:
     """Middle and half-width of an abscissa [n], which map it to u = (x − middle)/half in [−1, 1]."""
-    low, high = float(np.min(abscissa)), float(np.max(abscissa))
+    low, high = spans.extremes(abscissa)
     return (low + high) / 2.0, (high - low) / 2.0
 
 
@@ -239,55 +245,3 @@ def raw_powers(middle: float, half: float, order: int) -> NDArray[np.longdouble]
         matrix[: k + 1, k] = power
         power = np.convolve(power, step)
     return matrix
-
-
-def hac_covariance(design: Array, residuals: Array, *, lag: int | None = None, prewhiten: bool = True) -> Array:
-    """Covariance [p, p] of linear coefficients when the residuals [n] are autocorrelated (Newey & West 1987).
-
-    The scores are prewhitened by a first-order autoregression and recoloured (Andrews & Monahan 1992), because a kernel
-    alone understates slowly decaying correlation. The lag defaults to three times that at which the autocorrelation of
-    the (prewhitened) residuals falls below 2/√n, at least the Newey-West rule 4 (n/100)^(2/9). The estimate carries the
-    n/(n − p) small-sample factor.
-    """
-    rows, columns = design.shape
-    _, r = np.linalg.qr(design)
-    scores: Array = np.asarray(solve_triangular(r, design.T, trans="T").T * residuals[:, None], dtype=np.float64)
-    colour: Array = np.eye(columns)
-    memory = 0.0
-    if prewhiten and rows > 10 * columns:
-        transition = _transition(scores)
-        colour = np.asarray(np.linalg.inv(np.eye(columns) - transition), dtype=np.float64)
-        power = float(residuals @ residuals)
-        memory = min(max(float(residuals[1:] @ residuals[:-1]) / power, 0.0), 0.97) if power > 0.0 else 0.0
-        scores = np.asarray(scores[1:] - scores[:-1] @ transition.T, dtype=np.float64)
-    lag = min(_bandwidth(residuals[1:] - memory * residuals[:-1]) if lag is None else lag, rows - 2)
-    meat = scores.T @ scores
-    for k in range(1, lag + 1):
-        product = scores[k:].T @ scores[:-k]
-        meat += (1.0 - k / (lag + 1.0)) * (product + product.T)
-    bread = np.asarray(solve_triangular(r, colour), dtype=np.float64)
-    return np.asarray(bread @ meat @ bread.T * (rows / max(rows - columns, 1)), dtype=np.float64)
-
-
-def _transition(scores: Array) -> Array:
-    """First-order autoregression matrix [p, p] of the scores [n, p], its singular values kept below 0.97."""
-    before, after = scores[:-1], scores[1:]
-    matrix = np.linalg.lstsq(before, after, rcond=1e-12)[0].T
-    u, singular, vt = np.linalg.svd(matrix)
-    return np.asarray(u @ np.diag(np.minimum(singular, 0.97)) @ vt, dtype=np.float64)
-
-
-def _bandwidth(residuals: Array) -> int:
-    """Lag of the Bartlett kernel that covers the visible autocorrelation of the residuals [n]."""
-    n = residuals.size
-    rule = int(np.ceil(4.0 * (n / 100.0) ** (2.0 / 9.0)))
-    centred = residuals - residuals.mean()
-    power = float(centred @ centred)
-    if power == 0.0:
-        return rule
-    size = 1 << (2 * n - 1).bit_length()
-    spectrum = np.abs(np.fft.rfft(centred, size)) ** 2
-    correlation = np.fft.irfft(spectrum, size)[: max(n // 3, 1)] / power
-    below = np.flatnonzero(correlation < 2.0 / np.sqrt(n))
-    first = int(below[0]) if below.size else correlation.size
-    return min(max(rule, 3 * first), max(n // 3, 1))

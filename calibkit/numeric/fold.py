@@ -13,7 +13,7 @@ import numpy as np
 from scipy.linalg import solve_triangular
 
 from calibkit.numeric import fit as least_squares
-from calibkit.numeric import gram
+from calibkit.numeric import gram, spans
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -62,8 +62,13 @@ def reduced(
     found = least_squares.tall(design, indication, weights)
     if found is not None:
         return found
-    root = np.ones(rows) if weights is None else np.sqrt(weights)
-    whole = triangle(lambda part: np.column_stack([design(part), indication[part]]) * root[part, None], rows)
+
+    def weighted(part: slice) -> Array:
+        spans.release(indication)
+        stacked = np.column_stack([design(part), indication[part]])
+        return stacked if weights is None else stacked * np.sqrt(weights[part, None])
+
+    whole = triangle(weighted, rows)
     columns = whole.shape[1] - 1
     solved = least_squares.linear(whole[:, :columns], whole[:, columns], names=names)
     coefficients = _corrected(design, indication, weights, whole[:columns, :columns], solved.coefficients)
@@ -75,9 +80,14 @@ def reduced(
 
 
 def linear(
-    design: Callable[[slice], Array], indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()
+    design: Callable[[slice], Array],
+    indication: Array,
+    *,
+    weights: Array | None = None,
+    names: Sequence[str] = (),
+    room: Callable[[int], Array] = np.empty,
 ) -> least_squares.LinearFit:
-    """Fit as `reduced` does, and give the residuals [n] too.
+    """Fit as `reduced` does, and give the residuals [n] too, in an array that `room` makes.
 
     Raises
     ------
@@ -86,7 +96,7 @@ def linear(
 
     """
     found = reduced(design, indication, weights=weights, names=names)
-    return found.having(gram.residuals(design, indication, found.coefficients))
+    return found.having(gram.residuals(design, indication, found.coefficients, room=room))
 
 
 def polynomial(
@@ -128,5 +138,6 @@ def _corrected(
         columns = design(part)
         pulled = indication[part] - columns @ coefficients
         gradient += columns.T @ (pulled if weights is None else pulled * weights[part])
+        spans.release(indication)
     half = solve_triangular(r, gradient, trans="T")
     return np.asarray(coefficients + solve_triangular(r, half), dtype=np.float64)

@@ -15,6 +15,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.numeric import spans
+
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
@@ -70,12 +72,22 @@ def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.
     return rows.T
 
 
-def residuals(design: Callable[[slice], Array], indication: Array, coefficients: Array) -> Array:
-    """Residuals [n] of an indication [n] from coefficients [p] and the columns [m, p] of slices of rows."""
-    left = np.empty(len(indication))
+def residuals(
+    design: Callable[[slice], Array],
+    indication: Array,
+    coefficients: Array,
+    *,
+    room: Callable[[int], Array] = np.empty,
+) -> Array:
+    """Residuals [n] of an indication [n] from coefficients [p] and the columns [m, p] of slices of rows.
+
+    `room` makes their array.
+    """
+    left = room(len(indication))
     for part in blocks(len(indication), block_rows(coefficients.size)):
         np.matmul(design(part), coefficients, out=left[part])
         np.subtract(indication[part], left[part], out=left[part])
+        spans.release(indication, left)
     return left
 
 
@@ -135,7 +147,7 @@ def _sampled(design: Callable[[slice], Array], indication: Array, weights: Array
     """Solution [p] for evenly spread rows, of least norm where they do not determine it; None where one is not finite."""
     part = slice(0, len(indication), 1 + len(indication) // SAMPLE_ROWS)
     root = 1.0 if weights is None else np.sqrt(weights[part])
-    rows, target = (design(part).T * root).T, indication[part] * root
+    rows, target = (design(part).T * root).T, spans.taken(indication, part) * root
     if not (np.isfinite(rows).all() and np.isfinite(target).all()):
         return None
     length = np.linalg.norm(rows, axis=0)
@@ -160,6 +172,7 @@ def _sums(
         gram += product(columns, weighted)
         gradient += columns.T @ pulled
         square += float(residual @ pulled)
+        spans.release(indication)
     return gram, gradient, square
 
 

@@ -69,9 +69,7 @@ def _bracket(values: Array, about: float) -> tuple[float, float]:
     # no common divisor with what logs repeat by: every 200th value may be of another kind
     while math.gcd(step, 210) > 1:
         step += 1
-    # every step-th value, span by span: of a file no more than a span is in memory
-    taken = [values[start + -start % step : stop : step].copy() for start, stop in spans.along(values)]
-    sample = np.sort(np.abs(np.concatenate(taken) - about))
+    sample = np.sort(np.abs(spans.taken(values, slice(0, values.size, step)) - about))
     off = round(MARGIN * math.sqrt(sample.size) / 2.0)
     middle = sample.size // 2
     return float(sample[max(middle - off, 0)]), float(sample[min(middle + off, sample.size - 1)])

@@ -28,12 +28,27 @@ SAMPLE = 1 << 13
 """Values from which such a search guesses where to look."""
 
 
-def along(*columns: NDArray[np.generic], rows: int = 0) -> Iterator[tuple[int, int]]:
-    """First row and row after the last of consecutive spans of columns [n]; pages of a span are let go behind it."""
-    size, step = columns[0].shape[0], rows or ROWS
+def over(size: int, rows: int = 0) -> Iterator[tuple[int, int]]:
+    """First row and row after the last of consecutive spans of so many rows."""
+    step = rows or ROWS
     for start in range(0, size, step):
         yield start, min(start + step, size)
+
+
+def along(*columns: NDArray[np.generic], rows: int = 0) -> Iterator[tuple[int, int]]:
+    """First row and row after the last of consecutive spans of columns [n]; pages of a span are let go behind it."""
+    for start, stop in over(columns[0].shape[0], rows):
+        yield start, stop
         release(*columns)
+
+
+def taken(column: Array, part: slice) -> Array:
+    """Values of a column [n] in a slice of its rows; where it skips some, of a file no more than a span is in memory."""
+    if part.step in {None, 1}:
+        return column[part]
+    whole = column[part.start : part.stop]
+    # copies: views would keep what they are views of
+    return np.concatenate([whole[a + -a % part.step : b : part.step].copy() for a, b in along(whole)])
 
 
 def release(*columns: NDArray[np.generic]) -> None:
@@ -81,6 +96,12 @@ def _halfway(parted: Array, size: int) -> Array:
     """
     upper = parted[..., size // 2]
     return upper if size % 2 else np.asarray((parted[..., : size // 2].max(axis=-1) + upper) / 2.0)
+
+
+def deviation(column: Array) -> float:
+    """Standard deviation of a column [n] about its mean, of the rows themselves (divided by n)."""
+    mean = sum(float(np.sum(column[a:b])) for a, b in along(column)) / column.size
+    return float(np.sqrt(sum(float(np.sum((column[a:b] - mean) ** 2)) for a, b in along(column)) / column.size))
 
 
 def median(values: Array) -> float:

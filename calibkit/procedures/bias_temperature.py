@@ -13,7 +13,7 @@ from calibkit.frame import Examined, Finding, refuse
 from calibkit.procedures import Fitted
 from calibkit.report import bias_temperature as pages
 from calibkit.report.documents import Drawn
-from calibkit.stages import bias, ingest, write_back
+from calibkit.stages import bias, ingest, pieces, write_back
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -38,7 +38,18 @@ def read(spec: BiasTemperatureRecipe, data: Path, file: str, reader: Reader = in
 
 
 def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
-    """What is wrong with a log."""
+    """What is wrong with a log; one on disk is looked at in pieces."""
+    if not log.on_disk:
+        return _found(spec, log)
+    pieced = pieces.through(spec, log)
+    if any(finding.refused for finding in pieced.findings):
+        return list(pieced.findings)
+    rest = (finding for finding in _found(spec, pieced.log) if finding.name not in pieces.BY_PIECE)
+    return [*checks.rows(log, spec.polynomials.min_rows), *pieced.findings, *rest]
+
+
+def _found(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
+    """What is wrong with a log that is looked at whole."""
     early = [*checks.rows(log, spec.polynomials.min_rows), *checks.finite(log, list(log.frame.columns))]
     if any(finding.refused for finding in early):
         return early

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.numeric import spans
 from calibkit.report.figures import GOOD, INK, RAW, page
 
 if TYPE_CHECKING:
@@ -38,12 +39,15 @@ class BiasReport:
 
 def binned(abscissa: Array, indication: Array) -> tuple[Array, Array]:
     """Means of abscissa and indication [bins] over equal steps of the abscissa; empty steps are left out."""
-    edges = np.linspace(abscissa.min(), abscissa.max(), BINS + 1)
-    index = np.clip(np.digitize(abscissa, edges) - 1, 0, BINS - 1)
-    count = np.bincount(index, minlength=BINS)
+    edges = np.linspace(*spans.extremes(abscissa), BINS + 1)
+    count, sums = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS))
+    for start, stop in spans.along(abscissa, indication):
+        x, y = abscissa[start:stop], indication[start:stop]
+        index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+        count += np.bincount(index, minlength=BINS)
+        sums += [np.bincount(index, weights=values, minlength=BINS) for values in (x, y)]
     full = count > 0
-    means = [np.bincount(index, weights=x, minlength=BINS)[full] / count[full] for x in (abscissa, indication)]
-    return means[0], means[1]
+    return sums[0][full] / count[full], sums[1][full] / count[full]
 
 
 def pages(title: str, report: BiasReport) -> list[Figure]:

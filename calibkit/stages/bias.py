@@ -11,20 +11,22 @@ from calibkit import units
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.frame import values
 from calibkit.numeric import fit as core
+from calibkit.numeric import fold, hac, spans
 from calibkit.report.bias_temperature import BiasCurve, BiasReport, binned
 from calibkit.report.summary import Summary, SummaryTable, number
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Callable, Sequence
 
     from numpy.typing import NDArray
 
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.recipe import BiasTemperatureRecipe
-    from calibkit.recipe.bias_temperature import Polynomials
+    from calibkit.recipe.bias_temperature import Bias, Polynomials
 
     Array = NDArray[np.float64]
+    Room = Callable[[int], Array]
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,32 +48,44 @@ def fit(logs: Sequence[Log], spec: Polynomials) -> list[BiasFit]:
 
     The covariance allows for autocorrelated residuals (Newey & West 1987): a sensor that warms up is not white.
     """
-    abscissa = np.concatenate([values(log.frame, spec.abscissa) for log in logs])
-    middle, half = core.mapping(abscissa)
-    fits = []
-    for entry in spec.bias:
-        indication = np.concatenate([values(log.frame, entry.indication) for log in logs])
-        found, raw, _ = core.polynomial(abscissa, indication, entry.order)
-        design = np.vander((abscissa - middle) / half, entry.order + 1, increasing=True)
-        to_raw = np.asarray(core.raw_powers(middle, half, entry.order), dtype=np.float64)
-        covariance = to_raw @ core.hac_covariance(design, found.residuals) @ to_raw.T
-        shown = binned(abscissa, indication)
-        curve = BiasCurve(
-            entry.indication, *shown, np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
-        )
-        fits.append(
-            BiasFit(
-                entry.indication,
-                spec.abscissa,
-                raw,
-                covariance,
-                found.dof,
-                found.residual_rms,
-                (float(abscissa.min()), float(abscissa.max())),
-                curve,
-            )
-        )
-    return fits
+    abscissa, room = _joined(logs, spec.abscissa)
+    return [_fitted(entry, spec.abscissa, abscissa, _joined(logs, entry.indication)[0], room) for entry in spec.bias]
+
+
+def _joined(logs: Sequence[Log], column: str) -> tuple[Array, Room]:
+    """A column [n] of all logs, one behind the other, on disk where one of them is; and what makes arrays there."""
+    room = next((log.room for log in logs if log.on_disk), np.empty)
+    parts = [values(log.frame, column) for log in logs]
+    if len(parts) == 1:
+        return parts[0], room
+    whole = room(sum(part.size for part in parts))
+    row = 0
+    for part in parts:
+        for start, stop in spans.along(part):
+            whole[row : row + stop - start] = part[start:stop]
+            row += stop - start
+            spans.release(whole)
+    return whole, room
+
+
+def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Room) -> BiasFit:
+    """One channel's polynomial over the abscissa of that name."""
+    design, to_raw = core.mapped_powers(abscissa, entry.order)
+    names = [f"p{k}" for k in range(entry.order + 1)]
+    found = fold.linear(design, indication, names=names, room=room)
+    raw, covariance = core.in_raw_powers(found.coefficients, hac.covariance(design, found.residuals), to_raw)
+    shown = binned(abscissa, indication)
+    curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
+    return BiasFit(
+        entry.indication,
+        name,
+        raw,
+        covariance,
+        found.dof,
+        found.residual_rms,
+        spans.extremes(abscissa),
+        BiasCurve(entry.indication, *shown, curve),
+    )
 
 
 def result(fits: Sequence[BiasFit], flags: Sequence[str]) -> StageResult:
@@ -131,15 +145,16 @@ def compensated(log: Log, record: Record, spec: BiasTemperatureRecipe) -> tuple[
         low, high = model.valid[abscissa]
         reference = spec.reference_temp_degc if abscissa.endswith("_degc") else (low + high) / 2.0
         powers = [coefficient.value for coefficient in model.coefficients]
-        x = values(log.frame, abscissa)
-        outside = float(np.mean((x < low) | (x > high)))
-        if outside > 0.0:
-            flags.append(
-                f"{log.file}: {abscissa} clamped to {low:g} … {high:g} over {100.0 * outside:.1f} % of the rows"
-            )
-        bias = np.polynomial.polynomial.polyval(np.clip(x, low, high), powers)
+        x, y, outside = values(log.frame, abscissa), values(log.frame, entry.indication), 0
         zero = np.polynomial.polynomial.polyval(np.clip(reference, low, high), powers)
-        columns[entry.indication] = values(log.frame, entry.indication) - (bias - zero)
+        columns[entry.indication] = made = log.room(x.size)
+        for a, b in spans.along(x, y, made):
+            bias = np.polynomial.polynomial.polyval(np.clip(x[a:b], low, high), powers)
+            made[a:b] = y[a:b] - (bias - zero)
+            outside += int(np.count_nonzero((x[a:b] < low) | (x[a:b] > high)))
+        if outside:
+            share = 100.0 * outside / x.size
+            flags.append(f"{log.file}: {abscissa} clamped to {low:g} … {high:g} over {share:.1f} % of the rows")
     return columns, tuple(dict.fromkeys(flags))
 
 
@@ -150,8 +165,8 @@ def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> d
         {
             "name": name,
             "unit": units.column_unit(name),
-            "before": float(np.std(values(log.frame, name))),
-            "after": float(np.std(output)),
+            "before": spans.deviation(values(log.frame, name)),
+            "after": spans.deviation(output),
         }
         for name, output in columns.items()
     ]

@@ -17,7 +17,7 @@ from calibkit.errors import UsageError
 from calibkit.frame import Log, values
 from calibkit.numeric.spans import release
 from calibkit.readers import clean
-from calibkit.recipe import FogThermalRecipe
+from calibkit.recipe import BiasTemperatureRecipe, FogThermalRecipe
 from calibkit.stages import ingest, pieces
 
 if TYPE_CHECKING:
@@ -33,6 +33,8 @@ if TYPE_CHECKING:
 SETTING = "CALIBKIT_LARGEST_LOG_MB"
 """Environment variable: megabytes of a log up to which it is held in memory."""
 LARGEST_MB = 1000.0
+ALONG_SPANS = (FogThermalRecipe, BiasTemperatureRecipe)
+"""Procedures that work span by span; others compute along whole columns: on disk they would need no less memory."""
 ROWS = 1 << 19
 """Rows that are read at a time."""
 
@@ -51,8 +53,7 @@ def largest() -> float:
 
 def read(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()) -> Log | None:
     """A large clean log with its columns on disk; none for a log that is held in memory. Raises as `ingest.read_log`."""
-    # other procedures compute along whole columns: on disk they would need no less memory
-    along_spans = isinstance(recipe, FogThermalRecipe) and pieces.can_be(recipe)
+    along_spans = isinstance(recipe, ALONG_SPANS) and pieces.can_be(recipe)
     if not along_spans or not path.is_file() or path.stat().st_size <= largest():
         return None
     scan = clean.scanned(path, file)

@@ -130,7 +130,9 @@ def _looked_at(recipe: Recipe, log: Log, last: Log | None, *, first: bool) -> li
     gyros = [name for name in columns if name.endswith("_dph")]
     for name in gyros:
         found += check.plausible_rate(log, name)
-        found += check.series.indication(log, name, "deg/h")
+    still = [entry.indication for entry in recipe.polynomials.bias] if isinstance(recipe, BiasTemperatureRecipe) else []
+    for name in dict.fromkeys((*gyros, *still)):
+        found += check.series.indication(log, name, units.column_unit(name))
     if {"temp_case_degc", "temp_env_degc"} <= set(columns):
         found += check.series.temperatures(log, "temp_case_degc", "temp_env_degc")
     else:

@@ -1,0 +1,101 @@
+"""Procedures that work along logs on disk: the coefficient files of logs in memory, byte for byte, whatever the spans."""
+
+import json
+
+import numpy as np
+import pytest
+
+from calibkit.numeric import hac, spans
+from calibkit.stages import long_logs, pieces
+
+
+@pytest.fixture
+def small(monkeypatch):
+    """Read, look at and work on logs in pieces and spans that cut them anywhere."""
+    monkeypatch.setattr(long_logs, "ROWS", 700)
+    monkeypatch.setattr(pieces, "PIECE", 1000)
+    shorten(monkeypatch)
+
+
+def shorten(monkeypatch):
+    """Spans of 257 rows, and searches that hold next to nothing."""
+    monkeypatch.setattr(spans, "ROWS", 257)
+    monkeypatch.setattr(spans, "KEPT", 100)
+    monkeypatch.setattr(spans, "SAMPLE", 32)
+    monkeypatch.setattr(hac, "LAGS", (16, 64))
+
+
+@pytest.fixture
+def both(calibkit, monkeypatch, tmp_path):
+    """Fit logs from disk and in memory; returns the stage's files of both."""
+
+    def fit(recipe, data, stages, serial="S"):
+        found = []
+        for name, setting in (("disk", "0"), ("memory", "1000")):
+            monkeypatch.setenv(long_logs.SETTING, setting)
+            given = ("--serial", serial, "--date", "2026-01-01", "--out", tmp_path / name)
+            outcome = calibkit("fit", recipe, "--data", data, *given)
+            assert outcome.code in (0, 1), outcome.err
+            found.append([(tmp_path / name / serial / "r001" / f"{stage}.json").read_bytes() for stage in stages])
+        return found
+
+    return fit
+
+
+def numbers(entry):
+    """Every number of a JSON document, in order."""
+    if isinstance(entry, dict):
+        return [number for key in sorted(entry) for number in numbers(entry[key])]
+    if isinstance(entry, list):
+        return [number for member in entry for number in numbers(member)]
+    return [float(entry)] if isinstance(entry, int | float) and not isinstance(entry, bool) else []
+
+
+def warm_up(folder, log_writer, seed, rows=4000):
+    """Write a static gyro's warm-up whose noise is autocorrelated."""
+    rng = np.random.default_rng(seed)
+    time = np.arange(float(rows))
+    temperature = 60.0 - 80.0 * np.exp(-time / 1500.0) + rng.normal(0.0, 0.01, rows)
+    wander = np.convolve(rng.normal(0.0, 0.01, rows + 49), np.ones(50), "valid")
+    gyro = 0.02 * temperature - 1e-4 * temperature**2 + rng.normal(0.0, 0.05, rows) + wander
+    log_writer(folder / f"warmup_{seed}.csv", time_s=time, temp_case_degc=temperature, gyro_dph=gyro)
+
+
+@pytest.mark.parametrize("logs", [1, 2])
+def test_a_bias_over_temperature_comes_out_byte_for_byte(logs, small, both, log_writer, tmp_path):
+    """One log, and two that are joined on disk, give bias.json as in memory."""
+    for seed in range(logs):
+        warm_up(tmp_path / "logs", log_writer, seed)
+    disk, memory = both("bias_temperature", tmp_path / "logs", ["bias"])
+    assert disk == memory
+
+
+def test_a_bias_does_not_depend_on_the_length_of_spans(both, log_writer, tmp_path, monkeypatch):
+    """Coefficients and covariances of spans of 257 rows and of one span agree to 1e-10 relative."""
+    warm_up(tmp_path / "logs", log_writer, 1)
+    _, (whole,) = both("bias_temperature", tmp_path / "logs", ["bias"])
+    shorten(monkeypatch)
+    _, (cut,) = both("bias_temperature", tmp_path / "logs", ["bias"], serial="T")
+    models = [json.loads(text)["models"] for text in (whole, cut)]
+    np.testing.assert_allclose(*map(numbers, models), rtol=1e-10)
+
+
+def test_a_gap_and_a_spike_of_a_log_on_disk_are_told(small, calibkit, log_writer, monkeypatch, tmp_path):
+    """A spike of any channel is flagged with its line, and a long gap refused, from disk as from memory."""
+    warm_up(tmp_path / "logs", log_writer, 1)
+    path = tmp_path / "logs" / "warmup_1.csv"
+    lines = path.read_text("utf-8").splitlines()
+    lines[2500] = ",".join([*lines[2500].split(",")[:2], "12.5"])
+    path.write_text("\n".join(lines) + "\n", encoding="utf-8")
+    torn = tmp_path / "torn" / path.name
+    torn.parent.mkdir()
+    torn.write_text("\n".join(lines[:1000] + lines[1100:]) + "\n", encoding="utf-8")
+    gaps = []
+    for setting in ("0", "1000"):
+        monkeypatch.setenv(long_logs.SETTING, setting)
+        options = ("--serial", "S", "--out", tmp_path / setting)
+        spiked = calibkit("fit", "bias_temperature", "--data", tmp_path / "logs", *options)
+        assert "warmup_1.csv:2501: column 'gyro_dph': a spike: 12.5 deg/h" in spiked.out
+        gaps.append(calibkit("fit", "bias_temperature", "--data", torn.parent, *options).err)
+    assert "warmup_1.csv:1001: column 'time_s': a gap of 101 s" in gaps[0]
+    assert gaps[0] == gaps[1]
