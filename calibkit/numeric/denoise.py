@@ -12,7 +12,7 @@ import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.numeric.lifting import BLOCK, forward, inverse, scheme, span, untouched
-from calibkit.numeric.shrinkage import RULES, THRESHOLDS, noise, noise_gains, universal
+from calibkit.numeric.shrinkage import RULES, THRESHOLDS, Shrinkage, noise, noise_gains, universal
 from calibkit.numeric.spans import finite, release
 
 if TYPE_CHECKING:
@@ -89,7 +89,7 @@ def denoise(
     depth = deepest(wavelet, samples.size) if levels is None else levels
     _require_length(samples.size, wavelet, depth)
     _require_known(threshold, rule)
-    estimate, shrink = THRESHOLDS[threshold], RULES[rule]
+    estimate = THRESHOLDS[threshold]
     parts = forward(samples, lifting, depth, extension=extension, room=room)
     sigma = _noise(parts, lifting)
     thresholds = np.zeros(depth)
@@ -99,7 +99,7 @@ def denoise(
         thresholds[j] = (estimate if known else universal)(own, float(sigma[j]), samples.size)
         release(detail)
     _, inner = untouched(lifting, samples.size, depth)
-    shrunk = inverse(parts, lambda level, detail: shrink(detail, float(thresholds[level])), room=room)
+    shrunk = inverse(parts, Shrinkage(rule, thresholds), room=room)
     return Denoised(shrunk, sigma, thresholds, inner, depth, 0)
 
 

@@ -64,6 +64,10 @@ class Scheme:
     approximation_shift: int = 0
     detail_shift: int = 0
 
+    def __hash__(self) -> int:
+        """By the name alone: what is known of a scheme is looked up at every level of every chunk, and its steps are long."""
+        return hash(self.name)
+
     @property
     def gains(self) -> tuple[float, float]:
         """Gains of the approximation and of the detail output."""

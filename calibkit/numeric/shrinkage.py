@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from dataclasses import dataclass
 from functools import lru_cache
 from typing import TYPE_CHECKING, Literal
 
@@ -177,3 +178,15 @@ THRESHOLDS: Mapping[Threshold, Callable[[Array, float, int], float]] = {
     "minimax": minimax,
 }
 RULES: Mapping[Rule, Callable[[Array, float], Array]] = {"soft": soft, "hard": hard, "garrote": garrote, "firm": firm}
+
+
+@dataclass(frozen=True, slots=True)
+class Shrinkage:
+    """A rule at the threshold of every level [levels], the finest first [unit of the details]."""
+
+    rule: Rule
+    thresholds: Array
+
+    def __call__(self, level: int, details: Array) -> Array:
+        """Details [n] of a level, shrunk."""
+        return RULES[self.rule](details, float(self.thresholds[level]))
