@@ -77,6 +77,33 @@ def test_a_campaign_with_exchanged_columns_is_refused_log_by_log(ramps, tmp_path
     assert "temp_case_degc and temp_env_degc are swapped" in fitted.err
 
 
+def test_a_log_that_begins_on_its_way_is_not_told_as_swapped_columns(tmp_path, calibkit):
+    """From the middle of a ramp into its soak: the case comes nearer to the air as the ramp ends, and leads it nowhere."""
+    time, case, air = lagged(5.0, 150.0)
+    noise = np.random.default_rng(1).normal(0.0, 0.02, (3, time.size))
+    columns = {
+        "time_s": time,
+        "temp_case_degc": case + noise[0],
+        "temp_env_degc": air + noise[1],
+        "gyro_dph": 9.0 + 0.01 * case + noise[2],
+    }
+    data = logs({"a.csv": columns}, tmp_path / "logs", lambda c: {name: rows[air > 10.0] for name, rows in c.items()})
+    outcome = calibkit("check", "fog_thermal", "--data", data)
+    assert outcome.code == 0, outcome.out
+    assert "swapped" not in outcome.out
+
+
+def test_swapped_columns_are_told_without_a_soak_after_the_ramp(ramps, tmp_path, calibkit):
+    """From rest into the ramp's first quarter: only the lead that the case gains tells it."""
+    name = "ramp_heating_10.csv"
+    air = ramps[name]["temp_env_degc"]
+    begun = int(np.flatnonzero(air > air[0] + 2.0)[0])
+    part = {column: rows[begun - 80 : begun + 150] for column, rows in ramps[name].items()}
+    outcome = calibkit("check", "fog_thermal", "--data", logs({name: part}, tmp_path / "logs", exchanged))
+    assert outcome.code == 3
+    assert "the case gains" in outcome.out
+
+
 def test_a_campaign_in_degf_is_told_by_the_rates_in_its_names(ramps, tmp_path, calibkit):
     """ramp_heating_05 at 9 °C/min, and so all: check and fit say °F. Under names without rates nothing tells."""
     some = {name: ramps[name] for name in ("ramp_cooling_10.csv", "ramp_heating_08.csv", "ramp_heating_10.csv")}
