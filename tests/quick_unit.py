@@ -5,6 +5,7 @@ A module of its own: the processes of a fleet import it by name.
 
 import os
 import signal
+import sys
 from pathlib import Path
 
 from calibkit import atomic
@@ -38,3 +39,20 @@ def poisonous(plan, serial):
 def threads(plan, serial):
     """Say how many threads numpy was told to take."""
     return unit.Failure(serial, "said", 0, os.environ.get("OPENBLAS_NUM_THREADS", ""), "")
+
+
+def imported(plan, serial):
+    """Say whether this process began with what units need, and where its calibkit comes from."""
+    return unit.Failure(serial, "said", 0, f"{'matplotlib.figure' in sys.modules} {atomic.__file__}", "")
+
+
+def dies_elsewhere(here):
+    """Name this process as a file, but only in the one that asked."""
+    if os.getpid() != here:
+        os.kill(os.getpid(), signal.SIGKILL)
+    return {"pid": str(os.getpid()).encode()}
+
+
+def named(here):
+    """Name this process, the one that asked, and whether figures could be drawn without importing anything."""
+    return {"pid": f"{os.getpid() == here} {'matplotlib.figure' in sys.modules}".encode()}

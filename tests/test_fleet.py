@@ -16,9 +16,9 @@ import numpy as np
 import pytest
 
 import quick_unit
-from calibkit import procedures, recipe, store
+from calibkit import atomic, procedures, recipe, store
 from calibkit.errors import CalibkitError, StoppedError
-from calibkit.fleet import files, keys, local, run, table, unit
+from calibkit.fleet import files, keys, local, run, server, table, unit
 from calibkit.procedures import bias_temperature
 from conftest import ROOT, write_log
 from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
@@ -87,6 +87,21 @@ def test_processes_that_share_a_machine_take_one_thread_each(tmp_path, monkeypat
     plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     assert [said.message for said in local.outcomes(quick_unit.threads, plan, ["A", "B"], 2)] == ["1", "1"]
     assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
+
+
+@pytest.mark.skipif(not server.COPIES, reason="processes begin anew on this system")
+def test_processes_begin_with_what_they_need_and_with_this_calibkit(tmp_path):
+    """A process has imported what draws figures before it is given anything, and runs the code that hired it."""
+    plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    said = [outcome.message for outcome in local.outcomes(quick_unit.imported, plan, ["A", "B"], 2)]
+    assert said == [f"True {atomic.__file__}"] * 2
+    assert local.by_another(quick_unit.named, os.getpid()) == {"pid": b"False True"}
+
+
+def test_what_a_process_that_died_was_asked_is_done_here():
+    """The table of a fleet is not lost with the process that drew it."""
+    assert local.by_another(quick_unit.dies_elsewhere, os.getpid()) == {"pid": str(os.getpid()).encode()}
+    assert multiprocessing.active_children() == []
 
 
 @pytest.mark.drawn

@@ -44,6 +44,10 @@ def fleet(
     if jobs and cluster:
         raise UsageError("--jobs and --cluster: one or the other", hint="a cluster has as many workers as it has")
     day = day_of(date)
+    if jobs != 1 and not cluster and data.is_dir():
+        from calibkit.fleet import server
+
+        server.ahead()
     from calibkit.fleet import run, told
     from calibkit.recipe import find
 

@@ -7,20 +7,19 @@ pipe of its own: its end says that the process is gone, and whose unit has to be
 from __future__ import annotations
 
 import contextlib
-import os
 import signal
 from collections import Counter, deque
 from dataclasses import dataclass
 from multiprocessing import connection as pipes
-from multiprocessing import get_context
 from typing import TYPE_CHECKING, NoReturn
 
+from calibkit.fleet import server
 from calibkit.fleet.unit import Failure
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Generator, Iterator, Sequence
+    from collections.abc import Callable, Generator, Sequence
     from multiprocessing.connection import Connection
-    from multiprocessing.context import SpawnProcess
+    from multiprocessing.context import ForkServerProcess, SpawnProcess
 
     from calibkit.fleet.unit import Outcome, Plan
 
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
 
 TRIES = 3
 """Processes that a unit may cost before it is given up: it may be the unit that kills them."""
-THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 PATIENCE_S = 10.0
 """How long a process may take to leave."""
 
@@ -37,7 +35,7 @@ PATIENCE_S = 10.0
 class _Worker:
     """A process, this end of its pipe, and the unit it has."""
 
-    process: SpawnProcess
+    process: SpawnProcess | ForkServerProcess
     pipe: Connection
     serial: str
 
@@ -78,10 +76,10 @@ def outcomes(task: Task, plan: Plan, serials: Sequence[str], jobs: int) -> Gener
 
 def _hired(task: Task, plan: Plan, serial: str) -> _Worker:
     """A new process with its first unit."""
-    context = get_context("spawn")
+    context = server.context()
     ours, theirs = context.Pipe()
     process = context.Process(target=_serve, args=(theirs, task, plan), daemon=True)
-    with _one_thread():
+    with server.environment():
         process.start()
     theirs.close()
     worker = _Worker(process, ours, serial)
@@ -113,19 +111,30 @@ def _dismiss(worker: _Worker) -> None:
         worker.process.join()
 
 
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Environment of processes that share the machine: one thread each, and sums in one order."""
-    before = {name: os.environ.get(name) for name in THREADS}
-    os.environ.update(dict.fromkeys(THREADS, "1"))
+def by_another(function: Callable[..., dict[str, bytes]], *arguments: object) -> dict[str, bytes]:
+    """What a function gives: by a process that has imported all it needs, or by this one where that does not answer."""
+    context = server.context()
+    ours, theirs = context.Pipe(duplex=False)
+    process = context.Process(target=_answer, args=(theirs, function, arguments), daemon=True)
+    with server.environment():
+        process.start()
+    theirs.close()
     try:
-        yield
+        given: dict[str, bytes] = ours.recv()
+    except (EOFError, OSError):
+        return function(*arguments)
     finally:
-        for name, value in before.items():
-            if value is None:
-                del os.environ[name]
-            else:
-                os.environ[name] = value
+        ours.close()
+        process.kill()
+        process.join()
+    return given
+
+
+def _answer(pipe: Connection, function: Callable[..., object], arguments: tuple[object, ...]) -> None:
+    """Say what a function gives, or nothing: an error is raised where it can be told, by the process that asked."""
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
+    with contextlib.suppress(Exception):
+        pipe.send(function(*arguments))
 
 
 def _serve(pipe: Connection, task: Task, plan: Plan) -> None:

@@ -70,7 +70,9 @@ def run(
         ) from None
     made = table.of(outcomes, plan.data)
     title = f"{spec.title or spec.procedure}: {len(outcomes)} units"
-    folder = _commit(plan.out, files.of(made, plan, title))
+    here = address or _crew(serials, jobs) == 1
+    contents = files.of(made, plan, title) if here else local.by_another(files.of, made, plan, title)
+    folder = _commit(plan.out, contents)
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
     return Fleet(folder, made, sum(row.before for row in rows), _guesses(rows), _exit_code(outcomes, made))
 
@@ -116,10 +118,15 @@ def _outcomes(plan: Plan, serials: Sequence[str], jobs: int, address: str) -> Ge
     """Outcome of every unit, as it is finished."""
     if address:
         return cluster.outcomes(plan, serials, address)
-    crew = min(jobs or os.cpu_count() or 1, len(serials))
+    crew = _crew(serials, jobs)
     if crew == 1:
         return (of_unit(plan, serial) for serial in serials)
     return local.outcomes(of_unit, plan, serials, crew)
+
+
+def _crew(serials: Sequence[str], jobs: int) -> int:
+    """Number of processes: what was asked for or one a processor, and no more than units."""
+    return max(1, min(jobs or os.cpu_count() or 1, len(serials)))
 
 
 def _seen(outcome: Outcome, plan: Plan) -> Outcome:

@@ -1,0 +1,68 @@
+"""How the processes of a fleet begin: on Linux as copies of one that has imported what they need and runs nothing.
+
+What a unit needs takes seven times as long to import as a small unit takes to fit. Elsewhere every process begins anew:
+copies of a process are not safe there with the libraries that numbers and figures use.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import sys
+from multiprocessing import get_context
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from multiprocessing.context import ForkServerContext, SpawnContext
+
+COPIES = sys.platform == "linux"
+NEEDED = (
+    "pandas",
+    "scipy.linalg",
+    "matplotlib.figure",
+    "matplotlib.backends.backend_pdf",
+    "matplotlib.backends.backend_svg",
+    "xml.etree.ElementTree",
+    "rich.table",
+    "rfc8785",
+    "calibkit.fleet.files",
+    "calibkit.fleet.unit",
+)
+"""What every unit needs, whatever its procedure, and the table of them all."""
+THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+
+
+def context() -> SpawnContext | ForkServerContext:
+    """Context of `multiprocessing` in which the processes of a fleet begin."""
+    if not COPIES:
+        return get_context("spawn")
+    copies = get_context("forkserver")
+    copies.set_forkserver_preload(list(NEEDED))
+    return copies
+
+
+def ahead() -> None:
+    """Have imported what processes will need while this one still imports what it needs itself."""
+    if COPIES:
+        from multiprocessing import forkserver
+
+        context()
+        with environment():
+            forkserver.ensure_running()
+
+
+@contextlib.contextmanager
+def environment() -> Iterator[None]:
+    """Environment of processes that share the machine: one thread each, sums in one order, modules from where ours are."""
+    own = dict.fromkeys(THREADS, "1") | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    before = {name: os.environ.get(name) for name in own}
+    os.environ.update(own)
+    try:
+        yield
+    finally:
+        for name, value in before.items():
+            if value is None:
+                del os.environ[name]
+            else:
+                os.environ[name] = value
