@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import functools
 import hashlib
 import importlib.metadata
 import platform
@@ -121,6 +122,12 @@ def _results(fitted: Fitted) -> set[str]:
     return names
 
 
+@functools.cache
+def _versions() -> dict[str, str]:
+    """Library → version; found once, because each is a file that is searched for and parsed."""
+    return {name: importlib.metadata.version(name) for name in LIBRARIES}
+
+
 def _run_document(
     identity: coefficients.Identity,
     source: recipe.Source,
@@ -137,7 +144,7 @@ def _run_document(
         "effective_from": identity.effective_from,
         "software": SOFTWARE,
         "python": platform.python_version(),
-        "libraries": {name: importlib.metadata.version(name) for name in LIBRARIES},
+        "libraries": dict(_versions()),
         "recipe": {
             "name": source.name,
             "sha256": source.sha256,

@@ -51,9 +51,10 @@ def binned(abscissa: Array, indication: Array) -> tuple[Array, Array]:
 
 
 def pages(title: str, report: BiasReport) -> list[Figure]:
-    """Three channels in a row, as many rows as it takes."""
-    rows = -(-len(report.curves) // 3)
-    figure, axes = page(rows, 3, title=f"{title}: bias against {report.abscissa}", height=1.2 + 2.6 * rows)
+    """Up to three channels in a row, as many rows as it takes."""
+    columns = min(3, len(report.curves))
+    rows = -(-len(report.curves) // columns)
+    figure, axes = page(rows, columns, title=f"{title}: bias against {report.abscissa}", height=1.2 + 2.6 * rows)
     for ax, curve in zip(axes, report.curves, strict=False):
         ax.plot(curve.abscissa, curve.indication, ".", ms=3, color=RAW, label="means of the indication")
         ax.plot(curve.abscissa, curve.polynomial, color=GOOD, label="polynomial")
