@@ -41,6 +41,9 @@ class FitOutcome:
     name: str
     summary: Summary
     document: Mapping[str, Any]
+    """As in run.json."""
+    records: Mapping[str, coefficients.Record]
+    """By file name, as in the run folder."""
     guesses: tuple[str, ...]
 
 
@@ -64,6 +67,7 @@ def fit(
         fitted = procedure.fit(spec, data, files, progress)
     type_b.require_known(spec, _results(fitted))
     built: dict[str, Any] = {}
+    made: dict[str, coefficients.Record] = {}
 
     def build(revision: int, superseded: Mapping[str, str]) -> dict[str, bytes]:
         identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
@@ -75,13 +79,15 @@ def fit(
         contents |= documents.printed(drawn)
         so_far = _run_document(identity, source, spec, dated, contents)
         contents[documents.PAGE] = html.page(so_far, records, drawn)
-        built.update(_run_document(identity, source, spec, dated, contents))
-        return {store.RUN_FILE: coefficients.seal(built).encode(), **contents}
+        text = coefficients.seal(_run_document(identity, source, spec, dated, contents))
+        built.update(coefficients.unseal(text, store.RUN_FILE, store.RUN_FORMATS))
+        made.update(records)
+        return {store.RUN_FILE: text.encode(), **contents}
 
     folder = (store.rehearse if dry_run else store.commit)(out, serial, build)
     name = f"{serial}@{folder.name}"
     summary = replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}", flags=tuple(built["flags"]))
-    return FitOutcome(folder, name, summary, built, guesses(fitted.inputs))
+    return FitOutcome(folder, name, summary, built, made, guesses(fitted.inputs))
 
 
 @contextlib.contextmanager

@@ -33,10 +33,13 @@ def fleet_logs(data, count):
     return {f"U{k:03d}": unit_log(data / f"U{k:03d}", k) for k in range(count)}
 
 
-def fit(data, out, *, jobs=1, keep_going=False, date=DAY, text=RECIPE, progress=procedures.silent, address=""):
+def fit(
+    data, out, *, jobs=1, keep_going=False, date=DAY, text=RECIPE, progress=procedures.silent, address="", dry_run=False
+):
     """Run a fleet in this process."""
     source = recipe.Source("bias.toml", text)
-    return run.run(source, data, out, date, progress, jobs=jobs, address=address, keep_going=keep_going)
+    settings = {"jobs": jobs, "address": address, "keep_going": keep_going, "dry_run": dry_run}
+    return run.run(source, data, out, date, progress, **settings)
 
 
 def tree(folder):

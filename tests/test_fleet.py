@@ -352,6 +352,61 @@ def test_a_rejected_unit_makes_exit_code_1(tmp_path, calibkit):
     assert "G-1@" not in out.out
 
 
+def test_a_dry_run_finds_what_the_fleet_will_and_writes_nothing(tmp_path, quick):
+    """Every unit, digest, verdict and outlier is that of the run that follows; no folder, no lock, nothing is there."""
+    fleet_logs(tmp_path / "units", 12)
+    unit_log(tmp_path / "units" / "U007", 7, offset=2.0)
+    broken(tmp_path / "units", "A-1")
+    shutil.copytree(tmp_path / "units" / "U001", tmp_path / "units" / "U020")
+    before = tree(tmp_path)
+    rehearsed = fit(tmp_path / "units", tmp_path / "runs", jobs=2, keep_going=True, dry_run=True)
+    assert not (tmp_path / "runs").exists()
+    assert tree(tmp_path) == before
+    done = fit(tmp_path / "units", tmp_path / "runs", jobs=2, keep_going=True)
+    assert rehearsed.table.entries == done.table.entries
+    assert [(outlier.serial, outlier.figure) for outlier in rehearsed.table.outliers] == [
+        (outlier.serial, outlier.figure) for outlier in done.table.outliers
+    ]
+    assert len(done.table.outliers) > 0
+    assert (rehearsed.exit_code, rehearsed.folder) == (done.exit_code, done.folder) == (3, done.folder)
+
+
+def test_a_dry_run_of_a_fleet_that_is_finished_in_part_says_what_is_left(tmp_path, quick, calibkit):
+    """What was fitted before, what would be fitted, with which recipe, to which logs; a whole fleet is told as it is."""
+    data, out = tmp_path / "units", tmp_path / "runs"
+    fleet_logs(data, 2)
+    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
+    call = ["fleet", tmp_path / "bias.toml", "--data", data, "--out", out, "--date", DAY, "--jobs", 1, "--dry-run"]
+    fit(data, out)
+    assert calibkit(*call).out.splitlines()[-1] == str(out / "_fleet" / "r001")
+    unit_log(data / "U001", 77)
+    unit_log(data / "U002", 2)
+    before = tree(out)
+    told = calibkit(*call)
+    assert told.code == 0
+    assert told.out.splitlines() == [
+        "3 units: 3 no limits; 1 were fitted before",
+        "U000@r001: was fitted before to warmup.csv",
+        "U001@r002: would be fitted with bias.toml to warmup.csv",
+        "U002@r001: would be fitted with bias.toml to warmup.csv",
+        f"{out / '_fleet' / 'r002'} (dry run: not written)",
+    ]
+    said = calibkit(*call, "--json").json
+    assert said["dry_run"] is True
+    assert [(entry["logs"], entry["before"]) for entry in said["units"]] == [
+        (["warmup.csv"], True),
+        (["warmup.csv"], False),
+        (["warmup.csv"], False),
+    ]
+    assert tree(out) == before
+    broken(data, "A-1")
+    stopped = calibkit(*call)
+    assert stopped.code == 3
+    assert "nothing was written; --keep-going" in stopped.err
+    assert calibkit(*call, "--out", data / "U000" / "warmup.csv" / "runs").code == 2
+    assert calibkit(*call, "--out", tmp_path / "bias.toml" / "runs").code == 4
+
+
 def test_json_names_the_units_that_failed(tmp_path, calibkit):
     """One document on stdout, with an error where a unit has no calibration."""
     fleet_logs(tmp_path / "units", 1)

@@ -75,7 +75,10 @@ def test_two_workers_fit_a_fleet_though_one_is_killed_and_write_what_one_process
                 workers[0].kill()
             yield item
 
+    rehearsed = fit(tmp_path / "units", tmp_path / "cluster", address=address, dry_run=True)
+    assert not (tmp_path / "cluster").exists()
     done = fit(tmp_path / "units", tmp_path / "cluster", address=address, progress=killing)
+    assert rehearsed.table.entries == done.table.entries
     assert workers[0].wait() == -signal.SIGKILL
     assert {(entry.run, entry.verdict) for entry in done.table.entries} == {("r001", "no limits")}
     assert left_over(tmp_path / "cluster") == []

@@ -7,7 +7,7 @@ from pathlib import Path
 import click
 
 from calibkit.cli.console import print_json, progress, say
-from calibkit.cli.options import JSON, RECIPE, SET, command, day_of
+from calibkit.cli.options import DRY, JSON, RECIPE, SET, command, day_of, rehearsed
 from calibkit.errors import UsageError
 
 
@@ -21,6 +21,7 @@ from calibkit.errors import UsageError
 @click.option("--jobs", default=None, type=click.IntRange(min=1), help="processes here (default: one a processor)")
 @click.option("--cluster", default="", metavar="tcp://HOST:PORT", help="Dask scheduler whose workers fit the units")
 @click.option("--keep-going", is_flag=True, help="one unit that cannot be fitted does not stop the others")
+@DRY
 @SET
 @JSON
 def fleet(
@@ -33,6 +34,7 @@ def fleet(
     overrides: tuple[str, ...],
     *,
     keep_going: bool,
+    dry_run: bool,
     as_json: bool,
 ) -> int:
     """Fit a recipe to every unit of a folder, one sub-folder a unit named by its serial, and write a table of them.
@@ -52,12 +54,20 @@ def fleet(
     from calibkit.recipe import find
 
     done = run.run(
-        find(recipe, overrides), data, out, day, progress, jobs=jobs or 0, address=cluster, keep_going=keep_going
+        find(recipe, overrides),
+        data,
+        out,
+        day,
+        progress,
+        jobs=jobs or 0,
+        address=cluster,
+        keep_going=keep_going,
+        dry_run=dry_run,
     )
     for guess in done.guesses:
         say(f"? {guess}")
     if as_json:
-        print_json(told.document(done))
+        print_json(told.document(done) | rehearsed(dry_run=dry_run))
     else:
-        click.echo("\n".join(told.lines(done)))
+        click.echo("\n".join(told.lines(done, dry_run=dry_run)))
     return done.exit_code

@@ -61,7 +61,9 @@ def _require_able_workers(client: Any, plan: Plan, address: str) -> None:  # noq
         client.wait_for_workers(1, timeout=PATIENCE_S)
     except TimeoutError:
         raise UsageError(f"--cluster {address}: has no workers", hint=f"start `dask worker {address}`") from None
-    for name, (version, unseen) in sorted(client.run(_able, [str(plan.data), str(plan.out)]).items()):
+    # a dry run makes no folder for runs
+    folders = [str(plan.data)] if plan.dry_run else [str(plan.data), str(plan.out)]
+    for name, (version, unseen) in sorted(client.run(_able, folders).items()):
         if version != __version__:
             raise UsageError(
                 f"--cluster {address}: worker {name} has calibkit {version}, here is {__version__}",

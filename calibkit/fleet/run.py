@@ -34,6 +34,8 @@ class Fleet:
     """Units whose run was there already."""
     guesses: tuple[str, ...]
     exit_code: int
+    recipe: str
+    """Its name."""
 
 
 def run(
@@ -46,43 +48,44 @@ def run(
     jobs: int,
     address: str,
     keep_going: bool,
+    dry_run: bool = False,
 ) -> Fleet:
     """Fit a recipe to every sub-folder of a folder, each under its name as serial, and write the table of them all.
 
     A unit with a run of the same recipe, logs, date and software is not fitted again. Without `keep_going` the first unit
-    that cannot be fitted ends the fleet with its error; what was finished stays.
+    that cannot be fitted ends the fleet with its error; what was finished stays. A dry run fits but writes nothing.
     """
     spec = recipe.parse(source)
-    plan = Plan(source, data.resolve(), out.resolve(), date)
+    plan = Plan(source, data.resolve(), out.resolve(), date, dry_run)
     serials, refused = _units(plan, data, keep_going=keep_going)
-    _make(plan.out)
+    _make(plan.out, dry_run=dry_run)
     outcomes: list[Outcome] = [*refused]
     try:
         with contextlib.closing(_outcomes(plan, serials, jobs, address)) as finished:
             for found, _ in zip(finished, progress(serials, "units"), strict=True):
                 outcome = _seen(found, plan)
                 if isinstance(outcome, Failure) and not keep_going:
-                    raise _stopped(outcome, len(outcomes))
+                    raise _stopped(outcome, 0 if dry_run else len(outcomes))
                 outcomes.append(outcome)
     except KeyboardInterrupt:
         raise StoppedError(
-            f"interrupted after {len(outcomes)} of {len(serials)} units", hint="their runs stay; run again to go on"
+            f"interrupted after {len(outcomes)} of {len(serials)} units",
+            hint="nothing was written" if dry_run else "their runs stay; run again to go on",
         ) from None
     made = table.of(outcomes, plan.data)
     title = f"{spec.title or spec.procedure}: {len(outcomes)} units"
     here = address or _crew(serials, jobs) == 1
     contents = files.of(made, plan, title) if here else local.by_another(files.of, made, plan, title)
-    folder = _commit(plan.out, contents)
+    folder = _commit(plan.out, contents, dry_run=dry_run)
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
-    return Fleet(folder, made, sum(row.before for row in rows), _guesses(rows), _exit_code(outcomes, made))
+    return Fleet(folder, made, sum(row.before for row in rows), _guesses(rows), _exit_code(outcomes, made), source.name)
 
 
 def _stopped(failure: Failure, finished: int) -> CalibkitError:
     """Error of the unit that ends a fleet."""
     error = failure.error()
-    error.hint = "; ".join(
-        filter(None, (error.hint, f"{finished} units are finished and stay; --keep-going goes on with the others"))
-    )
+    stay = f"{finished} units are finished and stay" if finished else "nothing was written"
+    error.hint = "; ".join(filter(None, (error.hint, f"{stay}; --keep-going goes on with the others")))
     return error
 
 
@@ -106,8 +109,13 @@ def _units(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str], list
     return serials, refused
 
 
-def _make(out: Path) -> None:
-    """Create the folder of the runs."""
+def _make(out: Path, *, dry_run: bool) -> None:
+    """Create the folder of the runs, or see whether it could be."""
+    if dry_run:
+        there = next(path for path in (out, *out.parents) if os.path.lexists(path))
+        if not (there.is_dir() and os.access(there, os.W_OK)):
+            raise OutputError(f"{out}: cannot be written: {there} cannot be written into", hint="give another --out")
+        return
     try:
         atomic.make_folder(out)
     except OSError as error:
@@ -131,7 +139,9 @@ def _crew(serials: Sequence[str], jobs: int) -> int:
 
 def _seen(outcome: Outcome, plan: Plan) -> Outcome:
     """The outcome, or a failure where the run that a worker wrote is not in the folder that this process sees."""
-    if isinstance(outcome, Row) and not (plan.out / outcome.serial / outcome.run / store.RUN_FILE).is_file():
+    if plan.dry_run or isinstance(outcome, Failure):
+        return outcome
+    if not (plan.out / outcome.serial / outcome.run / store.RUN_FILE).is_file():
         error = OutputError(
             f"a worker wrote {outcome.run}, which is not in --out here",
             hint="--out must be the same folder under the same path on every worker",
@@ -140,16 +150,17 @@ def _seen(outcome: Outcome, plan: Plan) -> Outcome:
     return outcome
 
 
-def _commit(out: Path, contents: dict[str, bytes]) -> Path:
+def _commit(out: Path, contents: dict[str, bytes], *, dry_run: bool) -> Path:
     """Folder of the fleet's table: the one that holds these very bytes already, or the next revision."""
-    with store.held(out, store.FLEETS):
+    with contextlib.nullcontext() if dry_run else store.held(out, store.FLEETS):
         numbers = store.revisions(out / store.FLEETS)
         for number in reversed(numbers):
             folder = out / store.FLEETS / f"r{number:03d}"
             there = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
             if there == contents:
                 return folder
-        return store.save(out, store.FLEETS, max(numbers, default=0) + 1, contents)
+        number = max(numbers, default=0) + 1
+        return out / store.FLEETS / f"r{number:03d}" if dry_run else store.save(out, store.FLEETS, number, contents)
 
 
 def _guesses(rows: Sequence[Row]) -> tuple[str, ...]:

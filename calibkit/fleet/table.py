@@ -47,6 +47,10 @@ class Entry:
     verdict: str
     error: str
     flags: int
+    logs: tuple[str, ...] = ()
+    """Names of the logs that the run was fitted to."""
+    before: bool = False
+    """Whether the run was there already."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,7 +103,14 @@ def _entry(outcome: Outcome, copied: str, data: Path) -> Entry:
         return Entry(outcome.serial, "", "", FAILED, f"{outcome.code}: {said}", 0)
     error = f"the same logs as {copied}" if copied else ""
     return Entry(
-        outcome.serial, outcome.run, outcome.run_sha256, COPIED if copied else outcome.verdict, error, outcome.flags
+        outcome.serial,
+        outcome.run,
+        outcome.run_sha256,
+        COPIED if copied else outcome.verdict,
+        error,
+        outcome.flags,
+        tuple(entry["name"] for entry in outcome.inputs),
+        outcome.before,
     )
 
 

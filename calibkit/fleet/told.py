@@ -12,18 +12,23 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibkit.fleet.run import Fleet
+    from calibkit.fleet.table import Entry
 
 MOST = 20
 """Lines of one kind; the table has them all."""
 
 
-def lines(fleet: Fleet) -> list[str]:
-    """Counts, then each unit that failed, was rejected or stands out, then the folder with the table."""
+def lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
+    """Counts, then each unit that failed, was rejected or stands out, then the folder with the table.
+
+    A dry run names every unit with what it would be fitted to.
+    """
     table = fleet.table
     counts = Counter(entry.verdict for entry in table.entries)
     counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
     before = f"; {fleet.before} were fitted before" if fleet.before else ""
     told = [f"{len(table.entries)} units: {counted}{before}"]
+    told += [_fitted_to(entry, fleet.recipe) for entry in table.entries if dry_run and entry.run]
     told += _some([f"{entry.verdict}: {entry.serial}: {entry.error}" for entry in table.entries if entry.error])
     told += _some([f"rejected: {entry.serial}@{entry.run}" for entry in table.entries if entry.verdict == "rejected"])
     told += _some(
@@ -36,13 +41,19 @@ def lines(fleet: Fleet) -> list[str]:
     told += [f"{flags} flags in {sum(entry.flags > 0 for entry in table.entries)} runs: see their reports"] * bool(
         flags
     )
-    return [*told, str(fleet.folder)]
+    return [*told, f"{fleet.folder}{' (dry run: not written)' if dry_run and not fleet.folder.exists() else ''}"]
+
+
+def _fitted_to(entry: Entry, recipe: str) -> str:
+    """Run that a unit would have: of which logs, with which recipe."""
+    fitted = "was fitted before" if entry.before else f"would be fitted with {recipe}"
+    return f"{entry.serial}@{entry.run}: {fitted} to {', '.join(entry.logs)}"
 
 
 def _some(found: Sequence[str]) -> list[str]:
     """The first lines of a kind, and how many more there are."""
     more = len(found) - MOST
-    return [*found[:MOST], *([f"  … and {more} more: see fleet.csv"] if more > 0 else [])]
+    return [*found[:MOST], *([f"  … and {more} more: see fleet.csv or --json"] if more > 0 else [])]
 
 
 def document(fleet: Fleet) -> dict[str, Any]:

@@ -32,6 +32,8 @@ class Plan:
     data: Path
     out: Path
     date: str
+    dry_run: bool = False
+    """Whether all is done but nothing written."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,6 +104,8 @@ def _finished(plan: Plan, serial: str) -> Row:
     The unit is held meanwhile: where two take it up, as when a worker was taken for dead, the second finds the first's run.
     """
     spec = recipe.parse(plan.source)
+    if plan.dry_run:
+        return _rehearsed(plan, serial, spec)
     # no serial begins with "-": this is not the lock that the fit itself holds while it writes
     with atomic.locked(plan.out / f".-{serial}.lock", f"{plan.out / serial}", WAIT_S):
         store.clear(plan.out, serial)
@@ -110,6 +114,17 @@ def _finished(plan: Plan, serial: str) -> Row:
             return _row(run, spec, before=True)
         outcome = pipeline.fit(plan.source, plan.data / serial, serial, plan.out, plan.date, procedures.silent)
         return _row(store.load(outcome.folder), spec, before=False)
+
+
+def _rehearsed(plan: Plan, serial: str, spec: recipe.Recipe) -> Row:
+    """Row that a unit would have: everything is done but for what changes a disk, locks included."""
+    run = already(plan, serial, spec)
+    if run is not None:
+        return _row(run, spec, before=True)
+    outcome = pipeline.fit(
+        plan.source, plan.data / serial, serial, plan.out, plan.date, procedures.silent, dry_run=True
+    )
+    return _row(store.Run(outcome.folder, outcome.document, outcome.records), spec, before=False)
 
 
 def already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
