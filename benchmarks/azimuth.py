@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.numeric import northseek, northseek_choice, northseek_pairs, northseek_prior
+from calibkit.numeric import northseek, northseek_choice, northseek_closure, northseek_pairs, northseek_prior
 from calibkit.simulate import inclinometer
 from calibkit.simulate.campaign import Campaign
 
@@ -33,6 +33,12 @@ class Errors:
     C: np.ndarray
 
 
+def closed(readings: np.ndarray) -> float:
+    """Noise of a reading, from how the four positions [n, 4] close."""
+    squares = northseek.closures(readings) ** 2
+    return northseek_closure.noise(squares, np.ones(squares.size, dtype=np.int64))
+
+
 def components(logs: Campaign, axis: str) -> northseek.Components:
     """Components of one sensor pair, its noise from the closure of the four positions."""
     log = logs.logs["stations.csv"]
@@ -46,8 +52,8 @@ def components(logs: Campaign, axis: str) -> northseek.Components:
         accel,
         gyro,
         axis,
-        accel_noise_g=northseek.closure_noise(accel),
-        gyro_noise_dph=northseek.closure_noise(gyro),
+        accel_noise_g=closed(accel),
+        gyro_noise_dph=closed(gyro),
     )
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric import earth, northseek
+from calibkit.numeric import earth, northseek, northseek_closure
 from conftest import AUTHORITIES
 
 STATIONS = json.loads((AUTHORITIES / "four_position.json").read_text(encoding="utf-8"))["stations"]
@@ -200,9 +200,9 @@ def test_the_closure_of_four_positions_tells_the_noise():
     rng = np.random.default_rng(1)
     x, y, bias = rng.normal(size=(3, 5000))
     readings = np.column_stack((x, y, -x, -y)) + bias[:, None] + 0.01 * rng.normal(size=(5000, 4))
-    assert northseek.closure_noise(readings) == pytest.approx(0.01, rel=0.03)
-    with pytest.raises(FitError, match="noise"):
-        northseek.closure_noise(np.full((2, 4), np.nan))
+    squares = northseek.closures(readings) ** 2
+    assert northseek_closure.noise(squares, np.ones(5000, dtype=np.int64)) == pytest.approx(0.01, rel=0.03)
+    assert northseek_closure.noise(np.zeros(2), np.zeros(2, dtype=np.int64)) == 0.0
 
 
 def test_accelerations_beyond_gravity_are_clamped_and_marked():

@@ -138,18 +138,6 @@ def closures(indication: Array) -> Array:
     return found
 
 
-def closure_noise(indication: Array) -> float:
-    """Standard deviation of one reading from indications [n, 4] of one sensor: r₀ − r₉₀ + r₁₈₀ − r₂₇₀ is noise alone.
-
-    One degree of freedom a station; a drifting bias is in it. Raises FitError where no station is complete.
-    """
-    closure = closures(indication)
-    known = closure[np.isfinite(closure)]
-    if not known.size:
-        raise FitError("no station has all four positions: nothing tells the noise", hint="give the noise of a reading")
-    return float(np.sqrt(np.mean(known**2)))
-
-
 def components(accel: Array, gyro: Array, sensor: Sensor, *, accel_noise_g: float, gyro_noise_dph: float) -> Components:
     """Components of one sensor pair from its four positions (step B).
 

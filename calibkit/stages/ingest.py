@@ -10,7 +10,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import FrameError, RecipeError, UsageError
-from calibkit.frame import Log, is_canonical, require
+from calibkit.frame import Log, require
 from calibkit.readers import parts, registry
 from calibkit.stages import certificates, door
 
@@ -285,12 +285,3 @@ def _range_of(exclude: Exclude) -> tuple[float, float]:
         -np.inf if exclude.from_s is None else exclude.from_s,
         np.inf if exclude.to_s is None else exclude.to_s,
     )
-
-
-def mapped_names(recipe: Recipe) -> None:
-    """Refuse a mapping to a column that nothing understands."""
-    for name in recipe.columns:
-        if not is_canonical(name):
-            raise RecipeError(
-                f"[columns.{name}]: not a canonical column", hint="see the list of columns in the documentation"
-            )
