@@ -277,18 +277,12 @@ def validate(
     store.refuse_existing(out)
     spec, inputs = run_recipe(run, ()), run.document["inputs"]
     files = ingest.find_logs(spec, data)
-    fitted = _fitted_recipe(run, ())
-    specs = (fitted, spec) if fitted.exclude else (spec,)
-    seen = unseen.fitted_before(procedures.of(spec), specs, data, files, inputs)
-    new = [file for file in files if file not in seen]
-    if not new:
-        raise FrameError(
-            f"{data}: every log here was fitted by {run.name}: {next(iter(seen.values()))}",
-            hint="validate on logs that it has not seen",
-        )
-    body, summary = procedures.of(spec).validate(spec, run.records, data, new, progress)
-    flags = (*seen.values(), *unseen.untold(run.name, inputs), *summary.flags)
-    summary = replace(summary, title=f"{run.name} on {len(new)} logs that it has not seen", flags=flags)
+    procedure, excluded, seen = procedures.of(spec), _fitted_recipe(run, ()).exclude, list[str]()
+    read = (unseen.read(procedure, spec, data, file, inputs, excluded) for file in progress(files, "validating"))
+    new = unseen.new(read, seen, f"{data}: every log here was fitted by {run.name}")
+    body, summary = procedure.validate(spec, run.records, new)
+    flags = (*seen, *unseen.untold(run.name, inputs), *summary.flags)
+    summary = replace(summary, title=f"{run.name} on {len(files) - len(seen)} logs that it has not seen", flags=flags)
     document = {
         "format": VALIDATION_FORMAT,
         "serial": run.document["serial"],

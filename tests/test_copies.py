@@ -115,6 +115,23 @@ def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibk
     assert "holds the values of a.csv" in outcome.err
 
 
+def test_validation_reads_each_log_once(fitted, tmp_path, calibkit, monkeypatch):
+    """What tells a copy is taken from the log that is validated, not from another reading of it."""
+    from calibkit.stages import ingest
+
+    read, kept = [], ingest.read_one
+
+    def counted(recipe, path, file, needed, optional=()):
+        read.append(file)
+        return kept(recipe, path, file, needed, optional)
+
+    monkeypatch.setattr(ingest, "read_one", counted)
+    withheld = DATA / "inclinometer" / "withheld"
+    outcome = calibkit("validate", fitted / "S" / "r001", "--data", withheld, "--out", tmp_path / "v.json")
+    assert outcome.code in (0, 1)
+    assert sorted(read) == sorted(path.name for path in withheld.glob("*.csv"))
+
+
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
     """Folder of runs with the sample inclinometer in it, twice: the second from the same log with other line ends."""

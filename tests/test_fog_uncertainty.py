@@ -69,7 +69,7 @@ def test_a_file_of_before_the_degrees_of_freedom_is_read_with_infinite_ones_and_
 
 def test_a_validation_by_such_a_file_flags_it(run, campaign):
     """The expanded uncertainty that it holds against the log stands on an assumption, and the summary says so."""
-    from calibkit.procedures import fog_thermal, silent
+    from calibkit.procedures import fog_thermal
 
     spec = pipeline.run_recipe(run[0], ())
     record = run[0].records["drift_rate.json"]
@@ -78,7 +78,7 @@ def test_a_validation_by_such_a_file_flags_it(run, campaign):
     records = {**run[0].records, "drift_rate.json": replace(record, models=(older,))}
     file = min(path.name for path in campaign.glob("*.csv"))
     for held, flagged in ((records, True), (run[0].records, False)):
-        _, summary = fog_thermal.validate(spec, held, campaign, [file], silent)
+        _, summary = fog_thermal.validate(spec, held, [fog_thermal.read(spec, campaign, file)])
         assert (fog_levels.UNKNOWN_DOF in summary.flags) is flagged
 
 

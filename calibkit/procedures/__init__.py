@@ -64,15 +64,8 @@ class Procedure(Protocol):
     def apply(self, spec: Any, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
         """Compensate a log: the new file's bytes and the flags."""
 
-    def validate(
-        self,
-        spec: Any,
-        records: Mapping[str, Record],
-        data: Path,
-        files: Sequence[str],
-        progress: Progress,
-    ) -> tuple[dict[str, Any], Summary]:
-        """Hold frozen coefficients against unseen logs."""
+    def validate(self, spec: Any, records: Mapping[str, Record], logs: Iterable[Log]) -> tuple[dict[str, Any], Summary]:
+        """Hold frozen coefficients against unseen logs, which are read one after the other."""
 
     def draw(self, title: str, fitted: Fitted) -> Drawn:
         """Draw a fit: its figures under a title, and its summary in full."""

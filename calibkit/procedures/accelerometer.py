@@ -18,7 +18,7 @@ from calibkit.report.summary import Summary, SummaryTable
 from calibkit.stages import accel_attitude, accel_dwells, accel_fit, accel_results, ingest, write_back
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.coefficients import Record
@@ -95,7 +95,7 @@ def apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) 
 
 
 def validate(
-    spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+    spec: AccelerometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Attitude errors before and after on dwells that were not fitted."""
     correction = accel_results.correction(records, spec)
@@ -103,16 +103,15 @@ def validate(
     tables: list[SummaryTable] = []
     flags: list[str] = []
     criteria: list[Criterion] = []
-    for file in progress(files, "validating"):
-        log = read(spec, data, file)
+    for log in logs:
         dwells = accel_dwells.collect([log], spec)
         stands = accel_attitude.before_after(dwells, [("corrected", correction)], spec)
-        entries.append(accel_attitude.entry(file, log.sha256, log.rows, stands))
-        tables.append(accel_attitude.table(stands, spec, file))
+        entries.append(accel_attitude.entry(log.file, log.sha256, log.rows, stands))
+        tables.append(accel_attitude.table(stands, spec, log.file))
         criteria += [accel_attitude.improved(stands), *accel_attitude.criteria(stands[-1], spec)]
         flags += dwells.flags
         if (outside := correction.outside(dwells.temperature)) > 0.0:
-            flags.append(f"{file}: temperature clamped over {100.0 * outside:.1f} % of the dwells")
+            flags.append(f"{log.file}: temperature clamped over {100.0 * outside:.1f} % of the dwells")
     return {"logs": entries}, Summary("", tuple(tables), tuple(flags), tuple(criteria))
 
 

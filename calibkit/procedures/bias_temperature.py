@@ -16,7 +16,7 @@ from calibkit.report.documents import Drawn
 from calibkit.stages import bias, ingest, pieces, write_back
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.coefficients import Record
@@ -95,16 +95,11 @@ def apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path
 
 
 def validate(
-    spec: BiasTemperatureRecipe,
-    records: Mapping[str, Record],
-    data: Path,
-    files: Sequence[str],
-    progress: Progress,
+    spec: BiasTemperatureRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Standard deviation of each channel before and after, of logs that were not fitted."""
     entries = []
-    for file in progress(files, "validating"):
-        log = read(spec, data, file)
+    for log in logs:
         refuse(_findings(spec, log))
         entries.append(bias.validation_entry(log, records["bias.json"], spec))
     return {"logs": entries}, bias.validation_summary(entries)

@@ -31,7 +31,7 @@ from calibkit.stages import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.coefficients import Record
@@ -152,13 +152,12 @@ def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> 
 
 
 def validate(
-    spec: FogThermalRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+    spec: FogThermalRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Drift rms before and after, and the rate gain, of logs that were not fitted."""
     model = _model(spec, records)
-    figures, logs = [], []
-    for file in progress(files, "validating"):
-        log = read(spec, data, file)
+    figures, entries = [], []
+    for log in logs:
         refuse(fog_ramps.usable(log))
         time, case, env, gyro = (values(log.frame, column) for column in fog_ramps.COLUMNS)
         _, slope = fog_ramps.cut(log, spec)
@@ -168,7 +167,7 @@ def validate(
         output, _ = fog_compensate.compensated(log, model, spec)
         stated = fog_uncertainty.coverage(model, blocks, spec.type_b)
         entry = fog_report.validation_entry(log, found, model) | {"uncertainty": stated}
-        logs.append(entry | {"allan_deviation": fog_noise.residual(time, gyro, output)})
+        entries.append(entry | {"allan_deviation": fog_noise.residual(time, gyro, output)})
     flags = tuple(flag for log in figures for flag in log.flags)
     flags += model.thermal.flags if model.thermal is not None else ()
     if not model.exported:
@@ -176,9 +175,9 @@ def validate(
     if model.mode == "one_step":
         flags = ("one_step removes the true rate (rate gain 0); the table shows the recursive form", *flags)
     shares = _validation_criteria(spec, figures) if model.exported else ()
-    criteria = (*shares, *_covered(spec, logs), *_common_criteria(spec, figures, model))
-    tables = (fog_report.before_after_table(figures), *fog_report.coverage_tables(logs))
-    return {"logs": logs}, Summary("", tables, flags, criteria)
+    criteria = (*shares, *_covered(spec, entries), *_common_criteria(spec, figures, model))
+    tables = (fog_report.before_after_table(figures), *fog_report.coverage_tables(entries))
+    return {"logs": entries}, Summary("", tables, flags, criteria)
 
 
 def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple[Criterion, ...]:

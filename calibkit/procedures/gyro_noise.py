@@ -15,7 +15,7 @@ from calibkit.report.summary import Summary
 from calibkit.stages import gyro_noise, ingest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.coefficients import Record
@@ -77,18 +77,15 @@ def apply(
 def validate(
     spec: GyroNoiseRecipe,
     records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
-    data: Path,
-    files: Sequence[str],
-    progress: Progress,
+    logs: Iterable[Log],
 ) -> tuple[dict[str, Any], Summary]:
     """Noise of records that were not fitted, held against the recipe's limits."""
     entries, figures, flags = [], [], []
-    for file in progress(files, "validating"):
-        log = read(spec, data, file)
+    for log in logs:
         found, noted = _figures(spec, log)
         entries.append(
             {
-                "name": file,
+                "name": log.file,
                 "sha256": log.sha256,
                 "rows": log.rows,
                 "records": [gyro_noise.json_of(one) for one in found],

@@ -14,7 +14,7 @@ from calibkit.report.summary import Summary, SummaryTable
 from calibkit.stages import gyro_compensate, gyro_report, gyro_results, gyro_runs, ingest, write_back
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.coefficients import Record
@@ -95,7 +95,7 @@ def apply(spec: GyroPairRecipe, records: Mapping[str, Record], data: Path) -> tu
 
 
 def validate(
-    spec: GyroPairRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+    spec: GyroPairRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Scale factors of unseen runs against the frozen ones; with both logs, N and γ again."""
     coefficients = {one.gyro: one for one in _frozen(records)}
@@ -103,14 +103,14 @@ def validate(
     runs: dict[str, gyro_runs.TableRun] = {}
     entries, named = [], []
     flags: list[str] = []
-    for file in progress(files, "validating"):
-        if file not in known:
-            raise RecipeError(f"{file}: a log of neither table axis", hint="name one log an axis under [pair]")
-        axis = known[file]
-        run = runs[axis] = gyro_runs.run_of(gyro_runs.read(spec, data, file, GYROS), GYROS, spec)
+    for log in logs:
+        if log.file not in known:
+            raise RecipeError(f"{log.file}: a log of neither table axis", hint="name one log an axis under [pair]")
+        axis = known[log.file]
+        run = runs[axis] = gyro_runs.run_of(log, GYROS, spec)
         stand = gyro_compensate.stand(run, coefficients[axis], spec)
-        entries.append({"name": file, "sha256": run.log.sha256, "rows": run.log.rows, "gyros": [stand]})
-        named.append((file, stand))
+        entries.append({"name": log.file, "sha256": log.sha256, "rows": log.rows, "gyros": [stand]})
+        named.append((log.file, stand))
         flags += run.flags
     body: dict[str, Any] = {"logs": entries}
     tables = [gyro_report.validation_table(named)]

@@ -23,7 +23,7 @@ from calibkit.stages import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.coefficients import Record
@@ -80,18 +80,18 @@ def apply(spec: GyroTriadRecipe, records: Mapping[str, Record], data: Path) -> t
 
 
 def validate(
-    spec: GyroTriadRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+    spec: GyroTriadRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Rates of unseen runs along and across the turned axis under the frozen coefficients."""
     known = gyro_axes_compensate.base(records, spec)
-    axes = gyro_axes.axis_of(spec, files)
     vertical = gyro_runs.vertical_rate_dps(spec) or 0.0
     entries, named, flags = [], [], []
-    for file in progress(files, "validating"):
-        run = _run(spec, data, file)
-        one, said = gyro_axes_compensate.stand(run, axes[file], known, vertical)
-        entries.append({"name": file, "sha256": run.log.sha256, "rows": run.log.rows, **one})
-        named.append((file, one))
+    for log in logs:
+        axis = gyro_axes.axis_of(spec, [log.file])[log.file]
+        run = gyro_runs.run_of(log, spec.gyros, spec)
+        one, said = gyro_axes_compensate.stand(run, axis, known, vertical)
+        entries.append({"name": log.file, "sha256": log.sha256, "rows": log.rows, **one})
+        named.append((log.file, one))
         flags += [*run.flags, *said]
     criteria = gyro_axes_report.validation_criteria([one for _, one in named], spec.acceptance)
     table = gyro_axes_report.validation_table(named)

@@ -28,7 +28,7 @@ from calibkit.stages import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.coefficients import Record
@@ -119,12 +119,12 @@ def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -
 
 
 def validate(
-    spec: InclinometerRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+    spec: InclinometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Angle errors before and after on stations that were not fitted."""
     entries, flags, tables, parts = [], [], [], []
-    for file in progress(files, "validating"):
-        log = read(spec, data, file)
+    for log in logs:
+        file = log.file
         (admitted,), _ = inclinometer_stations.admitted([log], spec)
         stations, seen, found = _seek(spec, records, admitted)
         errors = inclinometer_azimuth.errors(stations, seen)

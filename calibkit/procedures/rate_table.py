@@ -14,7 +14,7 @@ from calibkit.report.summary import Summary
 from calibkit.stages import gyro_compensate, gyro_over_runs, gyro_report, gyro_runs, ingest, write_back
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.coefficients import Figure, Record
@@ -87,16 +87,16 @@ def apply(spec: RateTableRecipe, records: Mapping[str, Record], data: Path) -> t
 
 
 def validate(
-    spec: RateTableRecipe, records: Mapping[str, Record], data: Path, files: Sequence[str], progress: Progress
+    spec: RateTableRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Scale factors and rate errors of unseen runs against the frozen coefficients."""
     coefficients = _frozen(records, spec)
     entries, named, flags = [], [], []
-    for file in progress(files, "validating"):
-        run = gyro_runs.run_of(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
+    for log in logs:
+        run = gyro_runs.run_of(log, spec.gyros, spec)
         stands = [gyro_compensate.stand(run, one, spec) for one in coefficients]
-        entries.append({"name": file, "sha256": run.log.sha256, "rows": run.log.rows, "gyros": stands})
-        named += [(file, stand) for stand in stands]
+        entries.append({"name": log.file, "sha256": log.sha256, "rows": log.rows, "gyros": stands})
+        named += [(log.file, stand) for stand in stands]
         flags += [*run.flags, *(flag for one in coefficients for flag in gyro_compensate.run_flags(run, one))]
     criteria = gyro_report.validation_criteria([stand for _, stand in named], spec.acceptance)
     tables = (gyro_report.validation_table(named),)

@@ -2,51 +2,60 @@
 
 from __future__ import annotations
 
-import contextlib
+from dataclasses import replace
 from typing import TYPE_CHECKING
 
 from calibkit.check import copies
-from calibkit.errors import FitError, FrameError, LogFormatError, RecipeError
+from calibkit.errors import FrameError
 from calibkit.stages import ingest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.recipe import Recipe
+    from calibkit.frame import Log
+    from calibkit.recipe import Exclude, Recipe
     from calibkit.stages.examination import Examiner
 
 
-def fitted_before(
+def read(
     procedure: Examiner,
-    specs: Sequence[Recipe],
+    spec: Recipe,
     data: Path,
-    files: Sequence[str],
+    file: str,
     inputs: Sequence[Mapping[str, object]],
-) -> dict[str, str]:
-    """File → what is said of it, of the logs that a run was fitted to: the same bytes, or the same values written otherwise.
+    excluded: Sequence[Exclude],
+) -> Log | str:
+    """A log that a run was not fitted to, or what is said of one that it was: the same bytes, or values written otherwise.
 
-    `specs` are the recipe as it was fitted, with what it left out of the logs, and as it is validated, with nothing left out.
+    `excluded` is what the run left out of its logs: a copy of one is told as it was fitted too. Raises as reading does.
     """
-    digests = {entry["sha256"] for entry in inputs}
-    kept = len(copies.untold(inputs)) < len(inputs)
-    seen = {}
-    for file in files:
-        digest = ingest.digest(specs[0], data, file)
-        if digest in digests:
-            seen[file] = f"{file} was fitted by this run and is left out"
-        elif kept and (name := next(filter(None, (_fitted(procedure, s, data, file, inputs) for s in specs)), "")):
-            seen[file] = f"{file} holds the values of {name}, which this run was fitted to, and is left out"
-    return seen
+    if ingest.digest(spec, data, file) in {entry["sha256"] for entry in inputs}:
+        return f"{file} was fitted by this run and is left out"
+    log = procedure.read(spec, data, file)
+    name = copies.fitted("", log.first_rows(), inputs)
+    if not name and excluded and "time_s" in log.frame.columns:
+        kept = replace(log, frame=ingest.without_exclusions(log.frame, excluded, file)[0])
+        name = copies.fitted("", kept.first_rows(), inputs)
+    if name:
+        return f"{file} holds the values of {name}, which this run was fitted to, and is left out"
+    return log
 
 
-def _fitted(procedure: Examiner, spec: Recipe, data: Path, file: str, inputs: Sequence[Mapping[str, object]]) -> str:
-    """Name of the fitted log whose values a log holds, or nothing."""
-    with contextlib.suppress(
-        LogFormatError, FrameError, FitError, RecipeError
-    ):  # the validation says why it cannot be read
-        return copies.fitted("", procedure.read(spec, data, file).first_rows(), inputs)
-    return ""
+def new(read: Iterable[Log | str], seen: list[str], none: str) -> Iterator[Log]:
+    """Logs as `read` gives them that a run has not seen; what is said of the others is added to `seen`.
+
+    Raises FrameError with the words for it where there is no such log.
+    """
+    count = 0
+    for log in read:
+        if isinstance(log, str):
+            seen.append(log)
+        else:
+            count += 1
+            yield log
+    if not count:
+        raise FrameError(f"{none}: {seen[0]}", hint="validate on logs that it has not seen")
 
 
 def untold(run: str, inputs: Sequence[Mapping[str, object]]) -> list[str]:
