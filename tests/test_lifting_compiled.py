@@ -54,6 +54,7 @@ MADE_UP = st.builds(
 THREE_EQUAL = Scheme(
     "three equal taps", (Step("detail", -1, (0.3, 0.3, 0.3)), Step("approximation", 0, (0.5,))), 1.1, 0.9
 )
+FAR_APART = Scheme("wider than a block's room", (Step("detail", -150, (0.3,)), Step("detail", 150, (0.2,))), 1.1, 0.9)
 
 
 @contextlib.contextmanager
@@ -98,6 +99,7 @@ def kind_of_signal(kind, size, seed):
     kind=st.sampled_from(["noise", "counts", "extremes"]),
     seed=st.integers(0, 99),
 )
+@example(FAR_APART, 5000, 2, "symmetric", "soft", 1 << 18, "noise", 1)
 @example(THREE_EQUAL, 5000, 2, "trend", "firm", 1 << 18, "noise", 1)
 @settings(max_examples=250, deadline=None)
 def test_compiled_steps_give_the_bits_of_arrays(which, size, levels, extension, rule, chunk, kind, seed):

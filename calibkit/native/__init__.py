@@ -60,7 +60,6 @@ def _declare(library: CDLL) -> None:
     library.calibkit_slopes.argtypes = [c_void_p, c_void_p, c_int64, c_int64, c_double, c_double, c_void_p]
     library.calibkit_slopes.restype = c_int64
     at, whole, real = c_void_p, c_int64, c_double
-    library.calibkit_lifting_room.argtypes, library.calibkit_lifting_room.restype = [at], whole
-    library.calibkit_analysed.argtypes = [at, at, at, at, *(whole,) * 3, at, whole, whole, at, whole, whole]
-    library.calibkit_synthesised.argtypes = [at, at, at, at, at, *(whole,) * 4, real, real, at, whole, whole]
+    library.calibkit_analysed.argtypes = [at, at, at, *(whole,) * 3, at, whole, whole, at, whole, whole]
+    library.calibkit_synthesised.argtypes = [at, at, at, at, *(whole,) * 4, real, real, at, whole, whole]
     library.calibkit_analysed.restype = library.calibkit_synthesised.restype = None

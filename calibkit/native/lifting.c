@@ -20,6 +20,7 @@
 #include <stdint.h>
 
 enum { PAIRS = 1024 };   /* of a block: two channels of them are 16 KiB */
+enum { WIDEST = 256 };   /* reach of the steps beyond a block; calibkit/numeric/lifting_compiled.py asks for no more */
 enum { MOVES = 8 };      /* where in a plan the moves begin */
 enum { SOFT = 1, HARD = 2, GARROTE = 3, FIRM = 4 };
 
@@ -37,8 +38,8 @@ enum { SOFT = 1, HARD = 2, GARROTE = 3, FIRM = 4 };
 typedef struct {
     const int64_t *plan;
     const double *factors;
-    double *room[2];    /* of both channels of a block with its reach */
-    double *scratch;    /* of one term */
+    _Alignas(64) double room[2][PAIRS + WIDEST];    /* of both channels of a block with its reach */
+    _Alignas(64) double scratch[PAIRS + WIDEST];    /* of one term */
 } level_t;
 
 typedef struct {
@@ -81,7 +82,7 @@ INLINED void add_many(double *restrict target, const double *source, const int64
 }
 
 /* All steps on a block of pairs low … high − 1, whose channels begin at low + their reach. */
-INLINED void lift(const level_t *level, int64_t low, int64_t high)
+INLINED void lift(level_t *level, int64_t low, int64_t high)
 {
     const int64_t *at = level->plan + MOVES;
     const double *tap = level->factors + 4;
@@ -117,7 +118,7 @@ INLINED void every_second(double *restrict into, const double *restrict samples,
 }
 
 /* Every second sample into each channel: the common stretch at once, what one channel has beyond the other by itself. */
-INLINED void split(const level_t *level, const double *samples, int64_t first, int64_t low, int64_t high)
+INLINED void split(level_t *level, const double *samples, int64_t first, int64_t low, int64_t high)
 {
     int64_t begin[2], end[2];
     for (int c = 0; c < 2; c++) {
@@ -237,20 +238,6 @@ INLINED void synthesise(level_t *level, const double *const coefficients[2], int
     }
 }
 
-/* Room that a block needs [numbers]: two channels with their reach, and a term. */
-static level_t prepared(const int64_t *plan, const double *factors, double *room)
-{
-    int64_t widest = most(plan[2] - plan[1], plan[4] - plan[3]);
-    int64_t stride = PAIRS + widest;
-    level_t level = {plan, factors, {room, room + stride}, room + 2 * stride};
-    return level;
-}
-
-int64_t calibkit_lifting_room(const int64_t *plan)
-{
-    return 3 * (PAIRS + most(plan[2] - plan[1], plan[4] - plan[3]));
-}
-
 static void analyse_plainly(level_t *level, const double *samples, int64_t first, int64_t low, int64_t high,
                             double *const out[2], const int64_t origin[2], const int64_t size[2])
 {
@@ -284,21 +271,25 @@ synthesise_widely(level_t *level, const double *const coefficients[2], int64_t f
 #define CHOSEN(plainly, widely) (plainly)
 #endif
 
-void calibkit_analysed(const int64_t *plan, const double *factors, double *room, const double *samples, int64_t first,
+void calibkit_analysed(const int64_t *plan, const double *factors, const double *samples, int64_t first,
                      int64_t low, int64_t high, double *approximation, int64_t approximation_first, int64_t approximation_size,
                      double *detail, int64_t detail_first, int64_t detail_size)
 {
-    level_t level = prepared(plan, factors, room);
+    level_t level;  /* its room is written before it is read */
+    level.plan = plan;
+    level.factors = factors;
     double *const out[2] = {approximation, detail};
     const int64_t origin[2] = {approximation_first, detail_first}, size[2] = {approximation_size, detail_size};
     CHOSEN(analyse_plainly, analyse_widely)(&level, samples, first, low, high, out, origin, size);
 }
 
-void calibkit_synthesised(const int64_t *plan, const double *factors, double *room, const double *approximation,
+void calibkit_synthesised(const int64_t *plan, const double *factors, const double *approximation,
                         const double *detail, int64_t first, int64_t low, int64_t high, int64_t rule, double threshold,
                         double square, double *out, int64_t out_first, int64_t out_size)
 {
-    level_t level = prepared(plan, factors, room);
+    level_t level;  /* its room is written before it is read */
+    level.plan = plan;
+    level.factors = factors;
     const double *const coefficients[2] = {approximation, detail};
     const shrinkage_t shrinkage = {(int)rule, threshold, square};
     CHOSEN(synthesise_plainly, synthesise_widely)(&level, coefficients, first, low, high, &shrinkage, out, out_first, out_size);

@@ -31,18 +31,23 @@ CODES = {"soft": 1, "hard": 2, "garrote": 3, "firm": 4}
 """Shrinkage rules as the compiled steps number them; 0 leaves details as they are."""
 
 
+WIDEST = 256
+"""Reach of the steps beyond a block of pairs that the compiled steps have room for; known wavelets have 50."""
+
+
 @dataclass(frozen=True, slots=True)
 class _Plan:
-    """Steps as the compiled code reads them (see native/lifting.c), and the room that a block needs [numbers]."""
+    """Steps as the compiled code reads them (see native/lifting.c)."""
 
     steps: Any
     factors: Any
-    room: int
 
 
-def serves(*arrays: Array) -> bool:
-    """Whether the compiled steps were built and can read and write these arrays as they lie in memory."""
-    return kernels() is not None and all(a.dtype == np.float64 and a.flags.c_contiguous for a in arrays)
+def serves(scheme: Scheme, *arrays: Array) -> bool:
+    """Whether the compiled steps were built, and can read and write these arrays as they lie in memory."""
+    if kernels() is None or not _fits(scheme):
+        return False
+    return all(array.dtype == np.float64 and array.flags.c_contiguous for array in arrays)
 
 
 def analyse(samples: Array, first: int, scheme: Scheme, block: Span, outputs: tuple[tuple[Array, int], ...]) -> None:
@@ -50,10 +55,12 @@ def analyse(samples: Array, first: int, scheme: Scheme, block: Span, outputs: tu
 
     `samples`, whose element 0 has the index `first`, hold all that they are made of.
     """
-    forth, _ = _plans(scheme)
-    room = np.empty(forth.room)
-    where = [part for out, origin in outputs for part in (_address(out), origin, out.size)]
-    _library().calibkit_analysed(forth.steps, forth.factors, _address(room), _address(samples), first, *block, *where)
+    plan = _plans(scheme)[0]
+    (low, at_low), (high, at_high) = outputs
+    _library().calibkit_analysed(
+        plan.steps, plan.factors, samples.ctypes.data, first, *block,
+        low.ctypes.data, at_low, low.size, high.ctypes.data, at_high, high.size,
+    )  # fmt: skip
 
 
 def synthesise(
@@ -68,11 +75,21 @@ def synthesise(
 
     `channels`, whose elements 0 have the index `first`, hold all that they are made of; `rule` is that of `rule_of`.
     """
-    _, back = _plans(scheme)
-    room = np.empty(back.room)
-    given = (_address(channels[0]), _address(channels[1]), first)
-    where = (_address(out[0]), out[1], out[0].size)
-    _library().calibkit_synthesised(back.steps, back.factors, _address(room), *given, *block, *rule, *where)
+    plan = _plans(scheme)[1]
+    low, high = channels
+    made, at = out
+    _library().calibkit_synthesised(
+        plan.steps,
+        plan.factors,
+        low.ctypes.data,
+        high.ctypes.data,
+        first,
+        *block,
+        *rule,
+        made.ctypes.data,
+        at,
+        made.size,
+    )
 
 
 def rule_of(shrink: Callable[[int, Array], Array], level: int) -> tuple[int, float, float] | None:
@@ -88,9 +105,10 @@ def rule_of(shrink: Callable[[int, Array], Array], level: int) -> tuple[int, flo
     return None
 
 
-def _address(array: Array) -> int:
-    """Where the first element lies."""
-    return int(array.__array_interface__["data"][0])
+@cache
+def _fits(scheme: Scheme) -> bool:
+    """Whether the steps reach no farther than the compiled code has room for."""
+    return all(high - low <= WIDEST for plan in passes(scheme) for low, high in plan.reach)
 
 
 @cache
@@ -111,7 +129,7 @@ def _plan(scheme: Scheme, plan: Pass, factors: tuple[float, ...]) -> _Plan:
             steps += [len(offsets), *offsets]
             taps.append(tap)
     encoded = (ctypes.c_int64 * len(steps))(*steps)
-    return _Plan(encoded, (ctypes.c_double * len(taps))(*taps), int(_library().calibkit_lifting_room(encoded)))
+    return _Plan(encoded, (ctypes.c_double * len(taps))(*taps))
 
 
 def _library() -> CDLL:

@@ -31,10 +31,14 @@ def analysed(
 
     Approximation and details go into arrays whose element 0 has a stated index; those outside of them are dropped.
     """
-    if not compiled.serves(values, *(out for out, _ in outputs)):
+    if not compiled.serves(scheme, values, outputs[0][0], outputs[1][0]):
         _analyse(values, first, scheme, span, beyond, outputs)
         return
-    inner = both(span, made_of(scheme, (first, first + values.size)))
+    clear = made_of(scheme, (first, first + values.size))
+    if clear[0] <= span[0] and clear[1] >= span[1]:
+        compiled.analyse(values, first, scheme, span, outputs)
+        return
+    inner = both(span, clear)
     if inner[0] == inner[1]:
         inner = (span[1], span[1])
     else:
@@ -57,7 +61,7 @@ def synthesised(
     `shrink` is what makes the details to be used of those given, and the level that it is told; None takes them as they are.
     """
     treat, level = shrink
-    if not compiled.serves(*channels, out):
+    if not compiled.serves(scheme, *channels, out):
         _synthesise(channels, scheme, first, span, shrink, out)
         return
     rule = None if treat is None else compiled.rule_of(treat, level)
