@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 from calibkit.errors import OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
     from pathlib import Path
 
 WAIT_S = 120.0
@@ -26,10 +26,11 @@ REMOVABLE = os.name == "posix"
 """Whether an open file can be removed; where it cannot, as on Windows, an empty lock file stays and keeps its name."""
 
 
-def write_synced(path: Path, content: bytes) -> None:
-    """Write bytes and wait until they are on the disk."""
+def write_synced(path: Path, content: bytes | Iterable[bytes]) -> None:
+    """Write bytes, whole or as they come in parts, and wait until they are on the disk."""
     with path.open("wb") as stream:
-        stream.write(content)
+        for part in (content,) if isinstance(content, bytes) else content:
+            stream.write(part)
         stream.flush()
         os.fsync(stream.fileno())
 

@@ -16,7 +16,7 @@ from calibkit import atomic, coefficients, run_document
 from calibkit.errors import CoefficientError, OutputError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 
 RUN_FORMAT = "calibkit-run/1"
 RUN_FORMATS = (RUN_FORMAT,)
@@ -146,12 +146,15 @@ def refuse_run_folder(path: Path) -> None:
         )
 
 
-def write_new(path: Path, content: bytes, *, dry_run: bool = False) -> None:
-    """Write one file atomically; raises OutputError when it exists or cannot be written. A dry run only looks."""
+def write_new(path: Path, content: bytes | Iterable[bytes], *, dry_run: bool = False) -> None:
+    """Write one file atomically, whole or as its bytes come in parts; a dry run only looks.
+
+    Raises OutputError when it exists or cannot be written; what making a part raises leaves no file either.
+    """
     write_all({path: content}, dry_run=dry_run)
 
 
-def write_all(files: Mapping[Path, bytes], *, dry_run: bool = False) -> None:
+def write_all(files: Mapping[Path, bytes | Iterable[bytes]], *, dry_run: bool = False) -> None:
     """Write files that belong together, a header and its source: all, or none where one of them cannot be written.
 
     All are on the disk under temporary names before the first gets its own. Raises OutputError when one exists or
@@ -177,7 +180,7 @@ def write_all(files: Mapping[Path, bytes], *, dry_run: bool = False) -> None:
         atomic.sync_folder(folder)
 
 
-def _ready(path: Path, content: bytes, temporaries: contextlib.ExitStack) -> Path:
+def _ready(path: Path, content: bytes | Iterable[bytes], temporaries: contextlib.ExitStack) -> Path:
     """Temporary file beside a path that holds its content; it goes with the stack."""
     with _refused(path):
         atomic.make_folder(path.parent)

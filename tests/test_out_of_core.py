@@ -5,8 +5,10 @@ import json
 import numpy as np
 import pytest
 
+from calibkit import pipeline, recipe
 from calibkit.numeric import hac, spans
-from calibkit.stages import long_logs, pieces
+from calibkit.readers import clean
+from calibkit.stages import long_logs, pieces, write_back
 
 
 @pytest.fixture
@@ -99,3 +101,89 @@ def test_a_gap_and_a_spike_of_a_log_on_disk_are_told(small, calibkit, log_writer
         gaps.append(calibkit("fit", "bias_temperature", "--data", torn.parent, *options).err)
     assert "warmup_1.csv:1001: column 'time_s': a gap of 101 s" in gaps[0]
     assert gaps[0] == gaps[1]
+
+
+@pytest.fixture
+def applied(calibkit, monkeypatch, tmp_path):
+    """Compensate a log from disk and in memory; returns the bytes of both."""
+
+    def apply(run, log, *settings):
+        found = []
+        for number, setting in enumerate(("0", "1000")):
+            monkeypatch.setenv(long_logs.SETTING, setting)
+            out = tmp_path / f"{len(settings)}_{number}.csv"
+            options = [word for entry in settings for word in ("--set", entry)]
+            outcome = calibkit("apply", run, "--data", log, "--out", out, *options)
+            assert outcome.code == 0, outcome.err
+            found.append((out.read_bytes(), outcome.err))
+        return found
+
+    return apply
+
+
+def test_a_compensated_bias_is_the_same_from_disk(small, calibkit, applied, log_writer, monkeypatch, tmp_path):
+    """Every byte and flag of a log that goes beyond the fitted temperatures, written a few lines at a time."""
+    warm_up(tmp_path / "logs", log_writer, 1, rows=2000)
+    warm_up(tmp_path / "longer", log_writer, 2)
+    calibkit("fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path)
+    log = tmp_path / "longer" / "warmup_2.csv"
+    whole = applied(tmp_path / "S" / "r001", log)
+    assert whole[0] == whole[1]
+    assert "clamped" in whole[0][1]
+    monkeypatch.setattr(write_back, "BLOCK", 500)
+    assert applied(tmp_path / "S" / "r001", log, "title=''")[0] == whole[0]
+
+
+@pytest.fixture(scope="module")
+def drifts(campaign, tmp_path_factory):
+    """Return runs of a simulated gyro by the model on levels, and by the published one that goes from step to step."""
+    runs = tmp_path_factory.mktemp("runs")
+    for serial, settings in (("L", ()), ("P", ("drift.model=gradient_rate", "drift.compensation=one_step"))):
+        source = recipe.find("fog_thermal", settings)
+        pipeline.fit(source, campaign, serial, runs, "2026-11-21", lambda items, what: items)
+    return runs
+
+
+@pytest.mark.parametrize(("serial", "settings"), [("L", ("output.rate_uncertainty=true",)), ("P", ())])
+def test_a_compensated_drift_is_the_same_from_disk(serial, settings, small, drifts, campaign, applied):
+    """The drift of levels with its uncertainty, and that of one step, row for row and flag for flag."""
+    log = campaign / "withheld" / "ramp_heating_03.csv"
+    disk, memory = applied(drifts / serial / "r001", log, *settings)
+    assert disk == memory
+    assert disk[0] != log.read_bytes()
+
+
+def test_line_ends_and_a_mark_are_written_as_before(applied, calibkit, log_writer, tmp_path):
+    """A log with a byte-order mark and CRLF gives the bytes of the plain one, and so does one without a last line end."""
+    warm_up(tmp_path / "logs", log_writer, 1, rows=500)
+    calibkit("fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path)
+    text = (tmp_path / "logs" / "warmup_1.csv").read_bytes()
+    written = []
+    for data in (text, b"\xef\xbb\xbf" + text.replace(b"\n", b"\r\n"), text[:-1]):
+        log = tmp_path / str(len(written)) / "log.csv"
+        log.parent.mkdir()
+        log.write_bytes(data)
+        written.append([content for content, _ in applied(tmp_path / "S" / "r001", log, *["title=''"] * len(written))])
+    assert written[0] == written[1] == written[2]
+
+
+@pytest.mark.parametrize("row", [b"9999,20,0.1\n", b"9999,20\n"])
+def test_a_log_that_grows_while_it_is_compensated_is_refused(row, calibkit, log_writer, monkeypatch, tmp_path):
+    """A row that comes between two readings of a log is an error, and nothing is written."""
+    warm_up(tmp_path / "logs", log_writer, 1, rows=500)
+    calibkit("fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path)
+    log = tmp_path / "logs" / "warmup_1.csv"
+    scanned = clean.scanned
+
+    def then_grows(path, file):
+        found = scanned(path, file)
+        with path.open("ab") as stream:
+            stream.write(row)
+        return found
+
+    monkeypatch.setattr(clean, "scanned", then_grows)
+    (tmp_path / "out").mkdir()
+    outcome = calibkit("apply", tmp_path / "S" / "r001", "--data", log, "--out", tmp_path / "out" / "o.csv")
+    assert outcome.code == 3
+    assert "it changed while it was read" in outcome.err
+    assert list((tmp_path / "out").iterdir()) == []

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.frame import Finding, Log, values
+from calibkit.numeric import spans
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -63,7 +64,7 @@ def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
     for column in columns:
         if all(map(math.isfinite, log.extremes(column))):
             continue
-        bad = np.flatnonzero(~np.isfinite(values(log.frame, column)))
+        bad = spans.where(values(log.frame, column), lambda data: ~np.isfinite(data))
         if bad.size:
             found = f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on"
             advice = "leave the range out with [[exclude]], or repair the log"
@@ -79,7 +80,7 @@ def monotonic(log: Log) -> list[Finding]:
     if log.steps.shortest > 0.0:
         return []
     time = values(log.frame, "time_s")
-    back = np.flatnonzero(time[1:] <= time[:-1])
+    back = spans.where(time, lambda step: step <= 0.0, step=True)
     if not back.size:
         return []
     k = int(back[0])
@@ -99,21 +100,23 @@ def gaps(log: Log, limit_s: float) -> list[Finding]:
     usual = known.usual
     if not known.shortest > 0.0 or known.longest <= GAP * usual:
         return []
-    step = np.diff(values(log.frame, "time_s"))
-    long = np.flatnonzero(step > max(limit_s, GAP * usual)).tolist()
-    missing = np.flatnonzero((step > GAP * usual) & (step <= limit_s))
-    return [*(_long_gap(log, k, step, limit_s) for k in long), *_short_gaps(log, missing, step, usual)]
+    time = values(log.frame, "time_s")
+    missing = spans.where(time, lambda step: step > GAP * usual, step=True)
+    step = time[missing + 1] - time[missing]
+    long = step > limit_s
+    told = [_long_gap(log, int(k), float(length), limit_s) for k, length in zip(missing[long], step[long], strict=True)]
+    return [*told, *_short_gaps(log, missing[~long], step[~long], usual)]
 
 
-def _long_gap(log: Log, k: int, step: NDArray[np.float64], limit_s: float) -> Finding:
+def _long_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
     """A gap that is refused."""
-    found = f"a gap of {step[k]:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
+    found = f"a gap of {step:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
     advice = "split the log at the gap, or raise max_gap_s in the recipe"
     left_out = int(log.frame.index[k + 1]) - int(log.frame.index[k]) - 1
     if left_out > 0 and any("excluded by" in note for note in log.notes):
         found += f", made by [[exclude]], which leaves out {left_out} rows"
         advice = "exclude from the log's start or to its end, split the log there, or raise max_gap_s in the recipe"
-    return at_row(log, k + 1, "time_s", found, f"at most {limit_s:g} s", advice, "gap", figure=float(step[k]))
+    return at_row(log, k + 1, "time_s", found, f"at most {limit_s:g} s", advice, "gap", figure=step)
 
 
 def _short_gaps(log: Log, missing: NDArray[np.int64], step: NDArray[np.float64], usual: float) -> list[Finding]:
@@ -121,10 +124,10 @@ def _short_gaps(log: Log, missing: NDArray[np.int64], step: NDArray[np.float64],
     if not missing.size:
         return []
     k = int(missing[0])
-    first = f"the first of {step[k]:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
+    first = f"the first of {step[0]:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
     found = f"{missing.size} short gap{'s' if missing.size > 1 else ''}, {first}"
     advice = "see that no row was lost; what lies between them is not known"
-    largest = float(step[missing].max())
+    largest = float(step.max())
     every = f"a row every {usual:g} s"
     return [at_row(log, k + 1, "time_s", found, every, advice, "gap", severity="warn", figure=largest)]
 
@@ -134,17 +137,16 @@ def bridged(log: Log) -> list[str]:
 
     What happened in them it does not know, and what it remembers from before them may be over.
     """
+    limit = GAP * log.steps.usual
+    if not log.steps.longest > limit:
+        return []
     time = values(log.frame, "time_s")
-    step = np.diff(time)
-    if not step.size:
-        return []
-    missing = np.flatnonzero(step > GAP * float(np.median(step)))
-    if not missing.size:
-        return []
-    k = int(missing[np.argmax(step[missing])])
-    count = "a gap" if missing.size == 1 else f"{missing.size} gaps, {step[missing].sum():g} s together, the longest"
+    missing = spans.where(time, lambda step: step > limit, step=True)
+    step = time[missing + 1] - time[missing]
+    k = int(missing[np.argmax(step)])
+    count = "a gap" if missing.size == 1 else f"{missing.size} gaps, {step.sum():g} s together, the longest"
     them = "it" if missing.size == 1 else "them"
-    said = f"{log.place(k + 1)}: {count} of {step[k]:g} s from {time[k]:g} s"
+    said = f"{log.place(k + 1)}: {count} of {step.max():g} s from {time[k]:g} s"
     return [f"{said}: the compensation runs across {them} and knows nothing of what happened there"]
 
 
@@ -169,7 +171,7 @@ def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
         if low >= COLDEST_DEGC and high <= HOTTEST_DEGC:
             continue
         data = values(log.frame, column)
-        bad = np.flatnonzero((data < COLDEST_DEGC) | (data > HOTTEST_DEGC))
+        bad = spans.where(data, lambda part: (part < COLDEST_DEGC) | (part > HOTTEST_DEGC))
         if bad.size:
             found = f"{data[bad[0]]:g} °C ({bad.size} such row{'s' if bad.size > 1 else ''})"
             advice = f"state the log's unit in [columns.{column}], or leave the rows out with [[exclude]]"
@@ -185,7 +187,7 @@ def plausible_rate(log: Log, column: str) -> list[Finding]:
     if low >= -LARGEST_RATE_DPH and high <= LARGEST_RATE_DPH:
         return []
     data = values(log.frame, column)
-    wild = np.flatnonzero(np.abs(data) > LARGEST_RATE_DPH)
+    wild = spans.where(data, lambda part: np.abs(part) > LARGEST_RATE_DPH)
     if not wild.size:
         return []
     found = f"{data[wild[0]]:g} deg/h ({wild.size} such row{'s' if wild.size > 1 else ''})"

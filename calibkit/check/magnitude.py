@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import re
 from dataclasses import replace
+from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit.check.content import at_row
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import anomalies, segments
+from calibkit.numeric import anomalies, segments, spans
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -199,9 +200,8 @@ def undrifting(file: str, predicted: Array, indication: Array) -> list[str]:
     """
     if predicted.size < 10 * PARTS:
         return []
-    edges = np.linspace(0, predicted.size, PARTS + 1).astype(np.int64)[:-1]
-    count = np.diff(np.append(edges, predicted.size))
-    x, y = (np.add.reduceat(values, edges) / count for values in (predicted, indication))
+    edges = np.linspace(0, predicted.size, PARTS + 1).astype(np.int64).tolist()
+    x, y = (np.array([spans.mean(column[a:b]) for a, b in pairwise(edges)]) for column in (predicted, indication))
     power = float(np.sum((x - x.mean()) ** 2))
     if power == 0.0:
         return []

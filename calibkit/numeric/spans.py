@@ -98,10 +98,24 @@ def _halfway(parted: Array, size: int) -> Array:
     return upper if size % 2 else np.asarray((parted[..., : size // 2].max(axis=-1) + upper) / 2.0)
 
 
-def deviation(column: Array) -> float:
-    """Standard deviation of a column [n] about its mean, of the rows themselves (divided by n)."""
-    mean = sum(float(np.sum(column[a:b])) for a, b in along(column)) / column.size
-    return float(np.sqrt(sum(float(np.sum((column[a:b] - mean) ** 2)) for a, b in along(column)) / column.size))
+def mean(values: Array) -> float:
+    """Mean of values [n]."""
+    return sum(float(np.sum(values[a:b])) for a, b in along(values)) / values.size
+
+
+def deviation(values: Array) -> float:
+    """Standard deviation of values [n] about their mean, of the values themselves (divided by n)."""
+    middle = mean(values)
+    return float(np.sqrt(sum(float(np.sum((values[a:b] - middle) ** 2)) for a, b in along(values)) / values.size))
+
+
+def where(values: Array, chosen: Callable[[Array], NDArray[np.bool_]], *, step: bool = False) -> NDArray[np.int64]:
+    """Rows [m] of a column [n] whose value is chosen; with `step`, those whose step to the next row is."""
+    found = []
+    for start, stop in along(values):
+        part = np.diff(values[start : stop + 1]) if step else values[start:stop]
+        found.append(np.flatnonzero(chosen(part)) + start)
+    return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
 
 
 def median(values: Array) -> float:

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import importlib
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Protocol, cast
+from typing import TYPE_CHECKING, Any, Protocol, TypeAlias, cast
 
 from calibkit.errors import UsageError
 
@@ -45,6 +45,10 @@ class Fitted:
     """Combined and expanded uncertainties of results, as JSON objects."""
 
 
+Applied: TypeAlias = "tuple[Iterable[bytes], tuple[str, ...]]"
+"""A compensated log: the new file's bytes, part by part, and the flags."""
+
+
 # Each procedure reads its own kind of recipe, which the loader has checked: hence Any.
 # ruff: noqa: ANN401
 
@@ -61,8 +65,8 @@ class Procedure(Protocol):
     def examine(self, spec: Any, log: Log) -> Examined:
         """Find what is wrong with a log, and its held conditions."""
 
-    def apply(self, spec: Any, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
-        """Compensate a log: the new file's bytes and the flags."""
+    def apply(self, spec: Any, records: Mapping[str, Record], data: Path) -> Applied:
+        """Compensate a log: the new file's bytes and the flags; raises before the first part where it cannot be."""
 
     def validate(self, spec: Any, records: Mapping[str, Record], logs: Iterable[Log]) -> tuple[dict[str, Any], Summary]:
         """Hold frozen coefficients against unseen logs, which are read one after the other."""

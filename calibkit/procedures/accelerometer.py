@@ -23,7 +23,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
-    from calibkit.procedures import Progress
+    from calibkit.procedures import Applied, Progress
     from calibkit.recipe.accelerometer import AccelerometerRecipe
     from calibkit.stages.ingest import Reader
 
@@ -67,7 +67,7 @@ def fit(spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: P
     )
 
 
-def apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+def apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Correct every row of a log, in the log's own unit and sign, and add inclination and toolface."""
     rowwise = spec.model_copy(update={"reference": spec.reference.model_copy(update={"kind": "magnitude"})})
     log = read(

@@ -23,12 +23,13 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Record
     from calibkit.firmware.program import Program
     from calibkit.frame import Log
+    from calibkit.procedures import Applied
     from calibkit.recipe import Recipe
 
     Array = NDArray[np.float64]
 
 
-def apply(spec: Recipe, records: Mapping[str, Record], data: Path, number: str) -> tuple[bytes, tuple[str, ...]]:
+def apply(spec: Recipe, records: Mapping[str, Record], data: Path, number: str) -> Applied:
     """Correct every row of a log with the twin of a run's firmware: the new file's bytes, and the statuses as flags."""
     quantised = program.of(chains.of(spec, records), formats.of(number))
     site = spec.site.model_copy(update={"gravity_mps2": accel_fit.local_gravity(spec.site)})
@@ -83,7 +84,7 @@ def _angles(found: Mapping[str, Array], spec: AccelerometerRecipe) -> dict[str, 
     return {"inclination_deg": attitude.inclination(vector), "toolface_deg": attitude.toolface(vector)}
 
 
-def _drift(spec: FogThermalRecipe, quantised: Program, data: Path) -> tuple[bytes, tuple[str, ...]]:
+def _drift(spec: FogThermalRecipe, quantised: Program, data: Path) -> Applied:
     """Drift updated once an interval with means over it, and taken off the rows of the interval after."""
     log = ingest.read_log(spec, data, data.name, fog_ramps.COLUMNS)
     refuse(fog_ramps.usable(log))

@@ -21,7 +21,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Record
     from calibkit.frame import Log
-    from calibkit.procedures import Progress
+    from calibkit.procedures import Applied, Progress
     from calibkit.recipe import BiasTemperatureRecipe
     from calibkit.report.summary import Summary
     from calibkit.stages.ingest import Reader
@@ -86,7 +86,7 @@ def fit(spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress:
     return Fitted((result,), inputs, bias.summary(spec.title, fits, result.flags), bias.drawing(spec.title, fits))
 
 
-def apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+def apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Take each channel's polynomial, zero at the reference, out of every row."""
     log = read(spec, data.parent, data.name)
     refuse(_findings(spec, log))

@@ -36,7 +36,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
-    from calibkit.procedures import Progress
+    from calibkit.procedures import Applied, Progress
     from calibkit.recipe import FogThermalRecipe
     from calibkit.stages.ingest import Reader
 
@@ -137,14 +137,14 @@ def _model(spec: FogThermalRecipe, records: Mapping[str, Record]) -> fog_compens
     return fog_compensate.model_from(records["drift_rate.json"], spec)
 
 
-def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Compensate every row of a log; the indication keeps the log's own unit and sign."""
     model = _model(spec, records)
     log = ingest.read_log(spec, data, data.name, fog_ramps.COLUMNS)
     refuse(fog_ramps.usable(log))
     output, flags = fog_compensate.compensated(log, model, spec)
     gyro = values(log.frame, "gyro_dph")
-    flags = (*bridged(log), *magnitude.undrifting(log.file, gyro - output, gyro), *flags)
+    flags = (*bridged(log), *magnitude.undrifting(log.file, fog_compensate.taken_off(log, output), gyro), *flags)
     added = {}
     if spec.output.rate_uncertainty:
         added["gyro_standard_uncertainty_dph"] = fog_compensate.uncertainty(log, model, spec)

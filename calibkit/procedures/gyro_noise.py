@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Record
     from calibkit.frame import Log
-    from calibkit.procedures import Progress
+    from calibkit.procedures import Applied, Progress
     from calibkit.recipe.gyro_noise import GyroNoiseRecipe
     from calibkit.stages.gyro_noise import NoiseFigures
     from calibkit.stages.ingest import Reader
@@ -69,7 +69,7 @@ def apply(
     spec: GyroNoiseRecipe,
     records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
     data: Path,  # noqa: ARG001 (the same)
-) -> tuple[bytes, tuple[str, ...]]:
+) -> Applied:
     """Refuse: noise is stated, not compensated."""
     raise UsageError(f"a run of {spec.procedure} holds nothing to compensate with", hint="apply a run of fog_thermal")
 

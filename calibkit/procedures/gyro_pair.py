@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
     from calibkit.numeric.gyro_pair import GyroPair
-    from calibkit.procedures import Progress
+    from calibkit.procedures import Applied, Progress
     from calibkit.recipe.gyro import GyroPairRecipe
     from calibkit.stages.gyro_compensate import Frozen
     from calibkit.stages.ingest import Reader
@@ -86,7 +86,7 @@ def _frozen(records: Mapping[str, Record]) -> list[Frozen]:
     return [gyro_compensate.frozen(records, gyro, f"{gyro}_about_{gyro}") for gyro in GYROS]
 
 
-def apply(spec: GyroPairRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+def apply(spec: GyroPairRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Add each gyro's compensated rate about its own axis to every row of a log."""
     coefficients = _frozen(records)
     log = gyro_compensate.read(spec, data, coefficients)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
-    from calibkit.procedures import Progress
+    from calibkit.procedures import Applied, Progress
     from calibkit.recipe.gyro import GyroTriadRecipe
     from calibkit.stages.gyro_runs import TableRun
     from calibkit.stages.ingest import Reader
@@ -71,7 +71,7 @@ def fit(spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progr
     )
 
 
-def apply(spec: GyroTriadRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+def apply(spec: GyroTriadRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Add the compensated rates about the axes of the base to every row of a log."""
     known = gyro_axes_compensate.base(records, spec)
     log = gyro_axes_compensate.read(spec, data, known)

@@ -33,7 +33,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
-    from calibkit.procedures import Progress
+    from calibkit.procedures import Applied, Progress
     from calibkit.recipe.inclinometer import InclinometerRecipe
     from calibkit.stages.ingest import Reader
 
@@ -87,7 +87,7 @@ def _seek(
     return stations, seen, (*flags, *inclinometer_results.station_flags(stations, seen))
 
 
-def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Correct the rates of every row, in the log's own unit, and add each station's angles to its rows."""
     log = read(spec, data.parent, data.name)
     refuse(inclinometer_stations.unusable(log, spec))

@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Figure, Record
     from calibkit.frame import Examined, Log
-    from calibkit.procedures import Progress
+    from calibkit.procedures import Applied, Progress
     from calibkit.recipe.gyro import RateTableRecipe
     from calibkit.report.summary import SummaryTable
     from calibkit.stages.gyro_compensate import Frozen
@@ -78,7 +78,7 @@ def _frozen(records: Mapping[str, Record], spec: RateTableRecipe) -> list[Frozen
     return [gyro_compensate.frozen(records, gyro, f"gyro_{gyro}") for gyro in spec.gyros]
 
 
-def apply(spec: RateTableRecipe, records: Mapping[str, Record], data: Path) -> tuple[bytes, tuple[str, ...]]:
+def apply(spec: RateTableRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Add each gyro's compensated rate to every row of a log."""
     coefficients = _frozen(records, spec)
     log = gyro_compensate.read(spec, data, coefficients)

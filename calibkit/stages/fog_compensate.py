@@ -9,7 +9,7 @@ import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.frame import values
-from calibkit.numeric import compensation, drift, thermal_drift
+from calibkit.numeric import compensation, drift, intervals, spans, thermal_drift
 from calibkit.stages import fog_drift, fog_levels, fog_ramps, fog_uncertainty
 
 if TYPE_CHECKING:
@@ -155,19 +155,37 @@ def compensated(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> tuple[
     if not model.exported:
         return gyro, ("no drift term: the indication is returned as it is",)
     _, slope = fog_ramps.cut(log, recipe)
-    blocks = drift.blocks(time, case, env, gyro, slope, model.interval_s)
+    held = intervals.of(time, model.interval_s, log.steps.usual)
+    middle, t_case, t_env, mean = (held.means(column) for column in (time, case, env, gyro))
+    blocks = drift.blocks_of(held, middle, t_case, t_env, mean, slope)
     along = model.along(blocks)
     flags = _flags(log.file, along)
+    output = log.room(gyro.size)
     if model.mode == "recursive":
-        return gyro - np.interp(time, blocks.time, along.level), flags
-    index = drift.block_index(time, model.interval_s)
-    before = blocks.indication[np.maximum(index - 1, 0)] + along.delta[index]
-    return gyro - before, (*flags, "one_step: the true rate is removed (rate gain 0)")
+        for a, b in spans.along(time, gyro, output):
+            output[a:b] = gyro[a:b] - np.interp(time[a:b], blocks.time, along.level)
+        return output, flags
+    for part, rows in held.groups():
+        index = np.repeat(held.number[part], held.count[part])
+        output[rows] = gyro[rows] - (blocks.indication[np.maximum(index - 1, 0)] + along.delta[index])
+        spans.release(gyro, output)
+    return output, (*flags, "one_step: the true rate is removed (rate gain 0)")
+
+
+def taken_off(log: Log, output: Array) -> Array:
+    """Drift [rows, °/h] that a compensated indication [rows, °/h] was freed of."""
+    gyro, taken = values(log.frame, "gyro_dph"), log.room(output.size)
+    for a, b in spans.along(gyro, output, taken):
+        np.subtract(gyro[a:b], output[a:b], out=taken[a:b])
+    return taken
 
 
 def uncertainty(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
     """Standard uncertainty [rows, °/h] of the compensated rate: of the drift that was taken off, noise not included."""
     time, case, env, gyro = (values(log.frame, column) for column in fog_ramps.COLUMNS)
-    blocks = drift.blocks(time, case, env, gyro, np.zeros_like(time), model.interval_s)
+    blocks = drift.blocks(time, case, env, gyro, np.broadcast_to(0.0, time.shape), model.interval_s)
     found = fog_uncertainty.of_blocks(model, blocks, recipe.type_b)
-    return np.asarray(np.interp(time, blocks.time, found.standard), dtype=np.float64)
+    stated = log.room(time.size)
+    for a, b in spans.along(time, stated):
+        stated[a:b] = np.interp(time[a:b], blocks.time, found.standard)
+    return stated

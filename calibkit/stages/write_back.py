@@ -12,11 +12,12 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import CalibkitError, FrameError, LogFormatError
-from calibkit.readers import delimited, registry, tokens
+from calibkit.numeric import spans
+from calibkit.readers import clean, delimited, registry, tokens
 from calibkit.stages import ingest
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Callable, Iterable, Iterator, Mapping
     from pathlib import Path
 
     import pandas as pd
@@ -25,39 +26,72 @@ if TYPE_CHECKING:
     from calibkit.readers.table import Table
     from calibkit.recipe import Recipe
 
+    Array = NDArray[np.float64]
+
+BLOCK = 1 << 18
+"""Bytes of a log that are written again at a time."""
+
 
 def replaced(
     recipe: Recipe,
     path: Path,
-    columns: Mapping[str, NDArray[np.float64]],
-    derived: Mapping[str, NDArray[np.float64]] | None = None,
-) -> bytes:
-    """Bytes of a log with canonical columns replaced, in the log's own unit and sign, and derived ones added behind.
+    columns: Mapping[str, Array],
+    derived: Mapping[str, Array] | None = None,
+) -> Iterator[bytes]:
+    """Bytes of a log, part by part, with canonical columns replaced and derived ones added behind.
 
-    Every other field keeps its own characters. A reference column that a derived one would shadow is renamed
-    reference_<column>. Numbers are written with the fewest digits that read back to the same float64. A log in another
-    dialect or format is written as comma-separated UTF-8 with decimal points, every row and column of it.
+    Columns are written in the log's own unit and sign; every other field keeps its own characters. A reference column that
+    a derived one would shadow is renamed reference_<column>. Numbers are written with the fewest digits that read back to the
+    same float64. A log in another dialect or format is written as comma-separated UTF-8 with decimal points, every row and
+    column of it. Clean CSV takes the memory of a block.
+
+    Raises FrameError or LogFormatError before the first part for what the log lacks, and LogFormatError in between where the
+    log changes meanwhile.
     """
-    log = _fields(recipe, path)
-    own = {name: _source(recipe, name, log, path) for name in columns}
-    texts = {
-        log.header.index(own[name]): _texts(_own_unit(recipe, name, values, log, own[name]))
-        for name, values in columns.items()
-    }
+    log = _clean(recipe, path) or _fields(recipe, path)
     added = derived or {}
-    names = [f"reference_{name}" if name in added else name for name in log.header]
-    extra = [_texts(values) for values in added.values()]
-    for text in (*texts.values(), *extra):
-        if len(text) != len(log.rows):
+    own = {name: _source(recipe, name, log, path) for name in columns}
+    for values in (*columns.values(), *added.values()):
+        if len(values) != log.count:
             raise FrameError(
-                f"{path.name}: {len(log.rows)} rows in, {len(text)} compensated",
-                hint=_every_row(recipe, path),
+                f"{path.name}: {log.count} rows in, {len(values)} compensated", hint=_every_row(recipe, path)
             )
-    for column, text in texts.items():
-        for row, fields in enumerate(log.rows):
-            fields[column] = text[row]
-    lines = [[*fields, *(text[row] for text in extra)] for row, fields in enumerate(log.rows)]
-    return _written([[*names, *added], *lines], quotes=log.quotes)
+
+    def texts(first: int, stop: int) -> tuple[dict[int, list[str]], list[list[str]]]:
+        part = {name: values[first:stop] for name, values in columns.items()}
+        changed = {
+            log.header.index(own[name]): _texts(_own_unit(recipe, name, values, log, own[name]))
+            for name, values in part.items()
+        }
+        more = [_texts(values[first:stop]) for values in added.values()]
+        spans.release(*columns.values(), *added.values())
+        return changed, more
+
+    names = [*(f"reference_{name}" if name in added else name for name in log.header), *added]
+    return _parts(log, names, texts, path.name)
+
+
+def _parts(
+    log: _Fields, names: list[str], texts: Callable[[int, int], tuple[dict[int, list[str]], list[list[str]]]], file: str
+) -> Iterator[bytes]:
+    """A log with new names and, of rows first … stop − 1, the texts that replace those of columns and stand behind all."""
+    yield _written([[name] for name in names], quotes=log.quotes)
+    row = 0
+    for columns in log.blocks():
+        stop = row + len(columns[0])
+        if stop > log.count:
+            break
+        changed, more = texts(row, stop)
+        fields = [changed.get(number, column) for number, column in enumerate(columns)]
+        yield _written([*fields, *more], quotes=log.quotes)
+        row = stop
+    if row != log.count:
+        raise _changed(file)
+
+
+def _changed(file: str) -> LogFormatError:
+    """The error of a log that is another when it is read again."""
+    return LogFormatError(f"{file}: it changed while it was read", hint="wait until the logger has closed it")
 
 
 def _every_row(recipe: Recipe, path: Path) -> str:
@@ -77,16 +111,44 @@ def _every_row(recipe: Recipe, path: Path) -> str:
 
 @dataclass(frozen=True, slots=True)
 class _Fields:
-    """A log as characters: names, units that the header states, fields of each row; quotes where a field may hold a comma."""
+    """A log as characters: names, units that the header states, rows, and of blocks of rows the fields of each column.
+
+    `quotes`: a field may hold a comma.
+    """
 
     header: list[str]
     units: Mapping[str, str]
-    rows: list[list[str]]
+    count: int
+    blocks: Callable[[], Iterable[list[list[str]]]]
     quotes: bool
 
 
+def _clean(recipe: Recipe, path: Path) -> _Fields | None:
+    """Fields of clean CSV as they stand in the file, which is read a block at a time; none of any other log."""
+    scan = clean.scanned(path, path.name) if recipe.logs.format in {"auto", "csv"} else None
+    if scan is None:
+        return None
+    stated = {name: units.of_header(name) for name in scan.header}
+    return _Fields(list(scan.header), stated, scan.rows, lambda: _blocks(path, len(scan.header)), quotes=False)
+
+
+def _blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
+    """Fields of each column of clean CSV, a block of lines at a time; raises LogFormatError where it cannot be read."""
+    try:
+        with path.open("rb") as stream:
+            stream.readline()
+            while block := stream.read(BLOCK):
+                lines = (block + stream.readline()).decode().replace("\r\n", "\n").removesuffix("\n")
+                fields = lines.replace("\n", ",").split(",")
+                if len(fields) != width * (lines.count("\n") + 1):
+                    raise _changed(path.name)
+                yield [fields[number::width] for number in range(width)]
+    except OSError as error:
+        raise LogFormatError(f"{path.name}: cannot be read: {error.strerror}", hint="check the file") from None
+
+
 def _fields(recipe: Recipe, path: Path) -> _Fields:
-    """Fields of a log: clean CSV as it stands, any other dialect or format by its reader."""
+    """Fields of a log: CSV as it stands, any other dialect or format by its reader."""
     data = delimited.load(path, path.name)
     if recipe.logs.format in {"auto", "csv"} and delimited.looks_clean(data):
         try:
@@ -98,12 +160,11 @@ def _fields(recipe: Recipe, path: Path) -> _Fields:
         else:
             rows = [line.split(",") for line in body.decode().rstrip("\n").split("\n")]
             stated = {name: units.of_header(name) for name in header}
-            return _Fields(header, stated, rows, quotes=False)
+            read = list(map(list, zip(*rows, strict=True)))
+            return _Fields(header, stated, len(rows), lambda: [read], quotes=False)
     table = registry.read(path, path.name, recipe.logs, ())
     columns = [_characters(table.frame[name], table) for name in table.frame.columns]
-    return _Fields(
-        list(map(str, table.frame.columns)), table.units, list(map(list, zip(*columns, strict=True))), quotes=True
-    )
+    return _Fields(list(map(str, table.frame.columns)), table.units, len(table.frame), lambda: [columns], quotes=True)
 
 
 def _characters(column: pd.Series, table: Table) -> list[str]:
@@ -117,12 +178,12 @@ def _characters(column: pd.Series, table: Table) -> list[str]:
     return [text.replace(",", ".") if tokens.NUMBER[","].fullmatch(text) else text for text in texts]
 
 
-def _written(lines: list[list[str]], *, quotes: bool) -> bytes:
+def _written(columns: list[list[str]], *, quotes: bool) -> bytes:
     """Comma-separated UTF-8."""
     if not quotes:
-        return "".join(",".join(fields) + "\n" for fields in lines).encode()
+        return ("\n".join(map(",".join, zip(*columns, strict=True))) + "\n").encode()
     stream = io.StringIO()
-    csv.writer(stream, lineterminator="\n").writerows(lines)
+    csv.writer(stream, lineterminator="\n").writerows(zip(*columns, strict=True))
     return stream.getvalue().encode()
 
 
@@ -137,7 +198,7 @@ def _source(recipe: Recipe, name: str, log: _Fields, path: Path) -> str:
     return found[0]
 
 
-def _own_unit(recipe: Recipe, name: str, values: NDArray[np.float64], log: _Fields, header: str) -> NDArray[np.float64]:
+def _own_unit(recipe: Recipe, name: str, values: Array, log: _Fields, header: str) -> Array:
     """Values in the unit and sign that the log's own column has."""
     column, stated = recipe.columns.get(name), log.units.get(header, "")
     if column is not None:
@@ -146,6 +207,9 @@ def _own_unit(recipe: Recipe, name: str, values: NDArray[np.float64], log: _Fiel
     return units.convert(values, target, stated or target, gravity_mps2=recipe.site.gravity_mps2)
 
 
-def _texts(values: NDArray[np.float64]) -> list[str]:
+def _texts(values: Array) -> list[str]:
     """Shortest texts that read back to the same numbers; a missing value is an empty field."""
-    return ["" if np.isnan(value) else repr(value) for value in values.tolist()]
+    texts = list(map(repr, values.tolist()))
+    for row in np.flatnonzero(np.isnan(values)).tolist():
+        texts[row] = ""
+    return texts
