@@ -1,5 +1,6 @@
 """Formats one by one: what a reader refuses, what it says, what a recipe can pin; the documentation's recipes are recipes."""
 
+import datetime as dt
 import io
 import json
 import re
@@ -261,6 +262,61 @@ def test_containers_ask_which_table_is_the_log(tmp_path):
     ulog = DIALECTS["ULog"].write(Clean([["0", "1", "2", "3"], ["10", "1", "2", "3"]]))
     with pytest.raises(LogFormatError, match="there are: battery:0, fog_run:0"):
         read(tmp_path, ulog, "x.ulg")
+
+
+def test_cells_of_a_workbook_read_back_to_what_they_hold(tmp_path):
+    """Ticks, times of day, durations and instants; a workbook without cells, or without the sheet, is refused."""
+    import openpyxl
+
+    def workbook(*rows):
+        book = openpyxl.Workbook()
+        for row in rows:
+            book.active.append(row)
+        stream = io.BytesIO()
+        book.save(stream)
+        return stream.getvalue()
+
+    second, midnight = dt.timedelta(seconds=1), dt.datetime(2026, 1, 1, tzinfo=dt.UTC).replace(tzinfo=None)
+    noon = (midnight + dt.timedelta(hours=12)).time()
+    for first, written in (
+        (True, 1.0),
+        (12, 12.0),
+        (0.1, 0.1),
+        (noon, "12:00:00.000000"),
+        (dt.timedelta(hours=30) + 1.5 * second, "30:00:01.500000"),
+        (midnight, "2026-01-01 00:00:00.000000"),
+    ):
+        table = read(tmp_path, workbook(["a", "b"], [first, 1], [first, 2], [first, 3]), "x.xlsx")
+        assert table.frame["a"].tolist() == [written] * 3
+    with pytest.raises(LogFormatError, match="no sheet holds cells"):
+        read(tmp_path, workbook(), "x.xlsx")
+    with pytest.raises(LogFormatError, match="no sheet 'two' with cells; there are: Sheet"):
+        read(tmp_path, workbook(["a", "b"], [1, 2]), "x.xlsx", table="two")
+
+
+def test_instants_of_a_parquet_file_are_seconds_with_and_without_a_zone(tmp_path):
+    """From the first that is there; text is no column, and two columns of one name are refused as such."""
+    import pyarrow as pa
+    from pyarrow import parquet as pq
+
+    def stored(table):
+        stream = io.BytesIO()
+        pq.write_table(table, stream)
+        return stream.getvalue()
+
+    for zone in (None, "UTC", "Asia/Shanghai"):
+        for unit, ticks in (("ms", 1000), ("us", 10**6), ("ns", 10**9)):
+            at = pa.array(
+                [None, 1_700_000_000 * ticks, 1_700_000_001 * ticks + ticks // 2], pa.timestamp(unit, tz=zone)
+            )
+            table = pa.table({"a": at, "b": [True, None, False], "said": ["x", "y", "z"]})
+            found = read(tmp_path, stored(table), "x.parquet").frame
+            assert list(found) == ["a", "b"]
+            np.testing.assert_array_equal(found["a"], [np.nan, 0.0, 1.5])
+            np.testing.assert_array_equal(found["b"], [1.0, np.nan, 0.0])
+    twice = pa.Table.from_arrays([pa.array([1.0, 2.0]), pa.array([3.0, 4.0])], names=["a", "a"])
+    with pytest.raises(LogFormatError, match="a column stands twice"):
+        read(tmp_path, stored(twice), "x.parquet")
 
 
 def test_columns_of_several_rates_are_not_put_side_by_side(tmp_path):

@@ -33,6 +33,10 @@ def frame(
     if len(inside) == 1 and matrices:
         ((name, matrix),) = matrices.items()
         return _matrix(matrix, name or logs.table, file, logs), how
+    if matrices and not flat:
+        raise LogFormatError(
+            f"{file}: {len(matrices)} matrices: {_some(matrices)}", hint="name one in [logs] table of the recipe"
+        )
     return vectors(flat, file, needed), how
 
 

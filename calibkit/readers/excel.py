@@ -35,8 +35,6 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names}
     name, how = _sheet(sheets, file, logs.table)
     content = "".join("\t".join(map(_text, row)) + "\n" for row in sheets[name])
-    if not content.strip():
-        raise LogFormatError(f"{file}: sheet '{name}' is empty", hint="check the workbook")
     spec = TextSpec(delimiter="\t", decimal=".", skip_lines=logs.text.skip_lines, header_lines=logs.text.header_lines)
     found = sniff.dialect(content, "utf-8", file, spec, logs.names)
     table = text.table(
@@ -53,7 +51,9 @@ def _sheet(sheets: dict[str, list[list[Any]]], file: str, table: str) -> tuple[s
         if table not in filled:
             raise LogFormatError(f"{file}: no sheet '{table}' with cells", hint=f"there are: {', '.join(filled)}")
         return table, ()
-    if len(filled) != 1:
+    if not filled:
+        raise LogFormatError(f"{file}: no sheet holds cells", hint="check the workbook")
+    if len(filled) > 1:
         raise LogFormatError(
             f"{file}: {len(filled)} sheets hold cells: {', '.join(filled)}",
             hint="name one in [logs] table of the recipe",

@@ -2,7 +2,8 @@
 
 Format: UTF-8 JSON (RFC 8259), an object whose members are lists of numbers or lists of lists of numbers (a matrix, whose
 columns the recipe's [logs] names lists), nested in objects or not; or a list of objects with the same keys, one a row.
-[logs] table names the member. Uncertainty: numbers are converted to the nearest float64; null has no value.
+[logs] table names the member. A name that stands twice is refused; text is no number. Uncertainty: numbers are converted
+to the nearest float64, beyond its range to infinity; null has no value.
 """
 
 from __future__ import annotations
@@ -19,7 +20,7 @@ from calibkit.readers import encoding as encodings
 from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterable
     from pathlib import Path
 
     from numpy.typing import NDArray
@@ -32,7 +33,8 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     data = delimited.load(path, file)
     text, _ = encodings.decode(data, file, "utf-8")
     try:
-        document = json.loads(text)
+        # whole numbers of any length as float64 too
+        document = json.loads(text, parse_int=float, object_pairs_hook=lambda pairs: _members(pairs, file))
     except (json.JSONDecodeError, RecursionError) as error:
         place = f"{file}:{error.lineno}" if isinstance(error, json.JSONDecodeError) else file
         raise LogFormatError(f"{place}: not JSON: {error}", hint="the file is cut off or damaged") from None
@@ -41,22 +43,46 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said)
 
 
+def _members(pairs: list[tuple[str, Any]], file: str) -> dict[str, Any]:
+    """Members of an object."""
+    made = dict(pairs)
+    if len(made) < len(pairs):
+        names = [name for name, _ in pairs]
+        raise _twice(file, next(name for name in names if names.count(name) > 1))
+    return made
+
+
+def _twice(file: str, name: str) -> LogFormatError:
+    """The error of two members of one name."""
+    return LogFormatError(f"{file}: '{name}' stands twice", hint="give each member its own name")
+
+
 def _found(value: Any, path: str, file: str) -> dict[str, NDArray[np.float64]]:  # noqa: ANN401 (any JSON value)
     """Arrays of a JSON value by their paths."""
     if isinstance(value, dict):
-        made: dict[str, NDArray[np.float64]] = {}
-        for name, member in value.items():
-            made |= _found(member, f"{path}/{name}".lstrip("/"), file)
-        return made
+        return _joined(value.items(), path, file)
     if not isinstance(value, list) or not value:
         return {}
     if isinstance(value[0], dict):
         return _records(value, path, file)
     try:
-        array = np.array(value, dtype=np.float64)
+        array = np.array(value)
+        if array.dtype.kind == "U" or (array.dtype.kind == "O" and any(isinstance(e, str) for e in array.flat)):
+            return {}  # text
+        return {path or "rows": array.astype(np.float64)}
     except (ValueError, TypeError):
-        return {}  # text, or rows of several lengths: no numbers that could be meant as columns
-    return {path or "rows": array}
+        return {}  # rows of several lengths: no numbers that could be meant as columns
+
+
+def _joined(members: Iterable[tuple[str, Any]], path: str, file: str) -> dict[str, NDArray[np.float64]]:
+    """Arrays of several members by their paths."""
+    made: dict[str, NDArray[np.float64]] = {}
+    for name, member in members:
+        found = _found(member, f"{path}/{name}".lstrip("/"), file)
+        if both := made.keys() & found.keys():
+            raise _twice(file, min(both))
+        made |= found
+    return made
 
 
 def _records(rows: list[Any], path: str, file: str) -> dict[str, NDArray[np.float64]]:
@@ -65,7 +91,4 @@ def _records(rows: list[Any], path: str, file: str) -> dict[str, NDArray[np.floa
     other = next((k for k, row in enumerate(rows) if not isinstance(row, dict) or set(row) != keys), None)
     if other is not None:
         raise LogFormatError(f"{file}: record {other + 1} has other keys than the first", hint="repair the log")
-    made: dict[str, NDArray[np.float64]] = {}
-    for key in rows[0]:
-        made |= _found([row[key] for row in rows], f"{path}/{key}".lstrip("/"), file)
-    return made
+    return _joined(((key, [row[key] for row in rows]) for key in rows[0]), path, file)

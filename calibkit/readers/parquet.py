@@ -34,14 +34,14 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     columns, stated = {}, {}
     with optional.damaged(file, "Parquet"):
         table = parquet.ParquetFile(io.BytesIO(data)).read()
+        if len(set(table.schema.names)) != len(table.schema.names):
+            raise LogFormatError(f"{file}: a column stands twice", hint="give each column its own name")
         for field in table.schema:
             column = _numbers(table.column(field.name), field.type, pyarrow)
             if column is not None:
                 columns[field.name] = column
             said = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
             stated[field.name] = units.of_text(said.get("units", said.get("unit", "")))
-    if len(set(table.schema.names)) != len(table.schema.names):
-        raise LogFormatError(f"{file}: a column stands twice", hint="give each column its own name")
     frame = arrays.vectors(columns, file, needed)
     said_units = {name: unit for name, unit in stated.items() if unit}
     return Table(file, hashlib.sha256(data).hexdigest(), frame, (), (f"Parquet, {len(frame)} rows",), said_units)
@@ -51,7 +51,8 @@ def _numbers(column: Any, kind: Any, pyarrow: Any) -> NDArray[np.float64] | None
     """A column as float64, instants as seconds since the first, nulls as NaN; None for text."""
     types = pyarrow.types
     if types.is_timestamp(kind):
-        values = column.to_pandas().to_numpy()
+        # an instant with a zone is stored as that of UTC
+        values = column.cast(pyarrow.timestamp(kind.unit)).to_pandas().to_numpy()
         there = values[~np.isnat(values)]
         start = there[0] if there.size else np.datetime64(0, "ns")
         return np.asarray((values - start) / np.timedelta64(1, "ns"), dtype=np.float64) / 1e9

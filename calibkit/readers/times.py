@@ -247,7 +247,15 @@ def _elapsed(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> NDArra
         if missing[row]:
             continue
         found = _TIME.fullmatch(text)
-        if not found or not found["s"] or found["half"] or found["zone"]:
+        # milliseconds behind a colon have three digits: 7 could be 0.7 s or 0.007 s
+        if (
+            not found
+            or not found["s"]
+            or max(int(found["m"]), int(found["s"])) > 59
+            or (found["mark"] == ":" and len(found["f"]) != 3)
+            or found["half"]
+            or found["zone"]
+        ):
             raise LogFormatError(
                 f"{file}:{int(texts.index[row]) + 2}: {column}: found '{text[:40]}', expected elapsed h:m:s",
                 hint="repair the row, or pin time_format in the recipe",
@@ -266,7 +274,7 @@ def _decimal(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> NDArra
         if missing[row]:
             continue
         try:
-            value = Decimal(text.replace(",", "."))
+            value = Decimal(text.replace(",", ".").replace("_", "?"))  # no digit to Python's own taste
             first = value if first is None else first
             made[row] = int((value - first).scaleb(9).to_integral_value())
         except (InvalidOperation, OverflowError, ValueError):
