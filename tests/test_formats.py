@@ -204,6 +204,19 @@ LVM = DIALECTS["LVM"].write(CLEAN).decode("cp1252")
         (lambda text: "\r\n".join(text.split("\r\n")[:-3]) + "\r\n", "the segment's header says 12 samples"),
         (lambda text: text.replace("***End_of_Header***", "", 1), "1 × '***End_of_Header***'"),
         (lambda text: text.replace("3\t23.5\t", "3\t"), "3 fields, expected 4 and a comment"),
+        (lambda text: text.replace("LabVIEW Measurement", "LabVIEW", 1), "log.lvm:1: no 'LabVIEW Measurement'"),
+        (lambda text: text[: text.index("X_Value")], "no names below '***End_of_Header***'"),
+        (lambda text: text.replace("X_Value\t", "Y_Value\t", 1), "found 'Y_Value"),
+        (lambda text: text[: text.index("\r\n", text.index("X_Value"))] + "\r\n", "names but no rows"),
+        (lambda text: text.rstrip("\r\n"), "the last line has no end"),
+        (
+            lambda text: text + text[text.index("Channels") :].replace("gyro_dph", "other"),
+            "a segment of other channels: temp_case_degc, temp_env_degc, other",
+        ),
+        (
+            lambda text: re.sub(r"(?m)^\d+\t", "\t", text).replace("X0\t0.0000000000000000E+0", "X0\tsoon"),
+            "X0 in the header above: found 'soon 0.0000000000000000E+0",
+        ),
     ],
 )
 def test_a_labview_file_that_is_not_whole_is_refused(tmp_path, change, fragment):
@@ -234,6 +247,27 @@ def test_segments_of_a_labview_file_follow_each_other(tmp_path):
     assert table.frame["X_Value"].tolist() == [float(k) for k in range(24)]
     lines = text.split("\r\n")
     assert all(lines[index + 1].startswith(f"{k}\t") for k, index in enumerate(table.frame.index))
+
+
+def test_channels_of_a_labview_file_with_x_columns_of_their_own_share_one_time(tmp_path):
+    """X_Columns Multi: the X columns must agree, then they are one; a blank field has no value."""
+    head, _, body = LVM.partition("X_Value")
+    rows = [line.split("\t") for line in body.split("\r\n")[1:] if line]
+    names = "\t".join(part for name in ("temp_case_degc", "temp_env_degc", "gyro_dph") for part in ("X_Value", name))
+
+    def written(at, value):
+        lines = [[part for channel in row[1:4] for part in (row[0], channel)] for row in rows]
+        lines[3][at] = value
+        return (head + "\r\n".join([f"{names}\tComment", *map("\t".join, lines)]) + "\r\n").encode("cp1252")
+
+    table = read(tmp_path, written(3, ""), "log.lvm", format="lvm")
+    assert list(table.frame) == ["X_Value", "temp_case_degc", "temp_env_degc", "gyro_dph"]
+    assert table.units == {"X_Value": "s", "temp_case_degc": "degC", "temp_env_degc": "degC", "gyro_dph": "deg/h"}
+    plain = read(tmp_path, LVM.encode("cp1252"), "plain.lvm", format="lvm").frame
+    plain.iloc[3, 2] = np.nan
+    np.testing.assert_array_equal(table.frame.to_numpy(), plain.to_numpy())
+    with pytest.raises(LogFormatError, match="channels with times of their own"):
+        read(tmp_path, written(2, "3.5"), "log.lvm", format="lvm")
 
 
 def test_containers_ask_which_table_is_the_log(tmp_path):
