@@ -270,6 +270,41 @@ def test_channels_of_a_labview_file_with_x_columns_of_their_own_share_one_time(t
         read(tmp_path, written(2, "3.5"), "log.lvm", format="lvm")
 
 
+def message(kind, content):
+    """One message of a ULog file."""
+    return struct.pack("<HB", len(content), ord(kind)) + content
+
+
+ULOG = DIALECTS["ULog"].write(Clean([[str(k), "1", "2", "3"] for k in range(1, 6)]))
+
+
+@pytest.mark.parametrize(
+    ("data", "fragment"),
+    [
+        (ULOG[:9], "not a ULog file"),
+        (ULOG[:-3], "the file ends inside a message"),
+        (ULOG + message("Z", b"123"), f"a message of unknown type 90 at byte {len(ULOG)}"),
+        (ULOG + message("D", struct.pack("<HQddd", 7, 9, 1, 2, 3)), "no subscription found for message id 7"),
+        (ULOG + message("D", struct.pack("<HQ", 0, 9)), "marked as corrupt"),
+    ],
+)
+def test_a_flight_log_whose_messages_do_not_add_up_is_refused(tmp_path, data, fragment):
+    """Cut, of another kind, of no topic, too short for its topic: a row less would pass for a whole log."""
+    with pytest.raises(LogFormatError) as refused:
+        read(tmp_path, data, "x.ulg", needed=("case", "air"))
+    assert fragment in str(refused.value)
+
+
+def test_dropouts_of_a_flight_log_are_told(tmp_path):
+    """How many and how long: rows are missing there. A topic that the log has not is refused with those it has."""
+    data = ULOG + message("O", struct.pack("<H", 250)) + message("O", struct.pack("<H", 50))
+    table = read(tmp_path, data, "x.ulg", needed=("case", "air"), table="fog_run:0")
+    assert table.notes == ("2 dropouts of the logger, 300 ms in all",)
+    assert len(table.frame) == 5
+    with pytest.raises(LogFormatError, match=r"no single topic 'nope'; name one in .* there are: fog_run:0"):
+        read(tmp_path, ULOG, "x.ulg", table="nope")
+
+
 def test_containers_ask_which_table_is_the_log(tmp_path):
     """Several groups, sheets or topics are listed, never chosen among."""
     import h5py

@@ -55,7 +55,11 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             f"{file}: {counted.get(topic.msg_id, 0)} messages of '{topic.name}' gave {len(frame)} rows",
             hint="the file is damaged; copy it again",
         )
-    notes = (f"{len(dropouts)} dropouts of the logger, {sum(dropouts)} ms in all",) if dropouts else ()
+    notes = (
+        (f"{len(dropouts)} dropout{'s' * (len(dropouts) > 1)} of the logger, {sum(dropouts)} ms in all",)
+        if dropouts
+        else ()
+    )
     how = (f"ULog, topic '{topic.name}:{topic.multi_id}', {len(frame)} rows", *how)
     return Table(file, hashlib.sha256(data).hexdigest(), frame, notes, how, {"timestamp": "us"})
 

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.coefficients import Coefficient, Figure, Model, StageResult
+from calibkit.numeric.earth import DPH_PER_DPS
 from calibkit.stages.gyro_axes import AXES
 from calibkit.stages.gyro_results import conditions, line_figures, polynomial_model, scale_model, valid_of
 
@@ -15,8 +16,6 @@ if TYPE_CHECKING:
 
     from calibkit.recipe.gyro import GyroTriadRecipe
     from calibkit.stages.gyro_axes import AxesFit, AxesSet
-
-DPH_PER_DPS = 3600.0
 
 
 def scale_result(fitted: AxesFit, spec: GyroTriadRecipe) -> StageResult:

@@ -11,6 +11,7 @@ from calibkit import check
 from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, require, values
 from calibkit.numeric import gyro_figures
+from calibkit.numeric.earth import DPH_PER_DPS
 from calibkit.stages import gyro_shape, ingest
 from calibkit.stages.gyro_runs import TEMPERATURE, column
 
@@ -28,7 +29,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 PPM = 1e6
-DPH_PER_DPS = 3600.0
 TEMPERATURE_SLACK = 5.0
 """Kelvin beyond the fitted temperatures at which one K for all of them is still used without a flag."""
 

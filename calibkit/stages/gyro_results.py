@@ -10,6 +10,7 @@ import numpy as np
 from calibkit.coefficients import Coefficient, Condition, Figure, Model, Parameter, StageResult
 from calibkit.errors import FitError
 from calibkit.numeric import gyro_figures, gyro_pair, gyro_scale
+from calibkit.numeric.earth import DPH_PER_DPS
 from calibkit.stages import gyro_shape
 from calibkit.stages.gyro_runs import RATE, TEMPERATURE, vertical_rate_dps
 
@@ -33,7 +34,6 @@ ONE_TEMPERATURE_DEGC = 2.0
 UNCERTAIN = 1e-3
 """Relative standard uncertainty from which a scale factor is flagged."""
 PPM = 1e6
-DPH_PER_DPS = 3600.0
 PAIR_UNITS = {"N": "1", "epsilon": "1", "gamma": "1", "alpha_deg": "deg"}
 MODELS = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """Gyro and table axis of the models of a pair: own axes first."""
