@@ -238,8 +238,13 @@ def _polished(
         scale = _column_lengths(here.triangle)
         step = _step(here, scale, 0.0)
         share = float(np.linalg.norm(scale * step)) / max(float(np.linalg.norm(scale * parameters)), 1e-300)
+        if share >= 0.9 * last:
+            break
+        if share <= STEP_TOLERANCE and rows >= gram.TALL:
+            # another look at many rows would tell nothing new
+            return here, parameters + step
         there = _linearise(residuals, parameters + step, rows, block_rows)
-        if not there.square <= here.square * (1.0 + 1e-9) + ROUNDING * here.count or share >= 0.9 * last:
+        if not there.square <= here.square * (1.0 + 1e-9) + ROUNDING * here.count:
             break
         parameters, here, last = parameters + step, there, share
         if share <= STEP_TOLERANCE:

@@ -16,6 +16,7 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.numeric import accel_q, fold, gauss_newton, gram, robust
 from calibkit.numeric import fit as least_squares
+from calibkit.numeric.lengths import LOWER, lengths, lower, squares
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 NAMES = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
-LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
-"""Entries of the lower triangular correction matrix, in the order of the fast solver's parameters."""
 TOLERANCES = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 0.0, "max_nfev": 2000}
 """Of lmfit's leastsq: to the last digits."""
 LARGEST_Q = 0.35
@@ -134,7 +133,8 @@ def fit(
     if loss == "robust":
         return _robust(found, indication, gravity, root)
     inverse = found.normal_inverse * _variance(found.square, found.dof, absolute=noise is not None)
-    return _finished(found.parameters, inverse, indication, gravity, root, (found.condition, found.iterations, ()))
+    solver = (found.condition, found.iterations, ())
+    return _finished(found.parameters, inverse, indication, gravity, root, solver, found.normal_inverse)
 
 
 def fit_bounded(
@@ -198,21 +198,6 @@ def start(indication: Array, gravity: float) -> Array:
     return np.concatenate([np.full(3, radius * size / gravity), centre + sphere[:3] * size, np.zeros(3)])
 
 
-def lengths(triangle: Array, indication: Array, gravity: float, root: Array) -> tuple[Array, Array]:
-    """Weighted residuals [n] |T (V − b)| − gravity and their derivatives [n, 9] by the entries of T and by b."""
-    matrix = np.zeros((3, 3))
-    matrix[tuple(np.transpose(LOWER))] = triangle[:6]
-    shifted = np.subtract(indication.T, triangle[6:, None], order="C")  # components as rows, along the memory
-    vector = matrix @ shifted
-    length = np.sqrt(np.einsum("ij,ij->j", vector, vector))
-    direction = vector * (root / length)
-    slopes = np.empty((9, len(indication)))
-    for row, (i, j) in zip(slopes, LOWER, strict=False):
-        np.multiply(direction[i], shifted[j], out=row)
-    np.matmul(-matrix.T, direction, out=slopes[6:])
-    return (length - gravity) * root, slopes.T
-
-
 _TRIANGLE_NAMES = ("k_x", "Q3", "k_y", "Q2", "Q1", "k_z", "b_x", "b_y", "b_z")
 
 
@@ -223,9 +208,7 @@ def _to_triangle(parameters: Array) -> Array:
 
 def _from_triangle(triangle: Array) -> Array:
     """Scale factors, bias and Q [9] from six entries of the correction matrix and the bias [9]."""
-    matrix = np.zeros((3, 3))
-    matrix[tuple(np.transpose(LOWER))] = triangle[:6]
-    sensitivity = np.linalg.inv(matrix)
+    sensitivity = np.linalg.inv(lower(triangle[:6]))
     scale = np.linalg.norm(sensitivity, axis=1)
     return np.concatenate([scale, triangle[6:], accel_q.small_angle(sensitivity / scale[:, None])])
 
@@ -262,36 +245,41 @@ def _finished(
     gravity: float,
     root: Array,
     solver: tuple[float, int, tuple[int, ...]],
+    normal_inverse: Array | None = None,
 ) -> MagnitudeFit:
-    """Complete record from the triangle parameters and their covariance."""
+    """Complete record from the triangle parameters and their covariance, and (JᵀJ)⁻¹ of all rows where it is known."""
     condition, iterations, suspects = solver
     steps = np.concatenate([np.full(6, float(np.max(np.abs(triangle[:6])))), gravity / np.abs(triangle[[0, 2, 5]])])
     slope = accel_q.derivative(_from_triangle, triangle, scale=steps)
     parameters = _from_triangle(triangle)
-    residual, leverage = _residual_and_leverage(triangle, indication, gravity, root)
-    kept = np.ones(len(root), dtype=bool)
-    kept[list(suspects)] = False
-    dof = int(kept.sum()) - len(NAMES)
-    square = float(np.sum(residual[kept] ** 2) / np.sum(root[kept] ** 2))
-    rms = float(np.sqrt(square * kept.sum() / max(dof, 1)))
+    residual, leverage = _residual_and_leverage(triangle, indication, gravity, root, normal_inverse)
+    used, weight = (np.delete(column, suspects) if suspects else column for column in (residual, root))
+    dof = used.size - len(NAMES)
+    square = float(np.sum(used**2) / np.sum(weight**2))
+    rms = float(np.sqrt(square * used.size / max(dof, 1)))
     mapped = slope @ covariance @ slope.T
     flags = _flags(parameters, np.sqrt(np.diag(mapped)) * _t95(dof), leverage, condition, dof)
     return MagnitudeFit(parameters, mapped, residual / root, leverage, suspects, dof, rms, condition, iterations, flags)
 
 
-def _residual_and_leverage(triangle: Array, indication: Array, gravity: float, root: Array) -> tuple[Array, Array]:
+def _residual_and_leverage(
+    triangle: Array, indication: Array, gravity: float, root: Array, normal_inverse: Array | None
+) -> tuple[Array, Array]:
     """Weighted residuals [n] and leverages [n], block by block."""
 
     def slopes(rows: slice) -> Array:
         return lengths(triangle, indication[rows], gravity, root[rows])[1]
 
     tall = len(root) >= gram.TALL
-    r = np.linalg.cholesky(gram.matrix(slopes, len(root))).T if tall else fold.triangle(slopes, len(root))
-    inverse = np.linalg.inv(r)
+    if tall and normal_inverse is not None:
+        inverse = np.linalg.cholesky(normal_inverse)
+    else:
+        r = np.linalg.cholesky(gram.matrix(slopes, len(root))).T if tall else fold.triangle(slopes, len(root))
+        inverse = np.linalg.inv(r)
     residual, leverage = np.empty(len(root)), np.empty(len(root))
     for rows in gram.blocks(len(root), gram.block_rows(len(NAMES))):
         residual[rows], slope = lengths(triangle, indication[rows], gravity, root[rows])
-        leverage[rows] = np.sum((inverse.T @ slope.T) ** 2, axis=0)
+        leverage[rows] = squares(inverse.T @ slope.T)
     return residual, leverage
 
 
