@@ -296,7 +296,7 @@ def test_a_flight_log_whose_messages_do_not_add_up_is_refused(tmp_path, data, fr
 
 
 def test_dropouts_of_a_flight_log_are_told(tmp_path):
-    """How many and how long: rows are missing there. A topic that the log has not is refused with those it has."""
+    """How many and how long, for rows are missing there; a topic that the log has not is refused with those it has."""
     data = ULOG + message("O", struct.pack("<H", 250)) + message("O", struct.pack("<H", 50))
     table = read(tmp_path, data, "x.ulg", needed=("case", "air"), table="fog_run:0")
     assert table.notes == ("2 dropouts of the logger, 300 ms in all",)
