@@ -234,6 +234,32 @@ def test_an_interrupted_fleet_says_how_far_it_came(tmp_path, quick):
     assert multiprocessing.active_children() == []
 
 
+@pytest.mark.skipif(sys.platform == "win32", reason="no groups of processes to interrupt")
+def test_the_keyboard_ends_a_fleet_that_has_just_begun_with_one_line(tmp_path):
+    """Interrupted while its processes still import, all of them at once as by a terminal, the command alone says so."""
+    fleet_logs(tmp_path / "units", 2)
+    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
+    arguments = ["fleet", "bias.toml", "--data", "units", "--jobs", "2", "--verbose"]
+    environment = os.environ | {"PYTHONPATH": str(ROOT), "PYTHONUNBUFFERED": "1"}
+    with subprocess.Popen(
+        [sys.executable, "-m", "calibkit", *arguments],
+        cwd=tmp_path,
+        env=environment,
+        stderr=subprocess.PIPE,
+        start_new_session=True,
+        text=True,
+    ) as process:
+        while not (tmp_path / "runs").exists():
+            assert process.poll() is None, process.stderr.read()
+            time.sleep(0.005)
+        os.killpg(process.pid, signal.SIGINT)
+        said = process.stderr.read()
+        assert process.wait() == 130
+    assert len(said.strip().splitlines()) == 1, said
+    assert "interrupted" in said
+    assert left_over(tmp_path / "runs") == []
+
+
 def test_a_copied_folder_of_logs_is_nobodys_calibration(tmp_path, quick):
     """Two units with the same bytes: one has the other's coefficients, so neither verdict is believed; exit code 3."""
     fleet_logs(tmp_path / "units", 3)

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import contextlib
 import os
+import signal
 import sys
 from multiprocessing import get_context
 from typing import TYPE_CHECKING
@@ -37,19 +38,25 @@ def context() -> SpawnContext | ForkServerContext:
     """Context of `multiprocessing` in which the processes of a fleet begin."""
     if not COPIES:
         return get_context("spawn")
-    copies = get_context("forkserver")
-    copies.set_forkserver_preload(list(NEEDED))
-    return copies
+    ahead()
+    return get_context("forkserver")
 
 
 def ahead() -> None:
     """Have imported what processes will need while this one still imports what it needs itself."""
-    if COPIES:
-        from multiprocessing import forkserver
+    if not COPIES:
+        return
+    from multiprocessing import forkserver, resource_tracker
 
-        context()
+    forkserver.set_forkserver_preload(list(NEEDED))
+    resource_tracker.ensure_running()
+    # the keyboard interrupts the one who asked, not the one that imports for it
+    before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})
+    try:
         with environment():
             forkserver.ensure_running()
+    finally:
+        signal.pthread_sigmask(signal.SIG_SETMASK, before)
 
 
 @contextlib.contextmanager
