@@ -8,16 +8,16 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit import native
-from calibkit.numeric import lengths, magnitude
+from calibkit.numeric import compiled, lengths, magnitude
 
 TRIANGLE = np.array([1.01, 0.02, 0.98, -0.01, 0.03, 1.02, 0.005, -0.004, 0.003])
-compiled = pytest.mark.skipif(native.kernels() is None, reason="no compiled kernels")
+only_compiled = pytest.mark.skipif(native.kernels() is None, reason="no compiled kernels")
 
 
 def of_arrays(made, monkeypatch):
     """What a call gives where nothing is compiled."""
     with monkeypatch.context() as patch:
-        patch.setattr(lengths, "kernels", lambda: None)
+        patch.setattr(compiled, "kernels", lambda: None)
         return made()
 
 
@@ -44,7 +44,7 @@ def test_lengths_and_derivatives_are_those_of_one_row_at_a_time():
         np.testing.assert_allclose(slopes[row], central, rtol=0, atol=1e-9)
 
 
-@compiled
+@only_compiled
 @given(count=st.integers(0, 600), seed=st.integers(0, 99), scale=st.sampled_from([1.0, 1e-160, 1e150, 9.80665]))
 @settings(max_examples=60, deadline=None)
 def test_compiled_lengths_have_the_bits_of_arrays(count, seed, scale):
@@ -59,7 +59,7 @@ def test_compiled_lengths_have_the_bits_of_arrays(count, seed, scale):
                 assert one.tobytes() == other.tobytes()
 
 
-@compiled
+@only_compiled
 def test_what_is_not_finite_stays_in_its_row_compiled_or_not(monkeypatch):
     """A NaN, an infinity, and a row that is the bias itself: the same numbers in all other rows, no number in theirs."""
     indication = dwells(40)
@@ -76,7 +76,7 @@ def test_what_is_not_finite_stays_in_its_row_compiled_or_not(monkeypatch):
     assert np.flatnonzero(np.isnan(made()[1]).any(axis=1)).tolist() == [3, 17, 30]
 
 
-@compiled
+@only_compiled
 def test_rows_that_do_not_follow_one_another_are_read_as_arrays_read_them():
     """Every third row, single precision, and components as columns."""
     indication, root = dwells(300), np.linspace(1.0, 2.0, 300)
@@ -91,7 +91,7 @@ def test_rows_that_do_not_follow_one_another_are_read_as_arrays_read_them():
             np.testing.assert_allclose(one, other, rtol=1e-12, atol=1e-14)
 
 
-@compiled
+@only_compiled
 def test_a_fit_of_many_dwells_is_the_same_compiled_or_not(monkeypatch):
     """Parameters, covariance, residuals and leverage of 30,000 dwells, bit for bit."""
     indication = dwells(30_000)

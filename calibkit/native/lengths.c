@@ -4,8 +4,13 @@
  * of matrices stay with BLAS, whose order of summation is its own.
  */
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
+
+#if FLT_EVAL_METHOD != 0
+#error "doubles are not rounded at every operation here: these kernels would not have the bits of numpy"
+#endif
 
 enum { BLOCK = 256 };
 

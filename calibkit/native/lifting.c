@@ -16,8 +16,13 @@
 #pragma GCC optimize("no-trapping-math")
 #endif
 
+#include <float.h>
 #include <math.h>
 #include <stdint.h>
+
+#if FLT_EVAL_METHOD != 0
+#error "doubles are not rounded at every operation here: these kernels would not have the bits of numpy"
+#endif
 
 enum { PAIRS = 1024 };   /* of a block: two channels of them are 16 KiB */
 enum { WIDEST = 256 };   /* reach of the steps beyond a block; calibkit/numeric/lifting_compiled.py asks for no more */

@@ -6,9 +6,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.native import kernels
+from calibkit.numeric.compiled import kernels_for
 
 if TYPE_CHECKING:
+    from ctypes import CDLL
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -44,8 +46,9 @@ def lengths(triangle: Array, indication: Array, gravity: float, root: Array) -> 
     Compiled or not, all but the two products of matrices are rounded one by one in the order written here.
     """
     matrix, count = lower(triangle[:6]), len(indication)
-    if _serves(indication, root):
-        return _compiled(matrix, triangle[6:].copy(), indication, gravity, root)
+    library = kernels_for(indication, root)
+    if library is not None:
+        return _compiled(library, matrix, triangle[6:].copy(), indication, gravity, root)
     shifted = np.subtract(indication.T, triangle[6:, None], order="C")  # components as rows, along the memory
     vector = matrix @ shifted
     square = vector * vector
@@ -60,8 +63,8 @@ def lengths(triangle: Array, indication: Array, gravity: float, root: Array) -> 
 
 def squares(rows: Array) -> Array:
     """Sums [n] of the squares of rows [k, n] down the columns, from the first row to the last."""
-    library = kernels()
-    if library is not None and _serves(rows):
+    library = kernels_for(rows)
+    if library is not None:
         sums = np.empty(rows.shape[1])
         library.calibkit_squares(rows.ctypes.data, *rows.shape, sums.ctypes.data)
         return sums
@@ -71,16 +74,10 @@ def squares(rows: Array) -> Array:
     return np.asarray(added, dtype=np.float64)
 
 
-def _serves(*arrays: Array) -> bool:
-    """Whether kernels were compiled that can read these arrays as they lie in memory."""
-    return kernels() is not None and all(array.dtype == np.float64 and array.flags.c_contiguous for array in arrays)
-
-
-def _compiled(matrix: Array, bias: Array, indication: Array, gravity: float, root: Array) -> tuple[Array, Array]:
+def _compiled(
+    library: CDLL, matrix: Array, bias: Array, indication: Array, gravity: float, root: Array
+) -> tuple[Array, Array]:
     """The same in two passes."""
-    library = kernels()
-    if library is None:
-        raise RuntimeError("no compiled kernels")
     count = len(indication)
     shifted, direction, slopes, residual = (np.empty((k, count)) for k in (3, 3, 9, 1))
     library.calibkit_components(indication.ctypes.data, count, bias.ctypes.data, shifted.ctypes.data)

@@ -10,9 +10,7 @@ from dataclasses import dataclass
 from functools import cache
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
-from calibkit.native import kernels
+from calibkit.numeric.compiled import kernels_for
 from calibkit.numeric.lifting_reach import passes
 from calibkit.numeric.shrinkage import Shrinkage
 
@@ -20,6 +18,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from ctypes import CDLL
 
+    import numpy as np
     from numpy.typing import NDArray
 
     from calibkit.numeric.factor import Scheme
@@ -29,8 +28,6 @@ if TYPE_CHECKING:
 
 CODES = {"soft": 1, "hard": 2, "garrote": 3, "firm": 4}
 """Shrinkage rules as the compiled steps number them; 0 leaves details as they are."""
-
-
 WIDEST = 256
 """Reach of the steps beyond a block of pairs that the compiled steps have room for; known wavelets have 50."""
 
@@ -43,27 +40,28 @@ class _Plan:
     factors: Any
 
 
-def serves(scheme: Scheme, *arrays: Array) -> bool:
-    """Whether the compiled steps were built, and can read and write these arrays as they lie in memory."""
-    if kernels() is None or not _fits(scheme):
-        return False
-    return all(array.dtype == np.float64 and array.flags.c_contiguous for array in arrays)
+def library_for(scheme: Scheme, *arrays: Array) -> CDLL | None:
+    """The compiled steps, where they were built, have room for a scheme and can read and write arrays as these lie in memory."""
+    return kernels_for(*arrays) if _fits(scheme) else None
 
 
-def analyse(samples: Array, first: int, scheme: Scheme, block: Span, outputs: tuple[tuple[Array, int], ...]) -> None:
+def analyse(
+    library: CDLL, samples: Array, first: int, scheme: Scheme, block: Span, outputs: tuple[tuple[Array, int], ...]
+) -> None:
     """Coefficients of the given indices into arrays whose element 0 has a stated index; others are dropped.
 
     `samples`, whose element 0 has the index `first`, hold all that they are made of.
     """
     plan = _plans(scheme)[0]
     (low, at_low), (high, at_high) = outputs
-    _library().calibkit_analysed(
+    library.calibkit_analysed(
         plan.steps, plan.factors, samples.ctypes.data, first, *block,
         low.ctypes.data, at_low, low.size, high.ctypes.data, at_high, high.size,
     )  # fmt: skip
 
 
 def synthesise(
+    library: CDLL,
     channels: tuple[Array, Array],
     first: int,
     scheme: Scheme,
@@ -78,7 +76,7 @@ def synthesise(
     plan = _plans(scheme)[1]
     low, high = channels
     made, at = out
-    _library().calibkit_synthesised(
+    library.calibkit_synthesised(
         plan.steps,
         plan.factors,
         low.ctypes.data,
@@ -130,11 +128,3 @@ def _plan(scheme: Scheme, plan: Pass, factors: tuple[float, ...]) -> _Plan:
             taps.append(tap)
     encoded = (ctypes.c_int64 * len(steps))(*steps)
     return _Plan(encoded, (ctypes.c_double * len(taps))(*taps))
-
-
-def _library() -> CDLL:
-    """The compiled library, whose presence `serves` has told."""
-    library = kernels()
-    if library is None:
-        raise RuntimeError("no compiled kernels")
-    return library

@@ -31,21 +31,22 @@ def analysed(
 
     Approximation and details go into arrays whose element 0 has a stated index; those outside of them are dropped.
     """
-    if not compiled.serves(scheme, values, outputs[0][0], outputs[1][0]):
+    library = compiled.library_for(scheme, values, outputs[0][0], outputs[1][0])
+    if library is None:
         _analyse(values, first, scheme, span, beyond, outputs)
         return
     clear = made_of(scheme, (first, first + values.size))
     if clear[0] <= span[0] and clear[1] >= span[1]:
-        compiled.analyse(values, first, scheme, span, outputs)
+        compiled.analyse(library, values, first, scheme, span, outputs)
         return
     inner = both(span, clear)
     if inner[0] == inner[1]:
         inner = (span[1], span[1])
     else:
-        compiled.analyse(values, first, scheme, inner, outputs)
+        compiled.analyse(library, values, first, scheme, inner, outputs)
     for block in (*cut((span[0], inner[0]), BLOCK), *cut((inner[1], span[1]), BLOCK)):
         start, stop = sources(scheme, block)
-        compiled.analyse(continued(values, start - first, stop - first, beyond), start, scheme, block, outputs)
+        compiled.analyse(library, continued(values, start - first, stop - first, beyond), start, scheme, block, outputs)
 
 
 def synthesised(
@@ -61,13 +62,14 @@ def synthesised(
     `shrink` is what makes the details to be used of those given, and the level that it is told; None takes them as they are.
     """
     treat, level = shrink
-    if not compiled.serves(scheme, *channels, out):
+    library = compiled.library_for(scheme, *channels, out)
+    if library is None:
         _synthesise(channels, scheme, first, span, shrink, out)
         return
     rule = None if treat is None else compiled.rule_of(treat, level)
     if treat is not None and rule is None:
         channels = (channels[0], np.ascontiguousarray(treat(level, channels[1]), dtype=np.float64))
-    compiled.synthesise(channels, first, scheme, pairs(scheme, span), rule or (0, 0.0, 0.0), (out, span[0]))
+    compiled.synthesise(library, channels, first, scheme, pairs(scheme, span), rule or (0, 0.0, 0.0), (out, span[0]))
 
 
 def _analyse(
