@@ -38,7 +38,7 @@ def prepared(folder, overrides=()):
     """Read and prepare the log; returns both."""
     spec = recipe.parse(recipe.find("fog_thermal", overrides))
     log = ingest.read_log(spec, folder / FILE, FILE, fog_ramps.COLUMNS)
-    return log, fog_ramps.prepare(log, spec)
+    return log, fog_ramps.prepare(log, spec, fog_ramps.findings(log, spec))
 
 
 def same(one, other, rtol=0.0):

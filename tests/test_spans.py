@@ -74,3 +74,12 @@ def test_sampled_steps_are_the_sample_of_all_steps(size: int) -> None:
     values = np.random.default_rng(size).normal(size=size)
     assert np.array_equal(anomalies._sampled_steps(values), anomalies.sample(np.abs(np.diff(values))))
     assert np.array_equal(anomalies._wide_steps(values, 2.0), np.flatnonzero(np.abs(np.diff(values)) > 2.0))
+
+
+@pytest.mark.parametrize("cuts", [[], [1], [7, 8, 9], [300], [250, 500], [0, 1000], [130_000, 262_145]])
+def test_means_of_parts_are_those_of_the_whole(cuts: list[int]) -> None:
+    """Intervals that begin in one part and end in another, or lie across several, have the mean of all their rows."""
+    values = np.random.default_rng(5).normal(size=300_000)
+    held = intervals.of(np.arange(300_000.0), 250.0)
+    parts = np.split(values, cuts)
+    assert np.array_equal(held.means_of_parts(parts), held.means(values))

@@ -23,6 +23,7 @@ from calibkit.cli.console import (
     tell,
 )
 from calibkit.cli.ending import guarded
+from calibkit.cli.memory import settle
 from calibkit.cli.options import DATA, DRY, JSON, RECIPE, RUN, RUNS, SET, Group, day_of, now, rehearsed
 from calibkit.cli.pipe import forgive
 from calibkit.errors import FrameError
@@ -76,6 +77,7 @@ def fit(
     calibkit fit fog_thermal --data logs --serial FOG-0001
     calibkit fit my_recipe.toml --data logs --serial FOG-0001 --set drift.order=2 --json
     """
+    settle()
     day = day_of(date)
     from calibkit import pipeline
     from calibkit.recipe import find
@@ -108,6 +110,7 @@ def check(recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ..
     calibkit check fog_thermal --data logs
     calibkit check my_recipe.toml --data logs --json --figure logs.pdf
     """
+    settle()
     from calibkit import pipeline
     from calibkit.check.report import document, lines
     from calibkit.recipe import find
@@ -170,6 +173,7 @@ def apply(
     calibkit apply FOG-0001 --data field.csv --out compensated.csv
     calibkit apply runs/INC-7/r002 --data well.csv --out corrected.csv --set site.latitude_deg=58.9
     """
+    settle()
     from calibkit import pipeline, store
 
     found = store.load(store.find(run, runs))
@@ -197,6 +201,7 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
     calibkit validate FOG-0001 --data withheld --out validation.json
     calibkit validate FOG-0001@r002 --data withheld --out validation.json --json
     """
+    settle()
     from calibkit import pipeline, store
 
     document, summary = pipeline.validate(store.load(store.find(run, runs)), data, out, progress, dry_run=dry_run)

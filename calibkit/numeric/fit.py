@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from calibkit.errors import FitError
 from calibkit.numeric import gram, spans
@@ -103,17 +102,24 @@ def linear(design: Array, indication: Array, *, weights: Array | None = None, na
     target = indication * root
     q, r = np.linalg.qr(scaled)
     condition = _require_full_rank(r, names)
-    solution = solve_triangular(r, q.T @ target)
+    solution = triangular(r, q.T @ target)
     if condition > REFINE_ABOVE:
         solution = _refined(scaled, target, q, r, solution)
     coefficients = solution / scale
     residuals = indication - design @ coefficients
     dof = rows - columns
     square = float(np.sum((residuals * root) ** 2))
-    inverse = solve_triangular(r, np.eye(columns)) / scale[:, None]
+    inverse = triangular(r, np.eye(columns)) / scale[:, None]
     covariance = inverse @ inverse.T * (square / dof if dof else 0.0)
     rms = float(np.sqrt(square / np.sum(root**2)))
     return Reduced(coefficients, covariance, dof, rms, condition).having(residuals)
+
+
+def triangular(r: Array, right: Array, *, trans: Literal["N", "T"] = "N") -> Array:
+    """Solution of R x = b, or of Rᵀ x = b with trans = "T", for an upper triangle R [p, p] and b [p] or [p, k]."""
+    from scipy.linalg import solve_triangular  # slow to import: logs can be read meanwhile
+
+    return np.asarray(solve_triangular(r, right, trans=trans), dtype=np.float64)
 
 
 def tall(design: Callable[[slice], Array], indication: Array, weights: Array | None) -> Reduced | None:
@@ -180,8 +186,8 @@ def _refined(design: Array, target: Array, q: Array, r: Array, solution: Array) 
     for _ in range(REFINEMENT_STEPS):
         f = np.asarray(wide_target - residual - wide @ x, dtype=np.float64)
         g = np.asarray(-(wide.T @ residual), dtype=np.float64)
-        half = solve_triangular(r, g, trans="T")
-        step = solve_triangular(r, q.T @ f - half)
+        half = triangular(r, g, trans="T")
+        step = triangular(r, q.T @ f - half)
         x = x + step
         residual = residual + (f - q @ (q.T @ f) + q @ half)
     return np.asarray(x, dtype=np.float64)

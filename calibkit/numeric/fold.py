@@ -10,7 +10,6 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
 from calibkit.numeric import fit as least_squares
 from calibkit.numeric import gram, spans
@@ -139,5 +138,5 @@ def _corrected(
         pulled = indication[part] - columns @ coefficients
         gradient += columns.T @ (pulled if weights is None else pulled * weights[part])
         spans.release(indication)
-    half = solve_triangular(r, gradient, trans="T")
-    return np.asarray(coefficients + solve_triangular(r, half), dtype=np.float64)
+    half = least_squares.triangular(r, gradient, trans="T")
+    return np.asarray(coefficients + least_squares.triangular(r, half), dtype=np.float64)

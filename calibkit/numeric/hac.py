@@ -9,9 +9,8 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 import numpy as np
-from scipy.linalg import solve_triangular
 
-from calibkit.numeric import fold, spans
+from calibkit.numeric import fit, fold, spans
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -63,7 +62,7 @@ def covariance(
         memory = _memory(residuals)
         scores, count = _steps(scores, transition), rows - 1
     lag = min(_bandwidth(residuals, memory) if lag is None else lag, rows - 2)
-    bread = np.asarray(solve_triangular(root, colour), dtype=np.float64)
+    bread = fit.triangular(root, colour)
     return np.asarray(
         bread @ _meat(scores, count, lag, columns) @ bread.T * (rows / max(rows - columns, 1)), dtype=np.float64
     )
@@ -74,7 +73,7 @@ def _scores(design: Callable[[slice], Array], residuals: Array, root: Array) -> 
 
     def between(first: int, stop: int) -> Array:
         part = slice(first, stop)
-        unit = np.asarray(solve_triangular(root, design(part).T, trans="T"), dtype=np.float64)
+        unit = fit.triangular(root, design(part).T, trans="T")
         unit *= residuals[part]
         spans.release(residuals)
         return unit

@@ -11,7 +11,7 @@ from calibkit.errors import FitError
 from calibkit.numeric import spans
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterable, Iterator
 
     from numpy.typing import NDArray
 
@@ -58,6 +58,28 @@ class Intervals:
             means[held] = np.add.reduceat(values[rows], self.first[held] - rows.start)
             spans.release(values)
         return means / self.count
+
+    def means_of_parts(self, parts: Iterable[Array]) -> Array:
+        """Mean [m] over each interval of values [rows] that come in consecutive parts: that of `means` of all of them."""
+        sums, ends = np.empty(self.first.size), np.append(self.first[1:], self.rows)
+        together = max(1, spans.ROWS * sums.size // self.rows)
+        row = done = 0
+        begun: list[Array] = []
+        for part in parts:
+            if begun and ends[done] <= row + part.size:  # an interval that began in a part before ends in this one
+                whole = np.concatenate([*begun, part[: ends[done] - row]])
+                sums[done], begun, done = np.add.reduceat(whole, [0])[0], [], done + 1
+            last = int(np.searchsorted(ends, row + part.size, side="right"))
+            for k in range(done, last, together):
+                held = slice(k, min(k + together, last))
+                rows = part[self.first[k] - row : ends[held.stop - 1] - row]
+                sums[held] = np.add.reduceat(rows, self.first[held] - self.first[k])
+                spans.release(part)
+            done = last
+            if done < sums.size:
+                begun.append(part[max(self.first[done] - row, 0) :].copy())
+            row += part.size
+        return sums / self.count
 
     def last(self, values: Array) -> Array:
         """Last of the values [rows] of each interval: [m]."""

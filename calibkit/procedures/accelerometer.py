@@ -47,7 +47,7 @@ def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
 
 def fit(spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
-    logs = list(copies.distinct(read(spec, data, file) for file in progress(files, "reading")))
+    logs = list(copies.distinct(ingest.ahead(progress(files, "reading"), lambda file: read(spec, data, file))))
     dwells = accel_dwells.collect(logs, spec)
     fitted = accel_fit.fit(dwells, spec)
     corrections = []

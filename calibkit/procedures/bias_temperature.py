@@ -75,7 +75,7 @@ def examine(spec: BiasTemperatureRecipe, log: Log) -> Examined:
 def fit(spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
-    for log in copies.distinct(read(spec, data, file) for file in progress(files, "reading")):
+    for log in copies.distinct(ingest.ahead(progress(files, "reading"), lambda file: read(spec, data, file))):
         found = _findings(spec, log)
         refuse(found)
         logs.append(log)

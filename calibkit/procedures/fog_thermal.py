@@ -35,7 +35,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Record
-    from calibkit.frame import Examined, Log
+    from calibkit.frame import Examined, Finding, Log
     from calibkit.procedures import Applied, Progress
     from calibkit.recipe import FogThermalRecipe
     from calibkit.stages.ingest import Reader
@@ -43,9 +43,7 @@ if TYPE_CHECKING:
 
 def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
-    read_ahead = ingest.ahead(progress(files, "reading and denoising"), lambda file: read(spec, data, file))
-    logs = copies.distinct(read_ahead)
-    prepared = [fog_ramps.prepare(log, spec) for log in logs]
+    prepared = _prepared(spec, data, progress(files, "reading and denoising"))
     ramps = fog_drift.fit_ramps(prepared, spec.drift)
     choices = fog_drift.choose(ramps, spec.drift)
     levels = fog_levels.choose(prepared, spec.drift)
@@ -81,6 +79,19 @@ def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Prog
     sources = tuple(log.source for log in prepared)
     uncertainties = (*fog_uncertainty.document(stated), *fog_bias.uncertainty(rest, spec))
     return Fitted(results, sources, summary, report, uncertainties)
+
+
+def _prepared(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[fog_ramps.PreparedLog]:
+    """Logs as later stages need them; each is read and checked while the one before it is denoised."""
+    findings: dict[str, list[Finding]] = {}
+
+    def checked(file: str) -> Log:
+        log = read(spec, data, file)
+        findings[file] = fog_ramps.findings(log, spec)
+        return log
+
+    logs = copies.distinct(ingest.ahead(files, checked))
+    return [fog_ramps.prepare(log, spec, findings[log.file]) for log in logs]
 
 
 def read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:

@@ -53,7 +53,9 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
 def fit(spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Estimate the noise of every record."""
     inputs, figures, flags = [], [], []
-    for log in copies.distinct(read(spec, data, file) for file in progress(files, "reading and averaging")):
+    for log in copies.distinct(
+        ingest.ahead(progress(files, "reading and averaging"), lambda file: read(spec, data, file))
+    ):
         found, noted = _figures(spec, log)
         inputs.append(Input.of(log))
         figures += found

@@ -55,7 +55,9 @@ def _axes(spec: GyroPairRecipe, files: Sequence[str]) -> dict[str, str]:
 def _fit(spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progress) -> gyro_results.PairFit:
     """Both runs and what they say of the pair."""
     axes = {file: axis for axis, file in _axes(spec, files).items()}
-    logs = copies.distinct(read(spec, data, file) for file in progress(list(axes), "reading and averaging"))
+    logs = copies.distinct(
+        ingest.ahead(progress(list(axes), "reading and averaging"), lambda file: read(spec, data, file))
+    )
     runs = {axes[log.file]: gyro_runs.run_of(log, GYROS, spec) for log in logs}
     return gyro_results.pair_fit(runs["a"], runs["b"])
 

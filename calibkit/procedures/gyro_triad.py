@@ -53,7 +53,9 @@ def fit(spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progr
     """Fit the sensitivities of every gyro about three axes, the angles between them, and both over temperature."""
     axes = gyro_axes.axis_of(spec, files)
     runs: dict[str, tuple[TableRun, ...]] = {}
-    for log in copies.distinct(read(spec, data, file) for file in progress(files, "reading and averaging")):
+    for log in copies.distinct(
+        ingest.ahead(progress(files, "reading and averaging"), lambda file: read(spec, data, file))
+    ):
         runs[axes[log.file]] = (*runs.get(axes[log.file], ()), gyro_runs.run_of(log, spec.gyros, spec))
     fitted = gyro_axes.fit(spec, runs)
     scales = gyro_axes_results.scale_result(fitted, spec)

@@ -57,7 +57,7 @@ def examine(spec: InclinometerRecipe, log: Log) -> Examined:
 
 def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit s(T) of each gyro to the stations of all logs together."""
-    logs = list(copies.distinct(read(spec, data, file) for file in progress(files, "reading")))
+    logs = list(copies.distinct(ingest.ahead(progress(files, "reading"), lambda file: read(spec, data, file))))
     admitted, found = inclinometer_stations.admitted(logs, spec)
     rows = inclinometer_stations.gather(admitted, _on_site(spec))
     stations = inclinometer_stations.stations(rows, spec)

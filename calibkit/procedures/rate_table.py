@@ -42,7 +42,7 @@ def examine(spec: RateTableRecipe, log: Log) -> Examined:
 
 def fit(spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
-    logs = copies.distinct(read(spec, data, file) for file in progress(files, "reading and averaging"))
+    logs = copies.distinct(ingest.ahead(progress(files, "reading and averaging"), lambda file: read(spec, data, file)))
     runs = [gyro_runs.run_of(log, spec.gyros, spec) for log in logs]
     gyros = [gyro_over_runs.over_runs(gyro, runs, spec) for gyro in spec.gyros]
     flags = tuple(dict.fromkeys([flag for run in runs for flag in run.flags] + gyro_over_runs.run_flags(gyros, spec)))

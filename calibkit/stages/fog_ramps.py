@@ -15,7 +15,7 @@ from calibkit.numeric import denoise, drift, intervals, segments, spans, thermal
 from calibkit.stages import pieces, pins
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterator, Sequence
 
     from numpy.typing import NDArray
 
@@ -123,9 +123,8 @@ def leading(log: PreparedLog) -> None:
             )
 
 
-def prepare(log: Log, recipe: FogThermalRecipe) -> PreparedLog:
-    """Check, cut, denoise and average one log; raises FrameError or FitError naming the log."""
-    found = findings(log, recipe)
+def prepare(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> PreparedLog:
+    """Cut, denoise and average one log by its findings; raises FrameError or FitError naming the log."""
     refuse(found)
     suspected = next((finding for finding in found if finding.name == "unit"), None)
     try:
@@ -149,10 +148,10 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = cut(log, recipe)
     spans.release(time, env)
-    smooth, noise, flags = _denoised(log, gyro, cuts, recipe)
+    smooth, noise, flags = _denoised(log, gyro, cuts, held, recipe)
     middle, t_case, t_env = (held.means(values) for values in (time, case, env))
     raw = drift.blocks_of(held, middle, t_case, t_env, held.means(gyro), slope)
-    clean = replace(raw, indication=held.filled(held.means(smooth)))
+    clean = replace(raw, indication=held.filled(smooth))
     return PreparedLog(
         log.name,
         Input.of(log),
@@ -236,44 +235,53 @@ def examine(log: Log, recipe: FogThermalRecipe) -> Examined:
             else Held("soak", piece.start, piece.stop, float(np.median(env[piece.start : piece.stop])), "°C", pinned)
             for piece in cuts
         )
-        prepare(log, recipe)
+        prepare(log, recipe, found)
     except (FitError, FrameError) as error:
         found.append(Finding.of(error))
     return Examined(tuple(found), held)
 
 
 def _denoised(
-    log: Log, gyro: Array, cuts: Sequence[segments.Segment], recipe: FogThermalRecipe
+    log: Log, gyro: Array, cuts: Sequence[segments.Segment], held: intervals.Intervals, recipe: FogThermalRecipe
 ) -> tuple[Array, tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...], list[str]]:
-    """Denoise each segment by itself; a soak too short for the filter stays as it is, a ramp too short is refused."""
+    """Block means [m] of the indication, each segment denoised by itself, with what was taken for noise, and flags."""
+    if not recipe.denoise.enabled:
+        return held.means(gyro), (), []
+    noise: list[tuple[str, tuple[float, ...], tuple[float, ...]]] = []
+    flags: list[str] = []
+
+    def parts() -> Iterator[Array]:
+        for number, segment in enumerate(cuts):
+            part = gyro[segment.start : segment.stop]
+            found = _of_segment(log, part, segment, recipe)
+            if found is None:
+                flags.append(f"soak of {part.size} rows is shorter than the filter and was not denoised")
+            else:
+                noise.append((f"{log.name}.{number}", tuple(found.noise), tuple(found.thresholds)))
+            yield part if found is None else found.signal
+            spans.release(gyro)
+
+    means = held.means_of_parts(parts())
+    return means, tuple(noise), flags
+
+
+def _of_segment(log: Log, part: Array, segment: segments.Segment, recipe: FogThermalRecipe) -> denoise.Denoised | None:
+    """A segment [n] denoised; none for a soak that is too short for the filter. A ramp too short is refused."""
     spec = recipe.denoise
-    if not spec.enabled:
-        return gyro, (), []
-    smooth, noise, flags = log.room(gyro.size), [], []
-    levels = None if spec.levels == "auto" else spec.levels
-    for number, segment in enumerate(cuts):
-        part = gyro[segment.start : segment.stop]
-        try:
-            result = denoise.denoise(
-                part,
-                wavelet=spec.wavelet,
-                levels=levels,
-                threshold=spec.threshold,
-                rule=spec.rule,
-                extension=spec.extension,
-                room=log.room,
-            )
-        except FitError as error:
-            if segment.kind == "ramp":
-                raise FitError(f"{log.file}: ramp of {part.size} rows: {error.message}", hint=error.hint) from None
-            flags.append(f"soak of {part.size} rows is shorter than the filter and was not denoised")
-            smooth[segment.start : segment.stop] = part
-            continue
-        for a, b in spans.along(result.signal, smooth):
-            smooth[segment.start + a : segment.start + b] = result.signal[a:b]
-        spans.release(gyro)
-        noise.append((f"{log.name}.{number}", tuple(result.noise), tuple(result.thresholds)))
-    return smooth, tuple(noise), flags
+    try:
+        return denoise.denoise(
+            part,
+            wavelet=spec.wavelet,
+            levels=None if spec.levels == "auto" else spec.levels,
+            threshold=spec.threshold,
+            rule=spec.rule,
+            extension=spec.extension,
+            room=log.room,
+        )
+    except FitError as error:
+        if segment.kind == "ramp":
+            raise FitError(f"{log.file}: ramp of {part.size} rows: {error.message}", hint=error.hint) from None
+        return None
 
 
 def _ramps(log: Log, cuts: Sequence[segments.Segment], held: intervals.Intervals, env: Array) -> tuple[Ramp, ...]:

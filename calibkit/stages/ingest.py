@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 import difflib
+import importlib
 from collections import deque
-from typing import TYPE_CHECKING, Protocol
+from itertools import islice
+from typing import TYPE_CHECKING, Protocol, TypeVar
 
 import numpy as np
 
@@ -16,7 +18,6 @@ from calibkit.stages import certificates, door
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-    from concurrent.futures import Future
     from pathlib import Path
 
     import pandas as pd
@@ -26,6 +27,16 @@ if TYPE_CHECKING:
     from calibkit.recipe import Column, Exclude, Recipe
 
     Array = NDArray[np.float64]
+
+Read = TypeVar("Read")
+NEEDED_LATER = (
+    "scipy.linalg",
+    "scipy.special",
+    "matplotlib.figure",
+    "matplotlib.backends.backend_pdf",
+    "matplotlib.backends.backend_svg",
+)
+"""Libraries that are slow to import and that every fit needs once its logs were read."""
 
 
 def find_logs(recipe: Recipe, folder: Path) -> list[str]:
@@ -112,21 +123,26 @@ def read_log(recipe: Recipe, path: Path, file: str, needed: Sequence[str], optio
     return loggers.joined(recipe, recipe.chamber, path, file, needed, optional)
 
 
-def ahead(files: Iterable[str], read: Callable[[str], Log]) -> Iterator[Log]:
-    """Logs in order, each read while the one before it is worked on; errors come when their log's turn does."""
+def ahead(files: Iterable[str], read: Callable[[str], Read]) -> Iterator[Read]:
+    """Logs in order, each read while the one before it is worked on; errors come when their log's turn does.
+
+    While the first is read, what the fit needs later is imported.
+    """
     from concurrent.futures import ThreadPoolExecutor
 
+    left = iter(files)
     with ThreadPoolExecutor(1) as beside:
-        coming: deque[Future[Log]] = deque()
-        for file in files:
-            # the log that is handed on is not kept here: two are in memory, never three
-            done = coming.popleft().result() if coming else None
-            coming.append(beside.submit(read, file))
-            if done is not None:
-                yield done
-                del done
-        for last in coming:
-            yield last.result()
+        coming = deque(beside.submit(read, file) for file in islice(left, 2))
+        try:
+            for name in NEEDED_LATER:
+                importlib.import_module(name)
+            while coming:
+                # the log that is handed on is not kept here: two are in memory, never three
+                yield coming.popleft().result()
+                coming.extend(beside.submit(read, file) for file in islice(left, 1))
+        finally:
+            for future in coming:
+                future.cancel()
 
 
 class Reader(Protocol):
