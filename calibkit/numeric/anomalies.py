@@ -87,8 +87,8 @@ def resolution(values: Array, rows: int = 20_000) -> float:
 
 def span(values: Array) -> float:
     """Span of a series [n] without its outermost hundredths, from at most 20,000 of its rows."""
-    low, high = np.quantile(values[:: max(1, values.size // 20_000)], (0.01, 0.99)).tolist()
-    return float(high - low)
+    thinned = values[:: max(1, values.size // 20_000)]
+    return spans.quantile(thinned, 0.99) - spans.quantile(thinned, 0.01)
 
 
 def repeats(values: Array) -> float:
@@ -108,7 +108,7 @@ def spikes(values: Array, *, least: float = 0.0) -> Rows:
         return np.zeros(0, dtype=np.int64)
     floor = max(least, 5.0 * resolution(values), SMALL * span(values))
     # whatever stands out steps away from a neighbour: only rows after a large step are looked at closer
-    usual = HIGH_TO_SIGMA * float(np.quantile(_sampled_steps(values), HIGH)) / np.sqrt(2.0)
+    usual = HIGH_TO_SIGMA * spans.quantile(_sampled_steps(values), HIGH) / np.sqrt(2.0)
     wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
     if wide.size > values.size // 20:  # not one scatter throughout
         wide = np.arange(values.size - 1)
@@ -158,7 +158,7 @@ def _noise(values: Array) -> float:
     if values.size < 3:
         return 0.0
     off = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
-    return HIGH_TO_SIGMA * float(np.quantile(off, HIGH)) / float(np.sqrt(1.5))
+    return HIGH_TO_SIGMA * spans.quantile(off, HIGH) / float(np.sqrt(1.5))
 
 
 def equal_runs(values: Array, shortest: int) -> Rows:

@@ -123,7 +123,7 @@ def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
     last = -1.0
     for start, stop in spans.along(time):
         found = _numbers(time[start:stop], float(time[0]), length_s, step)
-        new = np.flatnonzero(np.diff(found, prepend=last))
+        new = spans.changes(found, last)
         first.append(new + start)
         number.append(found[new].astype(np.int64))
         last = float(found[-1])

@@ -217,7 +217,7 @@ def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
         part = slope[start:stop]
         # one byte a row; 2 is no direction: the first row begins a run
         sign = (part >= ramp_min).astype(np.int8) - (part <= -ramp_min).astype(np.int8)
-        edges = np.flatnonzero(np.diff(sign, prepend=np.int8(directions[-1] if directions else 2)))
+        edges = spans.changes(sign, directions[-1] if directions else 2.0)
         bounds += (edges + start).tolist()
         directions += sign[edges].astype(np.float64).tolist()
     return [(start, stop, way) for (start, stop), way in zip(pairwise([*bounds, slope.size]), directions, strict=True)]

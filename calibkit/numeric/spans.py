@@ -71,6 +71,14 @@ def finite(values: Array) -> bool:
     return math.isfinite(total) or all(np.isfinite(values[a:b]).all() for a, b in along(values))
 
 
+def changes(values: NDArray[np.generic], before: float) -> NDArray[np.int64]:
+    """Rows at which values [n] differ from the one before them, which for the first is `before`."""
+    changed = np.empty(values.size, dtype=np.bool_)
+    changed[:1] = values[:1] != before
+    np.not_equal(values[1:], values[:-1], out=changed[1:])
+    return np.flatnonzero(changed)
+
+
 def extremes(values: Array) -> tuple[float, float]:
     """Smallest and largest of values [n], both not a number where one of them is not; not a number where there is none."""
     if not values.size:
@@ -116,6 +124,18 @@ def where(values: Array, chosen: Callable[[Array], NDArray[np.bool_]], *, step: 
         part = np.diff(values[start : stop + 1]) if step else values[start:stop]
         found.append(np.flatnonzero(chosen(part)) + start)
     return np.concatenate(found) if found else np.zeros(0, dtype=np.int64)
+
+
+def quantile(values: Array, share: float) -> float:
+    """Quantile of values [n] by linear interpolation: that of `np.quantile`, by one element put in its place, as `medians`."""
+    at = (values.size - 1) * share
+    before, behind = int(at), min(int(at) + 1, values.size - 1)
+    parted = np.partition(values, behind)
+    if np.isnan(parted[behind:].max()):
+        return float("nan")
+    low, high = float(parted[: before + 1].max()), float(parted[behind])
+    beyond = at - before
+    return low + (high - low) * beyond if beyond < 0.5 else high - (high - low) * (1.0 - beyond)
 
 
 def median(values: Array) -> float:
