@@ -69,7 +69,17 @@ def arguments(given: Sequence[str] | None) -> argparse.Namespace:
         "--results", type=Path, help="a JSON file of what was measured: rows measured now replace theirs"
     )
     parser.add_argument("--page", type=Path, help="write this page; docs/performance.md after a run of every row")
-    return parser.parse_args(given)
+    asked = parser.parse_args(given)
+    # said before hours of measuring, not after them
+    if asked.page is not None and not writable(asked.page):
+        parser.error(f"--page {asked.page}: expected a page with the lines {page.BEGIN} and {page.END}")
+    return asked
+
+
+def writable(place: Path) -> bool:
+    """Whether a page is there and has the two lines between which what is measured is written."""
+    text = place.read_text(encoding="utf-8") if place.is_file() else ""
+    return -1 < text.find(page.BEGIN) < text.find(page.END)
 
 
 def measured_row(row: Row, rows: int, sides: tuple[pairs.Worker, pairs.Worker], turns: int, budget_s: float) -> Line:

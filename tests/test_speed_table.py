@@ -1,5 +1,6 @@
 """The runner of the speed table: sides in processes of their own give the same numbers, and the page is what was measured."""
 
+import importlib
 import importlib.util
 import json
 import os
@@ -51,6 +52,19 @@ def test_rows_run_beside_the_peers_that_are_installed_here(tmp_path):
     assert text.endswith("<!-- end of what is measured -->\nafter\n")
     assert "BEFORE" not in text
     assert text.count("lifting denoise, 8 levels, CDF 9/7 |") == 2
+
+
+@pytest.mark.parametrize("text", [None, "a page without a place for it"])
+def test_a_page_that_cannot_be_written_is_told_before_anything_is_measured(tmp_path, capsys, text):
+    """A page that is not there, or that has no lines to write between, ends the run with a usage error."""
+    run = importlib.import_module("run")
+    page = tmp_path / "page.md"
+    if text is not None:
+        page.write_text(text, encoding="utf-8")
+    with pytest.raises(SystemExit) as ended:
+        run.main(["--only", "mad", "--page", str(page)])
+    assert ended.value.code == 2
+    assert "--page" in capsys.readouterr().err
 
 
 def test_every_row_of_the_table_names_its_target():
