@@ -35,7 +35,9 @@ def compile_kernels(folder: Path) -> str | None:
     try:
         with tempfile.TemporaryDirectory(dir=folder) as name:
             made, mark = Path(name) / LIBRARY, Path(name) / "mark.c"
-            mark.write_text(f"unsigned long long calibkit_made_of = 0x{made_of(folder):016x}ULL;\n", encoding="ascii")
+            mark.write_text(
+                f"unsigned long long calibkit_made_of = 0x{made_of(folder):016x}ULL;\n", encoding="ascii", newline="\n"
+            )
             sources = [str(source) for source in (*sorted(folder.glob("*.c")), mark)]
             done = subprocess.run(  # noqa: S603 (the machine's own compiler)
                 [*compiler, *FLAGS, "-o", str(made), *sources, "-lm"],
