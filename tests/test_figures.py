@@ -1,8 +1,12 @@
 """Pages of figures: what is not searched for stands where matplotlib would have put it."""
 
+import numpy as np
 import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.text import Text
 
-from calibkit.report import figures, svg
+from calibkit.numeric.control import control
+from calibkit.report import control_charts, figures, svg
 
 pytestmark = pytest.mark.drawn
 
@@ -42,3 +46,45 @@ def test_a_drawing_of_the_web_page_is_as_if_every_place_had_been_searched_for(mo
     assert "in red" in quick[0][0]
     monkeypatch.setattr(figures, "_settle", lambda figure: None)
     assert quick == drawn()
+
+
+CHARTS = {
+    "plain": (60, 1.0, 0.0, np.nan, "U{:04d}"),
+    "small": (200, 1e-7, 3e-6, 4e-6, "FOG-2026-{:05d}"),
+    "long": (12, 1e3, -123456.789, np.nan, "S" * 95 + "{:05d}"),
+    "near": (12, 1e-9, 1.0, np.nan, "A{}"),
+    "few": (3, 1.0, 0.0, np.nan, "B{}"),
+}
+
+
+@pytest.mark.parametrize("name", CHARTS)
+def test_every_word_of_a_control_chart_is_on_its_page_and_beside_the_others(name):
+    """Whatever its serials and values look like, no word of a chart with an outlier leaves the page or its margin."""
+    units, scale, middle, limit, serial = CHARTS[name]
+    values = middle + scale * np.random.default_rng(0).normal(size=units)
+    values[units // 2] += 30.0 * scale
+    chart = control_charts.ControlChart(
+        name="bias.gyro_dph.p0",
+        unit="deg/h",
+        serials=tuple(serial.format(k) for k in range(units)),
+        values=values,
+        standard_uncertainties=np.full(units, 0.1 * scale),
+        control=control(values),
+        acceptance=limit,
+        units=units,
+    )
+    (figure,) = control_charts.pages("Bias of many", [chart])
+    canvas = FigureCanvasAgg(figure)
+    canvas.draw()
+    (ax,) = figure.axes
+    boxes = {text: text.get_window_extent() for text in figure.findobj(Text) if text.get_text() and text.get_visible()}
+    page = figure.bbox
+    for text, box in boxes.items():
+        assert page.x0 <= box.x0 <= box.x1 <= page.x1, text
+        assert page.y0 <= box.y0 <= box.y1 <= page.y1, text
+    labels = [boxes[label] for label in ax.get_xticklabels()]
+    assert boxes[ax.xaxis.label].y1 <= min(box.y0 for box in labels)
+    low, high = ax.get_ylim()
+    drawn = [label for label in ax.get_yticklabels() if low <= label.get_position()[1] <= high]
+    assert boxes[ax.yaxis.label].x1 <= min(boxes[label].x0 for label in drawn)
+    assert ax.get_position().height > 0.3

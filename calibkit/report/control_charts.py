@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.numeric.control import FEWEST
-from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, page
+from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, drawing, page
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -30,6 +30,13 @@ WINDOW = 2.0
 """Half of the drawn range, in distances of the limits from the centre line."""
 MARGIN = 0.05
 """Room above and below the drawn range, of it."""
+EDGE_PT, GAP_PT, LINE_PT = 8.0, 4.0, 14.0
+"""Room at the edge of the page, between words, and of a line of words."""
+TOP_PT = 48.0
+"""Room of the titles of page and chart."""
+LONGEST = 32
+"""Letters of a serial that stand in a chart."""
+WORDS_SIZE, SERIAL_SIZE, TICK_SIZE = 8.0, 7.0, 9.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,13 +61,39 @@ def pages(title: str, charts: Sequence[ControlChart]) -> list[Figure]:
     figures = []
     for chart in charts:
         figure, (axes,) = page(1, 1, title=title, height=5.5)
-        _draw(axes, chart)
+        words = _draw(axes, chart)
+        _settle(figure, axes, words)
         figures.append(figure)
     return figures
 
 
-def _draw(ax: Axes, chart: ControlChart) -> None:
-    """One chart; what stands far outside is drawn as a triangle at the edge, so that the others keep their spread."""
+def _settle(figure: Figure, ax: Axes, words: Sequence[str]) -> None:
+    """Give a chart the margins that its words need; a layout that is searched for takes as long as the page itself."""
+    ticks = ax.yaxis.get_major_formatter().format_ticks(ax.yaxis.get_majorticklocs())  # type: ignore[arg-type] # an array
+    serials = [label.get_text() for label in ax.get_xticklabels()]
+    left = EDGE_PT + LINE_PT + GAP_PT + _width(ticks, TICK_SIZE) + 2.0 * GAP_PT
+    bottom = EDGE_PT + LINE_PT + GAP_PT + _width(serials, SERIAL_SIZE) + 2.0 * GAP_PT
+    right = GAP_PT + _width(words, WORDS_SIZE) + EDGE_PT
+    width, height = (72.0 * inches for inches in figure.get_size_inches())
+    figure.set_layout_engine("none")
+    ax.set_position((left / width, bottom / height, 1.0 - (left + right) / width, 1.0 - (bottom + TOP_PT) / height))
+
+
+def _width(texts: Sequence[str], size: float) -> float:
+    """Length of the longest of some texts [pt]: of those with the most letters."""
+    from matplotlib.font_manager import FontProperties
+    from matplotlib.textpath import text_to_path
+
+    font = FontProperties(size=size)
+    with drawing():
+        return max(
+            text_to_path.get_text_width_height_descent(text, font, ismath=False)[0]
+            for text in sorted(texts, key=len)[-3:]
+        )
+
+
+def _draw(ax: Axes, chart: ControlChart) -> list[str]:
+    """One chart, and the words beside it; what stands far outside is a triangle at the edge, so that others keep their spread."""
     at = np.arange(1, len(chart.serials) + 1)
     outliers = list(chart.control.outliers)
     low, high = _window(chart)
@@ -78,12 +111,13 @@ def _draw(ax: Axes, chart: ControlChart) -> None:
         _name(ax, chart, k, float(shown[k]))
     if math.isfinite(low):
         ax.set_ylim(low - MARGIN * (high - low), high + MARGIN * (high - low))
-    _lines(ax, chart)
+    words = _lines(ax, chart)
     _serials(ax, chart.serials)
     ax.set_title(chart.name, loc="left")
     ax.set_ylabel(chart.unit)
     ax.set_xlabel(_said(chart))
     ax.xaxis.label.set_color(INK)
+    return words
 
 
 def _window(chart: ControlChart) -> tuple[float, float]:
@@ -98,7 +132,7 @@ def _name(ax: Axes, chart: ControlChart, k: int, height: float) -> None:
     """Serial, value and robust z beside an outlier."""
     left = k <= len(chart.serials) // 2
     ax.annotate(
-        f"{chart.serials[k]}: {chart.values[k]:.6g}, z = {chart.control.z[k]:.1f}",
+        f"{_short(chart.serials[k])}: {chart.values[k]:.6g}, z = {chart.control.z[k]:.1f}",
         (k + 1, height),
         xytext=(8 if left else -8, 0),
         textcoords="offset points",
@@ -108,8 +142,8 @@ def _name(ax: Axes, chart: ControlChart, k: int, height: float) -> None:
     )
 
 
-def _lines(ax: Axes, chart: ControlChart) -> None:
-    """Centre line, control limits and the acceptance limit, each with its value."""
+def _lines(ax: Axes, chart: ControlChart) -> list[str]:
+    """Centre line, control limits and the acceptance limit, each with its value; returns the words beside them."""
     control = chart.control
     ax.axhline(control.centre, color=GOOD)
     lines = [(control.centre, GOOD, f"median {control.centre:.6g}")]
@@ -130,17 +164,23 @@ def _lines(ax: Axes, chart: ControlChart) -> None:
             textcoords="offset points",
             color=colour,
             va="center",
-            fontsize=8,
+            fontsize=WORDS_SIZE,
         )
+    return [words for _, _, words in lines]
 
 
 def _serials(ax: Axes, serials: Sequence[str]) -> None:
     """Serials below the axis, every so many where there are many."""
     step = -(-len(serials) // MOST_NAMES)
     at = list(range(0, len(serials), step))
-    ax.set_xticks([k + 1 for k in at], [serials[k] for k in at], rotation=90, fontsize=7)
+    ax.set_xticks([k + 1 for k in at], [_short(serials[k]) for k in at], rotation=90, fontsize=SERIAL_SIZE)
     ax.set_xlim(0.0, len(serials) + 1.0)
     ax.grid(visible=False, axis="x")
+
+
+def _short(serial: str) -> str:
+    """A serial as it stands in a chart: the table has the whole."""
+    return serial if len(serial) <= LONGEST else f"{serial[: LONGEST - 1]}…"
 
 
 def _said(chart: ControlChart) -> str:
