@@ -10,9 +10,10 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
+from calibkit.numeric import lifting
 from calibkit.numeric.denoise import causal, deepest, delay, denoise, shortest
 from calibkit.numeric.lifting import EXTENSIONS, forward, inverse, scheme
-from calibkit.numeric.shrinkage import RULES, THRESHOLDS, noise_gains
+from calibkit.numeric.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
 
 SIGMA = 0.6  # °/h at 1 Hz: 0.01 °/√h
 
@@ -363,3 +364,32 @@ def test_the_indication_is_not_changed(function):
     before = log.copy()
     function(log)
     assert np.array_equal(log, before)
+
+
+@given(
+    which=st.sampled_from(["haar", "cdf53", "cdf97", "db2", "db4", "db20", "sym13", "coif5", "bior3.5", "rbio2.2"]),
+    size=st.integers(200, 3000),
+    chunk=st.sampled_from([1 << 9, 1 << 18]),
+    block=st.sampled_from([7, 1 << 15]),
+    compiled=st.booleans(),
+)
+@settings(max_examples=60, deadline=None)
+def test_the_signal_written_over_the_finest_details_is_that_beside_them(which, size, chunk, block, compiled):
+    """`denoise` needs memory for half of the details less than transform and inverse, and gives their bits."""
+    signal = np.random.default_rng(size).normal(size=size).cumsum()
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("calibkit.numeric.lifting.CHUNK", chunk)
+        patch.setattr("calibkit.numeric.lifting_level.BLOCK", block)
+        if not compiled:
+            patch.setattr("calibkit.numeric.compiled.kernels", lambda: None)
+        got = denoise(signal, wavelet=which, levels=2)
+        parts = forward(signal, scheme(which), 2, extension="trend")
+        assert np.array_equal(got.signal, inverse(parts, Shrinkage("firm", got.thresholds)))
+
+
+@pytest.mark.parametrize("name", ["haar", "cdf97", "db20"])
+def test_the_array_of_signal_and_finest_details_is_hardly_longer_than_the_signal(name):
+    """One array of the signal's length and the filter's reach."""
+    made = []
+    lifting.shared(scheme(name), 4001, lambda count: made.append(count) or np.empty(count))
+    assert 4001 <= made[0] < 4001 + 100

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric.lifting import BLOCK, forward, inverse, scheme, span, untouched
+from calibkit.numeric.lifting import BLOCK, forward, inverse, scheme, shared, span, untouched
 from calibkit.numeric.shrinkage import RULES, THRESHOLDS, Shrinkage, noise, noise_gains, universal
 from calibkit.numeric.spans import finite, release
 
@@ -90,7 +90,8 @@ def denoise(
     _require_length(samples.size, wavelet, depth)
     _require_known(threshold, rule)
     estimate = THRESHOLDS[threshold]
-    parts = forward(samples, lifting, depth, extension=extension, room=room)
+    out, details_room = shared(lifting, samples.size, room)
+    parts = forward(samples, lifting, depth, extension=extension, room=details_room)
     sigma = _noise(parts, lifting)
     thresholds = np.zeros(depth)
     for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
@@ -99,7 +100,7 @@ def denoise(
         thresholds[j] = (estimate if known else universal)(own, float(sigma[j]), samples.size)
         release(detail)
     _, inner = untouched(lifting, samples.size, depth)
-    shrunk = inverse(parts, Shrinkage(rule, thresholds), room=room)
+    shrunk = inverse(parts, Shrinkage(rule, thresholds), room=room, into=out)
     return Denoised(shrunk, sigma, thresholds, inner, depth, 0)
 
 

@@ -37,6 +37,7 @@ __all__ = [
     "forward",
     "inverse",
     "scheme",
+    "shared",
     "span",
     "untouched",
 ]
@@ -151,10 +152,25 @@ def forward(
     )
 
 
+def shared(scheme: Scheme, length: int, room: Room = np.empty) -> tuple[Array, Room]:
+    """Array [length] for the signal that `inverse` makes, and what makes room for details: the finest in its second half.
+
+    They lie behind the signal by so much that every one of them is read before the signal is written over it.
+    """
+    _, (low, high) = reach.spans(scheme, (0, length), 1)
+    whole = room(max(reach.overtaken(scheme, length), length, high - low))
+    free = [whole[whole.size - (high - low) :]]
+    return whole[:length], lambda size: free.pop() if free else room(size)
+
+
 def inverse(
-    decomposition: Decomposition, shrink: Callable[[int, Array], Array] | None = None, *, room: Room = np.empty
+    decomposition: Decomposition,
+    shrink: Callable[[int, Array], Array] | None = None,
+    *,
+    room: Room = np.empty,
+    into: Array | None = None,
 ) -> Array:
-    """Signal [n] from its wavelet coefficients, thresholded or not; `room` makes the array that it is put in.
+    """Signal [n] from its wavelet coefficients, thresholded or not, put into an array [n] or one that `room` makes.
 
     `shrink` makes of any stretch of the details of a level, 0 the finest, those to be used; it is called block by block
     while they are in the cache, for some of them twice, and must treat each detail by itself.
@@ -175,7 +191,7 @@ def inverse(
     rooms = [np.empty(0), np.empty(0)]
     for above in range((levels - 1) // TOGETHER * TOGETHER, -1, -TOGETHER):
         below = min(above + TOGETHER, levels)
-        out = room(wanted[above][1] - wanted[above][0])
+        out = into if above == 0 and into is not None else room(wanted[above][1] - wanted[above][0])
         for chunk in reach.cut(wanted[above], max(CHUNK, COARSEST << (below - above))):
             parts = reach.spans(scheme, chunk, below - above)
             signal = known[reach.selected(parts[-1], wanted[below])]

@@ -94,6 +94,19 @@ def sources(scheme: Scheme, outputs: Span) -> Span:
     )
 
 
+def overtaken(scheme: Scheme, length: int) -> int:
+    """Values that an array must have for the finest details at its end to be read before a signal from its start reaches them.
+
+    Synthesis works off pairs in order. When the details of pair i are read, from i + reach − shift on, the samples before
+    2 i + parity + 1 may have been written (half a pair by the chunk before); of all pairs the last comes closest.
+    """
+    _, (_, high) = spans(scheme, (0, length), 1)
+    _, back = passes(scheme)
+    _, last = pairs(scheme, (0, length))
+    # detail k lies `high − k` values before the end
+    return high - back.reach[1][0] + scheme.detail_shift + last + scheme.parity + 1
+
+
 def made_of(scheme: Scheme, samples: Span) -> Span:
     """Indices whose analysis reads none but the given samples; an empty range has its end at or before its start."""
     plan, _ = passes(scheme)
