@@ -91,10 +91,13 @@ def test_processes_that_share_a_machine_take_one_thread_each(tmp_path, monkeypat
 
 @pytest.mark.skipif(not server.COPIES, reason="processes begin anew on this system")
 def test_processes_begin_with_what_they_need_and_with_this_calibkit(tmp_path):
-    """A process has imported what draws figures before it is given anything, and runs the code that hired it."""
+    """A process has imported what draws figures before it is given anything, from the code that hired it, and safely.
+
+    That is: what it is a copy of has one thread.
+    """
     plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     said = [outcome.message for outcome in local.outcomes(quick_unit.imported, plan, ["A", "B"], 2)]
-    assert said == [f"True {atomic.__file__}"] * 2
+    assert said == [f"True {atomic.__file__} 1"] * 2
     assert local.by_another(quick_unit.named, os.getpid()) == {"pid": b"False True"}
 
 
@@ -128,6 +131,18 @@ def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
     whole = tmp_path / "whole"
     assert calibkit(*call, "--out", whole, "--jobs", "2").code == 0
     assert tree(out) == tree(whole)
+
+
+@pytest.mark.drawn
+def test_a_unit_of_a_fleet_is_to_the_byte_what_a_fit_of_it_alone_writes(tmp_path, calibkit):
+    """Coefficients, reports and digests of two units by two processes are those of `calibkit fit`, one after the other."""
+    fleet_logs(tmp_path / "units", 2)
+    (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
+    fit(tmp_path / "units", tmp_path / "fleet", jobs=2)
+    for serial in ("U000", "U001"):
+        call = ("--data", tmp_path / "units" / serial, "--serial", serial, "--out", tmp_path / "alone", "--date", DAY)
+        assert calibkit("fit", tmp_path / "bias.toml", *call).code == 0
+        assert tree(tmp_path / "fleet" / serial) == tree(tmp_path / "alone" / serial)
 
 
 def test_a_finished_fleet_called_again_writes_nothing(tmp_path, quick):

@@ -32,6 +32,8 @@ NEEDED = (
 )
 """What every unit needs, whatever its procedure, and the table of them all."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
+ALONE = {"JE_ARROW_MALLOC_CONF": "background_thread:false"}
+"""What keeps a library from starting a thread as it is imported: of a process with threads no safe copy can be made."""
 
 
 def context() -> SpawnContext | ForkServerContext:
@@ -62,7 +64,7 @@ def ahead() -> None:
 @contextlib.contextmanager
 def environment() -> Iterator[None]:
     """Environment of processes that share the machine: one thread each, sums in one order, modules from where ours are."""
-    own = dict.fromkeys(THREADS, "1") | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    own = dict.fromkeys(THREADS, "1") | ALONE | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
     before = {name: os.environ.get(name) for name in own}
     os.environ.update(own)
     try:
