@@ -7,6 +7,7 @@ import numpy as np
 import pytest
 
 from calibkit import coefficients, pipeline, recipe, store
+from calibkit.numeric import spans
 from calibkit.simulate import fog_thermal as simulator
 from conftest import AUTHORITIES
 
@@ -173,6 +174,30 @@ def test_apply_writes_every_row_and_column_and_moves_only_the_gyro(runs, campaig
     means = [np.std(x[: x.size // 100 * 100].reshape(-1, 100).mean(axis=1)) for x in (raw, compensated)]
     assert means[1] < 0.7 * means[0]
     assert abs(compensated.mean() - raw.mean()) < np.ptp(raw)
+
+
+@pytest.mark.parametrize(
+    ("run", "settings"),
+    [
+        ("runs", ("--set", "output.rate_uncertainty=true")),
+        ("published", ()),
+        ("published", ("--set", "drift.compensation=one_step")),
+    ],
+)
+def test_a_log_on_disk_is_compensated_to_the_same_bytes(
+    run, settings, campaign, tmp_path, calibkit, monkeypatch, request
+):
+    """The drift of levels with its uncertainty, the published one from step to step and in one: row for row, flag for flag."""
+    log, found = campaign / "withheld" / "ramp_heating_03.csv", []
+    monkeypatch.setattr(spans, "ROWS", 257)
+    for setting in ("0", "1000"):
+        monkeypatch.setenv("CALIBKIT_LARGEST_LOG_MB", setting)
+        out = tmp_path / f"{setting}.csv"
+        folder = ("--runs", request.getfixturevalue(run))
+        outcome = calibkit("apply", "FOG-2", *folder, "--data", log, "--out", out, *settings)
+        found.append((outcome.code, outcome.err, out.read_bytes()))
+    assert found[0] == found[1]
+    assert found[0][2] != log.read_bytes()
 
 
 def test_a_rate_added_to_a_log_comes_out_of_apply_unchanged(runs, campaign, tmp_path, calibkit, log_writer):

@@ -154,17 +154,23 @@ def test_the_median_in_spans_is_that_of_numpy(values, rows):
         assert spans.median(np.array(values)) == np.median(values)
 
 
-@given(st.lists(st.integers(0, 2), min_size=1, max_size=120), st.integers(2, 14))
+@given(st.lists(st.integers(0, 2), min_size=1, max_size=120), st.integers(2, 14), st.integers(1, 50))
 @settings(max_examples=150, deadline=None)
-def test_equal_runs_are_those_of_a_loop(values, shortest):
-    """Every run of at least so many equal values, and nothing else."""
+def test_equal_runs_are_those_of_a_loop(values, shortest, rows):
+    """Every run of at least so many equal values, and nothing else, wherever spans cut them."""
     expected, start = [], 0
     for k in range(1, len(values) + 1):
         if k == len(values) or values[k] != values[start]:
             if k - start >= shortest:
                 expected.append([start, k])
             start = k
-    assert anomalies.equal_runs(np.array(values, dtype=float), shortest).tolist() == expected
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(spans, "ROWS", rows)
+        found = anomalies.equal_runs(np.array(values, dtype=float), shortest)
+        assert found.tolist() == expected
+        driver = np.array(values, dtype=float).cumsum()
+        moved = [[a, b] for a, b in expected if np.ptp(driver[a : min(b, driver.size - 1)]) > 15.0]
+        assert anomalies.stuck_against(driver, 15.0, found).tolist() == moved
 
 
 def test_mapped_arrays_let_go_of_their_pages_and_keep_their_values():

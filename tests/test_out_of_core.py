@@ -1,11 +1,11 @@
 """Procedures that work along logs on disk: the coefficient files of logs in memory, byte for byte, whatever the spans."""
 
 import json
+from itertools import pairwise
 
 import numpy as np
 import pytest
 
-from calibkit import pipeline, recipe
 from calibkit.numeric import hac, spans
 from calibkit.readers import clean
 from calibkit.stages import long_logs, pieces, write_back
@@ -31,11 +31,11 @@ def shorten(monkeypatch):
 def both(calibkit, monkeypatch, tmp_path):
     """Fit logs from disk and in memory; returns the stage's files of both."""
 
-    def fit(recipe, data, stages, serial="S"):
+    def fit(recipe, data, stages, serial="S", options=()):
         found = []
         for name, setting in (("disk", "0"), ("memory", "1000")):
             monkeypatch.setenv(long_logs.SETTING, setting)
-            given = ("--serial", serial, "--date", "2026-01-01", "--out", tmp_path / name)
+            given = ("--serial", serial, "--date", "2026-01-01", "--out", tmp_path / name, *options)
             outcome = calibkit("fit", recipe, "--data", data, *given)
             assert outcome.code in (0, 1), outcome.err
             found.append([(tmp_path / name / serial / "r001" / f"{stage}.json").read_bytes() for stage in stages])
@@ -134,25 +134,6 @@ def test_a_compensated_bias_is_the_same_from_disk(small, calibkit, applied, log_
     assert applied(tmp_path / "S" / "r001", log, "title=''")[0] == whole[0]
 
 
-@pytest.fixture(scope="module")
-def drifts(campaign, tmp_path_factory):
-    """Return runs of a simulated gyro by the model on levels, and by the published one that goes from step to step."""
-    runs = tmp_path_factory.mktemp("runs")
-    for serial, settings in (("L", ()), ("P", ("drift.model=gradient_rate", "drift.compensation=one_step"))):
-        source = recipe.find("fog_thermal", settings)
-        pipeline.fit(source, campaign, serial, runs, "2026-11-21", lambda items, what: items)
-    return runs
-
-
-@pytest.mark.parametrize(("serial", "settings"), [("L", ("output.rate_uncertainty=true",)), ("P", ())])
-def test_a_compensated_drift_is_the_same_from_disk(serial, settings, small, drifts, campaign, applied):
-    """The drift of levels with its uncertainty, and that of one step, row for row and flag for flag."""
-    log = campaign / "withheld" / "ramp_heating_03.csv"
-    disk, memory = applied(drifts / serial / "r001", log, *settings)
-    assert disk == memory
-    assert disk[0] != log.read_bytes()
-
-
 def test_line_ends_and_a_mark_are_written_as_before(applied, calibkit, log_writer, tmp_path):
     """A log with a byte-order mark and CRLF gives the bytes of the plain one, and so does one without a last line end."""
     warm_up(tmp_path / "logs", log_writer, 1, rows=500)
@@ -187,3 +168,41 @@ def test_a_log_that_grows_while_it_is_compensated_is_refused(row, calibkit, log_
     assert outcome.code == 3
     assert "it changed while it was read" in outcome.err
     assert list((tmp_path / "out").iterdir()) == []
+
+
+def turned(folder, log_writer, seed, *, angle=True):
+    """Write a run of a rate table over seven rates, held for more and less than a revolution, with a noisy tachometer."""
+    rng = np.random.default_rng(seed)
+    rates = [0.0, -40.0, -15.0, -5.0, 5.0, 15.0, 40.0]
+    rate = np.concatenate([np.append(np.linspace(a, b, 9)[1:], np.full(400, b)) for a, b in pairwise([0.0, *rates])])
+    time = np.arange(rate.size) * 0.1
+    way = np.cumsum(rate) * 0.1
+    counts = 2000.0 * (rate + 0.004 * np.cos(np.radians(way)) + 0.01) + rng.normal(0.0, 3.0, rate.size)
+    columns = {"time_s": time, "table_rate_dps": rate + rng.normal(0.0, 2e-4, rate.size), "gyro_x_lsb": counts}
+    columns |= {"gyro_y_lsb": 0.01 * counts + rng.normal(0.0, 3.0, rate.size)}
+    columns |= {"temp_case_degc": 25.0 + rng.normal(0.0, 0.01, rate.size)}
+    if angle:
+        columns["table_angle_deg"] = np.remainder(way, 360.0)
+    return log_writer(folder / f"run_{seed}.csv", **columns)
+
+
+@pytest.mark.parametrize(("angle", "gyros"), [(True, 'gyros=["x"]'), (False, 'gyros=["x", "y"]')])
+def test_a_rate_table_comes_out_byte_for_byte(angle, gyros, small, both, applied, log_writer, tmp_path):
+    """Scale factors of runs with and without a table angle, of one gyro and of two, and the rates compensated with them."""
+    for seed in range(2):
+        log = turned(tmp_path / "logs", log_writer, seed, angle=angle)
+    disk, memory = both("rate_table", tmp_path / "logs", ["gyro_scale"], options=("--set", gyros))
+    assert disk == memory
+    found = applied(tmp_path / "memory" / "S" / "r001", log)
+    assert found[0] == found[1]
+
+
+@pytest.mark.parametrize("angle", [True, False])
+def test_a_rate_table_does_not_depend_on_the_length_of_spans(angle, both, log_writer, tmp_path, monkeypatch):
+    """Scale factors and figures of spans of 257 rows and of one span agree to 1e-10 relative, or 1e-16 of nothing."""
+    turned(tmp_path / "logs", log_writer, 1, angle=angle)
+    _, (whole,) = both("rate_table", tmp_path / "logs", ["gyro_scale"])
+    shorten(monkeypatch)
+    _, (cut,) = both("rate_table", tmp_path / "logs", ["gyro_scale"], serial="T")
+    models = [json.loads(text)["models"] for text in (whole, cut)]
+    np.testing.assert_allclose(*map(numbers, models), rtol=1e-10, atol=1e-16)

@@ -2,7 +2,7 @@
 
 import numpy as np
 import pytest
-from hypothesis import given
+from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
@@ -99,3 +99,39 @@ def test_means_of_parts_are_those_of_the_whole(cuts: list[int]) -> None:
     held = intervals.of(np.arange(300_000.0), 250.0)
     parts = np.split(values, cuts)
     assert np.array_equal(held.means_of_parts(parts), held.means(values))
+
+
+@given(st.lists(st.floats(-5.0, 5.0).map(lambda x: round(x, 1)), min_size=2, max_size=200), st.floats(0.0, 1.0))
+@settings(max_examples=150, deadline=None)
+def test_a_quantile_in_spans_is_that_of_numpy(values, share):
+    """Ties and neighbours on both sides of a span: the same number to the last bit."""
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(spans, "KEPT", 7)
+        patch.setattr(spans, "SAMPLE", 5)
+        parts = [np.array(values[k : k + 9]) for k in range(0, len(values), 9)]
+        assert spans.quantile_of(lambda: parts, len(values), share) == np.quantile(values, share)
+
+
+@given(st.lists(st.booleans(), max_size=80), st.integers(1, 20))
+@settings(max_examples=100, deadline=None)
+def test_runs_of_chosen_rows_go_on_from_span_to_span(chosen, rows):
+    """First and one past the last of each run are those of the whole."""
+    mask = np.array(chosen, dtype=bool)
+    edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(int), [0])))).reshape(-1, 2)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr(spans, "ROWS", rows)
+        assert spans.runs(mask.size, lambda a, b: mask[a:b]) == list(map(tuple, edges.tolist()))
+
+
+def test_figures_of_long_columns_are_those_of_numpy(monkeypatch):
+    """Mean, deviation, correlation, counts, rows and thinned values over spans of 7 rows: to 1e-12, or exactly."""
+    monkeypatch.setattr(spans, "ROWS", 7)
+    one, other = np.random.default_rng(2).normal(3.0, 1.0, (2, 100))
+    other += one
+    assert spans.mean(one) == pytest.approx(one.mean(), rel=1e-12)
+    assert spans.deviation(one) == pytest.approx(one.std(), rel=1e-12)
+    assert spans.correlation(one, other) == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-12)
+    assert spans.count(one, lambda part: part > 3.0) == np.sum(one > 3.0)
+    assert spans.where(one, lambda part: part > 3.0).tolist() == np.flatnonzero(one > 3.0).tolist()
+    assert spans.where(one, lambda part: part > 0.5, step=True).tolist() == np.flatnonzero(np.diff(one) > 0.5).tolist()
+    assert np.array_equal(spans.taken(one, slice(5, 90, 4)), one[5:90:4])

@@ -132,9 +132,9 @@ def sense(log: Log, axes: Sequence[str], expected: Array) -> list[Finding]:
 def rotation(log: Log, column: str, rate: str) -> list[Finding]:
     """A gyro whose counts fall while the table turns faster."""
     data, turned = values(log.frame, column), values(log.frame, rate)
-    if np.ptp(data) == 0.0 or np.ptp(turned) == 0.0:
+    if any(low == high for low, high in (log.extremes(column), log.extremes(rate))):
         return []
-    together = float(np.corrcoef(data, turned)[0, 1])
+    together = spans.correlation(data, turned)
     if together > -0.9:
         return []
     what = f"its counts fall while the table rate rises (correlation {together:.3f})"

@@ -6,7 +6,6 @@ or a piece at a time.
 
 from __future__ import annotations
 
-from itertools import pairwise
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -66,7 +65,7 @@ def temperatures(log: Log, case: str, air: str) -> list[Finding]:
     moved = max(LEAD_DEGC, 5.0 * anomalies.resolution(of_case))
     runs = anomalies.equal_runs(of_case, anomalies.SHORTEST_RUN)
     frozen = (
-        anomalies.stuck_against(of_case, of_air, moved, runs),
+        anomalies.stuck_against(of_air, moved, runs),
         anomalies.frozen(of_case, SPIKE_DEGC, runs),
     )
     found += stuck_runs(log, case, of_case, np.unique(np.concatenate(frozen), axis=0), "°C")
@@ -120,11 +119,12 @@ def driven(log: Log, column: str, driver: str, unit: str, full_span: float) -> l
     `full_span` is the largest span of an indication in the log: a table's unevenness is a share of it, across its axis too.
     """
     data, cause = values(log.frame, column), values(log.frame, driver)
+    low, high = log.extremes(driver)
     runs = anomalies.equal_runs(data, anomalies.SHORTEST_RUN)
-    runs = anomalies.stuck_against(data, cause, 0.01 * float(np.ptp(cause)), runs)
+    runs = anomalies.stuck_against(cause, 0.01 * (high - low), runs)
     noisy = anomalies.stuck(data)
     # an indication of held rates may be coarser than its noise: only values at an extreme are called clipped then
-    at_end = [k for k, (a, _) in enumerate(noisy.tolist()) if data[a] in (data.max(), data.min())]
+    at_end = np.isin(data[noisy[:, 0]], log.extremes(column))
     joined = np.unique(np.concatenate((runs, noisy[at_end])), axis=0)
     return [
         *stuck_runs(log, column, data, joined, unit),
@@ -134,10 +134,16 @@ def driven(log: Log, column: str, driver: str, unit: str, full_span: float) -> l
 
 def _held_spikes(log: Log, column: str, data: Array, cause: Array, unit: str, least: float) -> list[Finding]:
     """Spikes of an indication while what drives it is held, each hold by its own scatter: an acceleration is no spike."""
-    moving = np.abs(np.diff(cause, prepend=cause[0])) > 1e-3 * float(np.ptp(cause))
-    bounds = [0, *np.flatnonzero(moving).tolist(), data.size]
-    held = [(a + 3, b - 3) for a, b in pairwise(bounds) if b - a - 6 >= 8 * anomalies.WIDTH]
-    found = [anomalies.spikes(data[a:b], least=least) + a for a, b in held]
+    low, high = spans.extremes(cause)
+    limit, shortest, last = 1e-3 * (high - low), 8 * anomalies.WIDTH + 6, 0
+    holds: list[tuple[int, int]] = []
+    for start, stop in spans.along(cause):
+        moving = np.flatnonzero(np.abs(np.diff(cause[start : stop + 1])) > limit) + start + 1
+        bounds = np.concatenate(([last], moving, [data.size] if stop == data.size else [])).astype(np.int64)
+        long = np.flatnonzero(np.diff(bounds) >= shortest)
+        holds += zip(bounds[long].tolist(), bounds[long + 1].tolist(), strict=True)
+        last = int(bounds[-1])
+    found = [anomalies.spikes(data[a + 3 : b - 3], least=least) + a + 3 for a, b in holds]
     return _told(log, column, data, np.concatenate(found), unit) if found else []
 
 
@@ -167,7 +173,7 @@ PIECE = 1 << 20
 
 def _pieces(data: Array, look: Callable[[Array], Rows]) -> Rows:
     """Rows that a search finds in pieces of a long series."""
-    parts = [look(data[start : start + PIECE]) + start for start in range(0, data.size, PIECE)]
+    parts = [look(data[start:stop]) + start for start, stop in spans.along(data, rows=PIECE)]
     return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
 
 
@@ -178,7 +184,7 @@ def stuck_runs(log: Log, column: str, data: Array, runs: Rows, unit: str) -> lis
     length = runs[:, 1] - runs[:, 0]
     first, stop = runs[int(np.argmax(length))].tolist()
     value = float(data[first])
-    at_end = value in (float(data.max()), float(data.min()))
+    at_end = value in spans.extremes(data)
     word = "saturated" if at_end and column_is_indication(column) else "stuck"
     span = f" ({_seconds(log, first, stop)})" if "time_s" in log.frame.columns else ""
     others = f", the longest of {len(runs)} such runs" if len(runs) > 1 else ""

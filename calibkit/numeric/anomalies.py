@@ -12,6 +12,8 @@ import numpy as np
 from calibkit.numeric import spans
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
@@ -87,7 +89,7 @@ def resolution(values: Array, rows: int = 20_000) -> float:
 
 def span(values: Array) -> float:
     """Span of a series [n] without its outermost hundredths, from at most 20,000 of its rows."""
-    thinned = values[:: max(1, values.size // 20_000)]
+    thinned = spans.taken(values, slice(0, values.size, max(1, values.size // 20_000)))
     return spans.quantile(thinned, 0.99) - spans.quantile(thinned, 0.01)
 
 
@@ -110,17 +112,26 @@ def spikes(values: Array, *, least: float = 0.0) -> Rows:
     # whatever stands out steps away from a neighbour: only rows after a large step are looked at closer
     usual = HIGH_TO_SIGMA * spans.quantile(_sampled_steps(values), HIGH) / np.sqrt(2.0)
     wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
-    if wide.size > values.size // 20:  # not one scatter throughout
-        wide = np.arange(values.size - 1)
-    if not wide.size:
-        return wide
-    near = np.unique(np.clip(wide[:, None] + np.arange(-1, 3), 0, values.size - 1))
-    around = values[np.clip(near[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)]
-    from_median = np.abs(values[near] - np.median(around, axis=1))
-    suspect = from_median > max(SPIKE / 2.0 * usual, floor)
-    near, from_median = near[suspect], from_median[suspect]
-    limit = np.maximum(SPIKE * _local(values, near), floor)
-    return np.asarray(near[from_median > limit], dtype=np.int64)
+    suspect = max(SPIKE / 2.0 * usual, floor)
+    near = [rows[_from_median(values, rows) > suspect] for rows in _neighbours(wide, values)]
+    rows = np.unique(np.concatenate(near))
+    limit = np.maximum(SPIKE * _local(values, rows), floor)
+    return np.asarray(rows[_from_median(values, rows) > limit], dtype=np.int64)
+
+
+def _neighbours(wide: Rows, values: Array) -> Iterator[Rows]:
+    """Rows about wide steps of a series [n], a part after the other; all rows where it is not one scatter throughout."""
+    everywhere = wide.size > values.size // 20
+    steps = (np.arange(a, b) for a, b in spans.over(values.size - 1, spans.CACHED))
+    for part in steps if everywhere else np.split(wide, _apart(wide)):
+        yield np.unique(np.clip(part[:, None] + np.arange(-1, 3), 0, values.size - 1))
+        spans.release(values)
+
+
+def _from_median(values: Array, rows: Rows) -> Array:
+    """How far rows [m] of a series [n] are from the medians of the seven rows around them."""
+    around = values[np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)]
+    return np.asarray(np.abs(values[rows] - np.median(around, axis=1)), dtype=np.float64)
 
 
 def _sampled_steps(values: Array) -> Array:
@@ -163,16 +174,22 @@ def _noise(values: Array) -> float:
 
 def equal_runs(values: Array, shortest: int) -> Rows:
     """First row and the row after the last [m, 2] of the runs of at least `shortest` equal values in a series [n]."""
-    if values.size < max(shortest, 2):
+    shortest = max(shortest, 2)
+    if values.size < shortest:
         return np.zeros((0, 2), dtype=np.int64)
-    alike, length = values[1:] == values[:-1], 1
-    while length < shortest - 1:  # alike[k]: rows k … k + length are equal
-        more = min(length, shortest - 1 - length)
-        alike = alike[:-more] & alike[more:]
-        length += more
-    ends = np.flatnonzero(np.diff(alike)) + 1 if alike.any() else np.zeros(0, dtype=np.int64)
-    runs = np.concatenate(([0] * bool(alike[0]), ends, [alike.size] * bool(alike[-1]))).astype(np.int64).reshape(-1, 2)
-    runs[:, 1] += length
+
+    def alike(first: int, stop: int) -> NDArray[np.bool_]:
+        part = values[first : stop + shortest - 1]
+        same, length = part[1:] == part[:-1], 1
+        while length < shortest - 1:  # same[k]: rows k … k + length are equal
+            more = min(length, shortest - 1 - length)
+            same = same[:-more] & same[more:]
+            length += more
+        spans.release(values)
+        return np.asarray(same, dtype=np.bool_)
+
+    runs = np.array(spans.runs(values.size - shortest + 1, alike), dtype=np.int64).reshape(-1, 2)
+    runs[:, 1] += shortest - 1
     return runs
 
 
@@ -195,14 +212,28 @@ def stuck(values: Array) -> Rows:
     return np.asarray(runs[runs[:, 1] - runs[:, 0] >= shortest], dtype=np.int64)
 
 
-def stuck_against(values: Array, driver: Array, moved: float, runs: Rows) -> Rows:
-    """Those runs [m, 2] of equal values of a series [n] during which what drives it [n] moves by more than `moved`."""
+def stuck_against(driver: Array, moved: float, runs: Rows) -> Rows:
+    """Those runs [m, 2] of equal values of a series during which what drives it [n] moves by more than `moved`."""
     if not len(runs):
         return runs
+    moves = np.concatenate([_moves(driver, part) for part in np.split(runs, _apart(runs[:, 0]))])
+    return np.asarray(runs[moves > moved], dtype=np.int64)
+
+
+def _apart(rows: Rows) -> Rows:
+    """Where rows [m] are cut into groups that lie in one span each."""
+    return np.flatnonzero(np.diff(rows // spans.ROWS)) + 1
+
+
+def _moves(driver: Array, runs: Rows) -> Array:
+    """Range [m] of a driver [n] over runs [m, 2] of rows."""
+    first, stop = int(runs[0, 0]), min(int(runs[-1, 1]) + 1, driver.size)
+    part = driver[first:stop]
     # the runs' rows are pairs of first and stop: every second piece between them is a run
-    pairs = np.minimum(runs.ravel(), values.size - 1)
-    span_of = (np.maximum.reduceat(driver, pairs) - np.minimum.reduceat(driver, pairs))[::2]
-    return np.asarray(runs[span_of > moved], dtype=np.int64)
+    pairs = np.minimum(runs.ravel() - first, part.size - 1)
+    found = (np.maximum.reduceat(part, pairs) - np.minimum.reduceat(part, pairs))[::2]
+    spans.release(driver)
+    return np.asarray(found, dtype=np.float64)
 
 
 def frozen(values: Array, least: float, runs: Rows) -> Rows:
@@ -219,12 +250,14 @@ def frozen(values: Array, least: float, runs: Rows) -> Rows:
     return np.asarray(runs[leaps], dtype=np.int64)
 
 
-def despiked(values: Array) -> Array:
-    """The series [n] with its spikes replaced by the median of their seven neighbours."""
+def despiked(values: Array, *, room: Callable[[int], Array] = np.empty) -> Array:
+    """The series [n] with its spikes replaced by the median of their seven neighbours, in an array that `room` makes."""
     rows = spikes(values)
     if not rows.size:
         return values
-    clean = values.copy()
+    clean = room(values.size)
+    for a, b in spans.along(values, clean):
+        clean[a:b] = values[a:b]
     around = np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
     clean[rows] = np.median(values[around], axis=1)
     return clean

@@ -8,12 +8,18 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
+from calibkit.numeric import spans
 
 if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
     from numpy.typing import NDArray
 
     Array = NDArray[np.float64]
     Counts = NDArray[np.int64]
+    Room = Callable[[int], Array]
+    Series = Callable[[int, int], Array]
+    """Values of rows first … stop − 1."""
 
 REVOLUTION_DEG = 360.0
 MAD_TO_SIGMA = 1.0 / 0.6744897501960817
@@ -64,9 +70,19 @@ class Turn:
     middle_rad: Array
     logged: bool
 
+    def rate(self, first: int, stop: int) -> Array:
+        """Rate [°/s] of the table in the intervals that end at rows first … stop − 1."""
+        spans.release(self.turn_deg, self.interval_s)
+        return self.turn_deg[first:stop] / self.interval_s[first:stop]
+
 
 def find(
-    time_s: Array, table_rate_dps: Array, *, table_angle_deg: Array | None = None, rules: Rules = DEFAULT_RULES
+    time_s: Array,
+    table_rate_dps: Array,
+    *,
+    table_angle_deg: Array | None = None,
+    rules: Rules = DEFAULT_RULES,
+    turn: Turn | None = None,
 ) -> Counts:
     """Rows of the held rates of a rate-table log, without acceleration and settling.
 
@@ -76,6 +92,7 @@ def find(
     table_rate_dps : [n] [°/s], commanded or measured.
     table_angle_deg : [n] [°], of any wrapping; where logged, the rate that it gives must be held too.
     rules : what counts as held.
+    turn : what `turn_of` gives for these columns, where it is known already.
 
     Returns
     -------
@@ -88,20 +105,32 @@ def find(
 
     """
     _require_record(time_s, table_rate_dps)
-    turn = turn_of(time_s, table_rate_dps, table_angle_deg)
-    interval = float(np.median(turn.interval_s))
+    turn = turn or turn_of(time_s, table_rate_dps, table_angle_deg)
+    interval = spans.median(turn.interval_s)
     window = max(rules.shortest_samples, int(np.ceil(rules.shortest_s / interval)))
-    held = _held(table_rate_dps, window, rules) & _unbroken(turn.interval_s, window, interval)
+    still = [_Stillness.of(spans.series(table_rate_dps), time_s.size, window, rules)]
     if turn.logged:
         # a commanded rate steps at once, while the table takes its time: only the angle shows that
-        held &= _held(turn.turn_deg / turn.interval_s, window, replace(rules, relative=ANGLE_SLACK * rules.relative))
-    spans = [_steady(table_rate_dps, *run, rules) for run in _joined(_true_runs(held), window)]
-    trimmed = [_settled(time_s, *span, rules) for span in spans]
+        wide = replace(rules, relative=ANGLE_SLACK * rules.relative)
+        still.append(_Stillness.of(turn.rate, time_s.size, window, wide))
+
+    def held(first: int, stop: int) -> NDArray[np.bool_]:
+        chosen = _unbroken(turn.interval_s[first : stop + window - 1], window, interval)
+        for series in still:
+            chosen &= series.held(first, stop)
+        spans.release(table_rate_dps, turn.turn_deg, turn.interval_s)
+        return chosen
+
+    runs = spans.runs(max(time_s.size - window + 1, 0), held)
+    trimmed = [
+        _settled(time_s, *_steady(table_rate_dps, *run, rules, still[0].quantum), rules)
+        for run in _joined(runs, window)
+    ]
     kept = [(first, stop) for first, stop in trimmed if stop - first >= max(rules.shortest_samples // 2, 2)]
     if not kept:
+        low, high = spans.extremes(table_rate_dps)
         raise FitError(
-            f"no held rate of {rules.shortest_s:g} s in {time_s.size} rows "
-            f"with table rates of {table_rate_dps.min():g} to {table_rate_dps.max():g} °/s"
+            f"no held rate of {rules.shortest_s:g} s in {time_s.size} rows with table rates of {low:g} to {high:g} °/s"
             + (", by table rate and table angle together" if turn.logged else ""),
             hint="check that the rate column is the table's, or allow shorter plateaus or a wider range of rate",
         )
@@ -112,72 +141,111 @@ def _require_record(time_s: Array, table_rate_dps: Array) -> None:
     """Refuse times that do not increase and table rates that are not finite."""
     if time_s.size < 4 or time_s.size != table_rate_dps.size:
         raise FitError(f"{time_s.size} times and {table_rate_dps.size} table rates, expected at least four of each")
-    if not (np.isfinite(time_s).all() and np.isfinite(table_rate_dps).all()):
+    if not (spans.finite(time_s) and spans.finite(table_rate_dps)):
         raise FitError("a time or a table rate is not finite", hint="exclude the rows that hold it")
-    if not (np.diff(time_s) > 0.0).all():
-        row = int(np.flatnonzero(np.diff(time_s) <= 0.0)[0]) + 1
-        raise FitError(f"time does not increase in row {row}", hint="split the log there, or repair its clock")
+    back = spans.where(time_s, lambda step: step <= 0.0, step=True)
+    if back.size:
+        raise FitError(
+            f"time does not increase in row {int(back[0]) + 1}", hint="split the log there, or repair its clock"
+        )
 
 
-def turn_of(time_s: Array, table_rate_dps: Array, table_angle_deg: Array | None) -> Turn:
+def turn_of(time_s: Array, table_rate_dps: Array, table_angle_deg: Array | None, *, room: Room = np.empty) -> Turn:
     """Turn of the table in each interval.
 
-    From the logged angle, unwrapped about the turn that the rate lets expect; without one, from the rate.
+    From the logged angle, unwrapped about the turn that the rate lets expect; without one, from the rate. `room` makes
+    the arrays.
     """
-    interval = np.diff(time_s, prepend=2.0 * time_s[0] - time_s[1])
-    expected = table_rate_dps * interval
-    if table_angle_deg is None:
-        angle = np.cumsum(expected)
-        return Turn(interval, expected, np.radians(angle - expected / 2.0), logged=False)
-    if not np.isfinite(table_angle_deg).all():
+    if table_angle_deg is not None and not spans.finite(table_angle_deg):
         raise FitError("a table angle is not finite", hint="exclude the rows that hold it")
-    step = np.diff(table_angle_deg, prepend=table_angle_deg[0] - expected[0])
-    turned = expected + np.remainder(step - expected + 180.0, REVOLUTION_DEG) - 180.0
-    return Turn(interval, turned, np.radians(table_angle_deg - turned / 2.0), logged=True)
+    interval, turned, middle = (room(time_s.size) for _ in range(3))
+    angle = 0.0
+    for a, b in spans.along(time_s, table_rate_dps, interval, turned, middle):
+        interval[a:b] = np.diff(time_s[max(a - 1, 0) : b], prepend=[] if a else 2.0 * time_s[0] - time_s[1])
+        expected = table_rate_dps[a:b] * interval[a:b]
+        if table_angle_deg is None:
+            turned[a:b] = expected
+            through = expected.copy()
+            through[0] += angle
+            np.cumsum(through, out=through)
+            angle = float(through[-1])
+            middle[a:b] = np.radians(through - expected / 2.0)
+            continue
+        before = [] if a else table_angle_deg[0] - expected[0]
+        step = np.diff(table_angle_deg[max(a - 1, 0) : b], prepend=before)
+        turned[a:b] = expected + np.remainder(step - expected + 180.0, REVOLUTION_DEG) - 180.0
+        middle[a:b] = np.radians(table_angle_deg[a:b] - turned[a:b] / 2.0)
+        spans.release(table_angle_deg)
+    return Turn(interval, turned, middle, logged=table_angle_deg is not None)
 
 
-def _held(rate: Array, window: int, rules: Rules) -> NDArray[np.bool_]:
-    """Whether the rate [n] is held over the window that begins at each of the first n − window + 1 rows."""
-    from scipy.ndimage import maximum_filter1d, minimum_filter1d
+@dataclass(frozen=True, slots=True)
+class _Stillness:
+    """What it takes for a rate to be held over a window of rows."""
 
-    if rate.size < window:
-        return np.zeros(0, dtype=np.bool_)
-    # second differences, the smaller ones: neither a steady acceleration nor many short plateaus are noise
-    noise = FIFTH_TO_SIGMA * float(np.quantile(np.abs(np.diff(rate, 2)), 0.2)) / np.sqrt(6.0)
-    begin = slice(window // 2, window // 2 + rate.size - window + 1)
-    highest, lowest = maximum_filter1d(rate, window)[begin], minimum_filter1d(rate, window)[begin]
-    allowed = np.maximum(rules.relative * np.maximum(np.abs(highest), np.abs(lowest)), rules.floor_dps)
-    loose = max(NOISE_RANGE * noise, QUANTA * _quantum(rate))
-    return np.asarray(highest - lowest <= np.maximum(allowed, loose), dtype=np.bool_)
+    rate: Series
+    window: int
+    rules: Rules
+    noise: float
+    """Range [°/s] that its noise may add."""
+    quantum: float
+    """Range [°/s] that its flickering resolution may add."""
+
+    @classmethod
+    def of(cls, rate: Series, rows: int, window: int, rules: Rules) -> _Stillness:
+        """That of a rate of so many rows."""
+        if rows < window:
+            return cls(rate, window, rules, 0.0, 0.0)
+
+        def bends() -> Iterator[Array]:
+            return (np.abs(np.diff(rate(a, b + 2), 2)) for a, b in spans.over(rows - 2))
+
+        # second differences, the smaller ones: neither a steady acceleration nor many short plateaus are noise
+        noise = FIFTH_TO_SIGMA * spans.quantile_of(bends, rows - 2, 0.2) / np.sqrt(6.0)
+        return cls(rate, window, rules, NOISE_RANGE * noise, QUANTA * _quantum(rate, rows))
+
+    def held(self, first: int, stop: int) -> NDArray[np.bool_]:
+        """Whether the rate is held over the windows that begin in rows first … stop − 1."""
+        from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+        rate = self.rate(first, stop + self.window - 1)
+        begin = slice(self.window // 2, self.window // 2 + stop - first)
+        highest, lowest = maximum_filter1d(rate, self.window)[begin], minimum_filter1d(rate, self.window)[begin]
+        allowed = np.maximum(self.rules.relative * np.maximum(np.abs(highest), np.abs(lowest)), self.rules.floor_dps)
+        return np.asarray(highest - lowest <= np.maximum(allowed, max(self.noise, self.quantum)), dtype=np.bool_)
 
 
-def _quantum(rate: Array) -> float:
+def _quantum(rate: Series, rows: int) -> float:
     """Resolution of a logged rate that flickers between neighbouring values; 0 where it does not.
 
     A flicker is the smallest change there is, small against the rates, frequent, and soon taken back.
     """
-    change = np.diff(rate)
-    rows = np.flatnonzero(change)
-    change = change[rows]
-    if change.size < 2:
+    quantum, largest = np.inf, 0.0
+    for a, b in spans.over(rows):
+        part = rate(a, min(b + 1, rows))
+        change = np.abs(np.diff(part))
+        quantum = min(quantum, float(np.min(change, where=change > 0.0, initial=np.inf)))
+        largest = max(largest, float(np.max(np.abs(part))))
+    if not quantum < SMALL * largest:
         return 0.0
-    quantum = float(np.min(np.abs(change)))
-    flicker = np.abs(change) < 1.5 * quantum
-    back = flicker[1:] & flicker[:-1] & (change[1:] * change[:-1] < 0.0) & (np.diff(rows) < SOON)
-    frequent = back.sum() > FLICKER * rate.size
-    return quantum if frequent and quantum < SMALL * float(np.max(np.abs(rate))) else 0.0
+    back, last, before = 0, -SOON, 0.0
+    for a, b in spans.over(rows - 1):
+        step = np.diff(rate(a, b + 1))
+        at = np.flatnonzero(step)
+        if not at.size:
+            continue
+        change, row = np.concatenate(([before], step[at])), np.concatenate(([last], at + a))
+        flicker = np.abs(change) < 1.5 * quantum
+        taken = flicker[1:] & flicker[:-1] & (change[1:] * change[:-1] < 0.0) & (np.diff(row) < SOON)
+        back += int(np.count_nonzero(taken))
+        last, before = int(row[-1]), float(change[-1])
+    return quantum if back > FLICKER * rows else 0.0
 
 
 def _unbroken(interval_s: Array, window: int, median_s: float) -> NDArray[np.bool_]:
     """Whether the window that begins at each row has no gap in it."""
     gaps = np.concatenate(([0], np.cumsum(interval_s[1:] > GAP * median_s)))
     return np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
-
-
-def _true_runs(held: NDArray[np.bool_]) -> list[tuple[int, int]]:
-    """First and one past the last index of each run of true."""
-    edges = np.flatnonzero(np.diff(np.concatenate(([0], held.astype(np.int8), [0]))))
-    return [(int(a), int(b)) for a, b in edges.reshape(-1, 2)]
 
 
 def _joined(runs: list[tuple[int, int]], window: int) -> list[tuple[int, int]]:
@@ -190,13 +258,15 @@ def _joined(runs: list[tuple[int, int]], window: int) -> list[tuple[int, int]]:
     return spans
 
 
-def _steady(rate: Array, first: int, stop: int, rules: Rules) -> tuple[int, int]:
+def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) -> tuple[int, int]:
     """Longest stretch of a span whose rate stays by its median: a slow creep into or out of it is cut off."""
     part = rate[first:stop]
-    middle = float(np.median(part))
-    noise = MAD_TO_SIGMA * float(np.median(np.abs(part - middle)))
-    allowed = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, QUANTA * _quantum(rate))
-    begin, end = max(_true_runs(np.abs(part - middle) <= allowed), key=lambda run: run[1] - run[0])
+    middle = spans.median(part)
+    noise = MAD_TO_SIGMA * spans.middle(lambda: (np.abs(part[a:b] - middle) for a, b in spans.along(part)), part.size)
+    allowed = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, quantum)
+    near = spans.runs(part.size, lambda a, b: np.abs(part[a:b] - middle) <= allowed)
+    begin, end = max(near, key=lambda run: run[1] - run[0])
+    spans.release(rate)
     return first + begin, first + end
 
 

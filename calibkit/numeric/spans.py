@@ -42,6 +42,16 @@ def along(*columns: NDArray[np.generic], rows: int = 0) -> Iterator[tuple[int, i
         release(*columns)
 
 
+def series(values: Array) -> Callable[[int, int], Array]:
+    """Rows first … stop − 1 of values [n, ...] when they are asked for; pages of those before are let go."""
+
+    def between(first: int, stop: int) -> Array:
+        release(values)
+        return values[first:stop]
+
+    return between
+
+
 def taken(column: Array, part: slice) -> Array:
     """Values of a column [n] in a slice of its rows; where it skips some, of a file no more than a span is in memory."""
     if part.step in {None, 1}:
@@ -106,15 +116,35 @@ def _halfway(parted: Array, size: int) -> Array:
     return upper if size % 2 else np.asarray((parted[..., : size // 2].max(axis=-1) + upper) / 2.0)
 
 
+def total(values: Array) -> float:
+    """Sum of values [n]."""
+    return sum(float(np.sum(values[a:b])) for a, b in along(values))
+
+
 def mean(values: Array) -> float:
     """Mean of values [n]."""
-    return sum(float(np.sum(values[a:b])) for a, b in along(values)) / values.size
+    return total(values) / values.size
 
 
 def deviation(values: Array) -> float:
     """Standard deviation of values [n] about their mean, of the values themselves (divided by n)."""
     middle = mean(values)
     return float(np.sqrt(sum(float(np.sum((values[a:b] - middle) ** 2)) for a, b in along(values)) / values.size))
+
+
+def correlation(one: Array, other: Array) -> float:
+    """Correlation coefficient of two series [n], neither of them constant."""
+    middle = mean(one), mean(other)
+    sums = np.zeros((2, 2))
+    for a, b in along(one, other):
+        part = np.stack((one[a:b] - middle[0], other[a:b] - middle[1]))
+        sums += part @ part.T
+    return float(sums[0, 1] / np.sqrt(sums[0, 0] * sums[1, 1]))
+
+
+def count(values: Array, chosen: Callable[[Array], NDArray[np.bool_]]) -> int:
+    """How many values of a column [n] are chosen."""
+    return sum(int(np.count_nonzero(chosen(values[a:b]))) for a, b in along(values))
 
 
 def where(values: Array, chosen: Callable[[Array], NDArray[np.bool_]], *, step: bool = False) -> NDArray[np.int64]:
@@ -165,6 +195,28 @@ def middle(parts: Callable[[], Iterable[Array]], count: int, bracket: tuple[floa
         return float(_halfway(whole, count)) if not np.isnan(whole[count // 2 :].max()) else float("nan")
     low, high = _ranked(parts, ((count - 1) // 2, count // 2), count, bracket)
     return (low + high) / 2.0
+
+
+def quantile_of(parts: Callable[[], Iterable[Array]], count: int, share: float) -> float:
+    """Quantile of `count` finite values that come in parts, as often as they are asked for: that of `np.quantile`."""
+    if count <= KEPT:
+        return quantile(np.concatenate(list(parts())), share)
+    at = share * (count - 1)
+    low, high = _ranked(parts, (int(at), min(int(at) + 1, count - 1)), count)
+    t = at - int(at)
+    # from the nearer end, as numpy does
+    return high - (high - low) * (1.0 - t) if t >= 0.5 else low + (high - low) * t
+
+
+def runs(size: int, chosen: Callable[[int, int], NDArray[np.bool_]]) -> list[tuple[int, int]]:
+    """First and one past the last of each run of rows that are chosen among so many; asked for a span after the other."""
+    found: list[tuple[int, int]] = []
+    for start, stop in over(size):
+        edges = np.flatnonzero(np.diff(np.concatenate(([0], chosen(start, stop).astype(np.int8), [0])))) + start
+        for first, end in edges.reshape(-1, 2).tolist():
+            goes_on = bool(found) and found[-1][1] == first
+            found[-1 if goes_on else len(found) :] = [(found[-1][0] if goes_on else first, end)]
+    return found
 
 
 def _ranked(

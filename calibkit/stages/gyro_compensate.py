@@ -10,7 +10,7 @@ import numpy as np
 from calibkit import check
 from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, require, values
-from calibkit.numeric import gyro_figures
+from calibkit.numeric import gyro_figures, spans
 from calibkit.numeric.earth import DPH_PER_DPS
 from calibkit.stages import gyro_shape, ingest
 from calibkit.stages.gyro_runs import TEMPERATURE, column
@@ -121,11 +121,10 @@ def compensated(log: Log, coefficients: Sequence[Frozen], added_dps: float) -> t
         if one.over_temperature:
             require(log.file, log.frame.columns, [TEMPERATURE])
         known = TEMPERATURE in log.frame.columns
-        temperature = values(log.frame, TEMPERATURE) if known else np.zeros(len(log.frame))
-        rate = one.rate(values(log.frame, column(one.gyro)), temperature)
-        derived[f"gyro_{one.gyro}_dps"] = rate + added_dps
+        temperature = values(log.frame, TEMPERATURE) if known else np.broadcast_to(0.0, len(log.frame))
+        derived[f"gyro_{one.gyro}_dps"], beyond = _rates(log, one, temperature, added_dps)
         flags += _temperature_flags(log, one, temperature if known else None)
-        flags += _rate_flags(log, one, rate)
+        flags += _rate_flags(log, one, beyond)
     if added_dps == 0.0:
         flags.append(
             "rates are zero where the gyro rested on the laboratory's table: the earth's rate there is taken out with "
@@ -134,27 +133,38 @@ def compensated(log: Log, coefficients: Sequence[Frozen], added_dps: float) -> t
     return derived, tuple(dict.fromkeys(flags))
 
 
+def _rates(log: Log, one: Frozen, temperature: Array, added_dps: float) -> tuple[Array, float]:
+    """Compensated rates [n, °/s] of one gyro, and the share of them beyond those of its response."""
+    indication, made, beyond = values(log.frame, column(one.gyro)), log.room(temperature.size), 0
+    low, high = one.shape.limits if one.shape else (-np.inf, np.inf)
+    for a, b in spans.along(indication, temperature, made):
+        rate = one.rate(indication[a:b], temperature[a:b])
+        beyond += int(np.count_nonzero((rate < low) | (rate > high)))
+        made[a:b] = rate + added_dps
+    return made, beyond / temperature.size
+
+
 def _temperature_flags(log: Log, one: Frozen, temperature: Array | None) -> list[str]:
     """Temperatures that are clamped, or at which one K for all temperatures was not found."""
     if temperature is None or one.temperature is None:
         return []
     slack = 0.0 if one.over_temperature else TEMPERATURE_SLACK
     low, high = one.temperature
-    outside = 100.0 * float(np.mean((temperature < low - slack) | (temperature > high + slack)))
+    beyond = spans.count(temperature, lambda part: (part < low - slack) | (part > high + slack))
+    outside = 100.0 * beyond / temperature.size
     if outside == 0.0:
         return []
     what = "clamped" if one.over_temperature else "but K and F0 are taken as constant"
     return [f"{log.file}: temperature outside {low:.1f} … {high:.1f} °C over {outside:.1f} % of the rows, {what}"]
 
 
-def _rate_flags(log: Log, one: Frozen, rate: Array) -> list[str]:
-    """Rates beyond those of the response."""
-    if one.shape is None:
+def _rate_flags(log: Log, one: Frozen, beyond: float) -> list[str]:
+    """Share of rates beyond those of the response."""
+    if one.shape is None or beyond == 0.0:
         return []
     low, high = one.shape.limits
-    outside = 100.0 * float(np.mean((rate < low) | (rate > high)))
-    flag = f"{log.file}: gyro {one.gyro} beyond the fitted {low:g} to {high:g} °/s over {outside:.1f} % of the rows"
-    return [flag] if outside else []
+    said = f"{log.file}: gyro {one.gyro} beyond the fitted {low:g} to {high:g} °/s"
+    return [f"{said} over {100.0 * beyond:.1f} % of the rows"]
 
 
 def stand(run: TableRun, one: Frozen, spec: GyroRecipe) -> dict[str, object]:

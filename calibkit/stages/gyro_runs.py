@@ -10,7 +10,7 @@ import numpy as np
 from calibkit import check
 from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.numeric import anomalies, earth, gyro_scale, plateau_means, plateaus
+from calibkit.numeric import anomalies, earth, gyro_scale, plateau_means, plateaus, spans
 from calibkit.stages import ingest, pins
 
 if TYPE_CHECKING:
@@ -73,10 +73,11 @@ class TableRun:
         """
         if TEMPERATURE not in self.log.frame.columns:
             return float("nan"), float("nan")
-        temperature = anomalies.despiked(values(self.log.frame, TEMPERATURE))
-        if np.ptp(temperature) > ONE_SOAK_DEGC:
-            temperature = np.concatenate([temperature[a:b] for a, b in self.plateaus.span.tolist()])
-        return float(temperature.min()), float(temperature.max())
+        temperature = anomalies.despiked(values(self.log.frame, TEMPERATURE), room=self.log.room)
+        ends = [spans.extremes(temperature)]
+        if ends[0][1] - ends[0][0] > ONE_SOAK_DEGC:
+            ends = [spans.extremes(temperature[a:b]) for a, b in self.plateaus.span.tolist()]
+        return min(low for low, _ in ends), max(high for _, high in ends)
 
 
 def column(gyro: str) -> str:
@@ -110,8 +111,8 @@ def examine(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Examined:
     """Findings and held rates of a log."""
     found, held = _examined(log, gyros, spec)
     pinned = pins.rows(log, spec, ["rate"]) is not None if held is not None else False
-    spans = zip(held.span.tolist(), held.rate_dps.tolist(), strict=True) if held is not None else ()
-    return Examined(tuple(found), tuple(Held("rate", a, b, rate, "°/s", pinned) for (a, b), rate in spans))
+    rates = zip(held.span.tolist(), held.rate_dps.tolist(), strict=True) if held is not None else ()
+    return Examined(tuple(found), tuple(Held("rate", a, b, rate, "°/s", pinned) for (a, b), rate in rates))
 
 
 def run_of(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> TableRun:
@@ -156,11 +157,11 @@ def _examined(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> tuple[list[Fi
 def _suspicious(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
     """What a sensor or its logger did, and signs: a fit goes on and says so."""
     found = check.series.temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
-    spans = {gyro: _span(values(log.frame, column(gyro))) for gyro in gyros}
+    reach = {gyro: _span(values(log.frame, column(gyro))) for gyro in gyros}
     # a gyro across the table axis answers with its misalignment, of either sign
-    along = max(spans, key=lambda gyro: spans[gyro])
+    along = max(reach, key=lambda gyro: reach[gyro])
     for gyro in gyros:
-        found += check.series.driven(log, column(gyro), RATE, "1/s", spans[along])
+        found += check.series.driven(log, column(gyro), RATE, "1/s", reach[along])
     if not (spec.procedure == "gyro_triad" and len(gyros) < LEAST_TRIAD):  # none of two need be along this axis
         found += check.magnitude.rotation(log, column(along), RATE)
     return [*found, *check.magnitude.compensated(log, spec, [column(gyro) for gyro in gyros])]
@@ -179,18 +180,32 @@ def _held(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Plateaus:
     return plateau_means.means(
         values(log.frame, "time_s"),
         values(log.frame, RATE),
-        np.column_stack([values(log.frame, column(gyro)) for gyro in gyros]),
+        _beside([values(log.frame, column(gyro)) for gyro in gyros], log),
         table_angle_deg=values(log.frame, ANGLE) if ANGLE in present else None,
         temp_degc=values(log.frame, TEMPERATURE) if TEMPERATURE in present else None,
         rules=rules,
         held=pins.rows(log, spec, ["rate"]),
+        room=log.room,
     )
+
+
+def _beside(columns: Sequence[Array], log: Log) -> Array:
+    """Columns of a log beside each other [n, m], where the log lies."""
+    if len(columns) == 1:
+        return columns[0].reshape(-1, 1)
+    made = log.room(len(log.frame) * len(columns)).reshape(-1, len(columns))
+    for a, b in spans.along(made, *columns):
+        for k, one in enumerate(columns):
+            made[a:b, k] = one[a:b]
+    return made
 
 
 def _too_fast(log: Log) -> list[Finding]:
     """Table rates that no table reaches."""
+    if max(map(abs, log.extremes(RATE))) <= FASTEST_DPS:
+        return []
     rate = values(log.frame, RATE)
-    bad = np.flatnonzero(np.abs(rate) > FASTEST_DPS)
+    bad = spans.where(rate, lambda part: np.abs(part) > FASTEST_DPS)
     if not bad.size:
         return []
     what = f"{rate[bad[0]]:g} °/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
@@ -200,17 +215,20 @@ def _too_fast(log: Log) -> list[Finding]:
 
 def _span(counts: Array) -> float:
     """Range of an indication without its two hundredth outermost rows: a spike is no span."""
-    low, high = np.quantile(counts, (0.005, 0.995))
-    return float(high - low)
+    low, high = (
+        spans.quantile_of(lambda: (counts[a:b] for a, b in spans.along(counts)), counts.size, share)
+        for share in (0.005, 0.995)
+    )
+    return high - low
 
 
 def _beyond(log: Log, name: str) -> list[Finding]:
     """Counts that no rate of the log explains: what loggers write for overload."""
     data = values(log.frame, name)
-    usual = float(np.quantile(np.abs(data), 0.99))
-    bad = np.flatnonzero(np.abs(data) > BEYOND * usual) if usual > 0.0 else np.zeros(0, dtype=np.int64)
-    if not bad.size:
+    usual = spans.quantile_of(lambda: (np.abs(data[a:b]) for a, b in spans.along(data)), data.size, 0.99)
+    if not usual > 0.0 or max(map(abs, log.extremes(name))) <= BEYOND * usual:
         return []
+    bad = spans.where(data, lambda part: np.abs(part) > BEYOND * usual)
     what = f"{data[bad[0]]:g} 1/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
     advice = "a logger writes such numbers for overload or nothing: leave the rows out with [[exclude]]"
     expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
@@ -247,7 +265,7 @@ def _two_tables(log: Log, held: Plateaus) -> list[Finding]:
     """
     if np.isnan(held.angle_rate_dps).any():
         return []
-    turn = np.abs(held.rate_dps) * float(np.median(np.diff(values(log.frame, "time_s"))))
+    turn = np.abs(held.rate_dps) * log.steps.usual
     slow = turn < HALF_TURN_DEG
     aliased = _aliased(log, turn[~slow], int(slow.sum())) if not slow.all() else []
     angle, rate = held.angle_rate_dps[slow], held.rate_dps[slow]
