@@ -11,7 +11,11 @@ def main() -> None:
 
     gc.freeze()
     gc.enable()
-    run()
+    try:
+        run()
+    finally:
+        # the process ends: to look for garbage among all that was imported would take longer than `--help`
+        gc.freeze()
 
 
 if __name__ == "__main__":

@@ -13,4 +13,11 @@ NonNegative = Annotated[float, Field(ge=0.0)]
 class Table(BaseModel):
     """A recipe table: frozen, typed, and closed to keys it does not know."""
 
-    model_config = ConfigDict(extra="forbid", frozen=True, strict=True, allow_inf_nan=False, populate_by_name=True)
+    model_config = ConfigDict(
+        extra="forbid",
+        frozen=True,
+        strict=True,
+        allow_inf_nan=False,
+        populate_by_name=True,
+        defer_build=True,  # of eight procedures a command has one: tables of the others are never made ready
+    )
