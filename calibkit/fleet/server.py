@@ -21,10 +21,12 @@ COPIES = sys.platform == "linux"
 NEEDED = (
     "pandas",
     "scipy.linalg",
+    "scipy.special",
     "matplotlib.figure",
     "matplotlib.backends.backend_pdf",
     "matplotlib.backends.backend_svg",
     "xml.etree.ElementTree",
+    "rich.console",
     "rich.table",
     "rfc8785",
     "calibkit.fleet.files",
