@@ -1,5 +1,8 @@
 """Pages of figures: what is not searched for stands where matplotlib would have put it."""
 
+import subprocess
+import sys
+
 import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -88,3 +91,17 @@ def test_every_word_of_a_control_chart_is_on_its_page_and_beside_the_others(name
     drawn = [label for label in ax.get_yticklabels() if low <= label.get_position()[1] <= high]
     assert boxes[ax.yaxis.label].x1 <= min(boxes[label].x0 for label in drawn)
     assert ax.get_position().height > 0.3
+
+
+def test_a_report_is_drawn_without_what_cuts_fonts_down():
+    """The library that cuts TrueType fonts is there for matplotlib to import, and nothing of it is executed for a PDF."""
+    drawn = (
+        "import sys\n"
+        "from calibkit.report import figures\n"
+        "figure, axes = figures.page(1, 1, title='a')\n"
+        "assert figures.pdf([figure]).startswith(b'%PDF')\n"
+        "import fontTools\n"
+        "print('fontTools.subset.cff' in sys.modules, len(fontTools.subset.__doc__) > 0, 'fontTools.subset.cff' in sys.modules)"
+    )
+    out = subprocess.run([sys.executable, "-c", drawn], capture_output=True, text=True, check=True).stdout
+    assert out.split() == ["False", "True", "True"]

@@ -119,7 +119,7 @@ def _texts(artist: Artist) -> Iterator[Text]:
 
 def pdf(figures: Sequence[Figure]) -> bytes:
     """Figures as the pages of one PDF without a clock in it."""
-    from matplotlib.backends.backend_pdf import FigureCanvasPdf, PdfPages
+    from calibkit.report.backends import FigureCanvasPdf, PdfPages
 
     buffer = io.BytesIO()
     quiet = {"CreationDate": None, "ModDate": None, "Producer": None, "Creator": "calibkit"}

@@ -113,7 +113,8 @@ def _svg(figure: Figure, prefix: str) -> str:
     from xml.etree import ElementTree as ET
 
     import matplotlib as mpl
-    from matplotlib.backends.backend_svg import FigureCanvasSVG
+
+    from calibkit.report.backends import FigureCanvasSVG
 
     literal(figure)
     figure.set_layout_engine("none")

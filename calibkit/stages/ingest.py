@@ -33,8 +33,7 @@ NEEDED_LATER = (
     "scipy.linalg",
     "scipy.special",
     "matplotlib.figure",
-    "matplotlib.backends.backend_pdf",
-    "matplotlib.backends.backend_svg",
+    "calibkit.report.backends",
 )
 """Libraries that are slow to import and that every fit needs once its logs were read."""
 
