@@ -5,10 +5,21 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calibkit import native
 from calibkit.errors import FitError
-from calibkit.numeric import medians, shrinkage
+from calibkit.numeric import medians, shrinkage, spans
 
 MANY = medians.MANY
+
+
+@pytest.fixture(params=["compiled", "arrays"], autouse=True)
+def way(request, monkeypatch):
+    """Everything both ways: as it is where kernels were compiled, and as it is without them."""
+    if request.param == "arrays":
+        monkeypatch.setattr(medians, "kernels_for", lambda *_arrays: None)
+    elif native.kernels() is None:
+        pytest.skip("no compiled kernels")
+    return request.param
 
 
 def cases(n):
@@ -82,6 +93,16 @@ def test_one_value_that_is_not_finite_is_refused(n, bad):
             medians.magnitude(values)
         with pytest.raises(FitError, match="a detail is not finite"):
             shrinkage.noise(values)
+
+
+def test_the_compiled_pass_finds_it_or_leaves_it_to_the_search(way, monkeypatch):
+    """Noise is bracketed by its sample; a constant, and more within the bracket than there is room for, are searched for."""
+    found = medians._compiled(np.linspace(-1.0, 2.0, MANY), 0.0, (0.6, 0.9))
+    assert found == (pytest.approx(0.75, abs=1e-4) if way == "compiled" else None)
+    assert medians._compiled(np.full(MANY, 2.0), 0.0, (2.0, 2.0)) is None
+    assert medians._compiled(np.linspace(0.0, 1.0, MANY), 0.0, (0.6, 0.9)) is None
+    monkeypatch.setattr(spans, "KEPT", 4096)
+    assert medians._compiled(np.linspace(0.0, 1.0, MANY), 0.0, (0.2, 0.9)) is None
 
 
 def test_nothing_has_no_median():

@@ -63,6 +63,8 @@ def _declare(library: CDLL) -> None:
     library.calibkit_analysed.argtypes = [at, at, at, *(whole,) * 3, at, whole, whole, at, whole, whole]
     library.calibkit_synthesised.argtypes = [at, at, at, at, *(whole,) * 4, real, real, at, whole, whole]
     library.calibkit_lengths.argtypes = [at, at, at, whole, real, at, at, at]
+    library.calibkit_bracketed.argtypes = [at, whole, real, real, real, at, whole, at]
+    library.calibkit_bracketed.restype = whole
     library.calibkit_components.argtypes = [at, whole, at, at]
     library.calibkit_squares.argtypes = [at, whole, whole, at]
     library.calibkit_lengths.restype = library.calibkit_components.restype = library.calibkit_squares.restype = None
