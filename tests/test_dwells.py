@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import dwells
+from calibkit.numeric import dwells, spans
 
 HOLDS = [(0, 400), (460, 700), (780, 1400), (1425, 1700)]
 
@@ -117,3 +117,17 @@ def test_a_dwell_of_one_row_is_refused():
     """One row has no noise."""
     with pytest.raises(FitError, match="fewer than two rows"):
         dwells.averages(np.zeros((5, 1)), np.array([[0, 3], [3, 4]]))
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.01])
+def test_dwells_and_their_means_do_not_depend_on_the_length_of_spans(quantum, monkeypatch):
+    """Spans of 37 rows find the very dwells, of fine and of coarse indications, and their figures to 1e-10."""
+    log = handled()
+    log = np.round(log / quantum) * quantum if quantum else log
+    found = [dwells.averages(log, dwells.still(log, 20))]
+    monkeypatch.setattr(spans, "ROWS", 37)
+    monkeypatch.setattr(spans, "KEPT", 100)
+    found.append(dwells.averages(log, dwells.still(log, 20)))
+    np.testing.assert_array_equal(found[0].intervals, found[1].intervals)
+    for name in ("mean", "standard_deviation", "standard_error", "drift"):
+        np.testing.assert_allclose(*(getattr(one, name) for one in found), rtol=1e-10, atol=1e-13)

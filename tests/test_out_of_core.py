@@ -6,7 +6,7 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calibkit.numeric import hac, spans
+from calibkit.numeric import attitude, hac, spans
 from calibkit.readers import clean
 from calibkit.stages import long_logs, pieces, write_back
 
@@ -206,3 +206,47 @@ def test_a_rate_table_does_not_depend_on_the_length_of_spans(angle, both, log_wr
     _, (cut,) = both("rate_table", tmp_path / "logs", ["gyro_scale"], serial="T")
     models = [json.loads(text)["models"] for text in (whole, cut)]
     np.testing.assert_allclose(*map(numbers, models), rtol=1e-10, atol=1e-16)
+
+
+DWELLS = ("dwells.mode=series", "logs.files=['*.csv']", "k.scale_order=1", "k.zero_order=1", "k.cross=false")
+AFFINE = ("affine.scale_order=1", "affine.cross_order=0", "affine.bias_order=1", "compensation=affine")
+
+
+def held(folder, log_writer, seed, *, quantum=0.0):
+    """Write a triad at fourteen attitudes, each held for thirty seconds, over a slow change of temperature."""
+    rng = np.random.default_rng(seed)
+    places = [(0.0, 0.0), *((i, t) for i in (45.0, 90.0, 135.0) for t in (0.0, 90.0, 180.0, 270.0)), (180.0, 0.0)]
+    angles = np.repeat(places, 300, axis=0)
+    time = np.arange(len(angles)) * 0.1
+    case = 30.0 + 10.0 * np.sin(time / 60.0)
+    shown = attitude.gravity_vector(*angles.T) @ np.array([[1.0, 0.0, 0.0], [2e-3, 1.0, 0.0], [-1e-3, 3e-3, 1.0]]).T
+    shown = shown * (1.001 + 1e-5 * (case - 25.0))[:, None] + rng.normal(0.0, 1e-4, shown.shape)
+    shown[np.arange(len(time)) % 300 < 20] += rng.normal(0.0, 0.05, shown.shape)[np.arange(len(time)) % 300 < 20]
+    if quantum:
+        shown = np.round(shown / quantum) * quantum
+    columns = dict(zip(("accel_x_g", "accel_y_g", "accel_z_g"), shown.T, strict=True))
+    columns |= {"temp_case_degc": case, "inclination_deg": angles[:, 0], "toolface_deg": angles[:, 1]}
+    return log_writer(folder / f"triad_{seed}.csv", time_s=time, **columns)
+
+
+@pytest.mark.parametrize("quantum", [0.0, 0.002])
+def test_a_triad_comes_out_byte_for_byte(quantum, small, both, applied, log_writer, tmp_path):
+    """K, Q and the affine triad of dwells found in a continuous log, fine or coarse, and the log compensated with them."""
+    log = held(tmp_path / "logs", log_writer, 1, quantum=quantum)
+    options = [word for entry in (*DWELLS, *AFFINE) for word in ("--set", entry)]
+    disk, memory = both("accelerometer", tmp_path / "logs", ["accel_k", "accel_q", "accel_affine"], options=options)
+    assert disk == memory
+    found = applied(tmp_path / "memory" / "S" / "r001", log)
+    assert found[0] == found[1]
+
+
+def test_dwells_do_not_depend_on_the_length_of_spans(both, log_writer, tmp_path, monkeypatch):
+    """Coefficients from spans of 257 rows and from one span agree to 1e-10 of the largest of their model."""
+    held(tmp_path / "logs", log_writer, 1)
+    options = [word for entry in (*DWELLS, *AFFINE) for word in ("--set", entry)]
+    _, (whole,) = both("accelerometer", tmp_path / "logs", ["accel_k"], options=options)
+    shorten(monkeypatch)
+    _, (cut,) = both("accelerometer", tmp_path / "logs", ["accel_k"], serial="T", options=options)
+    for one, other in zip(json.loads(whole)["models"], json.loads(cut)["models"], strict=True):
+        values = [[coefficient["value"] for coefficient in model["coefficients"]] for model in (one, other)]
+        np.testing.assert_allclose(*values, rtol=1e-10, atol=1e-14)

@@ -6,6 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
+from calibkit import scratch
 from calibkit.numeric import anomalies, intervals, spans
 from calibkit.numeric.intervals import Intervals
 
@@ -135,3 +136,7 @@ def test_figures_of_long_columns_are_those_of_numpy(monkeypatch):
     assert spans.where(one, lambda part: part > 3.0).tolist() == np.flatnonzero(one > 3.0).tolist()
     assert spans.where(one, lambda part: part > 0.5, step=True).tolist() == np.flatnonzero(np.diff(one) > 0.5).tolist()
     assert np.array_equal(spans.taken(one, slice(5, 90, 4)), one[5:90:4])
+    mapped = scratch.column(100)
+    mapped[:] = one
+    rows = np.array([[2, 3, 4], [5, 6, 7], [6, 7, 8], [90, 91, 92]])
+    assert np.array_equal(spans.at(mapped, rows), one[rows])

@@ -14,7 +14,7 @@ from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, segments, spans
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -108,8 +108,13 @@ def clock(log: Log, air: str) -> list[Finding]:
 
 def gravity(log: Log, axes: Sequence[str]) -> list[Finding]:
     """A triad whose length is not one g in most rows: another unit."""
-    length = np.sqrt(np.sum(np.column_stack([values(log.frame, axis) for axis in axes]) ** 2, axis=1))
-    usual = float(np.median(length))
+    columns = [values(log.frame, axis) for axis in axes]
+
+    def lengths() -> Iterator[Array]:
+        for a, b in spans.along(*columns):
+            yield np.sqrt(np.sum(np.column_stack([column[a:b] for column in columns]) ** 2, axis=1))
+
+    usual = spans.middle(lengths, len(log.frame))
     if len(axes) < 3 or 0.8 < usual < 1.25:
         return []
     unit = next((unit for unit, g in G_OF_UNIT.items() if 0.8 < usual / g < 1.25), None)
@@ -118,10 +123,13 @@ def gravity(log: Log, axes: Sequence[str]) -> list[Finding]:
     return [_warn(log, axes[0], what, "1 g", advice, "unit", usual)]
 
 
-def sense(log: Log, axes: Sequence[str], expected: Array) -> list[Finding]:
-    """A triad [n, 3] that has the opposite sign of what its attitude lets expect [n, 3]."""
-    shown = np.column_stack([values(log.frame, axis) for axis in axes])
-    agreement = float(np.sum(shown * expected) / np.sqrt(np.sum(shown**2) * np.sum(expected**2)))
+def sense(log: Log, axes: Sequence[str], expected: Callable[[int, int], Array]) -> list[Finding]:
+    """A triad that has the opposite sign of what its attitude lets expect in rows first … stop − 1: [k, 3]."""
+    columns, sums = [values(log.frame, axis) for axis in axes], np.zeros(3)
+    for a, b in spans.along(*columns):
+        shown, there = np.column_stack([column[a:b] for column in columns]), expected(a, b)
+        sums += [np.sum(shown * there), np.sum(shown**2), np.sum(there**2)]
+    agreement = float(sums[0] / np.sqrt(sums[1] * sums[2]))
     if agreement > -0.5:
         return []
     what = f"the triad is opposite to its attitude (correlation {agreement:.2f})"

@@ -156,8 +156,8 @@ def _told(log: Log, column: str, data: Array, found: Rows, unit: str) -> list[Fi
     """Spikes at the rows found, told in one finding at the worst."""
     if not found.size:
         return []
-    around = np.clip(found[:, None] + np.arange(-3, 4), 0, data.size - 1)
-    off = np.abs(data[found] - np.median(data[around], axis=1))
+    around = spans.at(data, np.clip(found[:, None] + np.arange(-3, 4), 0, data.size - 1))
+    off = np.abs(around[:, 3] - np.median(around, axis=1))
     worst = int(found[np.argmax(off)])
     count = int(np.sum(np.diff(found, prepend=-2) > 1))
     before, after = data[max(worst - 1, 0)], data[min(worst + 1, data.size - 1)]

@@ -130,8 +130,8 @@ def _neighbours(wide: Rows, values: Array) -> Iterator[Rows]:
 
 def _from_median(values: Array, rows: Rows) -> Array:
     """How far rows [m] of a series [n] are from the medians of the seven rows around them."""
-    around = values[np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)]
-    return np.asarray(np.abs(values[rows] - np.median(around, axis=1)), dtype=np.float64)
+    around = spans.at(values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1))
+    return np.asarray(np.abs(around[:, WIDTH] - np.median(around, axis=1)), dtype=np.float64)
 
 
 def _sampled_steps(values: Array) -> Array:
@@ -157,7 +157,10 @@ def _local(values: Array, rows: Rows) -> Array:
     blocks = max(1, values.size // BLOCK)
     edges = np.linspace(0, values.size, blocks + 1).astype(np.int64)
     number = np.searchsorted(edges, rows, side="right") - 1
-    own = {k: _noise(values[edges[k] : edges[k + 1]]) for k in np.unique(number).tolist()}
+    own = {}
+    for k in np.unique(number).tolist():
+        own[k] = _noise(values[edges[k] : edges[k + 1]])
+        spans.release(values)
     return np.array([max(whole, own[k]) for k in number.tolist()], dtype=np.float64)
 
 
@@ -259,7 +262,8 @@ def despiked(values: Array, *, room: Callable[[int], Array] = np.empty) -> Array
     for a, b in spans.along(values, clean):
         clean[a:b] = values[a:b]
     around = np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
-    clean[rows] = np.median(values[around], axis=1)
+    clean[rows] = np.median(spans.at(values, around), axis=1)
+    spans.release(clean)
     return clean
 
 

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
+from calibkit.numeric import spans
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -80,30 +81,39 @@ def still(
         raise FitError(
             f"{len(indication)} rows for windows of {window}", hint="a window has 4 rows or more, a log four windows"
         )
-    if not np.isfinite(indication).all():
+    if not spans.finite(indication):
         raise FitError("a value that is not finite reached the search for dwells", hint="cut the log at gaps")
     shortest = 2 * window if shortest is None else shortest
-    noise = windowed_noise(indication, window)
-    # quantised indications can stand still to the last bit: the noise at rest is not below that of the last bit
-    at_rest = max(float(np.quantile(noise, AT_REST_SHARE)), _resolution(indication) / np.sqrt(12.0))
-    limit = factor * at_rest if threshold is None else threshold
-    held = np.zeros(len(indication) + 2, dtype=np.int8)
-    middle = 1 + window // 2
-    held[middle : middle + noise.size] = noise <= limit
-    edges = np.diff(held)
-    intervals = np.column_stack([np.flatnonzero(edges == 1), np.flatnonzero(edges == -1)])
+    middle = np.array([spans.median(axis) for axis in indication.T])
+    windows = len(indication) - window + 1
+
+    def noise(first: int, stop: int) -> Array:
+        spans.release(indication)
+        return windowed_noise(indication[first : stop + window - 1], window, middle)
+
+    if threshold is None:
+        at_rest = spans.quantile_of(lambda: (noise(a, b) for a, b in spans.over(windows)), windows, AT_REST_SHARE)
+        # quantised indications can stand still to the last bit: the noise at rest is not below that of the last bit
+        limit = factor * max(at_rest, _resolution(indication, at_rest * np.sqrt(12.0)) / np.sqrt(12.0))
+    else:
+        limit = threshold
+    runs = spans.runs(windows, lambda a, b: noise(a, b) <= limit)
+    intervals = np.array(runs, dtype=np.int64).reshape(-1, 2) + window // 2
     intervals = intervals[intervals[:, 1] - intervals[:, 0] >= shortest]
     if not len(intervals):
         raise FitError(
             f"nothing was held still for {shortest} rows (noise limit {limit:.3g})",
             hint="hold every position longer, or state the noise limit",
         )
-    return intervals.astype(np.int64)
+    return intervals
 
 
-def windowed_noise(indication: Array, window: int) -> Array:
-    """Standard deviation [n − window + 1] of sliding windows, the three axes of [n, 3] together (root sum of squares)."""
-    centred = indication - np.median(indication, axis=0)
+def windowed_noise(indication: Array, window: int, middle: Array | None = None) -> Array:
+    """Standard deviation [n − window + 1] of sliding windows, the three axes of [n, 3] together (root sum of squares).
+
+    `middle` [3] is a value within the indications of each axis, their median where it is not given.
+    """
+    centred = indication - (np.median(indication, axis=0) if middle is None else middle)
     sums = np.concatenate([np.zeros((1, 3)), np.cumsum(centred, axis=0)])
     squares = np.concatenate([np.zeros((1, 3)), np.cumsum(centred**2, axis=0)])
     mean = (sums[window:] - sums[:-window]) / window
@@ -131,27 +141,46 @@ def averages(columns: Array, intervals: Intervals) -> Dwells:
     lengths = intervals[:, 1] - intervals[:, 0]
     if len(intervals) == 0 or lengths.min() < 2:
         raise FitError("a dwell of fewer than two rows has no noise", hint="hold every position longer")
-    held = [columns[start:stop] for start, stop in intervals.tolist()]
-    return Dwells(
-        intervals=intervals,
-        mean=np.array([rows.mean(axis=0) for rows in held]),
-        standard_deviation=np.array([rows.std(axis=0, ddof=1) for rows in held]),
-        standard_error=np.array([_standard_error(rows) for rows in held]),
-        drift=np.array([rows[len(rows) // 2 :].mean(axis=0) - rows[: len(rows) // 2].mean(axis=0) for rows in held]),
-    )
+    found = [_averaged(columns[start:stop]) for start, stop in intervals.tolist()]
+    mean, deviation, error, drift = (np.array(figures) for figures in zip(*found, strict=True))
+    return Dwells(intervals, mean, deviation, error, drift)
 
 
-def _standard_error(rows: Array) -> Array:
-    """Standard error [c] of the mean of rows [k, c], the larger of independent rows' and of batch means'."""
-    independent = rows.std(axis=0, ddof=1) / np.sqrt(len(rows))
-    if len(rows) < 4 * BATCHES:
-        return np.asarray(independent, dtype=np.float64)
-    batch = len(rows) // BATCHES
-    means = rows[: batch * BATCHES].reshape(BATCHES, batch, -1).mean(axis=1)
-    return np.asarray(np.maximum(independent, means.std(axis=0, ddof=1) / np.sqrt(BATCHES)), dtype=np.float64)
+def _averaged(rows: Array) -> tuple[Array, Array, Array, Array]:
+    """Mean, standard deviation, standard error of the mean, and drift [c] of rows [k, c], a span of them at a time."""
+    count, width = rows.shape
+    mean = np.sum([rows[a:b].sum(axis=0) for a, b in spans.along(rows)], axis=0) / count
+    batch, half = count // BATCHES, count // 2
+    square, halves, batches = np.zeros(width), np.zeros((2, width)), np.zeros((BATCHES + 1, width))
+    for a, b in spans.along(rows):
+        centred = rows[a:b] - mean
+        square += np.sum(centred**2, axis=0)
+        split = min(max(half - a, 0), b - a)
+        halves += [centred[:split].sum(axis=0), centred[split:].sum(axis=0)]
+        if batch:
+            number = np.minimum(np.arange(a, b) // batch, BATCHES)
+            begins = np.flatnonzero(np.diff(number, prepend=-1))
+            batches[number[begins]] += np.add.reduceat(centred, begins)
+    deviation = np.sqrt(square / (count - 1))
+    error = deviation / np.sqrt(count)
+    if count >= 4 * BATCHES:
+        # the larger of independent rows' and of batch means'
+        error = np.maximum(error, (batches[:-1] / batch).std(axis=0, ddof=1) / np.sqrt(BATCHES))
+    return mean, deviation, error, halves[1] / (count - half) - halves[0] / half
 
 
-def _resolution(indication: Array) -> float:
-    """Smallest step between different indications, the last bit of quantised ones."""
-    steps = [np.diff(np.unique(axis)) for axis in indication.T]
-    return float(min((step.min() for step in steps if step.size), default=0.0))
+def _resolution(indication: Array, enough: float) -> float:
+    """Smallest step between different indications [n, 3] of an axis, the last bit of quantised ones.
+
+    A step of at most `enough` is given for it as soon as one is found: those of noise are never gathered.
+    """
+    smallest = np.inf
+    for axis in indication.T:
+        levels = np.zeros(0)
+        for a, b in spans.along(axis):
+            levels = np.union1d(levels, axis[a:b])
+            step = float(np.min(np.diff(levels))) if levels.size > 1 else np.inf
+            smallest = min(smallest, step)
+            if smallest <= enough:
+                return smallest
+    return smallest if np.isfinite(smallest) else 0.0

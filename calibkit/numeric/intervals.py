@@ -148,7 +148,8 @@ def steps(time: Array) -> Steps:
     for step in _steps(time):
         if step.size:
             ends.append((step.min(), step.max()))
-            sample.append(step[step.size % every // 2 :: every])
+            # a copy: a slice would keep the whole part
+            sample.append(step[step.size % every // 2 :: every].copy())
     if not ends:
         return Steps(*(float("nan"),) * 3)
     low, high = np.array(ends).T

@@ -96,17 +96,22 @@ def means(
         raise FitError(f"the indication in row {row} is not finite", hint="exclude the rows that hold it")
     turn = turn_of(time_s, table_rate_dps, table_angle_deg, room=room)
     found = find(time_s, table_rate_dps, rules=rules, turn=turn) if held is None else held
-    record = Record(turn, table_rate_dps, signals)
-    parts = [_whole_revolutions(record, first, stop) for first, stop in found.tolist()]
+    return _means(Record(turn, table_rate_dps, signals), found, temp_degc)
+
+
+def _means(record: Record, held: Counts, temp_degc: Array | None) -> Plateaus:
+    """Averages over the rows of held rates [p, 2]."""
+    turn = record.turn
+    parts = [_whole_revolutions(record, first, stop) for first, stop in held.tolist()]
     wave = modulation(record, parts)
     parts, left_out = _without_rest(turn, parts, determined=wave.earth)
-    values = _averages(record, parts, spans.series(signals))
+    values = _averages(record, parts, spans.series(record.signals))
     covariance, flags = noise_of(record, parts, wave, values)
     if wave.earth:
         values, covariance = _unmodulated(record, parts, wave, values, covariance)
-    rate = _averages(record, parts, spans.series(table_rate_dps))
+    rate = _averages(record, parts, spans.series(record.rate))
     nan = np.full(len(parts), np.nan)
-    angle_rate = _averages(record, parts, turn.rate)
+    angle_rate = _averages(record, parts, turn.rate) if turn.logged else nan
     revolutions = np.array([part.revolutions for part in parts], dtype=np.int64)
     return Plateaus(
         rate_dps=rate,
@@ -116,13 +121,13 @@ def means(
         samples=np.array([part.stop - part.first for part in parts], dtype=np.int64),
         duration_s=np.array([part.duration_s for part in parts]),
         temp_degc=nan if temp_degc is None else _averages(record, parts, spans.series(temp_degc)),
-        angle_rate_dps=angle_rate if turn.logged else nan,
+        angle_rate_dps=angle_rate,
         span=np.array([(part.first, part.stop) for part in parts], dtype=np.int64),
         flags=(
             *left_out,
             *_partial(revolutions, corrected=wave.earth),
             *flags,
-            *_disagreement(rate, angle_rate if turn.logged else nan),
+            *_disagreement(rate, angle_rate),
         ),
     )
 

@@ -274,4 +274,5 @@ def _settled(time_s: Array, first: int, stop: int, rules: Rules) -> tuple[int, i
     """Span without its settling time, without its first interval, which began before it, and without its last."""
     wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
     begin = max(int(np.searchsorted(time_s, time_s[first] + wait, side="right")), first + 1)
+    spans.release(time_s)
     return begin, stop - 1

@@ -64,13 +64,33 @@ def taken(column: Array, part: slice) -> Array:
 def release(*columns: NDArray[np.generic]) -> None:
     """Let go of the pages that memory-mapped columns hold in memory; nothing for columns that are in memory."""
     for column in columns:
-        base: object = column
-        while isinstance(base, np.ndarray):
-            base = base.base
-        if isinstance(base, memoryview):
-            base = base.obj
-        if isinstance(base, mmap.mmap) and hasattr(mmap, "MADV_DONTNEED"):
-            base.madvise(mmap.MADV_DONTNEED)
+        mapped = _mapping(column)
+        if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
+            mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def _mapping(column: NDArray[np.generic]) -> mmap.mmap | None:
+    """The mapped file that a column lies in; none for one in memory."""
+    base: object = column
+    while isinstance(base, np.ndarray):
+        base = base.base
+    if isinstance(base, memoryview):
+        base = base.obj
+    return base if isinstance(base, mmap.mmap) else None
+
+
+def at(values: Array, rows: NDArray[np.int64]) -> Array:
+    """Values [...] of a column [n] at rows [...] that ascend but for neighbours: of a file, those of a span at a time.
+
+    A page that is looked at brings up to a megabyte of others with it.
+    """
+    if _mapping(values) is None:
+        return values[rows]
+    found, flat = np.empty(rows.size), rows.ravel()
+    for part in np.split(np.arange(flat.size), np.flatnonzero(np.diff(flat // ROWS)) + 1):
+        found[part] = values[flat[part]]
+        release(values)
+    return found.reshape(rows.shape)
 
 
 def finite(values: Array) -> bool:

@@ -10,7 +10,7 @@ from calibkit.check import copies
 from calibkit.coefficients import Criterion, Input
 from calibkit.errors import UsageError
 from calibkit.frame import refuse, require
-from calibkit.numeric import attitude
+from calibkit.numeric import attitude, spans
 from calibkit.procedures import Fitted
 from calibkit.report import accelerometer as pages
 from calibkit.report.documents import Drawn
@@ -21,11 +21,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from numpy.typing import NDArray
+
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
     from calibkit.procedures import Applied, Progress
     from calibkit.recipe.accelerometer import AccelerometerRecipe
+    from calibkit.stages.accel_results import Correction
     from calibkit.stages.ingest import Reader
+
+    Array = NDArray[np.float64]
 
 
 def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
@@ -77,21 +82,35 @@ def apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) 
     correction = accel_results.correction(records, spec)
     temperature = accel_dwells.optional(log, accel_dwells.TEMPERATURE)
     flags = []
-    if np.isnan(temperature).any():
+    if accel_dwells.TEMPERATURE not in log.frame.columns:
         low, high = correction.temperature
         if high - low > 0.0:
             require(log.file, log.frame.columns, [accel_dwells.TEMPERATURE])
-        temperature = np.full(len(log.frame), low)
+        temperature = np.broadcast_to(low, len(log.frame))
     if (outside := correction.outside(temperature)) > 0.0:
         low, high = correction.temperature
         flags.append(
             f"{log.file}: temperature clamped to {low:.1f} … {high:.1f} °C over {100.0 * outside:.1f} % of the rows"
         )
-    vector = correction(accel_dwells.indication(log, spec), temperature)
-    own_sign = attitude.gravity_positive(vector, spec.reference.convention)
-    columns = {name: own_sign[:, i] for i, name in enumerate(accel_dwells.AXES)}
-    derived = {"inclination_deg": attitude.inclination(vector), "toolface_deg": attitude.toolface(vector)}
+    columns, derived = _corrected(log, correction, temperature, spec)
     return write_back.replaced(_on_site(spec), data, columns, derived), tuple(flags)
+
+
+def _corrected(
+    log: Log, correction: Correction, temperature: Array, spec: AccelerometerRecipe
+) -> tuple[dict[str, Array], dict[str, Array]]:
+    """Corrected components [n] in the log's own sign, and inclination and toolface [n], a span of rows at a time."""
+    shown = accel_dwells.indication(log, spec)
+    columns = {name: log.room(len(shown)) for name in accel_dwells.AXES}
+    derived = {name: log.room(len(shown)) for name in accel_dwells.ATTITUDE}
+    for a, b in spans.along(shown, temperature, *columns.values(), *derived.values()):
+        vector = correction(shown[a:b], temperature[a:b])
+        own_sign = attitude.gravity_positive(vector, spec.reference.convention)
+        for i, column in enumerate(columns.values()):
+            column[a:b] = own_sign[:, i]
+        for column, angle in zip(derived.values(), (attitude.inclination, attitude.toolface), strict=True):
+            column[a:b] = angle(vector)
+    return columns, derived
 
 
 def validate(

@@ -11,7 +11,7 @@ import numpy as np
 from calibkit import check
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.numeric import attitude, dwells
+from calibkit.numeric import attitude, dwells, spans
 from calibkit.stages import pins
 
 if TYPE_CHECKING:
@@ -91,8 +91,13 @@ def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
         if TEMPERATURE in log.frame.columns:
             found += check.series.temperature(log, TEMPERATURE)
     if all(column in log.frame.columns for column in ATTITUDE) and not found:
-        reference = attitude.gravity_vector(*(values(log.frame, column) for column in ATTITUDE))
-        found += check.magnitude.sense(log, AXES, attitude.gravity_positive(reference, spec.reference.convention))
+        held = [spans.series(values(log.frame, column)) for column in ATTITUDE]
+
+        def expected(first: int, stop: int) -> Array:
+            reference = attitude.gravity_vector(*(angle(first, stop) for angle in held))
+            return attitude.gravity_positive(reference, spec.reference.convention)
+
+        found += check.magnitude.sense(log, AXES, expected)
     return found
 
 
@@ -100,8 +105,10 @@ def _beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[F
     """Values that are larger than the column's unit allows."""
     found = []
     for column in columns:
+        if max(map(abs, log.extremes(column))) <= limit:
+            continue
         data = values(log.frame, column)
-        bad = np.flatnonzero(np.abs(data) > limit)
+        bad = spans.where(data, lambda part: np.abs(part) > limit)
         if bad.size:
             what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
             advice = f"state the log's unit in [columns.{column}]"
@@ -133,13 +140,22 @@ def collect(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
 
 def indication(log: Log, spec: AccelerometerRecipe) -> Array:
     """Indications [n, 3, g] of a log, positive along gravity whatever the log's convention."""
-    columns = np.column_stack([values(log.frame, column) for column in AXES])
-    return attitude.gravity_positive(columns, spec.reference.convention)
+    return _beside(log, [values(log.frame, column) for column in AXES], spec)
+
+
+def _beside(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Array:
+    """Columns beside each other [n, c], where the log lies; the first three, which are gravity, positive along it."""
+    made = log.room(len(log.frame) * len(columns)).reshape(-1, len(columns))
+    for a, b in spans.along(made, *columns):
+        beside = np.column_stack([column[a:b] for column in columns])
+        made[a:b, :3] = attitude.gravity_positive(beside[:, :3], spec.reference.convention)
+        made[a:b, 3:] = beside[:, 3:]
+    return made
 
 
 def optional(log: Log, column: str) -> Array:
     """A column [n], or NaN where the log does not have it."""
-    return values(log.frame, column) if column in log.frame.columns else np.full(len(log.frame), np.nan)
+    return values(log.frame, column) if column in log.frame.columns else np.broadcast_to(np.nan, len(log.frame))
 
 
 def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
@@ -159,24 +175,24 @@ def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
 
 def _temperature(log: Log) -> Array:
     """Case temperature [n, °C]; 25 °C throughout where a magnitude-only log has none."""
-    return values(log.frame, TEMPERATURE) if TEMPERATURE in log.frame.columns else np.full(len(log.frame), 25.0)
+    return values(log.frame, TEMPERATURE) if TEMPERATURE in log.frame.columns else np.broadcast_to(25.0, len(log.frame))
 
 
 def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     """Dwells found in a continuous log by its stillness, cut at gaps, in pieces where the recipe asks for them."""
     time = values(log.frame, "time_s")
-    step = float(np.median(np.diff(time)))
-    triad = indication(log, spec)
-    intervals = held_rows(log, triad, time, step, spec)
+    step = log.steps.usual
+    columns = _beside(log, [*(values(log.frame, column) for column in AXES), _temperature(log)], spec)
+    intervals = held_rows(log, columns[:, :3], time, step, spec)
     if spec.dwells.piece_s is not None:
         intervals = dwells.pieces(intervals, max(2, round(spec.dwells.piece_s / step)))
-    means = dwells.averages(np.column_stack([triad, _temperature(log)]), intervals)
+    means = dwells.averages(columns, intervals)
     middle = intervals.mean(axis=1).astype(np.int64)  # a held angle is what it is in the middle of the hold
     return DwellSet(
         means.mean[:, :3],
         means.mean[:, 3],
-        optional(log, "inclination_deg")[middle],
-        optional(log, "toolface_deg")[middle],
+        spans.at(optional(log, "inclination_deg"), middle),
+        spans.at(optional(log, "toolface_deg"), middle),
         means.standard_error[:, :3],
         np.zeros(len(intervals), dtype=np.int64),
         tuple(f"{log.file}:{check.line(log, a)}-{check.line(log, b - 1)}" for a, b in intervals.tolist()),
@@ -190,7 +206,8 @@ def held_rows(log: Log, triad: Array, time: Array, step: float, spec: Accelerome
     if pinned is not None:
         return pinned
     window = max(4, round(spec.dwells.window_s / step))
-    bounds = [0, *(np.flatnonzero(np.diff(time) > max(spec.dwells.max_gap_s, 2.5 * step)) + 1).tolist(), time.size]
+    gap = max(spec.dwells.max_gap_s, 2.5 * step)
+    bounds = [0, *(spans.where(time, lambda apart: apart > gap, step=True) + 1).tolist(), time.size]
     found = []
     for start, stop in pairwise(bounds):
         if stop - start >= 4 * window:
@@ -207,7 +224,7 @@ def examine(log: Log, spec: AccelerometerRecipe) -> Examined:
         return Examined(tuple(found))
     time, triad = values(log.frame, "time_s"), indication(log, spec)
     try:
-        rows = held_rows(log, triad, time, float(np.median(np.diff(time))), spec).tolist()
+        rows = held_rows(log, triad, time, log.steps.usual, spec).tolist()
         pinned = pins.rows(log, spec, ["dwell"]) is not None
     except (FitError, FrameError) as error:
         return Examined((*found, Finding.of(error)))

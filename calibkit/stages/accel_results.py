@@ -9,7 +9,7 @@ import numpy as np
 
 from calibkit.coefficients import Coefficient, Condition, Figure, Model, Parameter, StageResult
 from calibkit.errors import CoefficientError
-from calibkit.numeric import accel_affine, accel_k, accel_q
+from calibkit.numeric import accel_affine, accel_k, accel_q, spans
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -45,7 +45,7 @@ class Correction:
     def outside(self, temperature: Array) -> float:
         """Share of temperatures [n, °C] that are clamped."""
         low, high = self.temperature
-        return float(np.mean((temperature < low) | (temperature > high)))
+        return spans.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size
 
 
 def results(

@@ -18,6 +18,7 @@ from calibkit.frame import Log, values
 from calibkit.numeric.spans import release
 from calibkit.readers import clean
 from calibkit.recipe import BiasTemperatureRecipe, FogThermalRecipe
+from calibkit.recipe.accelerometer import AccelerometerRecipe
 from calibkit.recipe.gyro import RateTableRecipe
 from calibkit.stages import ingest, pieces
 
@@ -34,7 +35,7 @@ if TYPE_CHECKING:
 SETTING = "CALIBKIT_LARGEST_LOG_MB"
 """Environment variable: megabytes of a log up to which it is held in memory."""
 LARGEST_MB = 1000.0
-ALONG_SPANS = (FogThermalRecipe, BiasTemperatureRecipe, RateTableRecipe)
+ALONG_SPANS = (FogThermalRecipe, BiasTemperatureRecipe, RateTableRecipe, AccelerometerRecipe)
 """Procedures that work span by span; others compute along whole columns: on disk they would need no less memory."""
 ROWS = 1 << 19
 """Rows that are read at a time."""
