@@ -91,10 +91,7 @@ def test_processes_that_share_a_machine_take_one_thread_each(tmp_path, monkeypat
 
 @pytest.mark.skipif(not server.COPIES, reason="processes begin anew on this system")
 def test_processes_begin_with_what_they_need_and_with_this_calibkit(tmp_path):
-    """A process has imported what draws figures before it is given anything, from the code that hired it, and safely.
-
-    That is: what it is a copy of has one thread.
-    """
+    """A process, copied of one that has a single thread, has imported what draws figures from the code that hired it."""
     plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     said = [outcome.message for outcome in local.outcomes(quick_unit.imported, plan, ["A", "B"], 2)]
     assert said == [f"True {atomic.__file__} 1"] * 2
