@@ -14,9 +14,9 @@ TIMEOUT_S = 120.0
 
 
 def made_of(folder: Path) -> int:
-    """First 64 bits of the digest of the sources [*.c in order of name] in a folder: the mark of a library made of them."""
+    """First 64 bits of the digest of the sources [in order of name] in a folder: the mark of a library made of them."""
     digest = hashlib.sha256()
-    for source in sorted(folder.glob("*.c")):
+    for source in sorted(folder.glob("*.[ch]")):
         digest.update(source.read_bytes() + b"\0")
     return int.from_bytes(digest.digest()[:8], "big")
 

@@ -4,26 +4,12 @@
  * of matrices stay with BLAS, whose order of summation is its own.
  */
 
-#include <float.h>
 #include <math.h>
 #include <stdint.h>
 
-#if FLT_EVAL_METHOD != 0
-#error "doubles are not rounded at every operation here: these kernels would not have the bits of numpy"
-#endif
+#include "doubles.h"
 
 enum { BLOCK = 256 };
-
-#if defined(__GNUC__)
-#define INLINED static inline __attribute__((always_inline))
-#else
-#define INLINED static inline
-#endif
-#if defined(__GNUC__) && defined(__x86_64__)
-#define WIDE 1
-#else
-#define WIDE 0
-#endif
 
 INLINED void products(const double *restrict a, const double *restrict b, int64_t count, double *restrict into)
 {

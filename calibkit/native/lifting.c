@@ -16,29 +16,15 @@
 #pragma GCC optimize("no-trapping-math")
 #endif
 
-#include <float.h>
 #include <math.h>
 #include <stdint.h>
 
-#if FLT_EVAL_METHOD != 0
-#error "doubles are not rounded at every operation here: these kernels would not have the bits of numpy"
-#endif
+#include "doubles.h"
 
 enum { PAIRS = 1024 };   /* of a block: two channels of them are 16 KiB */
 enum { WIDEST = 256 };   /* reach of the steps beyond a block; calibkit/numeric/lifting_compiled.py asks for no more */
 enum { MOVES = 8 };      /* where in a plan the moves begin */
 enum { SOFT = 1, HARD = 2, GARROTE = 3, FIRM = 4 };
-
-#if defined(__GNUC__)
-#define INLINED static inline __attribute__((always_inline))
-#else
-#define INLINED static inline
-#endif
-#if defined(__GNUC__) && defined(__x86_64__)
-#define WIDE 1
-#else
-#define WIDE 0
-#endif
 
 typedef struct {
     const int64_t *plan;

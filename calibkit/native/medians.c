@@ -3,18 +3,12 @@
  * Nothing is computed but |value - about|: the median is one of those, or the mean of two, as by sorting.
  */
 
-#include <float.h>
 #include <math.h>
 #include <stdint.h>
 
-#if FLT_EVAL_METHOD != 0
-#error "doubles are not rounded at every operation here: these kernels would not have the bits of numpy"
-#endif
-#if defined(__GNUC__) && defined(__x86_64__)
-#define WIDE 1
+#include "doubles.h"
+#if WIDE
 #include <immintrin.h>
-#else
-#define WIDE 0
 #endif
 
 enum { BLOCK = 1024 };

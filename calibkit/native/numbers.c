@@ -9,6 +9,8 @@
 #include <xlocale.h>
 #endif
 
+#include "doubles.h"
+
 #define NOT_CLEAN (-1)
 #define MOST_DIGITS 19    /* decimal digits that always fit 64 bits */
 #define EXACT (1LL << 53) /* integers up to this one, and powers of ten up to the 22nd, are doubles themselves */

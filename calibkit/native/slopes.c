@@ -6,6 +6,8 @@
 
 #include <stdint.h>
 
+#include "doubles.h"
+
 #define NOT_SORTED (-1)
 
 typedef struct {
