@@ -1,10 +1,12 @@
-"""Do the stated 95 % intervals cover the truth in 95 % of cases? Print the table for the documentation.
+"""Do the stated 95 % intervals cover the truth in 95 % of cases? Print the table for the
+documentation.
 
     python benchmarks/accelerometer_coverage.py [--sets 1000]
 
-Every set is a triad whose K is drawn anew, at 42 attitudes and 9 temperatures from −20 to 125 °C, 20 µg dwell noise. Coverage is
-pooled over the thirty coefficients of a set; a coefficient counts as covered when its truth lies within Student's 95 % interval.
-The last rows fit the axes (Q) of the same triads, and the nine parameters of magnitude-only sets.
+Every set is a triad whose K is drawn anew, at 42 attitudes and 9 temperatures from −20 to 125 °C,
+20 µg dwell noise. Coverage is pooled over the thirty coefficients of a set; a coefficient counts as
+covered when its truth lies within Student's 95 % interval. The last rows fit the axes (Q) of the
+same triads, and the nine parameters of magnitude-only sets.
 """
 
 from __future__ import annotations
@@ -17,7 +19,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import t
 
-from calibkit.numeric import accel_k, accel_q, attitude, magnitude
+from calibkit.instruments.accelerometer.numeric import k_factor, magnitude, q_factor
+from calibkit.numeric import attitude
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -30,7 +33,11 @@ NOISE_G = 2e-5
 TABLE_NOISE_DEG = 0.01
 TEMPERATURES_DEGC = np.array([-20.0, -5.0, 10.0, 25.0, 45.0, 65.0, 85.0, 105.0, 125.0])
 SPOTS_DEG = np.array(
-    [(0.0, 0.0), *((tilt, roll) for tilt in (30, 60, 90, 120, 150) for roll in range(0, 360, 45)), (180.0, 0.0)],
+    [
+        (0.0, 0.0),
+        *((tilt, roll) for tilt in (30, 60, 90, 120, 150) for roll in range(0, 360, 45)),
+        (180.0, 0.0),
+    ],
     dtype=np.float64,
 )
 ANGLES_DEG = np.tile(SPOTS_DEG, (TEMPERATURES_DEGC.size, 1))
@@ -58,19 +65,23 @@ def triad(rng: np.random.Generator) -> Array:
 
 
 def k_set(rng: np.random.Generator, *, table_noise_deg: float = 0.0, how: str = "plain") -> Outcome:
-    """K-factor of one triad, by least squares, robustly, or with the covariance of the jackknife over dwells."""
+    """K-factor of one triad, by least squares, robustly, or with the covariance of the jackknife
+    over dwells.
+    """
     truth = triad(rng)
     stood = ANGLES_DEG + rng.normal(0.0, table_noise_deg, ANGLES_DEG.shape)
-    indication = accel_k.indications(truth, attitude.gravity_vector(*stood.T), HELD_DEGC)
+    indication = k_factor.indications(truth, attitude.gravity_vector(*stood.T), HELD_DEGC)
     indication += rng.normal(0.0, NOISE_G, indication.shape)
-    fitted = accel_k.fit(
+    fitted = k_factor.fit(
         indication,
         HELD_DEGC,
         attitude.gravity_vector(*ANGLES_DEG.T),
         loss="robust" if how == "robust" else "least_squares",
         groups=np.arange(len(indication)) if how == "jackknife" else None,
     )
-    score = np.concatenate([(a.coefficients - k) / a.standard_uncertainty for a, k in zip(fitted, truth, strict=True)])
+    score = np.concatenate(
+        [(a.coefficients - k) / a.standard_uncertainty for a, k in zip(fitted, truth, strict=True)]
+    )
     rms = np.sqrt(np.mean([a.residual_rms**2 for a in fitted]))
     return Outcome(score, float(t.ppf(0.975, fitted[0].dof)), float(rms / NOISE_G))
 
@@ -80,17 +91,23 @@ def q_set(rng: np.random.Generator) -> Outcome:
     q = rng.normal(0.0, 5e-3, 3)
     scale, bias = 1.0 + rng.normal(0.0, 5e-3, 3), rng.normal(0.0, 5e-3, 3)
     reference = attitude.gravity_vector(*SPOTS_DEG.T)
-    indication = scale * (reference @ accel_q.axes_of(q).T) + bias + rng.normal(0.0, NOISE_G, reference.shape)
-    fitted = accel_q.fit(indication, reference)
+    indication = (
+        scale * (reference @ q_factor.axes_of(q).T)
+        + bias
+        + rng.normal(0.0, NOISE_G, reference.shape)
+    )
+    fitted = q_factor.fit(indication, reference)
     score = (fitted.coefficients - q) / fitted.standard_uncertainty
     return Outcome(score, float(t.ppf(0.975, fitted.dof)), fitted.residual_rms / NOISE_G)
 
 
 def magnitude_set(rng: np.random.Generator) -> Outcome:
     """Nine parameters from the length of gravity in 42 unknown attitudes."""
-    truth = np.concatenate([1.0 + rng.normal(0.0, 5e-3, 3), rng.normal(0.0, 5e-3, 3), rng.normal(0.0, 5e-3, 3)])
+    truth = np.concatenate(
+        [1.0 + rng.normal(0.0, 5e-3, 3), rng.normal(0.0, 5e-3, 3), rng.normal(0.0, 5e-3, 3)]
+    )
     reference = attitude.gravity_vector(*SPOTS_DEG.T)
-    indication = truth[:3] * (reference @ accel_q.axes_of(truth[6:]).T) + truth[3:6]
+    indication = truth[:3] * (reference @ q_factor.axes_of(truth[6:]).T) + truth[3:6]
     fitted = magnitude.fit(indication + rng.normal(0.0, NOISE_G, indication.shape))
     score = (fitted.parameters - truth) / fitted.standard_uncertainty
     return Outcome(score, float(t.ppf(0.975, fitted.dof)), fitted.residual_rms / NOISE_G)
@@ -100,7 +117,9 @@ CASES: dict[str, Callable[[np.random.Generator], Outcome]] = {
     "K, 20 µg, exact table": k_set,
     "K, the same, robust loss": lambda rng: k_set(rng, how="robust"),
     "K, table noise 0.01°": lambda rng: k_set(rng, table_noise_deg=TABLE_NOISE_DEG),
-    "K, table noise 0.01°, groups = dwells": lambda rng: k_set(rng, table_noise_deg=TABLE_NOISE_DEG, how="jackknife"),
+    "K, table noise 0.01°, groups = dwells": lambda rng: k_set(
+        rng, table_noise_deg=TABLE_NOISE_DEG, how="jackknife"
+    ),
     "Q1…Q3 against the table": q_set,
     "k, b, Q from magnitude alone": magnitude_set,
 }
@@ -112,7 +131,8 @@ def main() -> None:
     parser.add_argument("--sets", type=int, default=1000)
     sets = parser.parse_args().sets
     print(
-        f"| case ({sets} sets each) | covered by 95 % intervals | least, most of one coefficient | largest error, u | rms/noise |"
+        f"| case ({sets} sets each) | covered by 95 % intervals | least, most of one coefficient |"
+        " largest error, u | rms/noise |"
     )
     print("|---|---|---|---|---|")
     for number, (name, case) in enumerate(CASES.items()):

@@ -1,10 +1,12 @@
-"""Azimuth of simulated four-position stations against its truth: rms, coverage, and never worse than uncorrected.
+"""Azimuth of simulated four-position stations against its truth: rms, coverage, and never worse
+than uncorrected.
 
     PYTHONPATH=. python benchmarks/azimuth.py [tools]
 
-Stations of θ 5 to 50° at latitude 34.2°, 0.01 °/h a gyro reading, scale factors that drift with temperature, biases
-that drift in time. Three ways to know s before a station: nothing but its history, s(T) of the same stations (each
-without itself), s(T) of another run of the same tool. Exit code 1 where a target is missed.
+Stations of θ 5 to 50° at latitude 34.2°, 0.01 °/h a gyro reading, scale factors that drift with
+temperature, biases that drift in time. Three ways to know s before a station: nothing but its
+history, s(T) of the same stations (each without itself), s(T) of another run of the same tool. Exit
+code 1 where a target is missed.
 """
 
 from __future__ import annotations
@@ -15,8 +17,14 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.numeric import northseek, northseek_choice, northseek_closure, northseek_pairs, northseek_prior
-from calibkit.simulate import inclinometer
+from calibkit.instruments.inclinometer import simulate
+from calibkit.instruments.inclinometer.numeric import (
+    closure,
+    published,
+    root_choice,
+    scale_prior,
+    sensor_pairs,
+)
 from calibkit.simulate.campaign import Campaign
 
 LATITUDE_DEG = 34.2
@@ -35,20 +43,20 @@ class Errors:
 
 def closed(readings: np.ndarray) -> float:
     """Noise of a reading, from how the four positions [n, 4] close."""
-    squares = northseek.closures(readings) ** 2
-    return northseek_closure.noise(squares, np.ones(squares.size, dtype=np.int64))
+    squares = published.closures(readings) ** 2
+    return closure.noise(squares, np.ones(squares.size, dtype=np.int64))
 
 
-def components(logs: Campaign, axis: str) -> northseek.Components:
+def components(logs: Campaign, axis: str) -> published.Components:
     """Components of one sensor pair, its noise from the closure of the four positions."""
     log = logs.logs["stations.csv"]
-    readings = northseek.arrange(
+    readings = published.arrange(
         log["station"],
         log["position_deg"].astype(float),
         np.column_stack((log[f"accel_{axis}_g"], log[f"gyro_{axis}_dph"])),
     ).indication
     accel, gyro = readings[:, :, 0], readings[:, :, 1]
-    return northseek.components(
+    return published.components(
         accel,
         gyro,
         axis,
@@ -62,23 +70,25 @@ def temperatures(logs: Campaign) -> np.ndarray:
     return logs.logs["stations.csv"]["temp_case_degc"][::4]
 
 
-def solved(logs: Campaign, latitude: float, calibration: Campaign | None, way: str) -> list[northseek_choice.Solution]:
+def solved(
+    logs: Campaign, latitude: float, calibration: Campaign | None, way: str
+) -> list[root_choice.Solution]:
     """Both sensor pairs, with what the way knows of s."""
     solutions = []
     for axis in "xy":
         parts = components(logs, axis)
         hours = logs.logs["stations.csv"]["time_s"][::4] / 3600.0
-        by_history = northseek_prior.in_sequence(parts, latitude, hours)
+        by_history = scale_prior.in_sequence(parts, latitude, hours)
         if way == "history":
             solutions.append(by_history)
         elif way == "s(T), same stations":
-            over = northseek_prior.over_temperature(by_history, temperatures(logs))
-            solutions.append(northseek_choice.solve(parts, latitude, over.left_out))
+            over = scale_prior.over_temperature(by_history, temperatures(logs))
+            solutions.append(root_choice.solve(parts, latitude, over.left_out))
         else:
             other = components(calibration, axis)
-            first = northseek_prior.in_sequence(other, LATITUDE_DEG, hours[: other.accel_x.size])
-            over = northseek_prior.over_temperature(first, temperatures(calibration))
-            solutions.append(northseek_choice.solve(parts, latitude, over.prior(temperatures(logs))))
+            first = scale_prior.in_sequence(other, LATITUDE_DEG, hours[: other.accel_x.size])
+            over = scale_prior.over_temperature(first, temperatures(calibration))
+            solutions.append(root_choice.solve(parts, latitude, over.prior(temperatures(logs))))
     return solutions
 
 
@@ -88,76 +98,107 @@ def wrapped(angle: np.ndarray) -> np.ndarray:
 
 
 def errors(
-    way: str, tools: int, *, pair: str, latitude: float = LATITUDE_DEG, theta: tuple[float, float] = (5.0, 50.0)
+    way: str,
+    tools: int,
+    *,
+    pair: str,
+    latitude: float = LATITUDE_DEG,
+    theta: tuple[float, float] = (5.0, 50.0),
 ) -> Errors:
     """Errors of all stations of many tools."""
     rows = []
     for seed in range(tools):
-        logs = inclinometer.campaign(seed, latitude_deg=latitude, inclination_deg=theta)
-        calibration = inclinometer.campaign(seed, latitude_deg=LATITUDE_DEG) if way.startswith("s(T), other") else None
+        logs = simulate.campaign(seed, latitude_deg=latitude, inclination_deg=theta)
+        calibration = (
+            simulate.campaign(seed, latitude_deg=LATITUDE_DEG)
+            if way.startswith("s(T), other")
+            else None
+        )
         if calibration is not None:
             logs = other_run(seed, latitude, theta)
         x, y = solved(logs, latitude, calibration, way)
-        found = northseek_pairs.combine(x, y) if pair == "both" else x
+        found = sensor_pairs.combine(x, y) if pair == "both" else x
         true = np.array(logs.truth["stations"]["azimuth_deg"])
         sigma = found.standard_uncertainty[:, -1]
-        rows.append(np.vstack((wrapped(found.azimuth_deg - true), wrapped(found.uncorrected_deg - true), sigma, x.C)))
+        rows.append(
+            np.vstack(
+                (
+                    wrapped(found.azimuth_deg - true),
+                    wrapped(found.uncorrected_deg - true),
+                    sigma,
+                    x.C,
+                )
+            )
+        )
     return Errors(*np.hstack(rows))
 
 
 def other_run(seed: int, latitude: float, theta: tuple[float, float]) -> Campaign:
     """Other stations of the same tool: same constants, other attitudes and noise."""
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    pairs = tuple(inclinometer.draw(rng, gyro_noise_dph=0.01, ideal=False) for _ in range(2))
-    tool = inclinometer.Tool(pairs)
+    pairs = tuple(simulate.draw(rng, gyro_noise_dph=0.01, ideal=False) for _ in range(2))
+    tool = simulate.Tool(pairs)
     rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
-    attitudes = inclinometer.random_attitudes(36, theta, rng)
+    attitudes = simulate.random_attitudes(36, theta, rng)
     temperature = rng.uniform(25.0, 115.0, 36)
-    columns, _ = inclinometer.stations(tool, attitudes, latitude, temperature, rng)
+    columns, _ = simulate.stations(tool, attitudes, latitude, temperature, rng)
     truth = {"stations": {"azimuth_deg": attitudes.azimuth_deg.tolist()}}
-    return Campaign({"stations.csv": columns}, inclinometer.DECIMALS, truth)
+    return Campaign({"stations.csv": columns}, simulate.DECIMALS, truth)
 
 
 def report(name: str, found: Errors) -> tuple[float, int]:
-    """Print rms, coverage and how often correction made an azimuth worse by more than its expanded uncertainty."""
+    """Print rms, coverage and how often correction made an azimuth worse by more than its expanded
+    uncertainty.
+    """
     good = np.isfinite(found.corrected)
     z = np.abs(found.corrected[good]) / found.stated[good]
-    rms, plain = (float(np.sqrt(np.mean(e[good] ** 2))) for e in (found.corrected, found.uncorrected))
+    rms, plain = (
+        float(np.sqrt(np.mean(e[good] ** 2))) for e in (found.corrected, found.uncorrected)
+    )
     excess = (np.abs(found.corrected) - np.abs(found.uncorrected))[good] / found.stated[good]
     worse = int(np.sum(excess > 2.0))
     print(
-        f"  {name:34s} rms {rms:.4f}° (uncorrected {plain:.4f}°)  95 %: {100 * np.mean(z <= 1.96):.1f} %  "
-        f"worse by > U: {worse} of {good.sum()}, most {excess.max():.2f} u"
+        f"  {name:34s} rms {rms:.4f}° (uncorrected {plain:.4f}°)  95 %:"
+        f" {100 * np.mean(z <= 1.96):.1f} %  worse by > U: {worse} of {good.sum()}, most"
+        f" {excess.max():.2f} u"
     )
     return rms, worse
 
 
-def over_noise(latitude: float, theta: tuple[float, float], *, stations: int = 150, draws: int = 150) -> bool:
-    """Print the rms over noise of each of many stations, first station of a history; whether none is worse than s = 1.
+def over_noise(
+    latitude: float, theta: tuple[float, float], *, stations: int = 150, draws: int = 150
+) -> bool:
+    """Print the rms over noise of each of many stations, first station of a history; whether none
+    is worse than s = 1.
 
-    A single azimuth with s = 1 may be right by luck, where noise cancels the error of s; its rms over noise may not.
+    A single azimuth with s = 1 may be right by luck, where noise cancels the error of s; its rms
+    over noise may not.
     """
     rng = np.random.default_rng(0)
-    pair = inclinometer.draw(rng, gyro_noise_dph=0.01, ideal=False)
-    attitudes = inclinometer.random_attitudes(stations, theta, rng)
-    repeated = inclinometer.Attitudes(
-        *(np.repeat(getattr(attitudes, f), draws) for f in inclinometer.Attitudes.__slots__)
+    pair = simulate.draw(rng, gyro_noise_dph=0.01, ideal=False)
+    attitudes = simulate.random_attitudes(stations, theta, rng)
+    repeated = simulate.Attitudes(
+        *(np.repeat(getattr(attitudes, f), draws) for f in simulate.Attitudes.__slots__)
     )
     temperature = np.full(stations * draws, 60.0)
-    columns, _ = inclinometer.stations(inclinometer.Tool((pair, pair)), repeated, latitude, temperature, rng)
+    columns, _ = simulate.stations(
+        simulate.Tool((pair, pair)), repeated, latitude, temperature, rng
+    )
     parts = components(Campaign({"stations.csv": columns}, {}, {}), "x")
-    prior = northseek_choice.Prior(np.ones(temperature.size), np.full(temperature.size, 0.01))
-    found = northseek_choice.solve(parts, latitude, prior)
+    prior = root_choice.Prior(np.ones(temperature.size), np.full(temperature.size, 0.01))
+    found = root_choice.solve(parts, latitude, prior)
     error, plain = (
-        np.sqrt(np.nanmean(wrapped(angle - repeated.azimuth_deg).reshape(stations, draws) ** 2, axis=1))
+        np.sqrt(
+            np.nanmean(wrapped(angle - repeated.azimuth_deg).reshape(stations, draws) ** 2, axis=1)
+        )
         for angle in (found.azimuth_deg, found.uncorrected_deg)
     )
     stated = np.sqrt(np.nanmean(found.covariance[:, 3, 3].reshape(stations, draws), axis=1))
     excess = (error - plain) / stated
     print(
-        f"  over noise, lat {latitude:g}, theta {theta[0]:g}-{theta[1]:g}, prior 1 ± 0.01: rms exceeds uncorrected at "
-        f"{int(np.sum(excess > 0))} of {stations} stations, most {excess.max():.2f} u; "
-        f"rms/u {np.min(error / stated):.2f} to {np.max(error / stated):.2f}"
+        f"  over noise, lat {latitude:g}, theta {theta[0]:g}-{theta[1]:g}, prior 1 ± 0.01: rms"
+        f" exceeds uncorrected at {int(np.sum(excess > 0))} of {stations} stations, most"
+        f" {excess.max():.2f} u; rms/u {np.min(error / stated):.2f} to {np.max(error / stated):.2f}"
     )
     return bool(excess.max() < 1.0)
 
@@ -179,11 +220,16 @@ def main() -> int:
     good &= over_noise(60.0, (30.0, 70.0))
     good &= over_noise(34.2, (50.0, 80.0))
     found = errors("history", tools, pair="x")
-    print("  azimuth error against C, history, one pair: C from, to, stations, rms, rms uncorrected")
+    print(
+        "  azimuth error against C, history, one pair: C from, to, stations, rms, rms uncorrected"
+    )
     for low, high in itertools.pairwise(EDGES):
         inside = np.digitize(found.C, (low, high)) == 1
         if inside.any():
-            rms = [float(np.sqrt(np.mean(e[inside] ** 2))) for e in (found.corrected, found.uncorrected)]
+            rms = [
+                float(np.sqrt(np.mean(e[inside] ** 2)))
+                for e in (found.corrected, found.uncorrected)
+            ]
             print(f"    {low:5.2f} {high:5.2f} {inside.sum():6d}  {rms[0]:.4f}°  {rms[1]:.4f}°")
     return 0 if good else 1
 

@@ -1,7 +1,9 @@
-"""Logs of a simulated gyro on temperature ramps as a 1 kHz logger writes them, of any number of rows, the same for the same seed.
+"""Logs of a simulated gyro on temperature ramps as a 1 kHz logger writes them, of any number of
+rows, the same for the same seed.
 
-Gyro, chamber and heat are those of `calibkit simulate fog_thermal`; case and air are read, and the white noise of the
-indication is drawn, at every sample. Four heating ramps (1, 5, 8, 10 °C/min) of an hour are 14.4 million rows, 0.5 GB.
+Gyro, chamber and heat are those of `calibkit simulate fog_thermal`; case and air are read, and the
+white noise of the indication is drawn, at every sample. Four heating ramps (1, 5, 8, 10 °C/min) of
+an hour are 14.4 million rows, 0.5 GB.
 
     python benchmarks/big_ramps.py FOLDER                    four logs of 3,600,000 rows
     python benchmarks/big_ramps.py FOLDER 900000             the same hours, sampled at 250 Hz
@@ -17,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.simulate import fog_thermal as gyros
+from calibkit.instruments.fog_thermal import simulate as gyros
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, ramp, set_points
 from calibkit.simulate.chamber import air as air_of
@@ -34,7 +36,9 @@ BLOCK = 100_000
 
 
 def write(folder: Path, rows: int = 3_600_000, rates: Sequence[float] = RATES) -> list[Path]:
-    """Write one log of so many rows a heating rate [°C/min] unless it is there; returns the files."""
+    """Write one log of so many rows a heating rate [°C/min] unless it is there; returns the
+    files.
+    """
     folder.mkdir(parents=True, exist_ok=True)
     paths = []
     for rate in rates:
@@ -54,7 +58,9 @@ def _write_one(path: Path, rate: float, rows: int) -> None:
     ramp_s = min((gyros.HOT_DEGC - gyros.COLD_DEGC) / rate * 60.0, DURATION_S - SOAK_S)
     end = gyros.COLD_DEGC + rate * ramp_s / 60.0
     after = DURATION_S - SOAK_S - ramp_s + 60.0  # the chamber runs on when the log ends
-    seconds, set_degc = set_points(ramp(gyros.COLD_DEGC, end, rate, soak_before_s=SOAK_S, soak_after_s=after))
+    seconds, set_degc = set_points(
+        ramp(gyros.COLD_DEGC, end, rate, soak_before_s=SOAK_S, soak_after_s=after)
+    )
     air = air_of(chamber, set_degc, rng)
     heat = gyros.heat_flow(device, air, gyros.COLD_DEGC)
     bias = device.input_rate_dph + device.bias_dph + gyros.drift(device, heat)
@@ -66,9 +72,13 @@ def _write_one(path: Path, rate: float, rows: int) -> None:
         stream.write(HEADER)
         for start in range(0, rows, BLOCK):
             t = np.arange(start, min(start + BLOCK, rows)) * step
-            case = noise.reading(np.interp(t, seconds, heat.case), device.case_resolution_degc, 0.02, rng)
+            case = noise.reading(
+                np.interp(t, seconds, heat.case), device.case_resolution_degc, 0.02, rng
+            )
             env = noise.reading(np.interp(t, seconds, air), 0.01, chamber.reading_noise_degc, rng)
-            gyro = np.interp(t, seconds, bias) + noise.angle_random_walk(device.N, t.size, rng, interval_s=step)
+            gyro = np.interp(t, seconds, bias) + noise.angle_random_walk(
+                device.N, t.size, rng, interval_s=step
+            )
             lists = (values.tolist() for values in (t, case, env, gyro))
             stream.write("".join(map(line.__mod__, zip(*lists, strict=True))))
 

@@ -1,7 +1,9 @@
-"""Logs of any number of rows of a gyro on a rate table and of a triad on a two-axis table, the same for the same seed.
+"""Logs of any number of rows of a gyro on a rate table and of a triad on a two-axis table, the same
+for the same seed.
 
-The table turns at 25 rates from −100 to 100 °/s, the triad is held at 26 attitudes, each for an equal share of the rows at
-1 kHz. Gyro and triad are plain: a line with noise, a matrix with noise. What is measured on them is memory, not errors.
+The table turns at 25 rates from −100 to 100 °/s, the triad is held at 26 attitudes, each for an
+equal share of the rows at 1 kHz. Gyro and triad are plain: a line with noise, a matrix with noise.
+What is measured on them is memory, not errors.
 """
 
 from __future__ import annotations
@@ -29,7 +31,11 @@ SLEW_S = 5.0
 EARTH_DPS = 15.041067 / 3600.0 * np.cos(np.radians(34.2))
 """Horizontal part of the earth's rate."""
 INCLINATIONS = (30.0, 60.0, 90.0, 120.0, 150.0)
-ATTITUDES = [(0.0, 0.0), *((i, t) for i in INCLINATIONS for t in (0.0, 72.0, 144.0, 216.0, 288.0)), (180.0, 0.0)]
+ATTITUDES = [
+    (0.0, 0.0),
+    *((i, t) for i in INCLINATIONS for t in (0.0, 72.0, 144.0, 216.0, 288.0)),
+    (180.0, 0.0),
+]
 TRIAD = np.array([[1.001, 0.0, 0.0], [0.002, 0.999, 0.0], [-0.001, 0.003, 1.0005]])
 
 
@@ -37,7 +43,9 @@ def _along(levels: Array, time: Array, hold_s: float) -> tuple[Array, Array]:
     """Level [m] and its integral [m] at times: each level held, straight between them."""
     corners = np.arange(levels.size)[:, None] * hold_s + np.array([0.0, hold_s - SLEW_S])
     held = np.repeat(levels, 2)
-    total = np.concatenate([[0.0], np.cumsum(np.diff(corners.ravel()) * (held[1:] + held[:-1]) / 2.0)])
+    total = np.concatenate(
+        [[0.0], np.cumsum(np.diff(corners.ravel()) * (held[1:] + held[:-1]) / 2.0)]
+    )
     level = np.interp(time, corners.ravel(), held)
     k = np.clip(np.searchsorted(corners.ravel(), time, side="right") - 1, 0, held.size - 1)
     return level, total[k] + (time - corners.ravel()[k]) * (held[k] + level) / 2.0
@@ -54,14 +62,22 @@ def table_rows(time: Array, hold_s: float, rng: np.random.Generator) -> list[Arr
 
 def triad_rows(time: Array, hold_s: float, rng: np.random.Generator) -> list[Array]:
     """Columns of a triad on a two-axis table at times [m, s]."""
-    inclination, toolface = (_along(np.array(levels), time, hold_s)[0] for levels in zip(*ATTITUDES, strict=True))
+    inclination, toolface = (
+        _along(np.array(levels), time, hold_s)[0] for levels in zip(*ATTITUDES, strict=True)
+    )
     case = 25.0 + 20.0 * np.sin(time / 500.0) + rng.normal(0.0, 0.01, time.size)
-    shown = attitude.gravity_vector(inclination, toolface) @ TRIAD.T * (1.0 + 1e-5 * (case - 25.0))[:, None]
+    shown = (
+        attitude.gravity_vector(inclination, toolface)
+        @ TRIAD.T
+        * (1.0 + 1e-5 * (case - 25.0))[:, None]
+    )
     shown = shown + rng.normal(0.0, 1e-4, shown.shape)
     return [time, case, inclination, toolface, *shown.T]
 
 
-KINDS: dict[str, tuple[str, str, int, Callable[[Array, float, np.random.Generator], list[Array]]]] = {
+KINDS: dict[
+    str, tuple[str, str, int, Callable[[Array, float, np.random.Generator], list[Array]]]
+] = {
     "rate_table": (
         "time_s,table_rate_dps,table_angle_deg,temp_case_degc,gyro_x_lsb",
         "%.3f,%.5f,%.4f,%.3f,%.1f",
@@ -92,6 +108,8 @@ def write(folder: Path, kind: str, rows: int) -> Path:
         for start in range(0, rows, BLOCK):
             time = np.arange(start, min(start + BLOCK, rows)) / RATE_HZ
             made = columns(time, hold_s, rng)
-            stream.write("".join(map((line + "\n").__mod__, zip(*(x.tolist() for x in made), strict=True))))
+            stream.write(
+                "".join(map((line + "\n").__mod__, zip(*(x.tolist() for x in made), strict=True)))
+            )
     unfinished.rename(path)
     return path

@@ -1,7 +1,8 @@
-"""Memory of `calibkit check` on logs of growing size: peak resident set [MB] and time, one line a size.
+"""Memory of `calibkit check` on logs of growing size: peak resident set [MB] and time, one line a
+size.
 
-A simulated gyro on one 1 °C/min ramp is written as clean CSV of the sizes asked for (default 0.1, 0.3, 1 GB), sampled as
-finely as that takes, with one spike in the middle that must be found.
+A simulated gyro on one 1 °C/min ramp is written as clean CSV of the sizes asked for (default 0.1,
+0.3, 1 GB), sampled as finely as that takes, with one spike in the middle that must be found.
 
     python benchmarks/check_memory.py 100 300 1000
 """
@@ -33,8 +34,15 @@ def write(path: Path, megabytes: float) -> int:
             t = k * (duration / rows)
             air = np.clip(-40.0 + (t - 600.0) / 60.0, -40.0, 60.0) + rng.normal(0.0, 0.03, k.size)
             case = np.clip(-40.0 + (t - 900.0) / 60.0, -40.0, 60.0) + rng.normal(0.0, 0.01, k.size)
-            gyro = 8.0 + 0.01 * case + rng.normal(0.0, 0.5, k.size) + np.where(k == rows // 2, 60.0, 0.0)
-            stream.write("".join(map("%.6f,%.3f,%.3f,%.4f\n".__mod__, zip(t, case, air, gyro, strict=True))))
+            gyro = (
+                8.0
+                + 0.01 * case
+                + rng.normal(0.0, 0.5, k.size)
+                + np.where(k == rows // 2, 60.0, 0.0)
+            )
+            stream.write(
+                "".join(map("%.6f,%.3f,%.3f,%.4f\n".__mod__, zip(t, case, air, gyro, strict=True)))
+            )
     return rows // 2 + 2
 
 
@@ -54,7 +62,11 @@ def main() -> None:
             found = f"ramp.csv:{line}:" in text
             size, peak = path.stat().st_size / 1e6, usage.ru_maxrss / 1024.0
             code = os.waitstatus_to_exitcode(status)
-            print(f"{size:7.0f} MB: peak {peak:5.0f} MB, {taken:5.1f} s, exit {code}, spike found: {found}", flush=True)
+            print(
+                f"{size:7.0f} MB: peak {peak:5.0f} MB, {taken:5.1f} s, exit {code}, spike found:"
+                f" {found}",
+                flush=True,
+            )
             if not found:
                 print(text)
 

@@ -1,16 +1,19 @@
-"""Denoising judged by the truth of simulated gyros, not by looks: trend, edges, noise; the table behind the recipe's default.
+"""Denoising judged by the truth of simulated gyros, not by looks: trend, edges, noise; the table
+behind the recipe's default.
 
     PYTHONPATH=. python benchmarks/denoising.py [gyros [first seed]]
 
-Each gyro's true drift on ramps of ±1, ±5, ±10 °C/min (the ramp alone, as a recipe cuts it) with white noise of its angle
-random walk, several draws of it, each with its opposite. Of what each denoiser returns, rms over all ramps [°/h]:
+Each gyro's true drift on ramps of ±1, ±5, ±10 °C/min (the ramp alone, as a recipe cuts it) with
+white noise of its angle random walk, several draws of it, each with its opposite. Of what each
+denoiser returns, rms over all ramps [°/h]:
 
-    trend   mean over the draws less the truth, inside: what the denoiser bends, noise apart
-    edge    mean over the draws less the truth, in the first and last minute
-    noise   scatter over the draws; beside it the noise that went in over it
-    error   of one draw against the truth; and of its 10 s means, which is what a drift model is fitted to
+    trend   mean over the draws less the truth, inside: what the denoiser bends, noise apart edge
+    mean over the draws less the truth, in the first and last minute noise   scatter over the draws;
+    beside it the noise that went in over it error   of one draw against the truth; and of its 10 s
+    means, which is what a drift model is fitted to
 
-Exit code 1 where another entry of the table leaves 5 % less error in 10 s means than the recipe's default.
+Exit code 1 where another entry of the table leaves 5 % less error in 10 s means than the recipe's
+default.
 """
 
 from __future__ import annotations
@@ -20,9 +23,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import denoise
-from calibkit.recipe.fog_thermal import Denoise
-from calibkit.simulate import fog_thermal as fog
+from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal.recipe import Denoise
+from calibkit.numeric.wavelet import denoise
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 
@@ -45,7 +48,12 @@ def entries() -> dict[str, Callable[[Array], Array]]:
     """Denoisers by name: the default, one thing changed at a time, and what is simpler."""
 
     def wavelet(**options: str) -> Callable[[Array], Array]:
-        chosen = {"wavelet": "cdf97", "threshold": "universal", "rule": "firm", "extension": "trend"} | options
+        chosen = {
+            "wavelet": "cdf97",
+            "threshold": "universal",
+            "rule": "firm",
+            "extension": "trend",
+        } | options
         return lambda signal: denoise.denoise(signal, **chosen).signal  # type: ignore[arg-type]
 
     table: dict[str, Callable[[Array], Array]] = {"none": lambda signal: signal, DEFAULT: wavelet()}
@@ -72,7 +80,9 @@ def moving(width: int) -> Callable[[Array], Array]:
 
 
 def ramps(seed: int) -> list[tuple[Array, float]]:
-    """True drift [n, °/h] along each ramp of one gyro, and the standard deviation of its white noise at 1 Hz."""
+    """True drift [n, °/h] along each ramp of one gyro, and the standard deviation of its white
+    noise at 1 Hz.
+    """
     device = fog.gyro(seed)
     made = fog.logs(device, fog.programmes(RATES, ()), seed, Chamber())
     white = device.N * np.sqrt(noise.SECONDS_PER_HOUR)
@@ -90,7 +100,9 @@ def means(values: Array) -> Array:
 
 
 def squares(truth: Array, white: float, act: Callable[[Array], Array], seed: int) -> Array:
-    """Mean squares [6] of one ramp: trend, edge, noise out, noise in, error, error of 10 s means."""
+    """Mean squares [6] of one ramp: trend, edge, noise out, noise in, error, error of 10 s
+    means.
+    """
     rng = np.random.default_rng([seed, truth.size])
     drawn = rng.normal(0.0, white, (DRAWS // 2, truth.size))
     # each draw with its opposite: what follows the noise in proportion drops out of their mean
@@ -129,7 +141,10 @@ def main() -> int:
     for name, rows in found.items():
         trend, edge, out, white, error, blocks = np.sqrt(np.mean(rows, axis=0))
         left[name] = blocks
-        print(f"| {name} | {trend:.4f} | {edge:.4f} | {out:.4f} | {white / out:.1f} | {error:.4f} | {blocks:.4f} |")
+        print(
+            f"| {name} | {trend:.4f} | {edge:.4f} | {out:.4f} | {white / out:.1f} | {error:.4f} |"
+            f" {blocks:.4f} |"
+        )
     return int(any(blocks < 0.95 * left[DEFAULT] for blocks in left.values()))
 
 

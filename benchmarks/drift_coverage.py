@@ -2,11 +2,12 @@
 
     PYTHONPATH=. python benchmarks/drift_coverage.py [gyros [first seed]]
 
-Coefficients where the truth is of the fitted family: temperatures of a simulated gyro in a chamber, drift by a level or a
-lagged model of known coefficients on the true temperatures, noise, quantised thermometers. Compensated rate where it is
-not: the physical gyro, a model chosen and fitted on ±1, ±5, ±8, ±10 °C/min, its drift on ±3 and ±6 °C/min against the
-true one, model error included. Intervals are those that a run states: k = 2 of the coefficients;
-of the rate the expanded uncertainty with its effective degrees of freedom. Exit code 1 where a pooled one is outside 93 to
+Coefficients where the truth is of the fitted family: temperatures of a simulated gyro in a chamber,
+drift by a level or a lagged model of known coefficients on the true temperatures, noise, quantised
+thermometers. Compensated rate where it is not: the physical gyro, a model chosen and fitted on ±1,
+±5, ±8, ±10 °C/min, its drift on ±3 and ±6 °C/min against the true one, model error included.
+Intervals are those that a run states: k = 2 of the coefficients; of the rate the expanded
+uncertainty with its effective degrees of freedom. Exit code 1 where a pooled one is outside 93 to
 97 %.
 """
 
@@ -17,19 +18,25 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.numeric import (
+from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice
+from calibkit.instruments.fog_thermal.numeric import (
     coil,
-    gum,
-    intervals,
+    evaluate,
     lagged,
     level,
-    thermal_choice,
-    thermal_drift,
-    thermal_fit,
-    thermal_uncertainty,
+    pooled_fit,
+    uncertainty,
 )
-from calibkit.numeric.thermal_terms import TERMS, Drivers, Scales, ThermalModel, raw_design, to_raw
-from calibkit.simulate import fog_thermal as fog
+from calibkit.instruments.fog_thermal.numeric.terms import (
+    TERMS,
+    Drivers,
+    Scales,
+    ThermalModel,
+    raw_design,
+    to_raw,
+)
+from calibkit.numeric import gum, intervals
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 
@@ -54,7 +61,9 @@ def truth(seed: int, form: str) -> Truth:
     """A model of 0.5 to 3 °/h peak to peak."""
     rng = np.random.default_rng([seed, 7])
     size = np.exp(rng.uniform(np.log(0.25), np.log(1.5)))
-    scaled = np.concatenate([[0.0], size * rng.choice((-1.0, 1.0), 8) * rng.uniform(0.5, 1.5, 8) * SIZES])
+    scaled = np.concatenate(
+        [[0.0], size * rng.choice((-1.0, 1.0), 8) * rng.uniform(0.5, 1.5, 8) * SIZES]
+    )
     lags = (rng.uniform(90.0, 360.0), rng.uniform(60.0, 300.0)) if form == "lagged" else ()
     scaled[8] *= form == "level"
     return Truth(to_raw(SCALES) @ scaled, tuple(map(float, lags)))
@@ -73,17 +82,19 @@ def true_drivers(form: str, lags: tuple[float, ...], log: fog.SimulatedLog) -> D
     return Drivers(*(np.interp(seconds, middle, getattr(coarse, name)) for name in names))
 
 
-def thermal_log(name: str, log: fog.SimulatedLog, indication: np.ndarray) -> thermal_fit.ThermalLog:
+def thermal_log(name: str, log: fog.SimulatedLog, indication: np.ndarray) -> pooled_fit.ThermalLog:
     """Block means of a log with the given indication."""
     columns = log.columns
     seconds = columns["time_s"].astype(np.float64)
-    return thermal_fit.thermal_log(
+    return pooled_fit.thermal_log(
         name, seconds, columns["temp_case_degc"], columns["temp_env_degc"], indication, INTERVAL_S
     )
 
 
 def of_the_family(seed: int, form: str) -> np.ndarray:
-    """Errors over standard uncertainties of the coefficients (and lags) of one gyro whose drift is of the fitted family."""
+    """Errors over standard uncertainties of the coefficients (and lags) of one gyro whose drift is
+    of the fitted family.
+    """
     device, true = fog.gyro(seed), truth(seed, form)
     rng = np.random.default_rng([seed, 8])
     bias = device.input_rate_dph + device.bias_dph
@@ -101,29 +112,41 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
     expected = true.coefficients + np.concatenate([[bias], np.zeros(8)])
     errors = np.concatenate([model.coefficients - expected, np.subtract(model.lags, true.lags)])
     stated = model.standard_uncertainty
-    alone = np.array([name not in model.entangled for name in (*TERMS, "tau_outer", "tau_inner")[: errors.size]])
+    alone = np.array(
+        [name not in model.entangled for name in (*TERMS, "tau_outer", "tau_inner")[: errors.size]]
+    )
     return np.divide(errors, stated, out=np.full(errors.size, np.nan), where=alone & (stated > 0.0))
 
 
 def physical(seed: int) -> tuple[np.ndarray, np.ndarray]:
-    """Error of the drift over its expanded uncertainty along the withheld ramps; over twice its type A one alone."""
+    """Error of the drift over its expanded uncertainty along the withheld ramps; over twice its
+    type A one alone.
+    """
     device = fog.scaled(fog.gyro(seed), hysteresis_scale=float(seed % 2))
     made = fog.logs(device, fog.programmes(RATES, (3.0, 6.0)), seed, Chamber())
     logs = {name: thermal_log(name, log, log.columns["gyro_dph"]) for name, log in made.items()}
-    choice = thermal_choice.choose([log for name, log in logs.items() if not name.startswith("withheld/")])
+    choice = thermal_choice.choose(
+        [log for name, log in logs.items() if not name.startswith("withheld/")]
+    )
     model = choice.model
     if model is None:
         return np.zeros(0), np.zeros(0)
-    both = [compared(model, logs[name], made[name]) for name in logs if name.startswith("withheld/")]
-    return np.concatenate([whole for whole, _ in both]), np.concatenate([alone for _, alone in both])
+    both = [
+        compared(model, logs[name], made[name]) for name in logs if name.startswith("withheld/")
+    ]
+    return np.concatenate([whole for whole, _ in both]), np.concatenate(
+        [alone for _, alone in both]
+    )
 
 
 def compared(
-    model: ThermalModel, blocks: thermal_fit.ThermalLog, log: fog.SimulatedLog
+    model: ThermalModel, blocks: pooled_fit.ThermalLog, log: fog.SimulatedLog
 ) -> tuple[np.ndarray, np.ndarray]:
-    """Errors over expanded uncertainties along one log, with model error, and over twice the standard ones without."""
-    found = thermal_drift.evaluate(model, blocks.time, blocks.case, blocks.env)
-    parts = thermal_uncertainty.contributions(model, found)
+    """Errors over expanded uncertainties along one log, with model error, and over twice the
+    standard ones without.
+    """
+    found = evaluate.evaluate(model, blocks.time, blocks.case, blocks.env)
+    parts = uncertainty.contributions(model, found)
     _, _, expanded = gum.expand_along(parts.values, parts.dof)
     seconds = log.columns["time_s"].astype(np.float64)
     error = found.drift - intervals.of(seconds, INTERVAL_S).means(log.drift)
@@ -140,8 +163,8 @@ def family_table(form: str, count: int, first: int) -> bool:
         if z.size:
             share = np.mean(np.abs(z) <= QUANTILE)
             print(
-                f"  {name:12s} coverage {share:6.1%}   mean {z.mean():+.2f} u   sd {z.std():.2f} u   "
-                f"flagged as not known by itself: {1.0 - z.size / count:.0%}"
+                f"  {name:12s} coverage {share:6.1%}   mean {z.mean():+.2f} u   sd {z.std():.2f} u "
+                f"  flagged as not known by itself: {1.0 - z.size / count:.0%}"
             )
     z = np.abs(found[np.isfinite(found)])
     pooled, doubled = float(np.mean(z <= QUANTILE)), float(np.mean(z <= 2.0))
@@ -156,9 +179,15 @@ def physical_table(count: int, first: int) -> bool:
     alone = np.abs(np.concatenate([coefficients for _, coefficients in found]))
     shares = [float(np.mean(np.abs(both) <= 1.0)) for both, _ in found if both.size]
     pooled = float(np.mean(whole <= 1.0))
-    print(f"physical: {count} gyros, {len(shares)} with a drift term, {whole.size} blocks of withheld ramps")
+    print(
+        f"physical: {count} gyros, {len(shares)} with a drift term, {whole.size} blocks of withheld"
+        " ramps"
+    )
     print(f"  pooled {pooled:.1%}; by the coefficients alone, k = 2, {np.mean(alone <= 1.0):.1%}")
-    print(f"  gyros covered over less than 80 % of their withheld ramps: {np.mean(np.array(shares) < 0.8):.1%}")
+    print(
+        "  gyros covered over less than 80 % of their withheld ramps:"
+        f" {np.mean(np.array(shares) < 0.8):.1%}"
+    )
     return 0.93 <= pooled <= 0.97
 
 

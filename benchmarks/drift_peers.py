@@ -1,11 +1,13 @@
-"""calibkit's drift models against the thermal models of autopilots, on the same logs of simulated gyros.
+"""calibkit's drift models against the thermal models of autopilots, on the same logs of simulated
+gyros.
 
     PYTHONPATH=. python benchmarks/drift_peers.py [gyros [first seed [environment]]]
 
-Each gyro is fitted on ±1, ±5, ±8, ±10 °C/min and judged on ±3 and ±6 °C/min, drift rms by truth. Peers: the temperature
-calibration of ardupilot-methodic-configurator (from the package index, run as its users do, on a flight log that this script
-writes), and a cubic in temperature over an even temperature grid, which is PX4's model. The peer is installed into an
-environment of its own, made here unless a folder that holds one is named. Exit code 1 where calibkit leaves more than a peer.
+Each gyro is fitted on ±1, ±5, ±8, ±10 °C/min and judged on ±3 and ±6 °C/min, drift rms by truth.
+Peers: the temperature calibration of ardupilot-methodic-configurator (from the package index, run
+as its users do, on a flight log that this script writes), and a cubic in temperature over an even
+temperature grid, which is PX4's model. The peer is installed into an environment of its own, made
+here unless a folder that holds one is named. Exit code 1 where calibkit leaves more than a peer.
 """
 
 from __future__ import annotations
@@ -22,8 +24,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import intervals, level, thermal_choice, thermal_drift, thermal_fit
-from calibkit.simulate import fog_thermal as fog
+from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal.numeric import choice, evaluate, level, pooled_fit
+from calibkit.numeric import intervals
 from calibkit.simulate.chamber import Chamber
 
 if TYPE_CHECKING:
@@ -56,26 +59,41 @@ def environment(folder: Path) -> Path:
 
 
 def flight_log(path: Path, seconds: Array, temperature: Array, rate_dph: Array) -> None:
-    """Write a dataflash log with IMU messages whose gyro Z is the rate: a format message for each type, then the samples."""
+    """Write a dataflash log with IMU messages whose gyro Z is the rate: a format message for each
+    type, then the samples.
+    """
     formats = {
         128: ("FMT", "BBnNZ", "Type,Length,Name,Format,Columns", struct.calcsize("<BB4s16s64s")),
         129: ("PARM", "QNff", "TimeUS,Name,Value,Default", struct.calcsize("<Q16sff")),
-        130: ("IMU", "QBfffffff", "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,T", struct.calcsize("<QB7f")),
+        130: (
+            "IMU",
+            "QBfffffff",
+            "TimeUS,I,GyrX,GyrY,GyrZ,AccX,AccY,AccZ,T",
+            struct.calcsize("<QB7f"),
+        ),
     }
     with path.open("wb") as out:
         for number, (name, kinds, columns, size) in formats.items():
-            body = struct.pack("<BB4s16s64s", number, size + 3, name.encode(), kinds.encode(), columns.encode())
+            body = struct.pack(
+                "<BB4s16s64s", number, size + 3, name.encode(), kinds.encode(), columns.encode()
+            )
             out.write(HEAD + bytes([128]) + body)
         out.write(HEAD + bytes([129]) + struct.pack("<Q16sff", 0, b"AHRS_ORIENTATION", 0.0, 0.0))
         for t, degc, dph in zip(seconds, temperature, rate_dph, strict=True):
-            sample = struct.pack("<QB7f", round(t * 1e6), 0, 0.0, 0.0, dph / DPH_PER_RADPS, 0.0, 0.0, -9.80665, degc)
+            sample = struct.pack(
+                "<QB7f", round(t * 1e6), 0, 0.0, 0.0, dph / DPH_PER_RADPS, 0.0, 0.0, -9.80665, degc
+            )
             out.write(HEAD + bytes([130]) + sample)
 
 
 def packaged(python: Path, logs: dict[str, fog.SimulatedLog]) -> tuple[Drift, float]:
-    """Drift over case temperature as the packaged peer finds it from all logs in one flight log, and the seconds it took."""
+    """Drift over case temperature as the packaged peer finds it from all logs in one flight log,
+    and the seconds it took.
+    """
     columns = [log.columns for log in logs.values()]
-    temperature, rate = (np.concatenate([c[name] for c in columns]) for name in ("temp_case_degc", "gyro_dph"))
+    temperature, rate = (
+        np.concatenate([c[name] for c in columns]) for name in ("temp_case_degc", "gyro_dph")
+    )
     with tempfile.TemporaryDirectory() as folder:
         log, found = Path(folder) / "log.bin", Path(folder) / "tcal.parm"
         flight_log(log, np.arange(rate.size) + 1.0, temperature, rate)
@@ -93,13 +111,17 @@ def packaged(python: Path, logs: dict[str, fog.SimulatedLog]) -> tuple[Drift, fl
     low, high = float(named["TMIN"]), float(named["TMAX"])
 
     def drift(case: Array) -> Array:
-        return np.polynomial.polynomial.polyval(np.clip(case, low, high) - PEER_REFERENCE_DEGC, powers)
+        return np.polynomial.polynomial.polyval(
+            np.clip(case, low, high) - PEER_REFERENCE_DEGC, powers
+        )
 
     return drift, took
 
 
 def cubic(logs: dict[str, fog.SimulatedLog]) -> Drift:
-    """Cubic in temperature, fitted to the rate brought to an even temperature grid: no temperature rules by its dwell."""
+    """Cubic in temperature, fitted to the rate brought to an even temperature grid: no temperature
+    rules by its dwell.
+    """
     temperature = np.concatenate([log.columns["temp_case_degc"] for log in logs.values()])
     rate = np.concatenate([log.columns["gyro_dph"] for log in logs.values()])
     edges = np.linspace(temperature.min(), temperature.max(), 101)
@@ -112,19 +134,23 @@ def cubic(logs: dict[str, fog.SimulatedLog]) -> Drift:
     return lambda case: np.polynomial.polynomial.polyval(case, powers)
 
 
-def thermal_log(name: str, log: fog.SimulatedLog) -> thermal_fit.ThermalLog:
+def thermal_log(name: str, log: fog.SimulatedLog) -> pooled_fit.ThermalLog:
     """Block means of a log."""
     c = log.columns
     seconds = c["time_s"].astype(np.float64)
-    return thermal_fit.thermal_log(name, seconds, c["temp_case_degc"], c["temp_env_degc"], c["gyro_dph"], INTERVAL_S)
+    return pooled_fit.thermal_log(
+        name, seconds, c["temp_case_degc"], c["temp_env_degc"], c["gyro_dph"], INTERVAL_S
+    )
 
 
-def judged(logs: dict[str, fog.SimulatedLog], python: Path) -> tuple[dict[str, Array], dict[str, float]]:
+def judged(
+    logs: dict[str, fog.SimulatedLog], python: Path
+) -> tuple[dict[str, Array], dict[str, float]]:
     """Drift rms [°/h] by truth of each model on each withheld ramp, and the seconds of each fit."""
     fitted = {name: log for name, log in logs.items() if not name.startswith("withheld/")}
     blocks = [thermal_log(name, log) for name, log in fitted.items()]
     start = time.perf_counter()
-    model = thermal_choice.choose(blocks).model
+    model = choice.choose(blocks).model
     seconds = {"calibkit, chosen": time.perf_counter() - start}
     plain = level.fit(blocks)
     peer, seconds["ardupilot"] = packaged(python, fitted)
@@ -135,15 +161,19 @@ def judged(logs: dict[str, fog.SimulatedLog], python: Path) -> tuple[dict[str, A
     for name, log in logs.items():
         if name.startswith("withheld/"):
             b = thermal_log(name, log)
-            truth = intervals.of(log.columns["time_s"].astype(np.float64), INTERVAL_S).means(log.drift)
+            truth = intervals.of(log.columns["time_s"].astype(np.float64), INTERVAL_S).means(
+                log.drift
+            )
             found = {
                 "uncompensated": np.zeros_like(truth),
                 "cubic in temperature (PX4's model)": px4(b.case),
                 f"{PEER} (packaged)": peer(b.case),
-                "calibkit level": thermal_drift.evaluate(plain, b.time, b.case, b.env).drift,
-                "calibkit, chosen": truth * 0.0
-                if model is None
-                else thermal_drift.evaluate(model, b.time, b.case, b.env).drift,
+                "calibkit level": evaluate.evaluate(plain, b.time, b.case, b.env).drift,
+                "calibkit, chosen": (
+                    truth * 0.0
+                    if model is None
+                    else evaluate.evaluate(model, b.time, b.case, b.env).drift
+                ),
             }
             for key, drift in found.items():
                 left.setdefault(key, []).append(float(np.std(truth - drift)))
@@ -158,7 +188,9 @@ def main() -> int:
         python = environment(Path(sys.argv[3]) if len(sys.argv) > 3 else Path(scratch) / "peer")
         results = []
         for seed in range(first, first + count):
-            made = fog.logs(fog.gyro(seed), fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)), seed, Chamber())
+            made = fog.logs(
+                fog.gyro(seed), fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)), seed, Chamber()
+            )
             results.append(judged(made, python))
     print(f"{count} gyros, {4 * count} withheld ramps (±3, ±6 °C/min); drift rms by truth [°/h]")
     print("| model | median | largest | raw / left, median | least |")
@@ -166,7 +198,10 @@ def main() -> int:
     pooled = {key: np.concatenate([left[key] for left, _ in results]) for key in results[0][0]}
     for key, left in pooled.items():
         ratio = pooled["uncompensated"] / left
-        print(f"| {key} | {np.median(left):.4f} | {left.max():.4f} | {np.median(ratio):.1f} | {ratio.min():.1f} |")
+        print(
+            f"| {key} | {np.median(left):.4f} | {left.max():.4f} | {np.median(ratio):.1f} |"
+            f" {ratio.min():.1f} |"
+        )
     took = {key: np.median([seconds[key] for _, seconds in results]) for key in results[0][1]}
     print("seconds a fit, median:", ", ".join(f"{key} {value:.2f}" for key, value in took.items()))
     names = [key for key in pooled if not key.startswith("calibkit")]

@@ -2,8 +2,9 @@
 
     PYTHONPATH=.:tests python benchmarks/firmware_cost.py
 
-Bytes are those of the object file without the self-test (arm-none-eabi-size, -O2). Instructions are counted on qemu-system-arm,
-which runs one instruction a nanosecond of its own time: 1000 calls on the first vector against 1000 of an empty function.
+Bytes are those of the object file without the self-test (arm-none-eabi-size, -O2). Instructions are
+counted on qemu-system-arm, which runs one instruction a nanosecond of its own time: 1000 calls on
+the first vector against 1000 of an empty function.
 """
 
 from __future__ import annotations
@@ -86,7 +87,9 @@ SECTIONS { .text : { KEEP(*(.vectors)) *(.text*) *(.rodata*) } > FLASH .data : {
 
 def ran(*command: str, cwd: Path) -> str:
     """Output of a command that must succeed."""
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, check=False, timeout=120
+    )
     if done.returncode:
         raise SystemExit(done.stderr)
     return done.stdout + done.stderr
@@ -96,15 +99,33 @@ def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int]:
     """Bytes of flash and instructions a call."""
     machine, options = CORES[core]
     memory = one.chain.structure.interval_s is not None
-    texts = [one.program.format.text(one.vectors.inputs[entry.name][0]) for entry in one.chain.structure.inputs]
+    texts = [
+        one.program.format.text(one.vectors.inputs[entry.name][0])
+        for entry in one.chain.structure.inputs
+    ]
     main = MAIN.replace("INPUT", ", ".join(texts))
     main = main.replace("STATE", "static unit_state state;" if memory else "")
     main = main.replace("START", "unit_reset(&state);" if memory else "")
-    main = main.replace("CALL", "unit_update(&state, in, out)" if memory else "unit_correct(in, out)")
-    files = {"unit.h": c_header.render(one), "unit.c": c_source.render(one), "main.c": main, "core.ld": LINKER}
+    main = main.replace(
+        "CALL", "unit_update(&state, in, out)" if memory else "unit_correct(in, out)"
+    )
+    files = {
+        "unit.h": c_header.render(one),
+        "unit.c": c_source.render(one),
+        "main.c": main,
+        "core.ld": LINKER,
+    }
     for name, text in files.items():
         (folder / name).write_text(text, encoding="ascii")
-    flags = ("-mthumb", f"-mcpu={core}", *options, "-O2", "-ffp-contract=off", "-ffreestanding", "-DCAL_NO_SELFTEST")
+    flags = (
+        "-mthumb",
+        f"-mcpu={core}",
+        *options,
+        "-O2",
+        "-ffp-contract=off",
+        "-ffreestanding",
+        "-DCAL_NO_SELFTEST",
+    )
     ran("arm-none-eabi-gcc", *flags, "-c", "unit.c", "-o", "unit.o", cwd=folder)
     size = int(ran("arm-none-eabi-size", "unit.o", cwd=folder).splitlines()[1].split()[0])
     ran(
@@ -129,19 +150,28 @@ def cost(one: export.Export, folder: Path, core: str) -> tuple[int, int]:
 
 def main() -> None:
     """Print the table."""
-    print("| chain | number | " + " | ".join(f"{core}: bytes | instructions" for core in CORES) + " |")
+    print(
+        "| chain | number | " + " | ".join(f"{core}: bytes | instructions" for core in CORES) + " |"
+    )
     print("|---|---|" + "---|---|" * len(CORES))
     with tempfile.TemporaryDirectory() as place:
         for name, (procedure, overrides) in RUNS.items():
             folder = Path(place) / name.replace(" ", "_").replace(",", "")
             data = ROOT / "datasets" / procedure
-            outcome = pipeline.fit(recipe.find(procedure, overrides), data, "U", folder, "2026-11-21", silent)
+            outcome = pipeline.fit(
+                recipe.find(procedure, overrides), data, "U", folder, "2026-11-21", silent
+            )
             run = store.load(outcome.folder)
             chain = chains.of(pipeline.run_recipe(run, ()), run.records)
-            identity = export.Identity("U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", accepted=True)
+            identity = export.Identity(
+                "U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", accepted=True
+            )
             for number in ("f32", "f64", "q31", "q15"):
                 one = export.of(chain, identity, formats.of(number), "unit")
-                cells = [f"{size} | {count}" for size, count in (cost(one, folder, core) for core in CORES)]
+                cells = [
+                    f"{size} | {count}"
+                    for size, count in (cost(one, folder, core) for core in CORES)
+                ]
                 print(f"| {name} | {number} | {' | '.join(cells)} |")
 
 

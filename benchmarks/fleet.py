@@ -1,12 +1,15 @@
-"""A fleet by two processes against the same fleet by one, from files to table, as ratios of the same run.
+"""A fleet by two processes against the same fleet by one, from files to table, as ratios of the
+same run.
 
     PYTHONPATH=. python benchmarks/fleet.py [units] [rows] [repeats]
 
-Each way is a command of its own, start of Python included, one after the other in turn, each into a new folder; both must write
-the same bytes. How fast two processes can be here at all is measured in the same run: two that share nothing, warm before the
-clock starts, each with half of the units, against one that has all. Two processors that are two halves of a core, or that others
-use, hold that under 2; what the fleet reaches of it is its own doing. Also printed: what a loop of `calibkit fit` commands would
-take, from every twentieth unit. Exit code 1 where two processes are less than 1.6 times as fast as one, or the bytes differ.
+Each way is a command of its own, start of Python included, one after the other in turn, each into a
+new folder; both must write the same bytes. How fast two processes can be here at all is measured in
+the same run: two that share nothing, warm before the clock starts, each with half of the units,
+against one that has all. Two processors that are two halves of a core, or that others use, hold
+that under 2; what the fleet reaches of it is its own doing. Also printed: what a loop of `calibkit
+fit` commands would take, from every twentieth unit. Exit code 1 where two processes are less than
+1.6 times as fast as one, or the bytes differ.
 """
 
 from __future__ import annotations
@@ -54,7 +57,9 @@ input()
 """
 """A process that fits its first unit, waits to be told, and fits the others."""
 ADOPT_ORPHANS = 36
-"""PR_SET_CHILD_SUBREAPER of Linux: the processes that a command leaves to end by themselves are waited for, and counted, here."""
+"""PR_SET_CHILD_SUBREAPER of Linux: the processes that a command leaves to end by themselves are
+waited for, and counted, here.
+"""
 
 
 def write_units(data: Path, units: int, rows: int) -> list[str]:
@@ -64,10 +69,22 @@ def write_units(data: Path, units: int, rows: int) -> list[str]:
         rng = np.random.default_rng(k)
         time_s = np.arange(float(rows))
         temperature = 60.0 - 80.0 * np.exp(-3.0 * time_s / rows)
-        gyro = 0.02 * temperature - 1e-4 * temperature**2 + rng.normal(0.0, 0.05, rows) + rng.normal(0.0, 0.1)
+        gyro = (
+            0.02 * temperature
+            - 1e-4 * temperature**2
+            + rng.normal(0.0, 0.05, rows)
+            + rng.normal(0.0, 0.1)
+        )
         (data / serial).mkdir(parents=True)
         table = np.column_stack((time_s, temperature, gyro))
-        np.savetxt(data / serial / "w.csv", table, "%.6f", ",", header="time_s,temp_case_degc,gyro_dph", comments="")
+        np.savetxt(
+            data / serial / "w.csv",
+            table,
+            "%.6f",
+            ",",
+            header="time_s,temp_case_degc,gyro_dph",
+            comments="",
+        )
     return serials
 
 
@@ -87,14 +104,24 @@ def seconds(*arguments: object) -> tuple[float, float]:
 
 
 def alone(crew: int, data: Path, out: Path, serials: list[str]) -> float:
-    """Wall time [s] of so many processes that know nothing of each other and share units evenly; each is warm before."""
+    """Wall time [s] of so many processes that know nothing of each other and share units evenly;
+    each is warm before.
+    """
     out.mkdir()
     command = [sys.executable, "-c", PURE, RECIPE, str(data), str(out)]
     environment = os.environ | {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1"}
-    pipes = {"stdin": subprocess.PIPE, "stdout": subprocess.PIPE, "text": True, "bufsize": 1, "env": environment}
+    pipes = {
+        "stdin": subprocess.PIPE,
+        "stdout": subprocess.PIPE,
+        "text": True,
+        "bufsize": 1,
+        "env": environment,
+    }
     with contextlib.ExitStack() as stack:
         workers = [
-            stack.enter_context(subprocess.Popen([*command, serials[k], *serials[crew + k :: crew]], **pipes))
+            stack.enter_context(
+                subprocess.Popen([*command, serials[k], *serials[crew + k :: crew]], **pipes)
+            )
             for k in range(crew)
         ]
 
@@ -118,7 +145,11 @@ def alone(crew: int, data: Path, out: Path, serials: list[str]) -> float:
 
 def tree(folder: Path) -> dict[str, bytes]:
     """Relative name → bytes of all files below a folder."""
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def main(units: int = 100, rows: int = 2000, repeats: int = 3) -> int:
@@ -133,29 +164,49 @@ def main(units: int = 100, rows: int = 2000, repeats: int = 3) -> int:
             taken = {}
             for jobs in (1, 2):
                 out = folder / f"jobs_{jobs}_{repeat}"
-                taken[jobs] = seconds("fleet", recipe, "--data", folder / "units", "--out", out, "--jobs", jobs)
+                taken[jobs] = seconds(
+                    "fleet", recipe, "--data", folder / "units", "--out", out, "--jobs", jobs
+                )
             some = serials[: MOST_ALONE + 2]
-            pure = [alone(crew, folder / "units", folder / f"alone_{crew}_{repeat}", some) for crew in (1, 2)]
+            pure = [
+                alone(crew, folder / "units", folder / f"alone_{crew}_{repeat}", some)
+                for crew in (1, 2)
+            ]
             # one that is warm has a unit more before it than two have
             ceilings.append(pure[0] / (len(some) - 1) / (pure[1] / (len(some) - 2)))
             singles.append(taken[1][1] / units)
             ratios.append(taken[1][0] / taken[2][0])
             bounds.append(2.0 * taken[1][1] / taken[2][1])
             for jobs, (wall, processor) in taken.items():
-                print(f"{jobs} process(es): {wall:.2f} s, processor time {processor:.2f} s", flush=True)
+                print(
+                    f"{jobs} process(es): {wall:.2f} s, processor time {processor:.2f} s",
+                    flush=True,
+                )
         loop = [
-            seconds("fit", recipe, "--data", folder / "units" / s, "--serial", s, "--out", folder / "l")
+            seconds(
+                "fit", recipe, "--data", folder / "units" / s, "--serial", s, "--out", folder / "l"
+            )
             for s in serials[::20]
         ]
         same = tree(folder / "jobs_1_0") == tree(folder / "jobs_2_0")
     ratio, ceiling, bound = (statistics.median(found) for found in (ratios, ceilings, bounds))
     per_unit = statistics.median(processor for _, processor in loop) / statistics.median(singles)
-    print(f"{units} units of {rows} rows: two processes {ratio:.2f} x one (target {TARGET}); same bytes: {same}")
-    print(f"two processes that share nothing {ceiling:.2f} x one here: the fleet reaches {ratio / ceiling:.0%} of that")
     print(
-        f"by processor time at most {bound:.2f} x; load average now {os.getloadavg()[0]:.1f} on {os.cpu_count()} processors"
+        f"{units} units of {rows} rows: two processes {ratio:.2f} x one (target {TARGET}); same"
+        f" bytes: {same}"
     )
-    print(f"one process of a fleet takes 1/{per_unit:.1f} of the processor time of a loop of `calibkit fit` commands")
+    print(
+        f"two processes that share nothing {ceiling:.2f} x one here: the fleet reaches"
+        f" {ratio / ceiling:.0%} of that"
+    )
+    print(
+        f"by processor time at most {bound:.2f} x; load average now {os.getloadavg()[0]:.1f} on"
+        f" {os.cpu_count()} processors"
+    )
+    print(
+        f"one process of a fleet takes 1/{per_unit:.1f} of the processor time of a loop of"
+        " `calibkit fit` commands"
+    )
     return 0 if ratio >= TARGET and same else 1
 
 

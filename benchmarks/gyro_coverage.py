@@ -1,9 +1,11 @@
-"""Scale factor, γ and α of simulated gyro pairs against their truth: errors, coverage of the stated 95 % intervals.
+"""Scale factor, γ and α of simulated gyro pairs against their truth: errors, coverage of the stated
+95 % intervals.
 
     PYTHONPATH=. python benchmarks/gyro_coverage.py [trials]
 
-Each trial simulates both table runs (11 rates each way, 3 counts noise a sample, the earth's rate, acceleration phases,
-an uneven table) and goes from the logs to the angle. Exit code 1 where a target is missed.
+Each trial simulates both table runs (11 rates each way, 3 counts noise a sample, the earth's rate,
+acceleration phases, an uneven table) and goes from the logs to the angle. Exit code 1 where a
+target is missed.
 """
 
 from __future__ import annotations
@@ -13,9 +15,9 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import gyro_pair, gyro_scale, plateau_means
-from calibkit.simulate import gyro_pair as simulated
-from calibkit.simulate import rate_table
+from calibkit.instruments.gyro_scale import simulate_pair as simulated
+from calibkit.instruments.gyro_scale import simulate_rate_table
+from calibkit.instruments.gyro_scale.numeric import pair, plateau_means, scale_factor
 
 if TYPE_CHECKING:
     from calibkit.simulate.campaign import Campaign
@@ -24,15 +26,15 @@ ALPHAS_DEG = (90.0, 89.6, 60.0, 120.0, 30.0, 3.0)
 QUANTILE = 1.959963984540054
 FEW = "+1 +2 +5 +10"
 UNEQUAL = {
-    "both ways": rate_table.both_ways(),
-    "positive only": rate_table.RATES_DPS,
-    "negative only": tuple(-rate for rate in rate_table.RATES_DPS),
+    "both ways": simulate_rate_table.both_ways(),
+    "positive only": simulate_rate_table.RATES_DPS,
+    "negative only": tuple(-rate for rate in simulate_rate_table.RATES_DPS),
     FEW: (1.0, 2.0, 5.0, 10.0),
-    "+1..+100, -1..-20": (*rate_table.RATES_DPS, -1.0, -2.0, -5.0, -10.0, -20.0),
+    "+1..+100, -1..-20": (*simulate_rate_table.RATES_DPS, -1.0, -2.0, -5.0, -10.0, -20.0),
 }
 
 
-def scales(logs: Campaign) -> tuple[gyro_scale.RunScales, gyro_scale.RunScales]:
+def scales(logs: Campaign) -> tuple[scale_factor.RunScales, scale_factor.RunScales]:
     """Scale factors of both gyros in both runs."""
     runs = []
     for name in ("table_axis_a.csv", "table_axis_b.csv"):
@@ -45,7 +47,7 @@ def scales(logs: Campaign) -> tuple[gyro_scale.RunScales, gyro_scale.RunScales]:
             table_angle_deg=log["table_angle_deg"],
             temp_degc=log["temp_case_degc"],
         )
-        runs.append(gyro_scale.of_run(plateaus))
+        runs.append(scale_factor.of_run(plateaus))
     return runs[0], runs[1]
 
 
@@ -60,17 +62,23 @@ def normalized(seed: int, alpha_deg: float) -> dict[str, float]:
             found = run.gyros[g]
             true = truth["models"][f"{gyro}_about_{axis}"]["K"]
             errors[f"K {gyro}_about_{axis}"] = (found.K - true) / found.standard_uncertainty[0]
-    result = gyro_pair.from_runs(about_a, about_b)
+    result = pair.from_runs(about_a, about_b)
     values = (result.N, result.epsilon, result.gamma, result.alpha_deg)
     true_values = (truth["N"], truth["epsilon"], truth["gamma"], truth["alpha_deg"])
-    for name, value, true, u in zip(gyro_pair.ORDER, values, true_values, result.standard_uncertainty, strict=True):
+    for name, value, true, u in zip(
+        pair.ORDER, values, true_values, result.standard_uncertainty, strict=True
+    ):
         errors[name] = (value - true) / u
     return errors
 
 
 def coverage(trials: int) -> bool:
-    """Print coverage of each figure, pooled over the angles; whether all are within 93 to 97 % and 4.5 u."""
-    found = [normalized(1000 * k + i, alpha) for i, alpha in enumerate(ALPHAS_DEG) for k in range(trials)]
+    """Print coverage of each figure, pooled over the angles; whether all are within 93 to 97 % and
+    4.5 u.
+    """
+    found = [
+        normalized(1000 * k + i, alpha) for i, alpha in enumerate(ALPHAS_DEG) for k in range(trials)
+    ]
     print(f"{len(found)} pairs, alpha {', '.join(f'{a:g}' for a in ALPHAS_DEG)} deg")
     good = True
     for name in found[0]:
@@ -83,7 +91,9 @@ def coverage(trials: int) -> bool:
 
 
 def scale_errors(trials: int) -> bool:
-    """Print the error of K of gyros that are not quite linear, for rates of both, one or unequal sign."""
+    """Print the error of K of gyros that are not quite linear, for rates of both, one or unequal
+    sign.
+    """
     good = True
     for name, rates in UNEQUAL.items():
         errors, through_origin, normalized_errors = [], [], []
@@ -94,10 +104,15 @@ def scale_errors(trials: int) -> bool:
             own = about_a.gyros[0]
             errors.append((own.K / truth - 1.0) * 1e6)
             normalized_errors.append(abs(own.K - truth) / own.standard_uncertainty[0])
-            through_origin.append((own.rate_dps @ own.indication / (own.rate_dps @ own.rate_dps) / truth - 1.0) * 1e6)
+            through_origin.append(
+                (own.rate_dps @ own.indication / (own.rate_dps @ own.rate_dps) / truth - 1.0) * 1e6
+            )
         worst, naive = float(np.max(np.abs(errors))), float(np.max(np.abs(through_origin)))
         most = float(np.max(normalized_errors))
-        print(f"  K, {name:18s} largest error {worst:6.2f} ppm, {most:.2f} u   (through the origin {naive:7.1f} ppm)")
+        print(
+            f"  K, {name:18s} largest error {worst:6.2f} ppm, {most:.2f} u   (through the origin"
+            f" {naive:7.1f} ppm)"
+        )
         # four rates up to 10 °/s leave a noise of 4 ppm: there the stated uncertainty is the target
         good &= worst < 3.0 or (name == FEW and most < 4.5)
     return good

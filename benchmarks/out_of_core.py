@@ -1,12 +1,15 @@
-"""Logs larger than memory should be, fitted and compensated from disk and in memory: peak resident set, times, differences.
+"""Logs larger than memory should be, fitted and compensated from disk and in memory: peak resident
+set, times, differences.
 
-A simulated log of so many rows (default 40 million, 1.4 GB) is written as CSV unless it is there, and each procedure fits it
-twice by the command line: with its columns on disk (CALIBKIT_LARGEST_LOG_MB=0) and in memory; `apply` then compensates the
-same log with its run, that of fog_thermal with a run of the same simulated gyro on eight ramps: one ramp exports no drift. What
+A simulated log of so many rows (default 40 million, 1.4 GB) is written as CSV unless it is there,
+and each procedure fits it twice by the command line: with its columns on disk
+(CALIBKIT_LARGEST_LOG_MB=0) and in memory; `apply` then compensates the same log with its run, that
+of fog_thermal with a run of the same simulated gyro on eight ramps: one ramp exports no drift. What
 differs in the coefficient files is printed; compensated logs must be the same to the byte.
 
-    python benchmarks/out_of_core.py FOLDER                             40 million rows, every procedure; FOLDER is kept
-    python benchmarks/out_of_core.py FOLDER 4000000 bias_temperature    one procedure
+    python benchmarks/out_of_core.py FOLDER                             40 million rows, every
+    procedure; FOLDER is kept python benchmarks/out_of_core.py FOLDER 4000000 bias_temperature
+    one procedure
 
 Fits end with 0 or 1: what a procedure makes of so plain a log is not asked here.
 """
@@ -47,16 +50,21 @@ def log_of(folder: Path, procedure: str, rows: int) -> Path:
 
 
 def measured(what: str, place: str, *arguments: str) -> None:
-    """Run a command with its columns in a place, in a process of its own, and print peak, wall and processor time."""
+    """Run a command with its columns in a place, in a process of its own, and print peak, wall and
+    processor time.
+    """
     begun = time.perf_counter()
     environment = os.environ | {"CALIBKIT_LARGEST_LOG_MB": SETTINGS[place]}
-    child = subprocess.Popen([sys.executable, "-m", "calibkit", *arguments], env=environment, stdout=subprocess.DEVNULL)
+    child = subprocess.Popen(
+        [sys.executable, "-m", "calibkit", *arguments], env=environment, stdout=subprocess.DEVNULL
+    )
     _, status, usage = os.wait4(child.pid, 0)
     if os.waitstatus_to_exitcode(status) not in (0, 1):
         sys.exit(f"{what} ended with {os.waitstatus_to_exitcode(status)}")
     wall, cpu = time.perf_counter() - begun, usage.ru_utime + usage.ru_stime
     print(
-        f"{what:22s} {place:9s}: peak {usage.ru_maxrss / 1024.0:5.0f} MB, {wall:6.1f} s, {cpu:6.1f} s of processor",
+        f"{what:22s} {place:9s}: peak {usage.ru_maxrss / 1024.0:5.0f} MB, {wall:6.1f} s, {cpu:6.1f}"
+        " s of processor",
         flush=True,
     )
 
@@ -75,11 +83,16 @@ def difference(one: Path, other: Path) -> float:
     stages = sorted(path.name for path in one.glob("*.json") if path.name != "run.json")
     largest = 0.0
     for stage in stages:
-        pairs = zip(*(numbers(json.loads((run / stage).read_text("utf-8"))) for run in (one, other)), strict=True)
+        pairs = zip(
+            *(numbers(json.loads((run / stage).read_text("utf-8"))) for run in (one, other)),
+            strict=True,
+        )
         largest = max([largest, *(abs(a - b) / max(abs(a), abs(b)) for a, b in pairs if a != b)])
     same = all((one / stage).read_bytes() == (other / stage).read_bytes() for stage in stages)
     print(
-        f"{'':22s} {', '.join(stages)}: {'the same bytes' if same else f'differ by {largest:.1e} at most'}", flush=True
+        f"{'':22s} {', '.join(stages)}:"
+        f" {'the same bytes' if same else f'differ by {largest:.1e} at most'}",
+        flush=True,
     )
     return largest
 
@@ -88,10 +101,21 @@ def compared(procedure: str, log: Path, out: Path) -> bool:
     """Fit and compensate from disk and in memory; whether both came out alike."""
     runs = {place: out / place for place in SETTINGS}
     for place, run in runs.items():
-        options = ("--data", str(log.parent), "--serial", "G", "--date", "2026-01-01", "--out", str(run))
+        options = (
+            "--data",
+            str(log.parent),
+            "--serial",
+            "G",
+            "--date",
+            "2026-01-01",
+            "--out",
+            str(run),
+        )
         measured(f"fit {procedure}", place, "fit", procedure, *options, *PROCEDURES[procedure])
     alike = difference(*(run / "G" / "r001" for run in runs.values())) <= LARGEST_DIFFERENCE
-    run = str(_of_eight_ramps(out) if procedure == "fog_thermal" else runs["in memory"] / "G" / "r001")
+    run = str(
+        _of_eight_ramps(out) if procedure == "fog_thermal" else runs["in memory"] / "G" / "r001"
+    )
     written = {place: out / f"{place}.csv" for place in SETTINGS}
     for place, path in written.items():
         measured(f"apply {procedure}", place, "apply", run, "--data", str(log), "--out", str(path))

@@ -1,9 +1,12 @@
-"""calibkit and packaged peers on the same simulated data, judged by its truth; writes docs/peers.md.
+"""calibkit and packaged peers on the same simulated data, judged by its truth; writes
+docs/peers.md.
 
-    python benchmarks/peers.py [--only withheld|turntable|deviations|faults] [--units 5] [--environments DIR]
+    python benchmarks/peers.py [--only withheld|turntable|deviations|faults] [--units 5]
+    [--environments DIR]
 
-Peers run in environments of their own (those of run.py). Of calibkit the command line is run, as its users do. What a peer does
-better is printed like the rest; the page is written when every part was measured.
+Peers run in environments of their own (those of run.py). Of calibkit the command line is run, as
+its users do. What a peer does better is printed like the rest; the page is written when every part
+was measured.
 """
 
 from __future__ import annotations
@@ -24,7 +27,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
 PAGE = ROOT / "docs" / "peers.md"
-BEGIN, END = "<!-- measured: benchmarks/peers.py writes what stands below -->", "<!-- end of what is measured -->"
+BEGIN, END = (
+    "<!-- measured: benchmarks/peers.py writes what stands below -->",
+    "<!-- end of what is measured -->",
+)
 PARTS = {
     "withheld": "Drift on a ramp that was withheld",
     "turntable": "Six positions and a turntable",
@@ -35,13 +41,22 @@ PARTS = {
 
 def main(given: Sequence[str] | None = None) -> int:
     """Measure, print, write the page."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--only", action="append", choices=list(PARTS), help="a part; may be repeated")
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
+    )
+    parser.add_argument(
+        "--only", action="append", choices=list(PARTS), help="a part; may be repeated"
+    )
     parser.add_argument("--units", type=int, default=5, help="simulated gyros or units of a part")
     parser.add_argument(
-        "--environments", type=Path, default=peers.cache(), help="where the peers' environments are kept"
+        "--environments",
+        type=Path,
+        default=peers.cache(),
+        help="where the peers' environments are kept",
     )
-    parser.add_argument("--page", type=Path, default=PAGE, help="the page whose measured part is written anew")
+    parser.add_argument(
+        "--page", type=Path, default=PAGE, help="the page whose measured part is written anew"
+    )
     asked = parser.parse_args(given)
     texts = []
     for name in asked.only or PARTS:

@@ -1,14 +1,15 @@
 """Every row of the table of speed, calibkit beside its packaged peer: one command.
 
-    python benchmarks/run.py                        every row at 1e5, 1e6 and 1e7 rows; writes docs/performance.md
-    python benchmarks/run.py --only denoise --rows 1e6
-    python benchmarks/run.py --quick                every row on little data, to see that all of it runs
+    python benchmarks/run.py                        every row at 1e5, 1e6 and 1e7 rows; writes
+    docs/performance.md python benchmarks/run.py --only denoise --rows 1e6 python benchmarks/run.py
+    --quick                every row on little data, to see that all of it runs
 
-Both sides run on the same data in turn, A B A B, each in a process of its own, after a warm-up; printed are the medians and the
-range of the ratios of the turns, and to how many digits both gave the same numbers. Each peer is installed by pip into an
-environment of its own (--environments), because they pin old libraries; versions are in speed/peers.py. Exit code 1 where a
-target is missed or the numbers differ. What a busy machine adds to wall times it adds to both sides, but not evenly: targets are
-held against processor times where a side uses one thread.
+Both sides run on the same data in turn, A B A B, each in a process of its own, after a warm-up;
+printed are the medians and the range of the ratios of the turns, and to how many digits both gave
+the same numbers. Each peer is installed by pip into an environment of its own (--environments),
+because they pin old libraries; versions are in speed/peers.py. Exit code 1 where a target is missed
+or the numbers differ. What a busy machine adds to wall times it adds to both sides, but not evenly:
+targets are held against processor times where a side uses one thread.
 """
 
 from __future__ import annotations
@@ -51,28 +52,50 @@ def goals() -> list[Goal]:
 
 def arguments(given: Sequence[str] | None) -> argparse.Namespace:
     """What is asked for."""
-    parser = argparse.ArgumentParser(description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter)
-    parser.add_argument("--rows", default=None, help=f"sizes with commas between them; {SIZES} unless given")
-    parser.add_argument(
-        "--only", action="append", choices=[goal.name for goal in goals()], help="a row; may be repeated"
+    parser = argparse.ArgumentParser(
+        description=__doc__, formatter_class=argparse.RawDescriptionHelpFormatter
     )
-    parser.add_argument("--quick", action="store_true", help=f"{QUICK} rows, two turns, nothing is written")
+    parser.add_argument(
+        "--rows", default=None, help=f"sizes with commas between them; {SIZES} unless given"
+    )
+    parser.add_argument(
+        "--only",
+        action="append",
+        choices=[goal.name for goal in goals()],
+        help="a row; may be repeated",
+    )
+    parser.add_argument(
+        "--quick", action="store_true", help=f"{QUICK} rows, two turns, nothing is written"
+    )
     parser.add_argument("--turns", type=int, default=7, help="turns of both sides at most")
-    parser.add_argument("--budget", type=float, default=40.0, help="seconds after which a row takes no further turn")
     parser.add_argument(
-        "--environments", type=Path, default=peers.cache(), help="where the peers' environments are kept"
+        "--budget", type=float, default=40.0, help="seconds after which a row takes no further turn"
     )
     parser.add_argument(
-        "--here", action="store_true", help="peers of this environment instead; those absent are left out"
+        "--environments",
+        type=Path,
+        default=peers.cache(),
+        help="where the peers' environments are kept",
     )
     parser.add_argument(
-        "--results", type=Path, help="a JSON file of what was measured: rows measured now replace theirs"
+        "--here",
+        action="store_true",
+        help="peers of this environment instead; those absent are left out",
     )
-    parser.add_argument("--page", type=Path, help="write this page; docs/performance.md after a run of every row")
+    parser.add_argument(
+        "--results",
+        type=Path,
+        help="a JSON file of what was measured: rows measured now replace theirs",
+    )
+    parser.add_argument(
+        "--page", type=Path, help="write this page; docs/performance.md after a run of every row"
+    )
     asked = parser.parse_args(given)
     # said before hours of measuring, not after them
     if asked.page is not None and not writable(asked.page):
-        parser.error(f"--page {asked.page}: expected a page with the lines {page.BEGIN} and {page.END}")
+        parser.error(
+            f"--page {asked.page}: expected a page with the lines {page.BEGIN} and {page.END}"
+        )
     return asked
 
 
@@ -82,7 +105,9 @@ def writable(place: Path) -> bool:
     return -1 < text.find(page.BEGIN) < text.find(page.END)
 
 
-def measured_row(row: Row, rows: int, sides: tuple[pairs.Worker, pairs.Worker], turns: int, budget_s: float) -> Line:
+def measured_row(
+    row: Row, rows: int, sides: tuple[pairs.Worker, pairs.Worker], turns: int, budget_s: float
+) -> Line:
     """One row at one size, of calibkit alone where the peer is not given so many rows."""
     goal, (ours, theirs) = row.goal, sides
     data = row.data(rows)
@@ -107,12 +132,18 @@ def measured_row(row: Row, rows: int, sides: tuple[pairs.Worker, pairs.Worker], 
         found = pairs.measure(ours, theirs, turns=turns, budget_s=budget_s)
     ratios = {clock: found.ratio(clock, faster=goal.faster) for clock in ("cpu", "wall")}
     seconds = (found.seconds("ours", goal.clock), found.seconds("theirs", goal.clock))
-    return Line(goal.name, data.rows, ratios, seconds, (found.ours_bytes, found.theirs_bytes), found.digits)
+    return Line(
+        goal.name, data.rows, ratios, seconds, (found.ours_bytes, found.theirs_bytes), found.digits
+    )
 
 
-def measure(asked: argparse.Namespace, said: Callable[[Line], None]) -> tuple[list[Line], dict[str, str]]:
+def measure(
+    asked: argparse.Namespace, said: Callable[[Line], None]
+) -> tuple[list[Line], dict[str, str]]:
     """Measure the rows asked for; also the versions of what took part."""
-    sizes = [round(float(size)) for size in (asked.rows or (QUICK if asked.quick else SIZES)).split(",")]
+    sizes = [
+        round(float(size)) for size in (asked.rows or (QUICK if asked.quick else SIZES)).split(",")
+    ]
     turns = 2 if asked.quick else asked.turns
     chosen = set(asked.only or [goal.name for goal in goals()])
     versions: dict[str, str] = {}
@@ -128,7 +159,9 @@ def measure(asked: argparse.Namespace, said: Callable[[Line], None]) -> tuple[li
         said(line)
 
     with pairs.Worker(sys.executable, "ours") as ours:
-        versions |= ours.ask("versions", packages=["calibkit", "numpy", "scipy", "pandas"])["versions"]
+        versions |= ours.ask("versions", packages=["calibkit", "numpy", "scipy", "pandas"])[
+            "versions"
+        ]
         for row in (row for row in ROWS if row.goal.name in chosen):
             with pairs.Worker(python(row.goal.peer), "theirs") as theirs:
                 versions |= theirs.ask("versions", packages=[row.goal.peer])["versions"]
@@ -142,14 +175,21 @@ def measure(asked: argparse.Namespace, said: Callable[[Line], None]) -> tuple[li
     return lines, versions
 
 
-def merged(asked: argparse.Namespace, lines: list[Line], versions: dict[str, str]) -> tuple[list[Line], dict[str, str]]:
-    """With the rows of an earlier run that were not measured now, where a file of results is named; it is written anew."""
+def merged(
+    asked: argparse.Namespace, lines: list[Line], versions: dict[str, str]
+) -> tuple[list[Line], dict[str, str]]:
+    """With the rows of an earlier run that were not measured now, where a file of results is named;
+    it is written anew.
+    """
     if asked.results is None:
         return lines, versions
     if asked.results.is_file():
         before = json.loads(asked.results.read_text(encoding="utf-8"))
         fresh = {line.name for line in lines}
-        lines = [*(Line.of_json(entry) for entry in before["lines"] if entry["name"] not in fresh), *lines]
+        lines = [
+            *(Line.of_json(entry) for entry in before["lines"] if entry["name"] not in fresh),
+            *lines,
+        ]
         versions = before["versions"] | versions
     kept = {"lines": [line.as_json() for line in lines], "versions": versions}
     asked.results.parent.mkdir(parents=True, exist_ok=True)
@@ -179,7 +219,10 @@ def main(given: Sequence[str] | None = None) -> int:
     whole = not (asked.only or asked.quick or asked.rows or asked.here)
     if place := asked.page or (PAGE if whole else None):
         text = replaced(
-            place.read_text(encoding="utf-8"), page.BEGIN, page.END, page.measured(goals(), lines, versions, conditions)
+            place.read_text(encoding="utf-8"),
+            page.BEGIN,
+            page.END,
+            page.measured(goals(), lines, versions, conditions),
         )
         place.write_text(text, encoding="utf-8")
     return int(any(missed(goal, lines) for goal in shown))

@@ -1,7 +1,8 @@
 """Calibration of fibre-optic gyros, accelerometers and borehole inclinometers.
 
-The names of `__all__` are the public interface: what the commands do, for scripts and notebooks, and three of the numeric core's
-functions. They are loaded when they are asked for; everything else may change between versions.
+The names of `__all__` are the public interface: what the commands do, for scripts and notebooks,
+and three of the numeric core's functions. They are loaded when they are asked for; everything else
+may change between versions.
 """
 
 from __future__ import annotations

@@ -14,7 +14,8 @@ def main() -> None:
     try:
         run()
     finally:
-        # the process ends: to look for garbage among all that was imported would take longer than `--help`
+        # the process ends: to look for garbage among all that was imported would take longer than
+        # `--help`
         gc.freeze()
 
 

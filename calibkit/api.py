@@ -1,4 +1,6 @@
-"""The public interface: the commands as functions of paths and values, and the numeric core's most wanted functions."""
+"""The public interface: the commands as functions of paths and values, and the numeric core's most
+wanted functions.
+"""
 
 from __future__ import annotations
 
@@ -8,15 +10,16 @@ from typing import TYPE_CHECKING, Any
 from calibkit import coefficients, frame, pipeline, procedures, store
 from calibkit import recipe as recipes
 from calibkit.certificate import certify as certificates
+from calibkit.check import examination
 from calibkit.errors import CalibkitError, CoefficientError
-from calibkit.numeric.allan import overlapping as allan_deviation
-from calibkit.numeric.denoise import denoise
+from calibkit.ingest import logs
 from calibkit.numeric.gum import Component as UncertaintyComponent
 from calibkit.numeric.gum import combine as combine_uncertainty
+from calibkit.numeric.noise.allan import overlapping as allan_deviation
+from calibkit.numeric.wavelet.denoise import denoise
 from calibkit.procedures import silent
 from calibkit.recipe import Source
 from calibkit.simulate import campaigns
-from calibkit.stages import examination, ingest
 
 if TYPE_CHECKING:
     import os
@@ -69,7 +72,8 @@ def load_recipe(name: AnyPath, **settings: object) -> Source:
 
     Raises
     ------
-    CalibkitError : no such recipe, or one with a fault; the message names file, line, value and what is allowed.
+    CalibkitError : no such recipe, or one with a fault; the message names file, line, value and
+        what is allowed.
 
     """
     overrides = tuple(f"{key.replace('__', '.')}={_toml(value)}" for key, value in settings.items())
@@ -93,11 +97,15 @@ def _source(given: Source | AnyPath) -> Source:
 
 
 def examine(recipe: Source | AnyPath, data: AnyPath) -> tuple[LogReport, ...]:
-    """What each log holds that a recipe would read from a folder, and what is wrong with it; `calibkit check`."""
+    """What each log holds that a recipe would read from a folder, and what is wrong with it;
+    `calibkit check`.
+    """
     return pipeline.check(_source(recipe), Path(data))
 
 
-def fit(recipe: Source | AnyPath, data: AnyPath, *, date: str, serial: str = "", runs: AnyPath = "runs") -> Run:
+def fit(
+    recipe: Source | AnyPath, data: AnyPath, *, date: str, serial: str = "", runs: AnyPath = "runs"
+) -> Run:
     """Fit a recipe to the logs of a folder and write the next run folder; `calibkit fit`.
 
     Parameters
@@ -110,7 +118,8 @@ def fit(recipe: Source | AnyPath, data: AnyPath, *, date: str, serial: str = "",
 
     Returns
     -------
-    Run: folder, records (one a stage) and document (run.json), whose "accepted" says whether the acceptance limits held.
+    Run: folder, records (one a stage) and document (run.json), whose "accepted" says whether the
+    acceptance limits held.
 
     Raises
     ------
@@ -122,7 +131,9 @@ def fit(recipe: Source | AnyPath, data: AnyPath, *, date: str, serial: str = "",
 
 
 def find_run(name: AnyPath, runs: AnyPath = "runs") -> Run:
-    """Run of a folder, a serial (its newest revision) or ``SERIAL@r003``; raises CalibkitError where a digest is wrong."""
+    """Run of a folder, a serial (its newest revision) or ``SERIAL@r003``; raises CalibkitError
+    where a digest is wrong.
+    """
     return store.load(store.find(str(name), Path(runs)))
 
 
@@ -131,8 +142,11 @@ def _run(given: Run | AnyPath) -> Run:
     return given if isinstance(given, store.Run) else store.load(Path(given))
 
 
-def compensate(run: Run | AnyPath, log: AnyPath, out: AnyPath, **settings: object) -> tuple[str, ...]:
-    """Compensate every row of a log with a run's coefficients and write it; returns the flags; `calibkit apply`.
+def compensate(
+    run: Run | AnyPath, log: AnyPath, out: AnyPath, **settings: object
+) -> tuple[str, ...]:
+    """Compensate every row of a log with a run's coefficients and write it; returns the flags;
+    `calibkit apply`.
 
     settings give the place of use: site__latitude_deg=58.9. Nothing is overwritten.
     """
@@ -141,7 +155,9 @@ def compensate(run: Run | AnyPath, log: AnyPath, out: AnyPath, **settings: objec
 
 
 def validate(run: Run | AnyPath, data: AnyPath, out: AnyPath) -> Mapping[str, Any]:
-    """Frozen coefficients on logs that they have not seen: the document that is written too; `calibkit validate`."""
+    """Frozen coefficients on logs that they have not seen: the document that is written too;
+    `calibkit validate`.
+    """
     return pipeline.validate(_run(run), Path(data), Path(out), silent)[0]
 
 
@@ -154,7 +170,9 @@ def certify(
     validation: AnyPath | None = None,
     lang: Lang = "en",
 ) -> Issued:
-    """Write the certificate of a run; `missing` of what is returned lists what makes it a DRAFT; `calibkit certify`."""
+    """Write the certificate of a run; `missing` of what is returned lists what makes it a DRAFT;
+    `calibkit certify`.
+    """
     folder = run.folder if isinstance(run, store.Run) else Path(run)
     return certificates.certify(
         folder,
@@ -169,37 +187,46 @@ def certify(
 def export_firmware(
     run: Run | AnyPath, target: str, out: AnyPath, *, number: str = "f32", prefix: str = "cal"
 ) -> tuple[Path, ...]:
-    """Write a run's correction chain for a firmware target; a rejected run is refused; `calibkit export`."""
+    """Write a run's correction chain for a firmware target; a rejected run is refused; `calibkit
+    export`.
+    """
     return tuple(pipeline.export([_run(run)], target, number, prefix, Path(out)))
 
 
 def verify(path: AnyPath) -> str:
-    """What a file of calibkit's is; raises CalibkitError where its digest, signature or vectors are wrong."""
+    """What a file of calibkit's is; raises CalibkitError where its digest, signature or vectors are
+    wrong.
+    """
     return pipeline.verify(Path(path))
 
 
 def load_coefficients(path: AnyPath) -> Record:
-    """Record of a coefficient file of any released format; raises CalibkitError where its digest is wrong."""
+    """Record of a coefficient file of any released format; raises CalibkitError where its digest is
+    wrong.
+    """
     file = Path(path)
     try:
         text = file.read_text(encoding="utf-8")
     except (OSError, UnicodeDecodeError) as error:
-        raise CoefficientError(f"{file}: cannot be read: {error}", hint="name a coefficient file") from None
+        raise CoefficientError(
+            f"{file}: cannot be read: {error}", hint="name a coefficient file"
+        ) from None
     return coefficients.loads(text, str(file))
 
 
 def read_log(recipe: Source | AnyPath, log: AnyPath) -> pd.DataFrame:
-    """Tidy frame of a log: every canonical column that the recipe finds in it, in canonical units and signs.
+    """Tidy frame of a log: every canonical column that the recipe finds in it, in canonical units
+    and signs.
 
-    Where the recipe's procedure finds held conditions, those that `calibkit check` lists (soaks, ramps, held rates,
-    dwells, stations), `segment` is their number, from 1 in order of time, and NaN on rows between them. A log's own
-    `segment` is kept.
+    Where the recipe's procedure finds held conditions, those that `calibkit check` lists (soaks,
+    ramps, held rates, dwells, stations), `segment` is their number, from 1 in order of time, and
+    NaN on rows between them. A log's own `segment` is kept.
     """
     spec = recipes.parse(_source(recipe))
     named = [f"{kind}_{axis}_{unit}" for kind, unit in KINDS for axis in AXES]
     wanted = dict.fromkeys((*frame.CANONICAL, *named, *spec.columns, *spec.own_columns()))
     file = Path(log)
-    tidy = ingest.read_log(spec, file, file.name, (), tuple(wanted)).frame
+    tidy = logs.read_log(spec, file, file.name, (), tuple(wanted)).frame
     if "segment" in tidy.columns:
         return tidy
     numbers = examination.segment_numbers(procedures.of(spec), spec, file.parent, file.name)

@@ -1,4 +1,6 @@
-"""Files that are there whole or not at all: synced writes, renames that replace nothing, a lock between processes."""
+"""Files that are there whole or not at all: synced writes, renames that replace nothing, a lock
+between processes.
+"""
 
 from __future__ import annotations
 
@@ -15,15 +17,22 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 WAIT_S = 120.0
-"""Seconds to wait for another process that holds a lock: it draws a report and writes a run folder meanwhile."""
+"""Seconds to wait for another process that holds a lock: it draws a report and writes a run folder
+meanwhile.
+"""
 PAUSE_S = 0.05
 SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
-"""Pauses before a rename is tried again: on Windows a virus scanner may hold a file that was just written."""
+"""Pauses before a rename is tried again: on Windows a virus scanner may hold a file that was just
+written.
+"""
 BUSY = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
-"""Errors of a lock that another process holds; any other means that the file system has no locks."""
+"""Errors of a lock that another process holds; any other means that the file system has no locks.
+"""
 
 REMOVABLE = os.name == "posix"
-"""Whether an open file can be removed; where it cannot, as on Windows, an empty lock file stays and keeps its name."""
+"""Whether an open file can be removed; where it cannot, as on Windows, an empty lock file stays and
+keeps its name.
+"""
 
 
 def write_synced(path: Path, content: bytes | Iterable[bytes]) -> None:
@@ -46,7 +55,9 @@ def sync_folder(folder: Path) -> None:
 
 
 def make_folder(folder: Path) -> None:
-    """Make a folder with its parents and wait until their entries are on the disk; raises OSError."""
+    """Make a folder with its parents and wait until their entries are on the disk; raises
+    OSError.
+    """
     missing = [path for path in (folder, *folder.parents) if not path.exists()]
     folder.mkdir(parents=True, exist_ok=True)
     for path in reversed(missing):
@@ -54,7 +65,9 @@ def make_folder(folder: Path) -> None:
 
 
 def rename_folder(temporary: Path, target: Path) -> None:
-    """Rename a folder to a name that nothing has; raises OSError. A scanner that holds it is waited for."""
+    """Rename a folder to a name that nothing has; raises OSError. A scanner that holds it is waited
+    for.
+    """
     for pause in SCANNER_PAUSES_S:
         try:
             temporary.rename(target)
@@ -66,12 +79,16 @@ def rename_folder(temporary: Path, target: Path) -> None:
 
 
 def rename_new(temporary: Path, path: Path) -> None:
-    """Give a file a name that nothing has: a hard link fails where the name was taken meanwhile. Raises OSError."""
+    """Give a file a name that nothing has: a hard link fails where the name was taken meanwhile.
+    Raises OSError.
+    """
     try:
         os.link(temporary, path)
     except FileExistsError:
         raise
-    except OSError:  # a file system without hard links; what took the name meanwhile is still not replaced
+    except (
+        OSError
+    ):  # a file system without hard links; what took the name meanwhile is still not replaced
         if path.exists():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
         temporary.rename(path)
@@ -79,11 +96,12 @@ def rename_new(temporary: Path, path: Path) -> None:
 
 @contextlib.contextmanager
 def locked(path: Path, what: str, wait_s: float = WAIT_S) -> Iterator[None]:
-    """Hold a lock file against other processes and threads; it goes with the process, however that ends.
+    """Hold a lock file against other processes and threads; it goes with the process, however that
+    ends.
 
-    Raises OutputError that names `what` where it cannot be made or is still held after wait_s [s]. A file system without
-    locks is gone on without: renames that replace nothing are what keeps the record whole, the lock only spares a second
-    fit a refusal.
+    Raises OutputError that names `what` where it cannot be made or is still held after wait_s [s].
+    A file system without locks is gone on without: renames that replace nothing are what keeps the
+    record whole, the lock only spares a second fit a refusal.
     """
     handle = _acquired(path, what, round(wait_s / PAUSE_S))
     try:
@@ -112,7 +130,10 @@ def _acquired(path: Path, what: str, attempts: int) -> int:
             os.close(handle)
             raise
         os.close(handle)
-    raise OutputError(f"{what} is being written by another calibkit", hint="wait until it has finished and run again")
+    raise OutputError(
+        f"{what} is being written by another calibkit",
+        hint="wait until it has finished and run again",
+    )
 
 
 def _taken(handle: int) -> bool:

@@ -1,4 +1,6 @@
-"""The coefficient file: what a stage found, with units, uncertainty, range of validity and a digest of its own."""
+"""The coefficient file: what a stage found, with units, uncertainty, range of validity and a digest
+of its own.
+"""
 
 from __future__ import annotations
 
@@ -36,7 +38,9 @@ Figure = Coefficient
 
 @dataclass(frozen=True, slots=True)
 class Parameter:
-    """A number that the form of a model needs but that was chosen, not fitted: an interval, a temperature scaling."""
+    """A number that the form of a model needs but that was chosen, not fitted: an interval, a
+    temperature scaling.
+    """
 
     name: str
     value: float
@@ -61,9 +65,13 @@ class Input:
     sha256: str
     rows: int
     reading: tuple[str, ...] = ()
-    """How the log was read; kept in run.json, not in coefficient files: the same numbers are the same coefficients."""
+    """How the log was read; kept in run.json, not in coefficient files: the same numbers are the
+    same coefficients.
+    """
     clock: tuple[float, float] | None = None
-    """Offset of a second logger's clock [s] and its standard uncertainty [s]; a condition in coefficient files."""
+    """Offset of a second logger's clock [s] and its standard uncertainty [s]; a condition in
+    coefficient files.
+    """
     content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
     """First rows of its values, by which copies are seen; run.json keeps their fingerprint."""
 
@@ -79,7 +87,9 @@ class Input:
 
 @dataclass(frozen=True, slots=True)
 class Model:
-    """One fitted model: its form names the equation, `valid` the ranges (column → low, high) in which it holds."""
+    """One fitted model: its form names the equation, `valid` the ranges (column → low, high) in
+    which it holds.
+    """
 
     name: str
     form: str
@@ -98,7 +108,8 @@ class Model:
         if name in values:
             return values[name]
         raise CoefficientError(
-            f"model '{self.name}' ({self.form}) has no '{name}'", hint="the file is not of this form"
+            f"model '{self.name}' ({self.form}) has no '{name}'",
+            hint="the file is not of this form",
         )
 
 
@@ -158,7 +169,9 @@ class Identity:
 
 
 def record(result: StageResult, identity: Identity, supersedes: str) -> Record:
-    """Coefficient record of a stage's result; `supersedes` is the digest of the stage's file before, or empty."""
+    """Coefficient record of a stage's result; `supersedes` is the digest of the stage's file
+    before, or empty.
+    """
     return Record(
         stage=result.stage,
         serial=identity.serial,
@@ -167,7 +180,9 @@ def record(result: StageResult, identity: Identity, supersedes: str) -> Record:
         effective_from=identity.effective_from,
         software=identity.software,
         recipe_sha256=identity.recipe_sha256,
-        inputs=tuple(replace(entry, reading=(), clock=None, content=frozenset()) for entry in identity.inputs),
+        inputs=tuple(
+            replace(entry, reading=(), clock=None, content=frozenset()) for entry in identity.inputs
+        ),
         conditions=(*result.conditions, *_clocks(identity.inputs)),
         models=result.models,
         figures=result.figures,
@@ -176,7 +191,9 @@ def record(result: StageResult, identity: Identity, supersedes: str) -> Record:
 
 
 def _clocks(inputs: Sequence[Input]) -> tuple[Condition, ...]:
-    """Clock of the second logger of each log that has one: its uncertainty is in no covariance of the models."""
+    """Clock of the second logger of each log that has one: its uncertainty is in no covariance of
+    the models.
+    """
     return tuple(
         Condition(f"second_logger_clock_offset.{entry.name}", entry.clock[0], "s", entry.clock[1])
         for entry in inputs
@@ -185,11 +202,15 @@ def _clocks(inputs: Sequence[Input]) -> tuple[Condition, ...]:
 
 
 def digest(document: Mapping[str, Any]) -> str:
-    """SHA-256 of the canonical JSON (RFC 8785) of every key but `sha256`; raises CoefficientError for what JSON lacks."""
+    """SHA-256 of the canonical JSON (RFC 8785) of every key but `sha256`; raises CoefficientError
+    for what JSON lacks.
+    """
     import rfc8785
 
     try:
-        canonical = rfc8785.dumps({key: value for key, value in document.items() if key != "sha256"})
+        canonical = rfc8785.dumps(
+            {key: value for key, value in document.items() if key != "sha256"}
+        )
     except (rfc8785.CanonicalizationError, RecursionError, UnicodeError) as error:
         raise CoefficientError(
             f"not a JSON document: {error}", hint="a NaN or an infinity is not a coefficient"
@@ -198,7 +219,9 @@ def digest(document: Mapping[str, Any]) -> str:
 
 
 def seal(document: Mapping[str, Any]) -> str:
-    """Text of a JSON document with its own digest beside it, one line a scalar, keys in order, ending in a newline."""
+    """Text of a JSON document with its own digest beside it, one line a scalar, keys in order,
+    ending in a newline.
+    """
     plain: dict[str, Any] = json.loads(json.dumps(document, allow_nan=True))
     body = {"format": plain.pop("format"), "sha256": "", **plain}
     body["sha256"] = digest(body)
@@ -214,22 +237,28 @@ def unseal(text: str, name: str, formats: tuple[str, ...] = FORMATS) -> dict[str
             f"{name}: not a whole JSON document: {error}", hint="restore it from the run's copy"
         ) from None
     if not isinstance(document, dict) or not isinstance(document.get("format"), str):
-        raise CoefficientError(f"{name}: no 'format' key", hint=f"expected one of {', '.join(formats)}")
+        raise CoefficientError(
+            f"{name}: no 'format' key", hint=f"expected one of {', '.join(formats)}"
+        )
     if document["format"] not in formats:
         raise CoefficientError(
-            f"{name}: format '{document['format']}', expected one of {', '.join(formats)}", hint="use a newer calibkit"
+            f"{name}: format '{document['format']}', expected one of {', '.join(formats)}",
+            hint="use a newer calibkit",
         )
     expected = digest(document)
     if document.get("sha256") != expected:
         raise CoefficientError(
-            f"{name}: digest {str(document.get('sha256'))[:12]}… is not that of its content, {expected[:12]}…",
+            f"{name}: digest {str(document.get('sha256'))[:12]}… is not that of its content,"
+            f" {expected[:12]}…",
             hint="the file was changed after it was written; do not use it",
         )
     return document
 
 
 def _distinct(pairs: list[tuple[str, Any]]) -> dict[str, Any]:
-    """A JSON object whose keys are distinct; two values for one key would make the digest meaningless."""
+    """A JSON object whose keys are distinct; two values for one key would make the digest
+    meaningless.
+    """
     found = dict(pairs)
     if len(found) != len(pairs):
         raise ValueError("a key stands twice")
@@ -242,7 +271,8 @@ def dumps(record: Record) -> str:
         for entry in model.coefficients:
             if not math.isfinite(entry.value) or not math.isfinite(entry.standard_uncertainty):
                 raise CoefficientError(
-                    f"{record.stage} {model.name}: {entry.name} is {entry.value}", hint="this is a bug"
+                    f"{record.stage} {model.name}: {entry.name} is {entry.value}",
+                    hint="this is a bug",
                 )
     return seal(document(record))
 
@@ -253,7 +283,9 @@ def document(record: Record) -> dict[str, Any]:
 
 
 def loads(text: str, name: str) -> Record:
-    """Record of a coefficient file's text; raises CoefficientError for a wrong digest, format or shape."""
+    """Record of a coefficient file's text; raises CoefficientError for a wrong digest, format or
+    shape.
+    """
     document = unseal(text, name)
     document.pop("sha256")
     try:
@@ -282,7 +314,10 @@ def _model(entry: Mapping[str, Any]) -> Model:
             **entry,
             "coefficients": tuple(_typed(Coefficient, item) for item in entry["coefficients"]),
             "covariance": tuple(tuple(map(_number, row)) for row in entry["covariance"]),
-            "valid": {column: (_number(low), _number(high)) for column, (low, high) in entry["valid"].items()},
+            "valid": {
+                column: (_number(low), _number(high))
+                for column, (low, high) in entry["valid"].items()
+            },
             "parameters": tuple(_typed(Parameter, item) for item in entry.get("parameters", ())),
         },
     )
@@ -314,12 +349,16 @@ def _count(value: object) -> int:
 
 
 _PLAIN: dict[str, Callable[[object], object]] = {"str": _text, "float": _number, "int": _count}
-"""Annotation of a field → check of its value; what is made of other records was checked when they were made."""
+"""Annotation of a field → check of its value; what is made of other records was checked when they
+were made.
+"""
 _Made = TypeVar("_Made")
 
 
 def _typed(kind: type[_Made], values: Mapping[str, Any]) -> _Made:
-    """A record whose plain fields hold what their annotations say; TypeError for another type, a key too many or too few."""
+    """A record whose plain fields hold what their annotations say; TypeError for another type, a
+    key too many or too few.
+    """
     kinds = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
     for name, value in values.items():
         if kinds.get(name) in _PLAIN:

@@ -4,7 +4,9 @@ from __future__ import annotations
 
 
 class CalibkitError(Exception):
-    """Anything calibkit refuses to do, with one line that says where, what was found, what was expected, what to do."""
+    """Anything calibkit refuses to do, with one line that says where, what was found, what was
+    expected, what to do.
+    """
 
     exit_code = 70
     code = "internal"

@@ -39,7 +39,12 @@ CANONICAL = (
     "segment",
 )
 """Canonical columns that have one name."""
-PATTERNS = (r"gyro_[a-z0-9]+_dph", r"gyro_[a-z0-9]+_lsb", r"accel_[a-z0-9]+_g", r"accel_[a-z0-9]+_lsb")
+PATTERNS = (
+    r"gyro_[a-z0-9]+_dph",
+    r"gyro_[a-z0-9]+_lsb",
+    r"accel_[a-z0-9]+_g",
+    r"accel_[a-z0-9]+_lsb",
+)
 """Canonical columns that are named after their axis."""
 
 
@@ -51,9 +56,11 @@ KEPT_ROWS, KEPT_DIGITS = 64, 12
 
 @dataclass(frozen=True, slots=True)
 class Log:
-    """One log as it was read: its file, the digest of its bytes, its rows, what was noted, how it was read, the tidy frame.
+    """One log as it was read: its file, the digest of its bytes, its rows, what was noted, how it
+    was read, the tidy frame.
 
-    The frame's index counts lines of the file (minus 2); `parts` are the files of a split log with their offset in it.
+    The frame's index counts lines of the file (minus 2); `parts` are the files of a split log with
+    their offset in it.
     """
 
     name: str
@@ -65,14 +72,20 @@ class Log:
     reading: tuple[str, ...] = ()
     parts: tuple[tuple[str, int], ...] = ()
     clock: tuple[float, float] | None = None
-    """Offset of a second logger's clock [s] and the largest standard uncertainty of its times [s], where one was joined."""
+    """Offset of a second logger's clock [s] and the largest standard uncertainty of its times [s],
+    where one was joined.
+    """
     room: Callable[[int], NDArray[np.float64]] = np.empty
     """Makes arrays along the rows where the log lies: in memory, or on disk."""
     _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
-    """What was asked of the columns before, by many checks; a log that replaces this one begins anew."""
+    """What was asked of the columns before, by many checks; a log that replaces this one begins
+    anew.
+    """
 
     def extremes(self, column: str) -> tuple[float, float]:
-        """Smallest and largest value of a column, both not a number where one is missing or there is no row."""
+        """Smallest and largest value of a column, both not a number where one is missing or there
+        is no row.
+        """
         if column not in self._known:
             self._known[column] = spans.extremes(values(self.frame, column))
         known: tuple[float, float] = self._known[column]
@@ -88,7 +101,9 @@ class Log:
 
     @property
     def on_disk(self) -> bool:
-        """Whether the columns of the frame are on disk: what is computed along them goes span by span."""
+        """Whether the columns of the frame are on disk: what is computed along them goes span by
+        span.
+        """
         return self.room is not np.empty
 
     def place(self, row: int) -> str:
@@ -100,7 +115,9 @@ class Log:
         return f"{self.file}:{index + 2}"
 
     def first_rows(self) -> frozenset[bytes]:
-        """Different ones of the first rows, the bytes of their values as they were mapped; words are left out."""
+        """Different ones of the first rows, the bytes of their values as they were mapped; words
+        are left out.
+        """
         head = self.frame.head(COMPARED_ROWS).select_dtypes("number").to_numpy(dtype=np.float64)
         # −0 is 0
         return frozenset(row.tobytes() for row in head + 0.0) if head.shape[1] else frozenset()
@@ -112,13 +129,17 @@ def row_digests(rows: Iterable[bytes]) -> frozenset[str]:
 
 
 def fingerprint(rows: Iterable[bytes]) -> str:
-    """The KEPT_ROWS smallest digests of rows, ascending: a sample that copies share, whichever of the rows they hold."""
+    """The KEPT_ROWS smallest digests of rows, ascending: a sample that copies share, whichever of
+    the rows they hold.
+    """
     return "".join(sorted(row_digests(rows))[:KEPT_ROWS])
 
 
 @dataclass(frozen=True, slots=True)
 class Held:
-    """A held condition of a log: rows start … stop − 1, its kind, its level and the level's unit."""
+    """A held condition of a log: rows start … stop − 1, its kind, its level and the level's
+    unit.
+    """
 
     kind: Literal["soak", "ramp", "rate", "dwell", "station"]
     start: int
@@ -131,19 +152,24 @@ class Held:
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """What a procedure says of a log before anything is fitted to it: the findings and the held conditions."""
+    """What a procedure says of a log before anything is fitted to it: the findings and the held
+    conditions.
+    """
 
     findings: tuple[Finding, ...]
     held: tuple[Held, ...] = ()
 
 
 Severity = Literal["refuse", "warn", "note"]
-"""What a finding does to a fit: stops it, is carried along as a flag, or is only told by `check`."""
+"""What a finding does to a fit: stops it, is carried along as a flag, or is only told by `check`.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Finding:
-    """Something a check found in a log: where, what, what was expected, what to do; its name, line, time and figure."""
+    """Something a check found in a log: where, what, what was expected, what to do; its name, line,
+    time and figure.
+    """
 
     place: str
     found: str
@@ -190,7 +216,8 @@ def values(frame: pd.DataFrame, column: str) -> NDArray[np.float64]:
 
 
 def require(file: str, present: Iterable[str], needed: Iterable[str], *, of: str = "") -> None:
-    """Raise MissingColumnError naming the needed columns that are absent, with the closest one to the first that is there.
+    """Raise MissingColumnError naming the needed columns that are absent, with the closest one to
+    the first that is there.
 
     `of` is the canonical column that a needed one is mapped to.
     """
@@ -203,7 +230,11 @@ def require(file: str, present: Iterable[str], needed: Iterable[str], *, of: str
         close = difflib.get_close_matches(first, free, n=1)
         guess = f"did you mean '{close[0]}'? " if close else ""
         source = json.dumps(close[0] if close else "…", ensure_ascii=False)
-        others = f" (and so {'is' if len(more) == 1 else 'are'} {', '.join(map(repr, more))})" if more else ""
+        others = (
+            f" (and so {'is' if len(more) == 1 else 'are'} {', '.join(map(repr, more))})"
+            if more
+            else ""
+        )
         raise MissingColumnError(
             f"{file}:1: column '{first}' is missing{others}, found {', '.join(there)}",
             hint=f"{guess}map it in the recipe: [columns.{of or first}] from = {source}",

@@ -12,11 +12,19 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import __version__, coefficients, procedures, recipe, store
 from calibkit.check import copies
-from calibkit.errors import CoefficientError, FrameError, MissingColumnError, OutputError, RecipeError, UsageError
+from calibkit.errors import (
+    CoefficientError,
+    FrameError,
+    MissingColumnError,
+    OutputError,
+    RecipeError,
+    UsageError,
+)
 from calibkit.history import dates
+from calibkit.ingest import logs as ingest
+from calibkit.ingest import unseen
 from calibkit.recipe import type_b
-from calibkit.report import documents, figures, html
-from calibkit.stages import budget, ingest, unseen
+from calibkit.report import budget, documents, figures, html
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -57,7 +65,9 @@ def fit(
     *,
     dry_run: bool = False,
 ) -> FitOutcome:
-    """Fit a recipe to the logs of a folder and write the next revision of the serial's run folder; a dry run only names it."""
+    """Fit a recipe to the logs of a folder and write the next revision of the serial's run folder;
+    a dry run only names it.
+    """
     spec = recipe.parse(source)
     serial = store.check_serial(serial or spec.serial)
     procedure = procedures.of(spec)
@@ -70,8 +80,13 @@ def fit(
     made: dict[str, coefficients.Record] = {}
 
     def build(revision: int, superseded: Mapping[str, str]) -> dict[str, bytes]:
-        identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
-        records = {r.file: coefficients.record(r, identity, superseded.get(r.stage, "")) for r in fitted.results}
+        identity = coefficients.Identity(
+            serial, revision, date, SOFTWARE, source.sha256, fitted.inputs
+        )
+        records = {
+            r.file: coefficients.record(r, identity, superseded.get(r.stage, ""))
+            for r in fitted.results
+        }
         dated = replace(fitted, summary=dates.flagged(fitted.summary, out, serial, revision, date))
         contents = {file: coefficients.dumps(record).encode() for file, record in records.items()}
         with figures.styled():
@@ -86,7 +101,9 @@ def fit(
 
     folder = (store.rehearse if dry_run else store.commit)(out, serial, build)
     name = f"{serial}@{folder.name}"
-    summary = replace(fitted.summary, title=f"{name}: {spec.title or spec.procedure}", flags=tuple(built["flags"]))
+    summary = replace(
+        fitted.summary, title=f"{name}: {spec.title or spec.procedure}", flags=tuple(built["flags"])
+    )
     return FitOutcome(folder, name, summary, built, made, guesses(fitted.inputs))
 
 
@@ -100,7 +117,9 @@ def _placed(source: recipe.Source) -> Iterator[None]:
 
 
 def guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
-    """What was guessed of how the logs are written: one line a guess, with the logs that it was made of."""
+    """What was guessed of how the logs are written: one line a guess, with the logs that it was
+    made of.
+    """
     made: dict[str, list[str]] = {}
     for entry in inputs:
         for said in entry.reading:
@@ -113,14 +132,18 @@ def guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
 
 
 def _uncertainty(fitted: Fitted, spec: recipe.Recipe) -> list[Mapping[str, Any]]:
-    """Combined uncertainties that the procedure states, then those of what type B terms name beside them."""
+    """Combined uncertainties that the procedure states, then those of what type B terms name beside
+    them.
+    """
     stated = {entry["result"] for entry in fitted.uncertainty}
     named = budget.of_results(fitted.results, spec.type_b)
     return [*fitted.uncertainty, *(entry for entry in named if entry["result"] not in stated)]
 
 
 def _results(fitted: Fitted) -> set[str]:
-    """Names of all that a fit found: figures, and coefficients by themselves and as model.coefficient."""
+    """Names of all that a fit found: figures, and coefficients by themselves and as
+    model.coefficient.
+    """
     names = {figure.name for result in fitted.results for figure in result.figures}
     for model in (model for result in fitted.results for model in result.models):
         names |= {coefficient.name for coefficient in model.coefficients}
@@ -141,7 +164,9 @@ def _run_document(
     fitted: Fitted,
     contents: Mapping[str, bytes],
 ) -> dict[str, Any]:
-    """run.json: the recipe, the logs, the software, the verdict and the digests of the run's files."""
+    """run.json: the recipe, the logs, the software, the verdict and the digests of the run's
+    files.
+    """
     return {
         "format": store.RUN_FORMAT,
         "serial": identity.serial,
@@ -159,14 +184,19 @@ def _run_document(
         },
         "inputs": [copies.entry(log) for log in identity.inputs],
         "excluded": [entry.model_dump() for entry in spec.exclude],
-        **({"corrections": [entry.model_dump() for entry in spec.correction]} if spec.correction else {}),
+        **(
+            {"corrections": [entry.model_dump() for entry in spec.correction]}
+            if spec.correction
+            else {}
+        ),
         "type_b": type_b.dumps(spec.type_b),
         "accepted": fitted.summary.accepted,
         "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
         "uncertainty": _uncertainty(fitted, spec),
         "flags": list(fitted.summary.flags),
         "files": [
-            {"name": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in sorted(contents.items())
+            {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
+            for name, content in sorted(contents.items())
         ],
     }
 
@@ -176,7 +206,7 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
 
     A figure (PDF, one page a log) is written where a path for it is given.
     """
-    from calibkit.stages import examination
+    from calibkit.check import examination
 
     if figure is not None:
         store.refuse_existing(figure)
@@ -197,15 +227,20 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
 
         drawn = [outcome.figure for outcome in outcomes if outcome.figure is not None]
         if not drawn:
-            raise FrameError(f"{data}: no log could be read, nothing to draw", hint="see check without --figure")
+            raise FrameError(
+                f"{data}: no log could be read, nothing to draw", hint="see check without --figure"
+            )
         with figures.styled():
             store.write_new(figure, figures.pdf(logs.pages(drawn)))
     return tuple(reports)
 
 
 def init(folder: Path) -> str:
-    """Text of a commented recipe for the logs of a folder, with what check finds in the first of them."""
-    from calibkit.stages import examination, proposal
+    """Text of a commented recipe for the logs of a folder, with what check finds in the first of
+    them.
+    """
+    from calibkit.check import examination
+    from calibkit.ingest import proposal
 
     text = proposal.proposed(folder)
     spec = recipe.parse(recipe.Source("proposed recipe", text))
@@ -221,7 +256,9 @@ def init(folder: Path) -> str:
 
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
-    """Recipe of a run as it was fitted, changed by what is said of the place of use; nothing is excluded from now on."""
+    """Recipe of a run as it was fitted, changed by what is said of the place of use; nothing is
+    excluded from now on.
+    """
     return _fitted_recipe(run, overrides).model_copy(update={"exclude": ()})
 
 
@@ -240,7 +277,8 @@ def apply(
     as_firmware: str | None = None,
     dry_run: bool = False,
 ) -> tuple[str, ...]:
-    """Compensate one log with a run's coefficients and write every row and column of it; returns the flags.
+    """Compensate one log with a run's coefficients and write every row and column of it; returns
+    the flags.
 
     With `as_firmware`, a number format, as the exported firmware would: by its bit-exact twin.
     """
@@ -249,22 +287,29 @@ def apply(
     if not data.is_file():
         raise UsageError(f"--data {data}: no such file", hint="name one log")
     # every row is written: one file as it is, none of its rows left out
-    spec = spec.model_copy(update={"logs": spec.logs.model_copy(update={"split": False, "missing": "refuse"})})
+    spec = spec.model_copy(
+        update={"logs": spec.logs.model_copy(update={"split": False, "missing": "refuse"})}
+    )
     try:
         if as_firmware is None:
             content, flags = procedures.of(spec).apply(spec, run.records, data)
         else:
-            from calibkit.procedures import as_firmware as firmware_twin
+            from calibkit.firmware import as_firmware as firmware_twin
 
             content, flags = firmware_twin.apply(spec, run.records, data, as_firmware)
     except MissingColumnError as error:
         mapped = " ".join(f"--set columns.{name}.from=…" for name in error.columns)
         raise FrameError(
-            error.message, hint=f"{run.name} needs {', '.join(error.columns)}: name the log's own columns with {mapped}"
+            error.message,
+            hint=(
+                f"{run.name} needs {', '.join(error.columns)}: name the log's own columns with"
+                f" {mapped}"
+            ),
         ) from None
     store.write_new(out, content, dry_run=dry_run)
     corrected = (
-        f"{entry.column} corrected by certificate {entry.certificate}: --set correction=[] where other instruments measured"
+        f"{entry.column} corrected by certificate {entry.certificate}: --set correction=[] where"
+        " other instruments measured"
         for entry in spec.correction
     )
     return (*corrected, *flags)
@@ -273,16 +318,25 @@ def apply(
 def validate(
     run: store.Run, data: Path, out: Path, progress: Progress, *, dry_run: bool = False
 ) -> tuple[dict[str, Any], Summary]:
-    """Hold a run's frozen coefficients against logs that they have not seen and write the figures as JSON."""
+    """Hold a run's frozen coefficients against logs that they have not seen and write the figures
+    as JSON.
+    """
     store.refuse_existing(out)
     spec, inputs = run_recipe(run, ()), run.document["inputs"]
     files = ingest.find_logs(spec, data)
     procedure, excluded, seen = procedures.of(spec), _fitted_recipe(run, ()).exclude, list[str]()
-    read = (unseen.read(procedure, spec, data, file, inputs, excluded) for file in progress(files, "validating"))
+    read = (
+        unseen.read(procedure, spec, data, file, inputs, excluded)
+        for file in progress(files, "validating")
+    )
     new = unseen.new(read, seen, f"{data}: every log here was fitted by {run.name}")
     body, summary = procedure.validate(spec, run.records, new)
     flags = (*seen, *unseen.untold(run.name, inputs), *summary.flags)
-    summary = replace(summary, title=f"{run.name} on {len(files) - len(seen)} logs that it has not seen", flags=flags)
+    summary = replace(
+        summary,
+        title=f"{run.name} on {len(files) - len(seen)} logs that it has not seen",
+        flags=flags,
+    )
     document = {
         "format": VALIDATION_FORMAT,
         "serial": run.document["serial"],
@@ -300,7 +354,9 @@ def validate(
 
 
 def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected: bool) -> Export:
-    """A run's correction chain in a number format; refuses a run that failed its acceptance limits unless told not to."""
+    """A run's correction chain in a number format; refuses a run that failed its acceptance limits
+    unless told not to.
+    """
     from calibkit.firmware import chains, export, formats, sources
 
     accepted = bool(run.document["accepted"])
@@ -308,7 +364,10 @@ def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected:
         failed = [entry["name"] for entry in run.document["acceptance"] if not entry["passed"]]
         raise OutputError(
             f"{run.name} was rejected: {', '.join(failed)}",
-            hint="fit it again within its limits, or export it marked as rejected with --allow-rejected",
+            hint=(
+                "fit it again within its limits, or export it marked as rejected with"
+                " --allow-rejected"
+            ),
         )
     spec = run_recipe(run, ())
     chain = chains.of(spec, run.records)
@@ -324,7 +383,9 @@ def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected:
         SOFTWARE,
         accepted,
     )
-    return export.of(chain, identity, formats.of(number), prefix, sources.lines(spec, chain.structure))
+    return export.of(
+        chain, identity, formats.of(number), prefix, sources.lines(spec, chain.structure)
+    )
 
 
 def export(
@@ -338,7 +399,9 @@ def export(
     allow_rejected: bool = False,
     dry_run: bool = False,
 ) -> list[Path]:
-    """Write the correction chains of one run or of a fleet's for a firmware target; returns the files."""
+    """Write the correction chains of one run or of a fleet's for a firmware target; returns the
+    files.
+    """
     from calibkit.firmware import targets
 
     chosen = targets.of(target, number)
@@ -349,7 +412,9 @@ def export(
 
 
 def verified(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
-    """Check a file that calibkit wrote; returns what it is, and of a certificate what should be known of it."""
+    """Check a file that calibkit wrote; returns what it is, and of a certificate what should be
+    known of it.
+    """
     from calibkit.certificate import verify as certificates
 
     if path.is_file() and certificates.is_certificate(path):
@@ -364,7 +429,9 @@ def verify(path: Path) -> str:
 
 
 def _what(path: Path) -> str:
-    """Check the digests of calibkit's files and recompute the vectors of its exports; returns what a file is."""
+    """Check the digests of calibkit's files and recompute the vectors of its exports; returns what
+    a file is.
+    """
     if (path / store.FLEET_FILE).is_file():
         fleet = store.load_fleet(path)
         return f"fleet of {len(fleet['units'])} units, {len(fleet['files'])} files"
@@ -372,7 +439,9 @@ def _what(path: Path) -> str:
         run = store.load(path)
         return f"run {run.name}, {len(run.document['files'])} files"
     if not path.is_file():
-        raise UsageError(f"{path}: no such file", hint="name a coefficient file, a validation or a run folder")
+        raise UsageError(
+            f"{path}: no such file", hint="name a coefficient file, a validation or a run folder"
+        )
     from calibkit.firmware import targets
 
     if path.suffix in targets.READERS:
@@ -389,14 +458,21 @@ def _what(path: Path) -> str:
         return targets.verify_manifest(path)
     if document["format"] in coefficients.FORMATS:
         record = coefficients.loads(text, str(path))
-        return f"{record.stage} of {record.serial} r{record.revision:03d}, effective from {record.effective_from}"
+        return (
+            f"{record.stage} of {record.serial} r{record.revision:03d}, effective from"
+            f" {record.effective_from}"
+        )
     if not (isinstance(document.get("serial"), str) and isinstance(document.get("revision"), int)):
-        raise CoefficientError(f"{path}: says of no serial and revision", hint="calibkit did not write it")
+        raise CoefficientError(
+            f"{path}: says of no serial and revision", hint="calibkit did not write it"
+        )
     return f"{document['format']} of {document['serial']} r{document['revision']:03d}"
 
 
 def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool = False) -> list[str]:
-    """Write a simulated campaign's logs and truth into a new folder; returns the names of the files."""
+    """Write a simulated campaign's logs and truth into a new folder; returns the names of the
+    files.
+    """
     from calibkit.simulate import campaigns
 
     files = campaigns.of(procedure)(seed).files()

@@ -32,31 +32,57 @@ SHAPE: dict[str, Kind] = {
 """Keys that every run.json ever released has, and what they hold."""
 TABLES: dict[str, dict[str, Kind]] = {
     "inputs": {"name": str, "sha256": str, "rows": int},
-    "acceptance": {"name": str, "value": (int, float), "limit": (int, float), "unit": str, "passed": bool},
+    "acceptance": {
+        "name": str,
+        "value": (int, float),
+        "limit": (int, float),
+        "unit": str,
+        "passed": bool,
+    },
     "files": {"name": str, "sha256": str},
 }
 RECIPE_SHAPE: dict[str, Kind] = {"name": str, "sha256": str, "text": str, "overrides": list}
-FLEET_SHAPE: dict[str, Kind] = {"software": str, "effective_from": str, "units": list, "figures": list, "files": list}
+FLEET_SHAPE: dict[str, Kind] = {
+    "software": str,
+    "effective_from": str,
+    "units": list,
+    "figures": list,
+    "files": list,
+}
 _HEX = re.compile(r"[0-9a-f]+")
 _FILE_NAME = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 
 
 def require_shape(document: Mapping[str, Any], path: str) -> None:
-    """Raise CoefficientError for a sealed run.json that lacks something, or whose files are not in the folder."""
+    """Raise CoefficientError for a sealed run.json that lacks something, or whose files are not in
+    the folder.
+    """
     faults = (
-        _misshapen(document, SHAPE, "") or _misshapen(document["recipe"], RECIPE_SHAPE, "recipe.") or _listed(document)
+        _misshapen(document, SHAPE, "")
+        or _misshapen(document["recipe"], RECIPE_SHAPE, "recipe.")
+        or _listed(document)
     )
     if faults:
-        raise CoefficientError(f"{path}: not a run document: {faults[0]}", hint="restore the run folder")
+        raise CoefficientError(
+            f"{path}: not a run document: {faults[0]}", hint="restore the run folder"
+        )
     _require_file_names(document, path)
 
 
 def require_fleet_shape(document: Mapping[str, Any], path: str) -> None:
-    """Raise CoefficientError for a sealed fleet.json that lacks something, or whose files are not in the folder."""
+    """Raise CoefficientError for a sealed fleet.json that lacks something, or whose files are not
+    in the folder.
+    """
     faults = _misshapen(document, FLEET_SHAPE, "")
-    faults = faults or [fault for entry in document["files"] for fault in _misshapen(entry, TABLES["files"], "files: ")]
+    faults = faults or [
+        fault
+        for entry in document["files"]
+        for fault in _misshapen(entry, TABLES["files"], "files: ")
+    ]
     if faults:
-        raise CoefficientError(f"{path}: not a fleet's record: {faults[0]}", hint="restore the folder")
+        raise CoefficientError(
+            f"{path}: not a fleet's record: {faults[0]}", hint="restore the folder"
+        )
     _require_file_names(document, path)
 
 
@@ -64,11 +90,15 @@ def _require_file_names(document: Mapping[str, Any], path: str) -> None:
     """Raise CoefficientError for a listed file whose name is that of no file in the folder."""
     for entry in document["files"]:
         if not _FILE_NAME.fullmatch(entry["name"]):
-            raise CoefficientError(f"{path}: file name '{entry['name']}' leaves the folder", hint="do not use this run")
+            raise CoefficientError(
+                f"{path}: file name '{entry['name']}' leaves the folder", hint="do not use this run"
+            )
 
 
 def _listed(document: Mapping[str, Any]) -> list[str]:
-    """What is wrong with the lists of a run document whose keys are all there, and with its date and number."""
+    """What is wrong with the lists of a run document whose keys are all there, and with its date
+    and number.
+    """
     faults = [
         fault
         for key, shape in TABLES.items()
@@ -78,15 +108,26 @@ def _listed(document: Mapping[str, Any]) -> list[str]:
     wrong = (entry["fingerprint"] for entry in document["inputs"] if "fingerprint" in entry)
     faults += [f"inputs: fingerprint: {text!r:.40}" for text in wrong if not _is_fingerprint(text)]
     texts = {"flags": document["flags"], "recipe.overrides": document["recipe"]["overrides"]}
-    faults += [f"{key}: {text!r:.40}" for key, found in texts.items() for text in found if not isinstance(text, str)]
-    faults += [] if _is_date(document["effective_from"]) else [f"effective_from: {document['effective_from']!r:.40}"]
+    faults += [
+        f"{key}: {text!r:.40}"
+        for key, found in texts.items()
+        for text in found
+        if not isinstance(text, str)
+    ]
+    faults += (
+        []
+        if _is_date(document["effective_from"])
+        else [f"effective_from: {document['effective_from']!r:.40}"]
+    )
     faults += [] if document["revision"] > 0 else [f"revision: {document['revision']}"]
     return faults
 
 
 def _is_fingerprint(text: object) -> bool:
     """Whether a log's fingerprint is one: digests of rows behind each other."""
-    return isinstance(text, str) and not len(text) % KEPT_DIGITS and _HEX.fullmatch(text) is not None
+    return (
+        isinstance(text, str) and not len(text) % KEPT_DIGITS and _HEX.fullmatch(text) is not None
+    )
 
 
 def _is_date(text: str) -> bool:

@@ -1,4 +1,6 @@
-"""Run folders: written once and whole, found again by serial and revision, checked against their digests."""
+"""Run folders: written once and whole, found again by serial and revision, checked against their
+digests.
+"""
 
 from __future__ import annotations
 
@@ -52,7 +54,12 @@ def check_serial(serial: str) -> str:
     """Return a serial that can name a folder on every system, or raise UsageError."""
     if not serial:
         raise UsageError("no serial number", hint='give --serial, or serial = "…" in the recipe')
-    if not _SERIAL.fullmatch(serial) or serial.endswith(".") or len(serial) > 100 or _DEVICE.match(serial):
+    if (
+        not _SERIAL.fullmatch(serial)
+        or serial.endswith(".")
+        or len(serial) > 100
+        or _DEVICE.match(serial)
+    ):
         raise UsageError(
             f"serial '{serial}' cannot name a folder",
             hint="use letters, digits, '-', '_', '+' and '.', starting with a letter or digit",
@@ -73,13 +80,21 @@ def _entries(folder: Path) -> list[Path]:
     try:
         return list(folder.iterdir())
     except OSError as error:
-        raise CoefficientError(f"{folder}: cannot be read: {error.strerror}", hint="check the permissions") from None
+        raise CoefficientError(
+            f"{folder}: cannot be read: {error.strerror}", hint="check the permissions"
+        ) from None
 
 
 def latest_digests(out: Path, serial: str) -> tuple[int, dict[str, str]]:
-    """Newest revision number of a serial (0: none) and, per stage, the digest of its newest coefficient file."""
+    """Newest revision number of a serial (0: none) and, per stage, the digest of its newest
+    coefficient file.
+    """
     numbers = revisions(out / serial)
-    return (numbers[-1], stage_digests(load_revision(out, serial, numbers[-1]))) if numbers else (0, {})
+    return (
+        (numbers[-1], stage_digests(load_revision(out, serial, numbers[-1])))
+        if numbers
+        else (0, {})
+    )
 
 
 def stage_digests(run: Run) -> dict[str, str]:
@@ -94,24 +109,30 @@ def _file_digest(run: Run, name: str) -> str:
 
 
 def save(out: Path, serial: str, revision: int, files: Mapping[str, bytes]) -> Path:
-    """Write a run folder whole: a temporary folder, every file synced, then one rename; nothing is overwritten."""
+    """Write a run folder whole: a temporary folder, every file synced, then one rename; nothing is
+    overwritten.
+    """
     target = _folder(out, serial, revision)
     refuse_run_folder(target)
     try:
         atomic.make_folder(target.parent)
         temporary = Path(tempfile.mkdtemp(prefix=WRITING, dir=target.parent))
     except OSError as error:
-        raise OutputError(f"{target.parent}: cannot be written: {error.strerror}", hint="give another --out") from None
+        raise OutputError(
+            f"{target.parent}: cannot be written: {error.strerror}", hint="give another --out"
+        ) from None
     try:
         _fill(temporary, files)
         if os.path.lexists(target):
             raise OutputError(
-                f"{target}: exists already", hint="another fit of this serial has just finished; run again"
+                f"{target}: exists already",
+                hint="another fit of this serial has just finished; run again",
             )
         atomic.rename_folder(temporary, target)
     except OSError as error:
         raise OutputError(
-            f"{target}: cannot be written: {error.strerror}", hint="free space or give another --out"
+            f"{target}: cannot be written: {error.strerror}",
+            hint="free space or give another --out",
         ) from None
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
@@ -128,37 +149,48 @@ def _fill(folder: Path, files: Mapping[str, bytes]) -> None:
 
 
 def refuse_existing(path: Path) -> None:
-    """Raise OutputError when something of that name exists, or when it would lie in a run folder."""
+    """Raise OutputError when something of that name exists, or when it would lie in a run
+    folder.
+    """
     if os.path.lexists(path):
-        raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name or remove it")
+        raise OutputError(
+            f"{path}: exists already", hint="nothing is overwritten; give another name or remove it"
+        )
     above = next((parent for parent in path.parents if os.path.lexists(parent)), None)
     if above is not None and not os.path.isdir(above):  # noqa: PTH112 - Path.is_dir raises where it may not look
-        raise OutputError(f"{above}: is no folder, {path.name} cannot lie in it", hint="give another place")
+        raise OutputError(
+            f"{above}: is no folder, {path.name} cannot lie in it", hint="give another place"
+        )
     refuse_run_folder(path)
 
 
 def refuse_run_folder(path: Path) -> None:
     """Raise OutputError for a path inside a run folder, which is written once and whole."""
-    inside = next((parent for parent in path.absolute().parents if os.path.lexists(parent / RUN_FILE)), None)
+    inside = next(
+        (parent for parent in path.absolute().parents if os.path.lexists(parent / RUN_FILE)), None
+    )
     if inside is not None:
         raise OutputError(
-            f"{path}: lies in the run folder {inside.name}", hint="a run folder is never added to; give another place"
+            f"{path}: lies in the run folder {inside.name}",
+            hint="a run folder is never added to; give another place",
         )
 
 
 def write_new(path: Path, content: bytes | Iterable[bytes], *, dry_run: bool = False) -> None:
     """Write one file atomically, whole or as its bytes come in parts; a dry run only looks.
 
-    Raises OutputError when it exists or cannot be written; what making a part raises leaves no file either.
+    Raises OutputError when it exists or cannot be written; what making a part raises leaves no file
+    either.
     """
     write_all({path: content}, dry_run=dry_run)
 
 
 def write_all(files: Mapping[Path, bytes | Iterable[bytes]], *, dry_run: bool = False) -> None:
-    """Write files that belong together, a header and its source: all, or none where one of them cannot be written.
+    """Write files that belong together, a header and its source: all, or none where one of them
+    cannot be written.
 
-    All are on the disk under temporary names before the first gets its own. Raises OutputError when one exists or
-    cannot be written. A dry run only looks.
+    All are on the disk under temporary names before the first gets its own. Raises OutputError when
+    one exists or cannot be written. A dry run only looks.
     """
     for path in files:
         refuse_existing(path)
@@ -204,20 +236,28 @@ def _refused(path: Path) -> Iterator[None]:
     try:
         yield
     except FileExistsError:
-        raise OutputError(f"{path}: exists already", hint="nothing is overwritten; give another name") from None
+        raise OutputError(
+            f"{path}: exists already", hint="nothing is overwritten; give another name"
+        ) from None
     except OSError as error:
-        raise OutputError(f"{path}: cannot be written: {error.strerror}", hint="give another place") from None
+        raise OutputError(
+            f"{path}: cannot be written: {error.strerror}", hint="give another place"
+        ) from None
 
 
 def find(name: str, runs: Path, date: str = "") -> Path:
-    """Folder of RUN under runs; UsageError when there is none, CoefficientError for a run that is another's.
+    """Folder of RUN under runs; UsageError when there is none, CoefficientError for a run that is
+    another's.
 
-    RUN is a run folder, SERIAL (its newest revision, or the one in force on `date`), SERIAL@r003, or SERIAL@2026-05-01
-    (the one in force on that date).
+    RUN is a run folder, SERIAL (its newest revision, or the one in force on `date`), SERIAL@r003,
+    or SERIAL@2026-05-01 (the one in force on that date).
     """
     serial, _, chosen = name.partition("@")
     if date and (chosen or _is_run(Path(name))):
-        raise UsageError(f"run '{name}' is one run, --date {date} chooses among several", hint="give the serial alone")
+        raise UsageError(
+            f"run '{name}' is one run, --date {date} chooses among several",
+            hint="give the serial alone",
+        )
     if _is_run(Path(name)):
         return Path(name)
     numbers = revisions(runs / serial) if _SERIAL.fullmatch(serial) else []
@@ -231,7 +271,9 @@ def find(name: str, runs: Path, date: str = "") -> Path:
     match = _REVISION.fullmatch(chosen or f"r{numbers[-1]:03d}")
     if not match or int(match.group(1)) not in numbers:
         there = ", ".join(f"r{number:03d}" for number in numbers)
-        raise UsageError(f"run '{name}': {serial} has no {chosen}", hint=f"revisions there: {there}")
+        raise UsageError(
+            f"run '{name}': {serial} has no {chosen}", hint=f"revisions there: {there}"
+        )
     own_document(runs, serial, int(match.group(1)))
     return _folder(runs, serial, int(match.group(1)))
 
@@ -259,18 +301,27 @@ def _in_force_on(runs: Path, serial: str, numbers: Sequence[int], date: str) -> 
 
 
 def in_force(documents: Sequence[Mapping[str, Any]]) -> dict[str, int]:
-    """Effective date → revision that holds from then on: of one date the newest; a run that was not accepted never."""
+    """Effective date → revision that holds from then on: of one date the newest; a run that was not
+    accepted never.
+    """
     ordered = sorted(documents, key=lambda document: int(document["revision"]))
-    return {document["effective_from"]: document["revision"] for document in ordered if document["accepted"]}
+    return {
+        document["effective_from"]: document["revision"]
+        for document in ordered
+        if document["accepted"]
+    }
 
 
 def own_document(runs: Path, serial: str, revision: int) -> dict[str, Any]:
-    """run.json of a revision that is found by serial; CoefficientError where it is the run of another."""
+    """run.json of a revision that is found by serial; CoefficientError where it is the run of
+    another.
+    """
     path = _folder(runs, serial, revision) / RUN_FILE
     document = coefficients.unseal(_text(path), f"{path}", RUN_FORMATS)
     if (document.get("serial"), document.get("revision")) != (serial, revision):
         raise CoefficientError(
-            f"{path}: says {document.get('serial')} r{document.get('revision')}, expected {serial} r{revision:03d}",
+            f"{path}: says {document.get('serial')} r{document.get('revision')}, expected {serial}"
+            f" r{revision:03d}",
             hint="the folder was moved or renamed; do not use it as a run of this serial",
         )
     return document
@@ -283,7 +334,9 @@ def load_revision(runs: Path, serial: str, revision: int) -> Run:
 
 
 def load(folder: Path) -> Run:
-    """Read a run folder whole, or raise CoefficientError that names the first file that cannot be trusted."""
+    """Read a run folder whole, or raise CoefficientError that names the first file that cannot be
+    trusted.
+    """
     document = coefficients.unseal(_text(folder / RUN_FILE), f"{folder / RUN_FILE}", RUN_FORMATS)
     run_document.require_shape(document, f"{folder / RUN_FILE}")
     paths = _listed(folder, document, RUN_FILE)
@@ -292,7 +345,9 @@ def load(folder: Path) -> Run:
 
 
 def load_fleet(folder: Path) -> Mapping[str, Any]:
-    """Read the record of a fleet whose files are whole and as it lists them, or raise CoefficientError."""
+    """Read the record of a fleet whose files are whole and as it lists them, or raise
+    CoefficientError.
+    """
     name = f"{folder / FLEET_FILE}"
     document = coefficients.unseal(_text(folder / FLEET_FILE), name, (FLEET_FORMAT,))
     run_document.require_fleet_shape(document, name)
@@ -301,25 +356,33 @@ def load_fleet(folder: Path) -> Mapping[str, Any]:
 
 
 def _listed(folder: Path, document: Mapping[str, Any], listing: str) -> list[Path]:
-    """Paths of the files that a folder's record lists; CoefficientError unless each is there as listed, and no other."""
+    """Paths of the files that a folder's record lists; CoefficientError unless each is there as
+    listed, and no other.
+    """
     paths = []
     for entry in document["files"]:
         path = folder / entry["name"]
         if hashlib.sha256(_bytes(path)).hexdigest() != entry["sha256"]:
             raise CoefficientError(
-                f"{path}: not the file that {listing} lists", hint="the file was changed; do not use it"
+                f"{path}: not the file that {listing} lists",
+                hint="the file was changed; do not use it",
             )
         paths.append(path)
-    extra = sorted({path.name for path in _entries(folder)} - {listing, *(path.name for path in paths)})
+    extra = sorted(
+        {path.name for path in _entries(folder)} - {listing, *(path.name for path in paths)}
+    )
     if extra:
         raise CoefficientError(
-            f"{folder}: holds files that {listing} does not list: {', '.join(extra)}", hint="move them out"
+            f"{folder}: holds files that {listing} does not list: {', '.join(extra)}",
+            hint="move them out",
         )
     return paths
 
 
 def _own_record(document: Mapping[str, Any], path: Path) -> coefficients.Record:
-    """Coefficient record of a run's file; CoefficientError where it is of another unit, revision or date."""
+    """Coefficient record of a run's file; CoefficientError where it is of another unit, revision or
+    date.
+    """
     record = coefficients.loads(_text(path), str(path))
     for key in ("serial", "revision", "effective_from"):
         if getattr(record, key) != document[key]:
@@ -335,7 +398,9 @@ def _bytes(path: Path) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise CoefficientError(f"{path}: cannot be read: {error.strerror}", hint="restore the run folder") from None
+        raise CoefficientError(
+            f"{path}: cannot be read: {error.strerror}", hint="restore the run folder"
+        ) from None
 
 
 def _text(path: Path) -> str:
@@ -346,11 +411,14 @@ def _text(path: Path) -> str:
         raise CoefficientError(f"{path}: not UTF-8 text", hint="restore the run folder") from None
 
 
-def commit(out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Mapping[str, bytes]]) -> Path:
-    """Save the next revision of a serial: `build` makes the files from its number and the digests it supersedes.
+def commit(
+    out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Mapping[str, bytes]]
+) -> Path:
+    """Save the next revision of a serial: `build` makes the files from its number and the digests
+    it supersedes.
 
-    The serial is locked meanwhile: of two fits at once, in whatever processes, one gets the next number and the other
-    the one after it. What a fit that was killed left half written is removed.
+    The serial is locked meanwhile: of two fits at once, in whatever processes, one gets the next
+    number and the other the one after it. What a fit that was killed left half written is removed.
     """
     refuse_run_folder(out / serial)
     with held(out, serial):
@@ -360,13 +428,17 @@ def commit(out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Map
 
 @contextlib.contextmanager
 def held(out: Path, serial: str) -> Iterator[None]:
-    """Hold a serial's lock; what a fit that was killed left half written is removed. Raises OutputError."""
+    """Hold a serial's lock; what a fit that was killed left half written is removed. Raises
+    OutputError.
+    """
     with contextlib.ExitStack() as lock:
         try:
             atomic.make_folder(out)
             lock.enter_context(atomic.locked(_lock(out, serial), f"{out / serial}"))
         except OSError as error:
-            raise OutputError(f"{out}: cannot be written: {error.strerror}", hint="give another --out") from None
+            raise OutputError(
+                f"{out}: cannot be written: {error.strerror}", hint="give another --out"
+            ) from None
         _clear(out / serial)
         yield
 
@@ -377,14 +449,20 @@ def _lock(out: Path, serial: str) -> Path:
 
 
 def clear(out: Path, serial: str) -> None:
-    """Remove what a fit of a serial that was killed left: a folder half written, a lock that nobody holds."""
+    """Remove what a fit of a serial that was killed left: a folder half written, a lock that nobody
+    holds.
+    """
     if _lock(out, serial).exists() or any((out / serial).glob(f"{WRITING}*")):
         with held(out, serial):
             pass
 
 
-def rehearse(out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Mapping[str, bytes]]) -> Path:
-    """Folder that `commit` would write now; everything is made, nothing is written, no lock is taken."""
+def rehearse(
+    out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Mapping[str, bytes]]
+) -> Path:
+    """Folder that `commit` would write now; everything is made, nothing is written, no lock is
+    taken.
+    """
     refuse_run_folder(out / serial)
     revision, digests = latest_digests(out, serial)
     build(revision + 1, digests)
@@ -392,7 +470,9 @@ def rehearse(out: Path, serial: str, build: Callable[[int, Mapping[str, str]], M
 
 
 def _clear(serial_folder: Path) -> None:
-    """Remove run folders that were never finished; their serial is locked, so nobody is writing them."""
+    """Remove run folders that were never finished; their serial is locked, so nobody is writing
+    them.
+    """
     for path in _entries(serial_folder) if serial_folder.is_dir() else []:
         if path.name.startswith(WRITING) and path.is_dir():
             shutil.rmtree(path, ignore_errors=True)

@@ -25,7 +25,8 @@ STANDARD_GRAVITY_MPS2 = 9.80665
 class Unit:
     """A unit: base value = (value + shift) · factor / divisor, in the base unit of its dimension.
 
-    Factor and divisor are kept apart so that a value of few digits converts to the nearest float64: 12345 ms is 12.345 s.
+    Factor and divisor are kept apart so that a value of few digits converts to the nearest float64:
+    12345 ms is 12.345 s.
     """
 
     dimension: str
@@ -100,17 +101,47 @@ ALIASES: dict[str, str] = {
     **dict.fromkeys(("hr", "hrs", "hour", "hours", "std", "stunden", "小时", "时"), "h"),
     **dict.fromkeys(("days", "tage", "天"), "d"),
     **dict.fromkeys(
-        ("°C", "℃", "C", "degc", "deg C", "deg_C", "deg. C", "° C", "º C", "ºC", "celsius", "Celsius"), "degC"
+        (
+            "°C",
+            "℃",
+            "C",
+            "degc",
+            "deg C",
+            "deg_C",
+            "deg. C",
+            "° C",
+            "º C",
+            "ºC",
+            "celsius",
+            "Celsius",
+        ),
+        "degC",
     ),
     **dict.fromkeys(("摄氏度", "度C", "grad C", "Grad C", "Grad Celsius", "oC"), "degC"),
     **dict.fromkeys(("kelvin", "Kelvin", "开", "开尔文"), "K"),
-    **dict.fromkeys(("°F", "℉", "F", "degf", "deg F", "fahrenheit", "Fahrenheit", "华氏度"), "degF"),
     **dict.fromkeys(
-        ("°/h", "º/h", "deg/hr", "deg/hour", "dph", "(°)/h", "(deg)/h", "°/hr", "°h-1", "°·h⁻¹", "Grad/h"), "deg/h"
+        ("°F", "℉", "F", "degf", "deg F", "fahrenheit", "Fahrenheit", "华氏度"), "degF"
+    ),
+    **dict.fromkeys(
+        (
+            "°/h",
+            "º/h",
+            "deg/hr",
+            "deg/hour",
+            "dph",
+            "(°)/h",
+            "(deg)/h",
+            "°/hr",
+            "°h-1",
+            "°·h⁻¹",
+            "Grad/h",
+        ),
+        "deg/h",
     ),
     **dict.fromkeys(("度/小时", "度/时", "°/小时", "度/h", "(°)·h-1", "°/Std"), "deg/h"),
     **dict.fromkeys(
-        ("°/s", "º/s", "deg/sec", "dps", "(°)/s", "(deg)/s", "°/sec", "°·s⁻¹", "Grad/s", "grad/s"), "deg/s"
+        ("°/s", "º/s", "deg/sec", "dps", "(°)/s", "(deg)/s", "°/sec", "°·s⁻¹", "Grad/s", "grad/s"),
+        "deg/s",
     ),
     **dict.fromkeys(("度/秒", "°/秒", "度/s", "(°)·s-1"), "deg/s"),
     **dict.fromkeys(("°/min", "度/分", "(°)/min"), "deg/min"),
@@ -125,7 +156,9 @@ ALIASES: dict[str, str] = {
     **dict.fromkeys(("G", "gn", "g0", "重力加速度"), "g"),
     **dict.fromkeys(("mG",), "mg"),
     **dict.fromkeys(("µg", "μg", "uG"), "ug"),
-    **dict.fromkeys(("m/s²", "m/s2", "m/s/s", "m·s⁻²", "m·s-2", "米/秒²", "m/sec^2", "m/s**2"), "m/s^2"),
+    **dict.fromkeys(
+        ("m/s²", "m/s2", "m/s/s", "m·s⁻²", "m·s-2", "米/秒²", "m/sec^2", "m/s**2"), "m/s^2"
+    ),
     **dict.fromkeys(
         (
             "lsb",
@@ -163,7 +196,9 @@ ALIASES: dict[str, str] = {
         ),
         "1/s",
     ),
-    **dict.fromkeys(("lsb/sample", "counts/sample", "count/sample", "pulses/sample", "pulse/sample"), "1/sample"),
+    **dict.fromkeys(
+        ("lsb/sample", "counts/sample", "count/sample", "pulses/sample", "pulse/sample"), "1/sample"
+    ),
     **dict.fromkeys(("Volt", "volt", "volts", "VDC", "V DC", "Vdc", "VAC", "伏"), "V"),
     **dict.fromkeys(("mVDC", "毫伏"), "mV"),
     **dict.fromkeys(("µV", "μV"), "uV"),
@@ -208,8 +243,9 @@ def convert(
 ) -> NDArray[np.float64]:
     """Convert values [any shape] from one unit to another of the same dimension.
 
-    m/s² and local g convert into each other only when the local gravity [m/s²] is given: which g is meant is a fact of
-    the site, never a constant. Raises RecipeError for units of different dimensions.
+    m/s² and local g convert into each other only when the local gravity [m/s²] is given: which g is
+    meant is a fact of the site, never a constant. Raises RecipeError for units of different
+    dimensions.
     """
     a, b = TABLE[known(source)], TABLE[known(target)]
     si = "acceleration in SI"
@@ -220,10 +256,15 @@ def convert(
                 hint="give [site] gravity_mps2, or latitude and height",
             )
         base = values * a.factor / a.divisor
-        return (base / gravity_mps2 if a.dimension == si else base * gravity_mps2) * b.divisor / b.factor
+        return (
+            (base / gravity_mps2 if a.dimension == si else base * gravity_mps2)
+            * b.divisor
+            / b.factor
+        )
     if a.dimension != b.dimension:
         raise RecipeError(
-            f"'{source}' is {_a(a.dimension)}, '{target}' {_a(b.dimension)}", hint="state the log's own unit"
+            f"'{source}' is {_a(a.dimension)}, '{target}' {_a(b.dimension)}",
+            hint="state the log's own unit",
         )
     if a == b:
         return values
@@ -235,8 +276,9 @@ def convert(
 def scaled(values: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
     """Values [any shape] times a factor that is meant as its decimal digits say.
 
-    The factor is taken as the fraction of two whole numbers that its shortest decimal text is: whole counts of 0.0001 become the
-    float64 nearest to the true product, which a multiplication by the float64 next to 0.0001 does not.
+    The factor is taken as the fraction of two whole numbers that its shortest decimal text is:
+    whole counts of 0.0001 become the float64 nearest to the true product, which a multiplication by
+    the float64 next to 0.0001 does not.
     """
     exact = Fraction(repr(float(factor)))
     if max(abs(exact.numerator), exact.denominator) >= 1 << 53:
@@ -249,7 +291,9 @@ _BEHIND = re.compile(r".*?(?:\s*[,，:：]\s*|\s+/\s+|\s+in\s+)(\S.*)$")
 
 
 def of_text(text: str) -> str:
-    """Unit of a text that is nothing but a unit, with or without brackets, or "" where it is none of the table's."""
+    """Unit of a text that is nothing but a unit, with or without brackets, or "" where it is none
+    of the table's.
+    """
     text = text.strip()
     inner = text[1:-1].strip() if text[:1] + text[-1:] in {"()", "（）", "[]", "<>", "{}"} else text
     for candidate in (text, inner, text.lower(), inner.lower()):
@@ -260,10 +304,11 @@ def of_text(text: str) -> str:
 
 
 def of_header(name: str) -> str:
-    """Unit that a column's header states behind its name, or "" where it states none of the table's.
+    """Unit that a column's header states behind its name, or "" where it states none of the
+    table's.
 
-    In brackets (`gyro (deg/h)`, `温度(℃)`, `陀螺输出（°/h）`), behind a comma or a lone slash (`T / °C`), or as a last word that
-    can be nothing else (`Temperatur °C`).
+    In brackets (`gyro (deg/h)`, `温度(℃)`, `陀螺输出（°/h）`), behind a comma or a lone slash
+    (`T / °C`), or as a last word that can be nothing else (`Temperatur °C`).
     """
     name = name.strip()
     if bracketed := _BRACKETED.search(name):

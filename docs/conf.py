@@ -48,5 +48,9 @@ def display_math(translator: HTML5Translator, node: nodes.math_block) -> None:
 
 
 def setup(app: Sphinx) -> None:
-    """Equations become MathML, which browsers draw without a script: the pages are whole on a machine without a network."""
-    app.add_html_math_renderer("mathml", inline_renderers=(inline_math, None), block_renderers=(display_math, None))
+    """Equations become MathML, which browsers draw without a script: the pages are whole on a
+    machine without a network.
+    """
+    app.add_html_math_renderer(
+        "mathml", inline_renderers=(inline_math, None), block_renderers=(display_math, None)
+    )

@@ -1,10 +1,14 @@
-"""Regenerate sample reports and certificates and the README's picture from the sample logs: `python reports/regenerate.py`."""
+"""Regenerate sample reports and certificates and the README's picture from the sample logs: `python
+reports/regenerate.py`.
+"""
 
 from __future__ import annotations
 
 import os
 
-os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")  # as the command line does, before numpy is imported
+os.environ.setdefault(
+    "OPENBLAS_NUM_THREADS", "1"
+)  # as the command line does, before numpy is imported
 
 import sys
 import tempfile
@@ -12,10 +16,11 @@ from pathlib import Path
 
 from calibkit import pipeline, recipe, store
 from calibkit.certificate import certify
+from calibkit.ingest import logs as ingest
+from calibkit.instruments.fog_thermal import compensate, ramps, tables
+from calibkit.instruments.fog_thermal.figures import DriftReport, logs_page
 from calibkit.procedures import silent
 from calibkit.report.figures import png
-from calibkit.report.fog_thermal import DriftReport, logs_page
-from calibkit.stages import fog_compensate, fog_ramps, fog_report, ingest
 
 ROOT = Path(__file__).resolve().parents[1]
 DATE = "2026-11-21"
@@ -28,16 +33,27 @@ SAMPLES = {
     "inclinometer": "INC-0001",
     "gyro_noise": "FOG-0001",
 }
-"""Procedure, which is also the name of its sample logs and of its recipe → serial number in the report."""
+"""Procedure, which is also the name of its sample logs and of its recipe → serial number in the
+report.
+"""
 PAGES = ("fog_thermal", "gyro_pair", "inclinometer")
 """Procedures whose sample report is kept as a page too: each is several times its PDF."""
 VALIDATED = ("fog_thermal", "inclinometer")
-"""Procedures whose sample certificate states as-found and as-left results, on the logs that were withheld."""
-SHOWN = ("ramp_heating_05.csv", "ramp_cooling_05.csv", "withheld/ramp_heating_03.csv", "withheld/ramp_cooling_03.csv")
+"""Procedures whose sample certificate states as-found and as-left results, on the logs that were
+withheld.
+"""
+SHOWN = (
+    "ramp_heating_05.csv",
+    "ramp_cooling_05.csv",
+    "withheld/ramp_heating_03.csv",
+    "withheld/ramp_cooling_03.csv",
+)
 
 
 def report(name: str, out: Path, runs: Path) -> store.Run:
-    """Fit a procedure's sample logs and keep the run's report as <name>.pdf and <name>.txt, of some as <name>.html."""
+    """Fit a procedure's sample logs and keep the run's report as <name>.pdf and <name>.txt, of some
+    as <name>.html.
+    """
     source = recipe.find(str(ROOT / "recipes" / f"{name}.toml"))
     outcome = pipeline.fit(source, ROOT / "datasets" / name, SAMPLES[name], runs, DATE, silent)
     for file in ("report.pdf", "report.txt", *(("report.html",) if name in PAGES else ())):
@@ -46,7 +62,9 @@ def report(name: str, out: Path, runs: Path) -> store.Run:
 
 
 def certificate(name: str, run: store.Run, out: Path, work: Path) -> None:
-    """Certificate of a sample run after its sample profile; as found and as left where the sample has withheld logs."""
+    """Certificate of a sample run after its sample profile; as found and as left where the sample
+    has withheld logs.
+    """
     validation = work / f"{name}.json" if name in VALIDATED else None
     if validation is not None:
         pipeline.validate(run, ROOT / "datasets" / name / "withheld", validation, silent)
@@ -61,10 +79,12 @@ def picture(run: store.Run, out: Path) -> None:
     """Draw four logs of the sample gyro, two of them withheld."""
     spec = pipeline.run_recipe(run, ())
     data = ROOT / "datasets" / "fog_thermal"
-    model = fog_compensate.model_from(run.records["drift_rate.json"], spec)
-    read = [ingest.read_log(spec, data / file, file, fog_ramps.COLUMNS) for file in SHOWN]
-    logs = tuple(fog_report.log_view(fog_ramps.prepare(log, spec), model) for log in read)
-    view = DriftReport("Simulated gyro: two fitted and two withheld ramps", spec.drift.interval_s, logs, (), (), ())
+    model = compensate.model_from(run.records["drift_rate.json"], spec)
+    read = [ingest.read_log(spec, data / file, file, ramps.COLUMNS) for file in SHOWN]
+    logs = tuple(tables.log_view(ramps.prepare(log, spec), model) for log in read)
+    view = DriftReport(
+        "Simulated gyro: two fitted and two withheld ramps", spec.drift.interval_s, logs, (), (), ()
+    )
     (out / "fog_thermal.png").write_bytes(png(logs_page(view, logs), dpi=90))
 
 

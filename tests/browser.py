@@ -11,7 +11,13 @@ import subprocess
 import tempfile
 import time
 
-NAMES = ("chromium-headless-shell", "chromium", "chromium-browser", "google-chrome", "google-chrome-stable")
+NAMES = (
+    "chromium-headless-shell",
+    "chromium",
+    "chromium-browser",
+    "google-chrome",
+    "google-chrome-stable",
+)
 WAIT_S = 60.0
 ENDING = b"\0"
 
@@ -22,13 +28,23 @@ def found():
 
 
 class Browser:
-    """One page: navigate, evaluate, send input, take pictures; `events` holds what the browser reported."""
+    """One page: navigate, evaluate, send input, take pictures; `events` holds what the browser
+    reported.
+    """
 
     def __init__(self, write, read):
-        self._write, self._read, self._buffer, self._number, self.session = write, read, b"", 0, None
+        self._write, self._read, self._buffer, self._number, self.session = (
+            write,
+            read,
+            b"",
+            0,
+            None,
+        )
         self.events = []
         target = self.call("Target.createTarget", url="about:blank")["targetId"]
-        self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)["sessionId"]
+        self.session = self.call("Target.attachToTarget", targetId=target, flatten=True)[
+            "sessionId"
+        ]
         for domain in ("Page", "Runtime", "Network", "Log", "Audits"):
             self.call(f"{domain}.enable")
 
@@ -66,7 +82,11 @@ class Browser:
         )
         scale = 2 if phone else 1
         self.call(
-            "Emulation.setDeviceMetricsOverride", width=width, height=height, deviceScaleFactor=scale, mobile=phone
+            "Emulation.setDeviceMetricsOverride",
+            width=width,
+            height=height,
+            deviceScaleFactor=scale,
+            mobile=phone,
         )
         self.call("Emulation.setTouchEmulationEnabled", enabled=phone)
         self.call("Page.navigate", url=path.resolve().as_uri())
@@ -77,7 +97,9 @@ class Browser:
 
     def value(self, expression):
         """Value of a JavaScript expression."""
-        answer = self.call("Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True)
+        answer = self.call(
+            "Runtime.evaluate", expression=expression, returnByValue=True, awaitPromise=True
+        )
         assert "exceptionDetails" not in answer, answer["exceptionDetails"]
         return answer["result"].get("value")
 
@@ -92,7 +114,9 @@ class Browser:
 
     def picture(self, path, *, whole=True):
         """PNG of the page."""
-        answer = self.call("Page.captureScreenshot", format="png", captureBeyondViewport=whole, **self._clip(whole))
+        answer = self.call(
+            "Page.captureScreenshot", format="png", captureBeyondViewport=whole, **self._clip(whole)
+        )
         path.write_bytes(base64.b64decode(answer["data"]))
 
     def _clip(self, whole):
@@ -100,15 +124,24 @@ class Browser:
         if not whole:
             return {}
         size = self.call("Page.getLayoutMetrics")["cssContentSize"]
-        return {"clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}}
+        return {
+            "clip": {"x": 0, "y": 0, "width": size["width"], "height": size["height"], "scale": 1}
+        }
 
     def pdf(self):
         """Bytes of the page as it is printed."""
-        return base64.b64decode(self.call("Page.printToPDF", printBackground=False, preferCSSPageSize=True)["data"])
+        return base64.b64decode(
+            self.call("Page.printToPDF", printBackground=False, preferCSSPageSize=True)["data"]
+        )
 
     def said(self):
         """What the console, the log and the auditor reported, and exceptions."""
-        kinds = {"Runtime.consoleAPICalled", "Runtime.exceptionThrown", "Log.entryAdded", "Audits.issueAdded"}
+        kinds = {
+            "Runtime.consoleAPICalled",
+            "Runtime.exceptionThrown",
+            "Log.entryAdded",
+            "Audits.issueAdded",
+        }
         return [event for event in self.events if event.get("method") in kinds]
 
     def requests(self):
@@ -125,7 +158,13 @@ def browser():
     """Run a Chromium and end it."""
     (child_reads, write), (read, child_writes) = os.pipe(), os.pipe()
     with tempfile.TemporaryDirectory(ignore_cleanup_errors=True) as profile:
-        options = ["--headless", "--no-sandbox", "--disable-gpu", "--disable-dev-shm-usage", "--remote-debugging-pipe"]
+        options = [
+            "--headless",
+            "--no-sandbox",
+            "--disable-gpu",
+            "--disable-dev-shm-usage",
+            "--remote-debugging-pipe",
+        ]
         options += [
             f"--user-data-dir={profile}",
             "--no-first-run",

@@ -1,4 +1,6 @@
-"""Fixtures that many tests share: a simulated campaign, the command line in this process, the reference measurements."""
+"""Fixtures that many tests share: a simulated campaign, the command line in this process, the
+reference measurements.
+"""
 
 from __future__ import annotations
 
@@ -22,9 +24,11 @@ REAL = ROOT.parent / "shared" / "data"
 
 
 class Ink:
-    """Whether fits in this process render their reports: six sevenths of a fit's time, and most tests are after its numbers.
+    """Whether fits in this process render their reports: six sevenths of a fit's time, and most
+    tests are after its numbers.
 
-    Figures and tables are made always. Rendered they are in tests that are marked `drawn`, and in every process of its own.
+    Figures and tables are made always. Rendered they are in tests that are marked `drawn`, and in
+    every process of its own.
     """
 
     printed = staticmethod(documents.printed)
@@ -33,7 +37,11 @@ class Ink:
     @staticmethod
     def dry(drawn):
         """Reports without their ink."""
-        blank = {documents.PDF: b"%PDF-1.4\n% not drawn in this test\n"} if drawn.figures or drawn.table_pages else {}
+        blank = (
+            {documents.PDF: b"%PDF-1.4\n% not drawn in this test\n"}
+            if drawn.figures or drawn.table_pages
+            else {}
+        )
         return blank | Ink.printed(replace(drawn, figures=(), table_pages=()))
 
     @staticmethod
@@ -95,10 +103,10 @@ def log_writer():
 @pytest.fixture(scope="session")
 def campaign(tmp_path_factory):
     """Return a folder with a simulated gyro whose drift the published model improves (seed 7)."""
-    from calibkit.simulate import fog_thermal
+    from calibkit.instruments.fog_thermal import simulate
 
     folder = tmp_path_factory.mktemp("campaign")
-    for name, content in fog_thermal.campaign(7).files().items():
+    for name, content in simulate.campaign(7).files().items():
         path = folder / name
         path.parent.mkdir(exist_ok=True)
         path.write_bytes(content)

@@ -1,7 +1,8 @@
-"""One log, written as laboratories write it: each dialect is a function from the clean log's fields to bytes and a recipe.
+"""One log, written as laboratories write it: each dialect is a function from the clean log's fields
+to bytes and a recipe.
 
-A clean log is a table of texts: names, and rows of fields as they stand in the clean CSV. Every dialect holds the same
-decimal numbers, so that what is read must be the same float64.
+A clean log is a table of texts: names, and rows of fields as they stand in the clean CSV. Every
+dialect holds the same decimal numbers, so that what is read must be the same float64.
 """
 
 from __future__ import annotations
@@ -43,7 +44,9 @@ class Clean:
 
 @dataclass(frozen=True)
 class Dialect:
-    """How a log is written: file name → bytes of one log, what [logs] says of it, and what the other tables say."""
+    """How a log is written: file name → bytes of one log, what [logs] says of it, and what the
+    other tables say.
+    """
 
     write: object
     logs: str = ""
@@ -118,8 +121,16 @@ def fixed(log):
 
 def unit_row(log):
     """Twelve lines of preamble, then names and units on lines of their own."""
-    preamble = ["Messprotokoll Nr. 17", "Prüfer;Huber", "", *(f"Kanal {k};an;0,5" for k in range(8)), ""]
-    return table([*preamble, "Zeit;Gehäuse;Kammer;Drehrate", "s;°C;°C;°/h"], german(log), ";").encode("cp1252")
+    preamble = [
+        "Messprotokoll Nr. 17",
+        "Prüfer;Huber",
+        "",
+        *(f"Kanal {k};an;0,5" for k in range(8)),
+        "",
+    ]
+    return table(
+        [*preamble, "Zeit;Gehäuse;Kammer;Drehrate", "s;°C;°C;°/h"], german(log), ";"
+    ).encode("cp1252")
 
 
 def headerless(log):
@@ -142,11 +153,15 @@ def alarms(log):
     header = [name for k in range(147) for name in (f"Chan {k}", "Alarm")]
     header = [NAMES[0], *header, NAMES[1], "Alarm", NAMES[2], "Alarm", NAMES[3], "Alarm"]
     filler = ["1.5", "0"] * 147
-    return table([",".join(header)], [[r[0], *filler, r[1], "0", r[2], "0", r[3], "0"] for r in log.rows]).encode()
+    return table(
+        [",".join(header)], [[r[0], *filler, r[1], "0", r[2], "0", r[3], "0"] for r in log.rows]
+    ).encode()
 
 
 def keysight(log):
-    """The instrument's own file: sweeps, month first, milliseconds behind a colon, alarms between the channels."""
+    """The instrument's own file: sweeps, month first, milliseconds behind a colon, alarms between
+    the channels.
+    """
     rows = timed(log, "%m/%d/%Y %H:%M:%S:%L")
     made = [[str(k + 1), r[0], r[1], "0", r[2], "0", r[3], "0"] for k, r in enumerate(rows)]
     header = "Sweep #,Time,Chan 101 (C),Alarm,Chan 102 (C),Alarm,Chan 103 (VDC),Alarm"
@@ -154,7 +169,9 @@ def keysight(log):
 
 
 def benchlink(log):
-    """BenchLink Data Logger: UTF-16, a preamble about instrument and channels, times with a comma."""
+    """BenchLink Data Logger: UTF-16, a preamble about instrument and channels, times with a
+    comma.
+    """
     rows = timed(log, "%m/%d/%Y %H:%M:%S:%L")
     made = [[str(k + 1), r[0], r[1], "0", r[2], "0", r[3], "0"] for k, r in enumerate(rows)]
     preamble = [
@@ -207,7 +224,9 @@ def lvm_segment(n, step):
 def lvm(log):
     """LabVIEW text with one X column."""
     head = [*LVM_HEAD, "X_Columns\tOne", "Decimal_Separator\t.", "***End_of_Header***\t", ""]
-    return table([*head, *lvm_segment(len(log.rows), "1.000000")], log.rows, "\t", "\r\n").encode("cp1252")
+    return table([*head, *lvm_segment(len(log.rows), "1.000000")], log.rows, "\t", "\r\n").encode(
+        "cp1252"
+    )
 
 
 def lvm_without_x(log):
@@ -267,7 +286,9 @@ def elapsed(log):
     """Elapsed hours, beginning at 99:59:30."""
     seconds = [359970 + int(float(row[0])) for row in log.rows]
     stamps = [f"{s // 3600}:{s // 60 % 60:02d}:{s % 60:02d}" for s in seconds]
-    return table([",".join(NAMES)], [[s, *row[1:]] for s, row in zip(stamps, log.rows, strict=True)]).encode()
+    return table(
+        [",".join(NAMES)], [[s, *row[1:]] for s, row in zip(stamps, log.rows, strict=True)]
+    ).encode()
 
 
 def wrapped_clock(log):
@@ -278,23 +299,32 @@ def wrapped_clock(log):
 
 def datataker(log):
     """`2007/12/15 20:49:45.905,n,…`, no header."""
-    return table([], [[row[0], "n", *row[1:]] for row in timed(log, "%Y/%m/%d %H:%M:%S.%L")]).encode()
+    return table(
+        [], [[row[0], "n", *row[1:]] for row in timed(log, "%Y/%m/%d %H:%M:%S.%L")]
+    ).encode()
 
 
 def graphtec(log):
     """Thirty-six lines above the rows, units below the names, signs before every value."""
-    preamble = ["Vendor,GRAPHTEC Corporation", "Model,GL840", *(f"CH{k},TEMP,TC_T,Off,{k}.0" for k in range(32))]
+    preamble = [
+        "Vendor,GRAPHTEC Corporation",
+        "Model,GL840",
+        *(f"CH{k},TEMP,TC_T,Off,{k}.0" for k in range(32)),
+    ]
     header = ["Number,Date&Time,CH1,CH2,CH3,A1234567890", "NO.,Time,degC,degC,deg/h,A1234567890"]
     rows = timed(log, "%Y/%m/%d %H:%M:%S")
     made = [
-        [str(k + 1), r[0], *(f if f[0] == "-" else "+" + f for f in r[1:]), "LLLLLLLLLL"] for k, r in enumerate(rows)
+        [str(k + 1), r[0], *(f if f[0] == "-" else "+" + f for f in r[1:]), "LLLLLLLLLL"]
+        for k, r in enumerate(rows)
     ]
     return table([*preamble, *header], made).encode()
 
 
 def quoted(log):
     """Every field in quotes."""
-    return table([",".join(f'"{n}"' for n in NAMES)], [[f'"{f}"' for f in row] for row in log.rows]).encode()
+    return table(
+        [",".join(f'"{n}"' for n in NAMES)], [[f'"{f}"' for f in row] for row in log.rows]
+    ).encode()
 
 
 def bars(log):
@@ -304,9 +334,9 @@ def bars(log):
 
 def dated_chinese(log):
     """`2011年12月06日 23:50:06` in GB18030."""
-    return table(["时间,壳体温度(℃),箱体温度(℃),陀螺输出(度/小时)"], timed(log, "%Y年%m月%d日 %H:%M:%S")).encode(
-        "gb18030"
-    )
+    return table(
+        ["时间,壳体温度(℃),箱体温度(℃),陀螺输出(度/小时)"], timed(log, "%Y年%m月%d日 %H:%M:%S")
+    ).encode("gb18030")
 
 
 def excel(log):
@@ -336,7 +366,9 @@ def tdms(log):
 
     stated = ["degC", "degC", "deg/h"]
     channels = [
-        nptdms.ChannelObject("run", NAMES[k], log.column(k), {"unit_string": stated[k - 1], "wf_increment": 1.0})
+        nptdms.ChannelObject(
+            "run", NAMES[k], log.column(k), {"unit_string": stated[k - 1], "wf_increment": 1.0}
+        )
         for k in (1, 2, 3)
     ]
 
@@ -372,7 +404,10 @@ def matlab_73(log):
         for k, name in enumerate(NAMES):
             made.create_dataset(f"log/{name}", data=log.column(k).reshape(1, -1))
     content = bytearray(stream.getvalue())
-    head = b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Tue Dec  6 23:50:06 2011 HDF5 schema 1.00 ."
+    head = (
+        b"MATLAB 7.3 MAT-file, Platform: GLNXA64, Created on: Tue Dec  6 23:50:06 2011 HDF5 schema"
+        b" 1.00 ."
+    )
     content[: len(head)] = head
     return bytes(content)
 
@@ -410,7 +445,9 @@ def ulog(log):
     made += message("B", bytes(40))
     made += message("F", b"fog_run:uint64_t timestamp;double case;double air;double gyro;")
     made += message("F", b"battery:uint64_t timestamp;float voltage;")
-    made += message("A", struct.pack("<BH", 0, 0) + b"fog_run") + message("A", struct.pack("<BH", 0, 1) + b"battery")
+    made += message("A", struct.pack("<BH", 0, 0) + b"fog_run") + message(
+        "A", struct.pack("<BH", 0, 1) + b"battery"
+    )
     for row in log.rows:
         stamp = round(float(row[0]) * 1e6)
         made += message("D", struct.pack("<HQddd", 0, stamp, *(float(field) for field in row[1:])))
@@ -420,7 +457,9 @@ def ulog(log):
 
 
 def binary(log):
-    """Big-endian records behind a header: a sync word, int32 of scaled decimals, bytes of no meaning."""
+    """Big-endian records behind a header: a sync word, int32 of scaled decimals, bytes of no
+    meaning.
+    """
     made = b"HEADER-16-BYTES."
     for row in log.rows:
         scaled = [round(float(f) * s) for f, s in zip(row, (1000, 10000, 10, 1000), strict=True)]
@@ -465,42 +504,64 @@ DIALECTS = {
     "blanks, and a blank behind the sign": Dialect(blanks, "", "", ".dat"),
     "fixed width": Dialect(
         fixed,
-        'names = ["time_s", "temp_case_degc", "temp_env_degc", "gyro_dph"]\n'
-        'text = { delimiter = "fixed", widths = [10, 10, 10, 10], skip_lines = 1, header_lines = 0 }',
+        'names = ["time_s", "temp_case_degc", "temp_env_degc", "gyro_dph"]\ntext = { delimiter ='
+        ' "fixed", widths = [10, 10, 10, 10], skip_lines = 1, header_lines = 0 }',
         "",
         ".dat",
     ),
     "preamble, names and units on two lines": Dialect(
         unit_row, "", MAPPED.format("Zeit", "Gehäuse", "Kammer", "Drehrate")
     ),
-    "no header": Dialect(headerless, 'names = ["time_s", "temp_case_degc", "temp_env_degc", "gyro_dph"]', "", ".log"),
+    "no header": Dialect(
+        headerless, 'names = ["time_s", "temp_case_degc", "temp_env_degc", "gyro_dph"]', "", ".log"
+    ),
     "trailing tabs": Dialect(trailing_tabs),
     "rows that end with a tab": Dialect(rows_end_with_a_tab),
     "three hundred columns with alarms": Dialect(alarms),
     "Keysight sweeps": Dialect(
-        keysight, 'format = "keysight"', KEYSIGHT_COLUMNS.format("Chan 101 (C)", "Chan 102 (C)", "Chan 103 (VDC)")
+        keysight,
+        'format = "keysight"',
+        KEYSIGHT_COLUMNS.format("Chan 101 (C)", "Chan 102 (C)", "Chan 103 (VDC)"),
     ),
-    "BenchLink": Dialect(benchlink, "", KEYSIGHT_COLUMNS.format("101 <Case> (C)", "102 <Air> (C)", "103 <Gyro> (VDC)")),
+    "BenchLink": Dialect(
+        benchlink,
+        "",
+        KEYSIGHT_COLUMNS.format("101 <Case> (C)", "102 <Air> (C)", "103 <Gyro> (VDC)"),
+    ),
     "LVM": Dialect(lvm, 'format = "lvm"', '[columns]\ntime_s = { from = "X_Value" }', ".lvm"),
-    "LVM without X values": Dialect(lvm_without_x, "", '[columns]\ntime_s = { from = "X_Value" }', ".lvm"),
+    "LVM without X values": Dialect(
+        lvm_without_x, "", '[columns]\ntime_s = { from = "X_Value" }', ".lvm"
+    ),
     "comma before the milliseconds": Dialect(comma_milliseconds),
     "dd.MM.yyyy": Dialect(dotted_dates),
     "time of day past midnight": Dialect(time_of_day),
-    "date and time apart": Dialect(two_columns, "", '[columns]\ntime_s = { from = "Time", date = "Date" }'),
+    "date and time apart": Dialect(
+        two_columns, "", '[columns]\ntime_s = { from = "Time", date = "Date" }'
+    ),
     "milliseconds by the header": Dialect(milliseconds),
-    "microseconds by the recipe": Dialect(microseconds, "", '[columns]\ntime_s = { from = "tick", unit = "us" }'),
+    "microseconds by the recipe": Dialect(
+        microseconds, "", '[columns]\ntime_s = { from = "tick", unit = "us" }'
+    ),
     "nineteen digits": Dialect(long_seconds, "", "", ".txt"),
-    "spreadsheet days": Dialect(spreadsheet_days, "", '[columns]\ntime_s = { from = "time_s", time_format = "excel" }'),
+    "spreadsheet days": Dialect(
+        spreadsheet_days, "", '[columns]\ntime_s = { from = "time_s", time_format = "excel" }'
+    ),
     "elapsed hours": Dialect(elapsed),
     "a clock of sixteen bits": Dialect(
         wrapped_clock, "", '[columns]\ntime_s = { from = "ticks", unit = "ms", wraps_at = 65536.0 }'
     ),
-    "Datataker": Dialect(datataker, 'names = ["time_s", "flag", "temp_case_degc", "temp_env_degc", "gyro_dph"]'),
+    "Datataker": Dialect(
+        datataker, 'names = ["time_s", "flag", "temp_case_degc", "temp_env_degc", "gyro_dph"]'
+    ),
     "Graphtec": Dialect(graphtec, "", MAPPED.format("Date&Time", "CH1", "CH2", "CH3")),
     "quotes": Dialect(quoted),
     "bars and blank lines at the end": Dialect(bars, "", "", ".txt"),
-    "Chinese dates": Dialect(dated_chinese, "", MAPPED.format("时间", "壳体温度", "箱体温度", "陀螺输出")),
-    "Excel": Dialect(excel, 'format = "excel"', MAPPED.format("Time", "Case", "Air", "Gyro"), ".xlsx"),
+    "Chinese dates": Dialect(
+        dated_chinese, "", MAPPED.format("时间", "壳体温度", "箱体温度", "陀螺输出")
+    ),
+    "Excel": Dialect(
+        excel, 'format = "excel"', MAPPED.format("Time", "Case", "Air", "Gyro"), ".xlsx"
+    ),
     "TDMS": Dialect(tdms, 'format = "tdms"', "", ".tdms"),
     "MATLAB v5": Dialect(matlab, 'format = "matlab"\ntable = "log"', "", ".mat"),
     "MATLAB v5, one matrix": Dialect(

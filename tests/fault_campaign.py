@@ -1,8 +1,10 @@
-"""One fault at every step of a write, each in a process of its own: what a disk, a kill -9 or a power cut can do.
+"""One fault at every step of a write, each in a process of its own: what a disk, a kill -9 or a
+power cut can do.
 
-Run as a program: `fault_campaign.py FOLDER run|file KILL|ENOSPC|…`. A step is an audit event of the interpreter (open, mkdir,
-rename, link, remove, …) or a call of fsync; audit hooks cannot be taken off again, hence the child processes. Prints
-one JSON line a step: how the child ended, and what it left behind.
+Run as a program: `fault_campaign.py FOLDER run|file KILL|ENOSPC|…`. A step is an audit event of the
+interpreter (open, mkdir, rename, link, remove, …) or a call of fsync; audit hooks cannot be taken
+off again, hence the child processes. Prints one JSON line a step: how the child ended, and what it
+left behind.
 """
 
 import errno
@@ -19,7 +21,16 @@ from calibkit import coefficients, store
 from calibkit.errors import CalibkitError
 from kept import keep, model
 
-EVENTS = ("open", "os.mkdir", "os.rename", "os.link", "os.remove", "os.rmdir", "os.chmod", "os.listdir")
+EVENTS = (
+    "open",
+    "os.mkdir",
+    "os.rename",
+    "os.link",
+    "os.remove",
+    "os.rmdir",
+    "os.chmod",
+    "os.listdir",
+)
 CONTENT = bytes(range(256)) * 512
 FINISHED, REFUSED, BROKEN = 0, 4, 70
 
@@ -55,7 +66,9 @@ def child(folder, what, at, fault):
 
     def fsync(handle):
         if fault == "KILL" and step.left == 1 and stat.S_ISREG(os.fstat(handle).st_mode):
-            os.ftruncate(handle, os.fstat(handle).st_size // 2)  # a page that never reached the disk
+            os.ftruncate(
+                handle, os.fstat(handle).st_size // 2
+            )  # a page that never reached the disk
         step()
         own(handle)
 
@@ -79,7 +92,10 @@ def state(folder, what):
         return "old" if not path.exists() else "new" if path.read_bytes() == CONTENT else "torn"
     try:
         values = [
-            store.load_revision(folder, "S-1", number).records["gyro_scale.json"].models[0].value("K")
+            store.load_revision(folder, "S-1", number)
+            .records["gyro_scale.json"]
+            .models[0]
+            .value("K")
             for number in store.revisions(folder / "S-1")
         ]
     except CalibkitError as error:
@@ -100,7 +116,9 @@ def after(folder, what):
     numbers = store.revisions(folder / "S-1")
     last = store.load_revision(folder, "S-1", numbers[-1])
     before = store.load_revision(folder, "S-1", numbers[-2])
-    follows = last.records["gyro_scale.json"].supersedes == store.stage_digests(before)["gyro_scale"]
+    follows = (
+        last.records["gyro_scale.json"].supersedes == store.stage_digests(before)["gyro_scale"]
+    )
     return f"r{numbers[-1]:03d}{' supersedes' if follows else ' BROKEN CHAIN'}", litter(folder)
 
 
@@ -119,7 +137,9 @@ def main(root, what, fault):
         found = state(folder, what)
         left = litter(folder)
         again, still = after(folder, what)
-        sys.stdout.write(json.dumps([at, os.waitstatus_to_exitcode(status), found, left, again, still]) + "\n")
+        sys.stdout.write(
+            json.dumps([at, os.waitstatus_to_exitcode(status), found, left, again, still]) + "\n"
+        )
         sys.stdout.flush()
         if os.waitstatus_to_exitcode(status) == FINISHED:
             return

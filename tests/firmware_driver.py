@@ -1,4 +1,6 @@
-"""A C program that runs many generated chains over every temperature and prints one number each; the same from the twin."""
+"""A C program that runs many generated chains over every temperature and prints one number each;
+the same from the twin.
+"""
 
 from math import frexp
 
@@ -7,7 +9,13 @@ import numpy as np
 from calibkit.firmware import c_header, c_source, export, formats, ranges, twin
 
 IDENTITY = export.Identity(
-    "FW-1", 1, "2026-11-21", "0" * 64, {"coefficients.json": "0" * 64}, "calibkit test", accepted=True
+    "FW-1",
+    1,
+    "2026-11-21",
+    "0" * 64,
+    {"coefficients.json": "0" * 64},
+    "calibkit test",
+    accepted=True,
 )
 STRIDES = (1, 40503, 30029, 20011)
 UPDATES = 12
@@ -38,7 +46,9 @@ def units(one):
 
 
 def raw(one, lanes):
-    """Counts [updates][inputs][lanes] as signed 16-bit numbers: the first input takes every value."""
+    """Counts [updates][inputs][lanes] as signed 16-bit numbers: the first input takes every
+    value.
+    """
     lane = (np.arange(lanes, dtype=np.int64) * (65536 // lanes)) & 0xFFFF
     updates = UPDATES if one.chain.structure.interval_s is not None else 1
     rows = []
@@ -75,7 +85,9 @@ def expected(one, lanes):
 
 
 def bits(program, words):
-    """Words of 32 bits of a number, one of a double's two after the other; one pattern for every NaN."""
+    """Words of 32 bits of a number, one of a double's two after the other; one pattern for every
+    NaN.
+    """
     if program.format.fixed:
         return [words & 0xFFFFFFFF]
     if program.format.bits == 24:
@@ -212,15 +224,25 @@ def _function(one):
     for i, (entry, unit) in enumerate(zip(one.chain.structure.inputs, units(one), strict=True)):
         value = f"({kind})count_of(lane, {i}U, j)"
         value = (
-            f"{value} * 65536" if kind == "int32_t" else value if kind == "int16_t" else f"{value} * ({kind}){unit!r}"
+            f"{value} * 65536"
+            if kind == "int32_t"
+            else value
+            if kind == "int16_t"
+            else f"{value} * ({kind}){unit!r}"
         )
         lines.append(f"            in.{entry.name} = {value};")
     call = f"{p}_update(&state, &in, &out)" if memory else f"{p}_correct(&in, &out)"
-    lines.append(f"            index = (lane * {UPDATES if memory else 1}U + j) * {2 * len(outputs) + 1}U;")
+    lines.append(
+        f"            index = (lane * {UPDATES if memory else 1}U + j) * {2 * len(outputs) + 1}U;"
+    )
     lines.append(f"            total += mixed({call}, index);")
-    lines += [f"            total += sum_{kind}(out.{o.name}, index + {1 + 2 * k}U);" for k, o in enumerate(outputs)]
+    lines += [
+        f"            total += sum_{kind}(out.{o.name}, index + {1 + 2 * k}U);"
+        for k, o in enumerate(outputs)
+    ]
     return (
-        f"static void run_{p}(void)\n{{\n    uint32_t total = 0U, lane, j, index;\n    {p}_in in;\n    {p}_out out;\n"
+        f"static void run_{p}(void)\n{{\n    uint32_t total = 0U, lane, j, index;\n    {p}_in in;\n"
+        f"    {p}_out out;\n"
         + (f"    {p}_state state;\n" if memory else "")
         + "    for (lane = 0U; lane < LANES; lane++) {\n"
         + (f"        {p}_reset(&state);\n" if memory else "")

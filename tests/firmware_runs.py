@@ -1,4 +1,6 @@
-"""Run folders for the firmware tests: one of every procedure and drift model, fitted once a session."""
+"""Run folders for the firmware tests: one of every procedure and drift model, fitted once a
+session.
+"""
 
 from dataclasses import dataclass
 
@@ -39,7 +41,9 @@ def truth(column, temperature, unit):
 
 
 def warmed_up(root):
-    """Fit the biases of UNITS on simulated warm-ups below a folder; returns the folder of their runs."""
+    """Fit the biases of UNITS on simulated warm-ups below a folder; returns the folder of their
+    runs.
+    """
     entries = ",".join(f'{{indication="{name}",order={order}}}' for name, order in ORDERS.items())
     source = recipe.find("bias_temperature", (f"polynomials.bias=[{entries}]",))
     time = np.arange(3000) * 1.0
@@ -52,7 +56,9 @@ def warmed_up(root):
             columns[name] = truth(name, temperature, number) + rng.normal(0.0, noise, time.size)
         folder = root / unit
         folder.mkdir()
-        rows = "\n".join(",".join(f"{x:.6f}" for x in row) for row in zip(*columns.values(), strict=True))
+        rows = "\n".join(
+            ",".join(f"{x:.6f}" for x in row) for row in zip(*columns.values(), strict=True)
+        )
         (folder / "warm.csv").write_text(",".join(columns) + "\n" + rows + "\n", encoding="utf-8")
         pipeline.fit(source, folder, unit, root / "runs", "2026-11-21", procedures.silent)
     return root / "runs"

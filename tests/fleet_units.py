@@ -20,11 +20,23 @@ ROWS = 40
 
 
 def unit_log(folder, number, *, offset=0.0):
-    """Write a warm-up of one gyro: a bias linear in temperature, 0.01 °/h of noise; return its columns."""
+    """Write a warm-up of one gyro: a bias linear in temperature, 0.01 °/h of noise; return its
+    columns.
+    """
     rng = np.random.default_rng(number)
     temperature = np.linspace(20.0, 60.0, ROWS)
-    gyro = rng.normal(0.5, 0.1) + offset + rng.normal(0.02, 0.002) * temperature + rng.normal(0.0, 0.01, ROWS)
-    write_log(folder / "warmup.csv", time_s=np.arange(float(ROWS)), temp_case_degc=temperature, gyro_dph=gyro)
+    gyro = (
+        rng.normal(0.5, 0.1)
+        + offset
+        + rng.normal(0.02, 0.002) * temperature
+        + rng.normal(0.0, 0.01, ROWS)
+    )
+    write_log(
+        folder / "warmup.csv",
+        time_s=np.arange(float(ROWS)),
+        temp_case_degc=temperature,
+        gyro_dph=gyro,
+    )
     return temperature, gyro
 
 
@@ -34,7 +46,16 @@ def fleet_logs(data, count):
 
 
 def fit(
-    data, out, *, jobs=1, keep_going=False, date=DAY, text=RECIPE, progress=procedures.silent, address="", dry_run=False
+    data,
+    out,
+    *,
+    jobs=1,
+    keep_going=False,
+    date=DAY,
+    text=RECIPE,
+    progress=procedures.silent,
+    address="",
+    dry_run=False,
 ):
     """Run a fleet in this process."""
     source = recipe.Source("bias.toml", text)
@@ -44,7 +65,11 @@ def fit(
 
 def tree(folder):
     """Relative name → bytes of all files below a folder."""
-    return {path.relative_to(folder).as_posix(): path.read_bytes() for path in folder.rglob("*") if path.is_file()}
+    return {
+        path.relative_to(folder).as_posix(): path.read_bytes()
+        for path in folder.rglob("*")
+        if path.is_file()
+    }
 
 
 def left_over(out):

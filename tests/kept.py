@@ -1,4 +1,6 @@
-"""Runs of a made-up unit for the tests of what is kept: one stage, one model, coefficients as the test states them."""
+"""Runs of a made-up unit for the tests of what is kept: one stage, one model, coefficients as the
+test states them.
+"""
 
 import hashlib
 
@@ -12,7 +14,9 @@ def model(values, *, name="gyro_x", form="gyro-scale/1", covariance=None, dof=20
     """Model of `name → (value, unit, u)`; covariance diagonal where none is given."""
     entries = tuple(Coefficient(key, *rest) for key, rest in values.items())
     if covariance is None:
-        covariance = [[c.standard_uncertainty**2 if c is d else 0.0 for d in entries] for c in entries]
+        covariance = [
+            [c.standard_uncertainty**2 if c is d else 0.0 for d in entries] for c in entries
+        ]
     return Model(
         name,
         form,
@@ -41,9 +45,13 @@ def keep(
     """Commit a run of these models and return its folder; without `logs` its log is its own."""
 
     def build(revision, superseded):
-        inputs = tuple(Input(f"{log}.csv", log, 10) for log in logs or (f"{serial}-log-{revision}",))
+        inputs = tuple(
+            Input(f"{log}.csv", log, 10) for log in logs or (f"{serial}-log-{revision}",)
+        )
         identity = Identity(serial, revision, date, "calibkit 0", "00", inputs)
-        result = StageResult(stage, tuple(models), tuple(Coefficient(*figure) for figure in figures))
+        result = StageResult(
+            stage, tuple(models), tuple(Coefficient(*figure) for figure in figures)
+        )
         record = coefficients.record(result, identity, superseded.get(stage, ""))
         contents = {f"{stage}.json": coefficients.dumps(record).encode(), "report.txt": b"hello\n"}
         return {"run.json": coefficients.seal(document(identity, contents)).encode(), **contents}
@@ -67,7 +75,8 @@ def keep(
             "uncertainty": [],
             "flags": [],
             "files": [
-                {"name": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in contents.items()
+                {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
+                for name, content in contents.items()
             ],
         }
 

@@ -6,7 +6,9 @@ import math
 
 
 def compensate(indication, gradient, rate, c):
-    """Recursive and one-step outputs of CN102095419A step 4 for one set of polynomials c[j][m], term by term."""
+    """Recursive and one-step outputs of CN102095419A step 4 for one set of polynomials c[j][m],
+    term by term.
+    """
     recursive, one_step, level = [indication[0]], [0.0], 0.0
     for k in range(1, len(indication)):
         a = [sum(c[j][m] * rate[k - 1] ** m for m in range(len(c[j]))) for j in range(3)]

@@ -1,4 +1,6 @@
-"""Running a page of the documentation as its reader would: every block in order, in an empty folder beside the sample logs."""
+"""Running a page of the documentation as its reader would: every block in order, in an empty folder
+beside the sample logs.
+"""
 
 from __future__ import annotations
 
@@ -17,7 +19,9 @@ NAMED = re.compile(r"(?:#|//) (\S+\.(?:toml|c))\n")
 
 
 def follow(page, folder, calibkit, monkeypatch):
-    """Run a page: commands of calibkit in this process, other commands by a shell, Python, and files written down."""
+    """Run a page: commands of calibkit in this process, other commands by a shell, Python, and
+    files written down.
+    """
     monkeypatch.chdir(folder)
     (folder / "datasets").symlink_to(ROOT / "datasets", target_is_directory=True)
     for language, text in BLOCK.findall(page.read_text(encoding="utf-8")):

@@ -1,4 +1,5 @@
-"""Units of a fleet without their report, whose drawing takes ten times as long as the fit, and units that die on purpose.
+"""Units of a fleet without their report, whose drawing takes ten times as long as the fit, and
+units that die on purpose.
 
 A module of its own: the processes of a fleet import it by name.
 """
@@ -10,18 +11,20 @@ from pathlib import Path
 
 from calibkit import atomic
 from calibkit.fleet import unit
-from calibkit.procedures import bias_temperature
+from calibkit.instruments.bias_temperature import instrument
 from calibkit.report.documents import Drawn
 
 
 def outcome(plan, serial):
     """Fit one unit and print nothing but one line."""
-    bias_temperature.draw = lambda title, fitted: Drawn((), fitted.summary)
+    instrument.draw = lambda title, fitted: Drawn((), fitted.summary)
     return unit.outcome(plan, serial)
 
 
 def killed_while_writing(plan, serial):
-    """Fit one unit; U003 is killed between the files of its run and the rename, the first time it is taken up."""
+    """Fit one unit; U003 is killed between the files of its run and the rename, the first time it
+    is taken up.
+    """
     mark = Path(plan.data) / "U003.killed"
     if serial == "U003" and not mark.exists():
         mark.touch()
@@ -42,9 +45,13 @@ def threads(plan, serial):
 
 
 def imported(plan, serial):
-    """Say whether this process began with what units need, where its calibkit is, and the threads of what it is a copy of."""
+    """Say whether this process began with what units need, where its calibkit is, and the threads
+    of what it is a copy of.
+    """
     threads = len(list(Path(f"/proc/{os.getppid()}/task").iterdir()))
-    return unit.Failure(serial, "said", 0, f"{'matplotlib.figure' in sys.modules} {atomic.__file__} {threads}", "")
+    return unit.Failure(
+        serial, "said", 0, f"{'matplotlib.figure' in sys.modules} {atomic.__file__} {threads}", ""
+    )
 
 
 def dies_elsewhere(here):
@@ -55,5 +62,7 @@ def dies_elsewhere(here):
 
 
 def named(here):
-    """Name this process, the one that asked, and whether figures could be drawn without importing anything."""
+    """Name this process, the one that asked, and whether figures could be drawn without importing
+    anything.
+    """
     return {"pid": f"{os.getpid() == here} {'matplotlib.figure' in sys.modules}".encode()}

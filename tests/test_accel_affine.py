@@ -1,4 +1,6 @@
-"""The affine triad over temperature: every entry a polynomial, higher orders and nuisance angles as options."""
+"""The affine triad over temperature: every entry a polynomial, higher orders and nuisance angles as
+options.
+"""
 
 import json
 from pathlib import Path
@@ -11,8 +13,9 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t
 
 from calibkit.errors import FitError
-from calibkit.numeric import accel_affine, accel_k, accel_q, affine_model, attitude
-from calibkit.numeric.accel_affine import AffineTerms
+from calibkit.instruments.accelerometer.numeric import affine, affine_model, k_factor, q_factor
+from calibkit.instruments.accelerometer.numeric.affine import AffineTerms
+from calibkit.numeric import attitude
 
 AUTHORITY = json.loads((Path(__file__).parent / "authorities" / "accel_k.json").read_text())
 ROWS = np.array(AUTHORITY["rows"])
@@ -41,7 +44,10 @@ def indications(entries, values, reference):
     """Indications that the model corrects to the reference, by fixed-point iteration."""
     found = reference.copy()
     for _ in range(60):
-        found = found - (affine_model.evaluate(entries, values, found, (TEMPERATURE - MIDDLE) / HALF)[0] - reference)
+        found = found - (
+            affine_model.evaluate(entries, values, found, (TEMPERATURE - MIDDLE) / HALF)[0]
+            - reference
+        )
     return found
 
 
@@ -64,24 +70,45 @@ def scores(fitted, truth):
 
 def test_model_is_the_equation_written_out_in_loops():
     """M(t) (V − b(t)) plus products of indications, entry by entry, in raw degrees."""
-    coefficients = {"m_xx0": 1.01, "m_xx1": 2e-5, "m_yy0": 0.99, "m_zz0": 1.0, "m_xy0": 3e-3, "m_zx2": 1e-8}
-    coefficients |= {"b_x0": 1e-3, "b_y1": 2e-5, "b_z3": 1e-9, "n_x_xx": 1e-5, "n_y_yz": -2e-5, "n_z_zzz": 3e-5}
+    coefficients = {
+        "m_xx0": 1.01,
+        "m_xx1": 2e-5,
+        "m_yy0": 0.99,
+        "m_zz0": 1.0,
+        "m_xy0": 3e-3,
+        "m_zx2": 1e-8,
+    }
+    coefficients |= {
+        "b_x0": 1e-3,
+        "b_y1": 2e-5,
+        "b_z3": 1e-9,
+        "n_x_xx": 1e-5,
+        "n_y_yz": -2e-5,
+        "n_z_zzz": 3e-5,
+    }
     twin = []
     for temperature, indicated in zip(TEMPERATURE, INDICATION, strict=True):
         V = dict(zip("xyz", indicated, strict=True))
-        b = {a: sum(coefficients.get(f"b_{a}{k}", 0.0) * temperature**k for k in range(4)) for a in "xyz"}
+        b = {
+            a: sum(coefficients.get(f"b_{a}{k}", 0.0) * temperature**k for k in range(4))
+            for a in "xyz"
+        }
         row = []
         for i in "xyz":
             total = 0.0
             for j in "xyz":
-                entry = sum(coefficients.get(f"m_{i}{j}{k}", 0.0) * temperature**k for k in range(4))
+                entry = sum(
+                    coefficients.get(f"m_{i}{j}{k}", 0.0) * temperature**k for k in range(4)
+                )
                 total += entry * (V[j] - b[j])
             for name, value in coefficients.items():
                 if name.startswith(f"n_{i}_"):
                     total += value * np.prod([V[j] for j in name[4:]])
             row.append(total)
         twin.append(row)
-    np.testing.assert_allclose(accel_affine.correct(coefficients, INDICATION, TEMPERATURE), twin, atol=1e-14)  # g
+    np.testing.assert_allclose(
+        affine.correct(coefficients, INDICATION, TEMPERATURE), twin, atol=1e-14
+    )  # g
 
 
 @given(st.integers(0, 2**32 - 1))
@@ -91,7 +118,7 @@ def test_derivatives_are_those_of_central_differences(seed):
     entries = affine_model.entries_of(EVERYTHING, triangular=True)
     values, mapped = drawn(entries, seed), (TEMPERATURE[:30] - MIDDLE) / HALF
     slopes = affine_model.evaluate(entries, values, INDICATION[:30], mapped)[1]
-    numeric = accel_q.derivative(
+    numeric = q_factor.derivative(
         lambda at: affine_model.evaluate(entries, at, INDICATION[:30], mapped)[0].ravel(),
         values,
         scale=np.ones(len(entries)),
@@ -100,15 +127,21 @@ def test_derivatives_are_those_of_central_differences(seed):
 
 
 def test_nuisance_rotations_are_rotations():
-    """The fixture's matrix is the rotation by its vector, there and back, and the tilt's derivative is exact."""
+    """The fixture's matrix is the rotation by its vector, there and back, and the tilt's derivative
+    is exact.
+    """
     for vector in ([0.0, 0.0, 0.0], [1e-9, 0.0, 0.0], [0.3, -0.2, 0.5], [1.0, 2.0, -1.5]):
         matrix = affine_model.rotation(np.array(vector))
         np.testing.assert_allclose(matrix, Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
         np.testing.assert_allclose(affine_model.rotation_vector(matrix), vector, atol=1e-14)
     tilt = np.array([0.2, -0.1])
     tool = ROTATION[:5]
-    numeric = accel_q.derivative(lambda at: affine_model.tilted_gravity(tool, at)[0].ravel(), tilt, scale=np.ones(2))
-    np.testing.assert_allclose(affine_model.tilted_gravity(tool, tilt)[1].reshape(15, 2), numeric, atol=1e-9)
+    numeric = q_factor.derivative(
+        lambda at: affine_model.tilted_gravity(tool, at)[0].ravel(), tilt, scale=np.ones(2)
+    )
+    np.testing.assert_allclose(
+        affine_model.tilted_gravity(tool, tilt)[1].reshape(15, 2), numeric, atol=1e-9
+    )
 
 
 def test_names_are_read_back():
@@ -121,18 +154,22 @@ def test_names_are_read_back():
 
 
 def test_everything_at_once_comes_out_of_one_fit():
-    """Polynomial entries, higher orders, tilt and fixture are all within 4 u, and the residual is the noise."""
+    """Polynomial entries, higher orders, tilt and fixture are all within 4 u, and the residual is
+    the noise.
+    """
     entries = affine_model.entries_of(EVERYTHING, triangular=True)
     truth = drawn(entries, 1)
     exact = indications(entries, truth, tilted_and_turned(entries, truth))
     indicated = exact + np.random.default_rng(2).normal(0.0, NOISE_G, exact.shape)
-    fitted = accel_affine.fit(indicated, TEMPERATURE, REFERENCE, terms=EVERYTHING, tool_rotation=ROTATION)
+    fitted = affine.fit(indicated, TEMPERATURE, REFERENCE, terms=EVERYTHING, tool_rotation=ROTATION)
     assert np.max(np.abs(scores(fitted, truth))) < 4.0
     assert fitted.residual_rms == pytest.approx(NOISE_G, rel=0.06)
     assert fitted.condition < 30.0
     raw = dict(zip(fitted.names, fitted.coefficients, strict=True))
-    mapped = affine_model.evaluate(entries, fitted.mapped_coefficients, indicated, (TEMPERATURE - MIDDLE) / HALF)[0]
-    np.testing.assert_allclose(accel_affine.correct(raw, indicated, TEMPERATURE), mapped, atol=1e-13)  # g
+    mapped = affine_model.evaluate(
+        entries, fitted.mapped_coefficients, indicated, (TEMPERATURE - MIDDLE) / HALF
+    )[0]
+    np.testing.assert_allclose(affine.correct(raw, indicated, TEMPERATURE), mapped, atol=1e-13)  # g
 
 
 def test_intervals_cover_the_truth():
@@ -144,26 +181,33 @@ def test_intervals_cover_the_truth():
         truth = drawn(entries, seed)
         exact = indications(entries, truth, REFERENCE)
         indicated = exact + np.random.default_rng(seed).normal(0.0, NOISE_G, exact.shape)
-        fitted = accel_affine.fit(indicated, TEMPERATURE, REFERENCE, terms=terms)
+        fitted = affine.fit(indicated, TEMPERATURE, REFERENCE, terms=terms)
         covered.append(np.abs(scores(fitted, truth)) <= t.ppf(0.975, fitted.dof))
     assert 0.93 <= np.mean(covered) <= 0.97
 
 
 def test_tilt_lands_in_the_cross_axis_terms_unless_it_is_fitted():
-    """A base tilted by 0.1° spoils K8 and K9 by far more than their uncertainty; as a nuisance it comes out itself."""
+    """A base tilted by 0.1° spoils K8 and K9 by far more than their uncertainty; as a nuisance it
+    comes out itself.
+    """
     truth = np.array([AUTHORITY["expected"][f"accel_{axis}"] for axis in "xyz"])
     tilt = np.array([1.7e-3, -0.9e-3])  # rad
     down = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
-    exact = accel_k.indications(truth, ROTATION @ down, TEMPERATURE)
+    exact = k_factor.indications(truth, ROTATION @ down, TEMPERATURE)
     indicated = exact + np.random.default_rng(3).normal(0.0, NOISE_G, exact.shape)
-    plain = accel_k.fit(indicated, TEMPERATURE, REFERENCE)
+    plain = k_factor.fit(indicated, TEMPERATURE, REFERENCE)
     wrong = [
-        np.abs((axis.coefficients - k) / axis.standard_uncertainty)[8:] for axis, k in zip(plain, truth, strict=True)
+        np.abs((axis.coefficients - k) / axis.standard_uncertainty)[8:]
+        for axis, k in zip(plain, truth, strict=True)
     ]
     assert plain[0].residual_rms > 5.0 * NOISE_G
     assert np.max(wrong) > 2.0
-    fitted = accel_affine.fit(
-        indicated, TEMPERATURE, REFERENCE, terms=AffineTerms(3, 1, 3, tilt=True), tool_rotation=ROTATION
+    fitted = affine.fit(
+        indicated,
+        TEMPERATURE,
+        REFERENCE,
+        terms=AffineTerms(3, 1, 3, tilt=True),
+        tool_rotation=ROTATION,
     )
     assert fitted.residual_rms == pytest.approx(NOISE_G, rel=0.06)
     u = fitted.standard_uncertainty[-2:]
@@ -178,42 +222,54 @@ def test_fixture_angles_come_out_however_crooked_the_triad():
     truth = drawn(entries, 4)
     truth[-3:] = [0.05, -0.12, 0.2]
     exact = indications(entries, truth, REFERENCE @ affine_model.rotation(truth[-3:]))
-    fitted = accel_affine.fit(exact, TEMPERATURE, REFERENCE, terms=terms)
+    fitted = affine.fit(exact, TEMPERATURE, REFERENCE, terms=terms)
     np.testing.assert_allclose(fitted.coefficients[-3:], truth[-3:], atol=1e-10)
 
 
 def test_a_tilt_without_the_tables_angles_is_refused():
     """A tilt acts before the table turns, so the rotations are needed."""
     with pytest.raises(FitError, match="a tilt needs the table's rotations"):
-        accel_affine.fit(INDICATION, TEMPERATURE, REFERENCE, terms=AffineTerms(tilt=True))
+        affine.fit(INDICATION, TEMPERATURE, REFERENCE, terms=AffineTerms(tilt=True))
 
 
 def test_k_factor_is_a_special_case():
-    """K0 … K9 read from the affine fit of the published example correct within 1 µg of the published ones."""
-    fitted = accel_affine.fit(INDICATION, TEMPERATURE, REFERENCE, terms=AffineTerms(3, 0, 3))
-    found, lack = accel_affine.as_k(fitted)
+    """K0 … K9 read from the affine fit of the published example correct within 1 µg of the
+    published ones.
+    """
+    fitted = affine.fit(INDICATION, TEMPERATURE, REFERENCE, terms=AffineTerms(3, 0, 3))
+    found, lack = affine.as_k(fitted)
     truth = np.array([AUTHORITY["expected"][f"accel_{axis}"] for axis in "xyz"])
     np.testing.assert_allclose(found[:, [0, 4, 8, 9]], truth[:, [0, 4, 8, 9]], atol=1e-7)
     assert lack < 1e-6  # g
-    np.testing.assert_allclose(accel_k.correct(found, INDICATION, TEMPERATURE), REFERENCE, atol=1e-6)  # g
+    np.testing.assert_allclose(
+        k_factor.correct(found, INDICATION, TEMPERATURE), REFERENCE, atol=1e-6
+    )  # g
 
 
 def test_what_k_cannot_say_is_told():
-    """Axes that turn with temperature make the K form fall short, and the shortfall is its residual's size."""
+    """Axes that turn with temperature make the K form fall short, and the shortfall is its
+    residual's size.
+    """
     entries = affine_model.entries_of(AffineTerms(3, 1, 3), triangular=False)
     truth = drawn(entries, 5)
     exact = indications(entries, truth, REFERENCE)
-    lack = accel_affine.as_k(accel_affine.fit(exact, TEMPERATURE, REFERENCE))[1]
-    worst = max(np.max(np.abs(axis.residuals)) for axis in accel_k.fit(exact, TEMPERATURE, REFERENCE))
+    lack = affine.as_k(affine.fit(exact, TEMPERATURE, REFERENCE))[1]
+    worst = max(
+        np.max(np.abs(axis.residuals)) for axis in k_factor.fit(exact, TEMPERATURE, REFERENCE)
+    )
     assert 1e-4 < worst < 1.5 * lack
 
 
 def test_q_factor_is_a_special_case_at_every_temperature():
-    """Q of the affine fit is that of the axes at that temperature, with an interval that holds it."""
+    """Q of the affine fit is that of the axes at that temperature, with an interval that holds
+    it.
+    """
     q = np.array([-0.0143, 0.00887, -0.0121])
-    sensitivity = np.diag([1.01, 0.99, 1.02]) @ accel_q.axes_of(q)
-    indicated = REFERENCE @ sensitivity.T + np.random.default_rng(6).normal(0.0, NOISE_G, REFERENCE.shape)
-    found, covariance = accel_affine.as_q(accel_affine.fit(indicated, TEMPERATURE, REFERENCE), 80.0)
+    sensitivity = np.diag([1.01, 0.99, 1.02]) @ q_factor.axes_of(q)
+    indicated = REFERENCE @ sensitivity.T + np.random.default_rng(6).normal(
+        0.0, NOISE_G, REFERENCE.shape
+    )
+    found, covariance = affine.as_q(affine.fit(indicated, TEMPERATURE, REFERENCE), 80.0)
     u = np.sqrt(np.diag(covariance))
     assert np.all(np.abs(found - q) < 4.0 * u)
     assert np.all(u < 2e-5)  # rad
@@ -223,14 +279,16 @@ def test_conditions_that_leave_parameters_open_are_refused_by_name():
     """One temperature, or one cone, leaves entries open: they are named, with the dwells to add."""
     one = TEMPERATURE == 25.0
     with pytest.raises(FitError, match=r"accel_x: b_x1, .*m_xx1.*add dwells at 5 °C"):
-        accel_affine.fit(INDICATION[one], TEMPERATURE[one], REFERENCE[one])
+        affine.fit(INDICATION[one], TEMPERATURE[one], REFERENCE[one])
     cone = ANGLES[:, 0] == 45.0
     with pytest.raises(FitError, match=r"accel_z: b_z0"):
-        accel_affine.fit(INDICATION[cone], TEMPERATURE[cone], REFERENCE[cone])
+        affine.fit(INDICATION[cone], TEMPERATURE[cone], REFERENCE[cone])
 
 
 def test_a_sweep_at_two_attitudes_determines_a_diagonal_model():
-    """Scale and bias over temperature come from two opposite attitudes while the temperature sweeps."""
+    """Scale and bias over temperature come from two opposite attitudes while the temperature
+    sweeps.
+    """
     terms = AffineTerms(3, -1, 3)
     temperature = np.tile(np.linspace(-20.0, 125.0, 300), 2)
     angles = np.repeat([[54.7, 45.0], [125.3, 225.0]], 300, axis=0)
@@ -240,8 +298,10 @@ def test_a_sweep_at_two_attitudes_determines_a_diagonal_model():
     bias = 2e-3 - 3e-3 * u + 1e-3 * u**2
     indicated = reference / scale[:, None] + bias[:, None]
     indicated = indicated + np.random.default_rng(7).normal(0.0, NOISE_G, reference.shape)
-    fitted = accel_affine.fit(indicated, temperature, reference, terms=terms)
-    named = dict(zip(fitted.names, scores(fitted, np.tile([1.0, 4e-3, -2e-3, 1e-3], 6)), strict=True))
+    fitted = affine.fit(indicated, temperature, reference, terms=terms)
+    named = dict(
+        zip(fitted.names, scores(fitted, np.tile([1.0, 4e-3, -2e-3, 1e-3], 6)), strict=True)
+    )
     assert max(abs(v) for k, v in named.items() if k.startswith("m")) < 4.0
 
 
@@ -252,37 +312,45 @@ def test_a_wild_dwell_is_named_and_moves_nothing():
     truth = drawn(entries, 8)
     indicated = indications(entries, truth, REFERENCE)
     indicated = indicated + np.random.default_rng(9).normal(0.0, NOISE_G, indicated.shape)
-    before = accel_affine.fit(indicated, TEMPERATURE, REFERENCE, terms=terms, loss="robust")
+    before = affine.fit(indicated, TEMPERATURE, REFERENCE, terms=terms, loss="robust")
     indicated[17] += [0.01, -0.02, 0.3]
-    after = accel_affine.fit(indicated, TEMPERATURE, REFERENCE, terms=terms, loss="robust")
+    after = affine.fit(indicated, TEMPERATURE, REFERENCE, terms=terms, loss="robust")
     assert after.suspects == (17,)
-    assert np.max(np.abs(after.coefficients - before.coefficients) / before.standard_uncertainty) < 1.0
+    assert (
+        np.max(np.abs(after.coefficients - before.coefficients) / before.standard_uncertainty) < 1.0
+    )
     assert after.residual_rms == pytest.approx(NOISE_G, rel=0.08)
 
 
 def test_weights_hold_noisy_dwells_back():
     """Weighting by dwell noise shrinks the uncertainty of every parameter."""
     noise = np.where(np.arange(len(ROWS)) % 2, NOISE_G, 20.0 * NOISE_G)
-    indicated = INDICATION + np.random.default_rng(10).normal(size=INDICATION.shape) * noise[:, None]
-    plain = accel_affine.fit(indicated, TEMPERATURE, REFERENCE)
+    indicated = (
+        INDICATION + np.random.default_rng(10).normal(size=INDICATION.shape) * noise[:, None]
+    )
+    plain = affine.fit(indicated, TEMPERATURE, REFERENCE)
     for weights in (1.0 / noise**2, np.tile(1.0 / noise**2, (3, 1)).T):
-        weighted = accel_affine.fit(indicated, TEMPERATURE, REFERENCE, weights=weights)
+        weighted = affine.fit(indicated, TEMPERATURE, REFERENCE, weights=weights)
         assert np.all(weighted.standard_uncertainty < 0.5 * plain.standard_uncertainty)
 
 
 def test_covariance_of_the_correction_is_that_of_many_fits():
-    """The stated covariance of corrected components matches the scatter over repeated calibrations."""
+    """The stated covariance of corrected components matches the scatter over repeated
+    calibrations.
+    """
     terms = AffineTerms(1, 0, 1)
     entries = affine_model.entries_of(terms, triangular=False)
     exact = indications(entries, drawn(entries, 11), REFERENCE)
     corrected, stated = [], 0.0
     for seed in range(60):
         noisy = exact + np.random.default_rng(seed).normal(0.0, NOISE_G, exact.shape)
-        fitted = accel_affine.fit(noisy, TEMPERATURE, REFERENCE, terms=terms)
+        fitted = affine.fit(noisy, TEMPERATURE, REFERENCE, terms=terms)
         named = dict(zip(fitted.names, fitted.coefficients, strict=True))
-        corrected.append(accel_affine.correct(named, exact, TEMPERATURE))
+        corrected.append(affine.correct(named, exact, TEMPERATURE))
         stated = (
-            stated + np.mean(np.diagonal(accel_affine.covariance(fitted, exact, TEMPERATURE), axis1=1, axis2=2)) / 60
+            stated
+            + np.mean(np.diagonal(affine.covariance(fitted, exact, TEMPERATURE), axis1=1, axis2=2))
+            / 60
         )
     assert np.mean(np.var(corrected, axis=0, ddof=1)) == pytest.approx(stated, rel=0.12)
 
@@ -294,13 +362,13 @@ def test_lengths_alone_give_scale_and_bias_over_temperature():
     truth = drawn(entries, 12)
     indicated = indications(entries, truth, REFERENCE)
     indicated = indicated + np.random.default_rng(13).normal(0.0, NOISE_G, indicated.shape)
-    fitted = accel_affine.fit_magnitude(indicated, TEMPERATURE, terms=terms)
+    fitted = affine.fit_magnitude(indicated, TEMPERATURE, terms=terms)
     assert np.max(np.abs(scores(fitted, truth))) < 4.0
     assert fitted.residuals.shape == (len(ROWS), 1)
     indicated[5] *= 1.5
-    assert accel_affine.fit_magnitude(indicated, TEMPERATURE, terms=terms, loss="robust").suspects == (5,)
+    assert affine.fit_magnitude(indicated, TEMPERATURE, terms=terms, loss="robust").suspects == (5,)
     with pytest.raises(FitError, match="lengths see no tilt"):
-        accel_affine.fit_magnitude(indicated, TEMPERATURE, terms=AffineTerms(tilt=True))
+        affine.fit_magnitude(indicated, TEMPERATURE, terms=AffineTerms(tilt=True))
     wandering = 25.0 + np.random.default_rng(14).uniform(-0.2, 0.2, len(ROWS))
     with pytest.raises(FitError, match="1 distinct temperatures do not determine order 2"):
-        accel_affine.fit_magnitude(indicated, wandering, terms=terms)
+        affine.fit_magnitude(indicated, wandering, terms=terms)

@@ -6,12 +6,19 @@ import numpy as np
 import pytest
 
 from calibkit import store
+from calibkit.instruments.accelerometer import simulate as simulator
 from calibkit.numeric import attitude
-from calibkit.simulate import accelerometer as simulator
 from conftest import AUTHORITIES
 
 VECTOR = json.loads((AUTHORITIES / "accel_k.json").read_text(encoding="utf-8"))
-COLUMNS = ("temp_case_degc", "inclination_deg", "toolface_deg", "accel_x_g", "accel_y_g", "accel_z_g")
+COLUMNS = (
+    "temp_case_degc",
+    "inclination_deg",
+    "toolface_deg",
+    "accel_x_g",
+    "accel_y_g",
+    "accel_z_g",
+)
 
 
 def vector_columns():
@@ -32,7 +39,9 @@ def simulated(folder, seed, log_writer, *, sign=1.0, rows=None, **conditions):
 def fit(calibkit, folder, out, *settings):
     """Fit the shipped recipe to a folder and return outcome and run."""
     arguments = [part for setting in settings for part in ("--set", setting)]
-    outcome = calibkit("fit", "accelerometer", "--data", folder, "--serial", "A", "--out", out, *arguments)
+    outcome = calibkit(
+        "fit", "accelerometer", "--data", folder, "--serial", "A", "--out", out, *arguments
+    )
     return outcome, (store.load(store.find("A", out)) if outcome.code in (0, 1) else None)
 
 
@@ -49,21 +58,34 @@ def test_the_vector_comes_out_of_the_shipped_recipe(tmp_path, calibkit, log_writ
 
 
 def test_the_run_holds_three_files_of_the_contract(tmp_path, calibkit, log_writer):
-    """accel_k, accel_q and accel_affine with their forms; the affine entries are named by entry and power."""
+    """accel_k, accel_q and accel_affine with their forms; the affine entries are named by entry and
+    power.
+    """
     simulated(tmp_path / "logs", 1, log_writer)
     _, run = fit(calibkit, tmp_path / "logs", tmp_path / "runs")
     assert set(run.records) == {"accel_k.json", "accel_q.json", "accel_affine.json"}
-    assert [c.name for c in run.records["accel_q.json"].model("triad").coefficients] == ["Q1", "Q2", "Q3"]
+    assert [c.name for c in run.records["accel_q.json"].model("triad").coefficients] == [
+        "Q1",
+        "Q2",
+        "Q3",
+    ]
     names = [c.name for c in run.records["accel_affine.json"].model("triad").coefficients]
     assert {"m_xx0", "m_xy1", "b_z3"} <= set(names)
     assert run.records["accel_affine.json"].model("triad").form == "accel-affine/1"
 
 
-def test_too_few_temperatures_name_the_coefficients_and_the_dwells_to_add(tmp_path, calibkit, log_writer):
-    """With three temperatures K3 and K7 are named, the reason is given, and dwells to add are proposed; exit code 3."""
+def test_too_few_temperatures_name_the_coefficients_and_the_dwells_to_add(
+    tmp_path, calibkit, log_writer
+):
+    """With three temperatures K3 and K7 are named, the reason is given, and dwells to add are
+    proposed; exit code 3.
+    """
     columns = vector_columns()
     keep = np.isin(columns["temp_case_degc"], np.unique(columns["temp_case_degc"])[:3])
-    log_writer(tmp_path / "logs" / "positions.csv", **{name: values[keep] for name, values in columns.items()})
+    log_writer(
+        tmp_path / "logs" / "positions.csv",
+        **{name: values[keep] for name, values in columns.items()},
+    )
     outcome, _ = fit(calibkit, tmp_path / "logs", tmp_path / "runs")
     assert outcome.code == 3
     assert "K3" in outcome.err
@@ -76,12 +98,17 @@ def test_too_few_temperatures_name_the_coefficients_and_the_dwells_to_add(tmp_pa
     assert any("K3, K7 not fitted" in flag for flag in run.records["accel_k.json"].flags)
 
 
-def test_a_table_within_a_hundredth_of_a_degree_gives_the_attitude_within_the_limits(tmp_path, calibkit, log_writer):
-    """Against true angles: inclination within 0.05°, toolface within 0.1°/sin(inclination), on dwells that were not fitted."""
+def test_a_table_within_a_hundredth_of_a_degree_gives_the_attitude_within_the_limits(
+    tmp_path, calibkit, log_writer
+):
+    """Against true angles: inclination within 0.05°, toolface within 0.1°/sin(inclination), on
+    dwells that were not fitted.
+    """
     simulated(tmp_path / "logs", 5, log_writer)
     outcome, _ = fit(calibkit, tmp_path / "logs", tmp_path / "runs")
     assert outcome.code == 0, outcome.err
-    # the same instrument again: other dwells, exact table, so that the errors are those of the coefficients
+    # the same instrument again: other dwells, exact table, so that the errors are those of the
+    # coefficients
     conditions = simulator.Conditions(
         table_noise_deg=0.0,
         inclinations_deg=(20.0, 45.0, 75.0, 110.0, 160.0),
@@ -89,34 +116,48 @@ def test_a_table_within_a_hundredth_of_a_degree_gives_the_attitude_within_the_li
         temperatures_degc=(-10.0, 50.0, 115.0),
     )
     columns = simulator.run(5, conditions).logs["positions.csv"]
-    log = log_writer(tmp_path / "new" / "positions.csv", **{name: columns[name] for name in COLUMNS})
+    log = log_writer(
+        tmp_path / "new" / "positions.csv", **{name: columns[name] for name in COLUMNS}
+    )
     out = tmp_path / "out.csv"
     applied = calibkit("apply", "A", "--runs", tmp_path / "runs", "--data", log, "--out", out)
     assert applied.code == 0, applied.err
     found = np.genfromtxt(out, delimiter=",", names=True)
     tilt = found["inclination_deg"] - found["reference_inclination_deg"]
     roll = attitude.wrapped(found["toolface_deg"] - found["reference_toolface_deg"])
-    inside = (found["reference_inclination_deg"] > 1.0) & (found["reference_inclination_deg"] < 179.0)
+    inside = (found["reference_inclination_deg"] > 1.0) & (
+        found["reference_inclination_deg"] < 179.0
+    )
     assert np.abs(tilt).max() <= 0.05
-    assert (np.abs(roll) * np.sin(np.radians(found["reference_inclination_deg"])))[inside].max() <= 0.1
+    assert (np.abs(roll) * np.sin(np.radians(found["reference_inclination_deg"])))[
+        inside
+    ].max() <= 0.1
 
 
 def test_either_sign_convention_gives_the_same_coefficients(tmp_path, calibkit, log_writer):
-    """The same dwells as specific force give the same K to 1e-12 with their recipe; without it the fit is refused."""
+    """The same dwells as specific force give the same K to 1e-12 with their recipe; without it the
+    fit is refused.
+    """
     simulated(tmp_path / "gravity", 2, log_writer)
     simulated(tmp_path / "force", 2, log_writer, sign=-1.0)
     _, first = fit(calibkit, tmp_path / "gravity", tmp_path / "a")
-    _, second = fit(calibkit, tmp_path / "force", tmp_path / "b", "reference.convention=specific_force")
+    _, second = fit(
+        calibkit, tmp_path / "force", tmp_path / "b", "reference.convention=specific_force"
+    )
     for name in ("accel_x", "accel_y", "accel_z"):
         one, two = (run.records["accel_k.json"].model(name) for run in (first, second))
-        assert [c.value for c in one.coefficients] == pytest.approx([c.value for c in two.coefficients], rel=1e-12)
+        assert [c.value for c in one.coefficients] == pytest.approx(
+            [c.value for c in two.coefficients], rel=1e-12
+        )
     wrong, _ = fit(calibkit, tmp_path / "force", tmp_path / "c")
     assert wrong.code == 3
     assert "wrong sign" in wrong.err
 
 
 def test_apply_gives_attitudes_in_either_convention(tmp_path, calibkit, log_writer):
-    """Inclination and toolface of a specific-force log equal those of the gravity log; its indications keep their sign."""
+    """Inclination and toolface of a specific-force log equal those of the gravity log; its
+    indications keep their sign.
+    """
     log = simulated(tmp_path / "gravity", 2, log_writer)
     force = simulated(tmp_path / "force", 2, log_writer, sign=-1.0)
     fit(calibkit, tmp_path / "gravity", tmp_path / "a")
@@ -127,11 +168,17 @@ def test_apply_gives_attitudes_in_either_convention(tmp_path, calibkit, log_writ
         tables.append(np.genfromtxt(tmp_path / out, delimiter=",", names=True))
     assert tables[0]["inclination_deg"] == pytest.approx(tables[1]["inclination_deg"], abs=1e-9)
     assert tables[0]["accel_x_g"] == pytest.approx(-tables[1]["accel_x_g"], abs=1e-12)
-    assert tables[0].dtype.names[:3] == ("temp_case_degc", "reference_inclination_deg", "reference_toolface_deg")
+    assert tables[0].dtype.names[:3] == (
+        "temp_case_degc",
+        "reference_inclination_deg",
+        "reference_toolface_deg",
+    )
 
 
 def test_a_wild_dwell_is_named_with_its_line(tmp_path, calibkit, log_writer):
-    """A dwell that is 5 mg off is named by file and line, and no K moves by more than its standard uncertainty."""
+    """A dwell that is 5 mg off is named by file and line, and no K moves by more than its standard
+    uncertainty.
+    """
     columns = {
         name: np.array(values)
         for name, values in simulator.run(4, simulator.Conditions()).logs["positions.csv"].items()
@@ -142,7 +189,9 @@ def test_a_wild_dwell_is_named_with_its_line(tmp_path, calibkit, log_writer):
     log_writer(tmp_path / "wild" / "positions.csv", **{name: columns[name] for name in COLUMNS})
     _, clean = fit(calibkit, tmp_path / "clean", tmp_path / "a")
     _, wild = fit(calibkit, tmp_path / "wild", tmp_path / "b")
-    assert any("accel_y: suspect dwell positions.csv:102" in flag for flag in wild.document["flags"])
+    assert any(
+        "accel_y: suspect dwell positions.csv:102" in flag for flag in wild.document["flags"]
+    )
     for name in ("accel_x", "accel_y", "accel_z"):
         one, two = (run.records["accel_k.json"].model(name) for run in (clean, wild))
         for a, b in zip(one.coefficients, two.coefficients, strict=True):
@@ -160,7 +209,9 @@ def test_si_units_need_and_use_the_site_gravity(tmp_path, calibkit, log_writer):
     refused, _ = fit(calibkit, tmp_path / "logs", tmp_path / "runs", *units)
     assert refused.code == 2
     assert "local gravity" in refused.err
-    outcome, run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", *units, "site.latitude_deg=45.0")
+    outcome, run = fit(
+        calibkit, tmp_path / "logs", tmp_path / "runs", *units, "site.latitude_deg=45.0"
+    )
     assert outcome.code == 0, outcome.err
     expected = VECTOR["expected"]["accel_x"]
     found = [c.value for c in run.records["accel_k.json"].model("accel_x").coefficients]
@@ -169,22 +220,32 @@ def test_si_units_need_and_use_the_site_gravity(tmp_path, calibkit, log_writer):
 
 
 def test_a_log_in_another_unit_is_noticed_by_its_size(tmp_path, calibkit, log_writer):
-    """Counts in a column of g, and angles beyond their circle, are refused with the column to map."""
+    """Counts in a column of g, and angles beyond their circle, are refused with the column to
+    map.
+    """
     columns = vector_columns()
-    log_writer(tmp_path / "counts" / "positions.csv", **(columns | {"accel_x_g": columns["accel_x_g"] * 16384.0}))
+    log_writer(
+        tmp_path / "counts" / "positions.csv",
+        **(columns | {"accel_x_g": columns["accel_x_g"] * 16384.0}),
+    )
     outcome, _ = fit(calibkit, tmp_path / "counts", tmp_path / "runs")
     assert outcome.code == 3
     assert "[columns.accel_x_g]" in outcome.err
     log_writer(
-        tmp_path / "angles" / "positions.csv", **(columns | {"inclination_deg": columns["inclination_deg"] * 60.0})
+        tmp_path / "angles" / "positions.csv",
+        **(columns | {"inclination_deg": columns["inclination_deg"] * 60.0}),
     )
     outcome, _ = fit(calibkit, tmp_path / "angles", tmp_path / "runs")
     assert outcome.code == 3
     assert "inclination_deg" in outcome.err
 
 
-def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(tmp_path, calibkit, log_writer):
-    """Twenty held positions in a continuous log give Q within 0.2 mrad, scale factors within 100 ppm, at 100 µg noise."""
+def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(
+    tmp_path, calibkit, log_writer
+):
+    """Twenty held positions in a continuous log give Q within 0.2 mrad, scale factors within 100
+    ppm, at 100 µg noise.
+    """
     rng = np.random.default_rng(12)
     directions = rng.normal(size=(20, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
@@ -215,7 +276,9 @@ def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(tmp_p
     matrix = run.records["accel_affine.json"].model("triad")
     assert matrix.value("m_xx0") == pytest.approx(1.0 / 1.01, rel=1e-4)
     assert matrix.value("b_y0") == pytest.approx(-0.02, abs=1e-4)
-    outcome = calibkit("fit", "accelerometer_magnitude", *arguments, "--set", "reference.solver=lmfit")
+    outcome = calibkit(
+        "fit", "accelerometer_magnitude", *arguments, "--set", "reference.solver=lmfit"
+    )
     assert outcome.code == 0, outcome.err
     record = store.load(tmp_path / "runs" / "M" / "r002").records["accel_q.json"]
     bounds = {figure.name: figure.value for figure in record.figures if figure.name.endswith("_95")}
@@ -225,12 +288,18 @@ def test_held_positions_of_a_continuous_log_calibrate_from_magnitude_alone(tmp_p
 
 
 def test_validation_states_before_and_after_and_holds_limits(tmp_path, calibkit, log_writer):
-    """On unseen dwells the inclination error falls, the toolface carries its range, and a missed limit exits with 1."""
+    """On unseen dwells the inclination error falls, the toolface carries its range, and a missed
+    limit exits with 1.
+    """
     simulated(tmp_path / "logs", 6, log_writer, rows=slice(0, None, 2))
     simulated(tmp_path / "unseen", 6, log_writer, rows=slice(1, None, 2))
-    fit(calibkit, tmp_path / "logs", tmp_path / "runs", "acceptance.max_inclination_error_deg=0.001")
+    fit(
+        calibkit, tmp_path / "logs", tmp_path / "runs", "acceptance.max_inclination_error_deg=0.001"
+    )
     out = tmp_path / "v.json"
-    outcome = calibkit("validate", "A", "--runs", tmp_path / "runs", "--data", tmp_path / "unseen", "--out", out)
+    outcome = calibkit(
+        "validate", "A", "--runs", tmp_path / "runs", "--data", tmp_path / "unseen", "--out", out
+    )
     assert outcome.code == 1
     log = json.loads(out.read_text(encoding="utf-8"))["logs"][0]
     assert log["after"]["inclination_max_deg"] < 0.2 * log["before"]["inclination_max_deg"]
@@ -248,19 +317,25 @@ def test_apply_clamps_the_temperature_and_says_so(tmp_path, calibkit, log_writer
         accel_y_g=[0.2] * 2,
         accel_z_g=[0.9] * 2,
     )
-    applied = calibkit("apply", "A", "--runs", tmp_path / "runs", "--data", hot, "--out", tmp_path / "o.csv")
+    applied = calibkit(
+        "apply", "A", "--runs", tmp_path / "runs", "--data", hot, "--out", tmp_path / "o.csv"
+    )
     assert "clamped to -20.0 … 125.0 °C over 50.0 %" in applied.err
     found = np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)
     assert found["accel_x_g"][0] == found["accel_x_g"][1]
 
 
 def test_scale_and_zero_then_q_is_the_published_chain(tmp_path, calibkit, log_writer):
-    """With k.cross = false "kq" orthogonalises the triad; with K8, K9 fitted it is refused as a double correction."""
+    """With k.cross = false "kq" orthogonalises the triad; with K8, K9 fitted it is refused as a
+    double correction.
+    """
     log = simulated(tmp_path / "logs", 8, log_writer)
     refused, _ = fit(calibkit, tmp_path / "logs", tmp_path / "runs", "compensation=kq")
     assert refused.code == 2
     assert "twice" in refused.err
-    outcome, _ = fit(calibkit, tmp_path / "logs", tmp_path / "runs", "compensation=kq", "k.cross=false")
+    outcome, _ = fit(
+        calibkit, tmp_path / "logs", tmp_path / "runs", "compensation=kq", "k.cross=false"
+    )
     assert outcome.code == 0, outcome.err
     calibkit("apply", "A", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv")
     found = np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)
@@ -268,17 +343,28 @@ def test_scale_and_zero_then_q_is_the_published_chain(tmp_path, calibkit, log_wr
     raw = np.genfromtxt(log, delimiter=",", names=True)
     before = np.column_stack([raw[f"accel_{axis}_g"] for axis in "xyz"])
     spread = [np.std(np.linalg.norm(v, axis=1)) for v in (before, vector)]
-    assert spread[1] < 1e-4  # the length of gravity no longer depends on attitude or temperature [g]
+    assert (
+        spread[1] < 1e-4
+    )  # the length of gravity no longer depends on attitude or temperature [g]
     assert spread[0] > 20 * spread[1]
 
 
 def test_coefficients_of_another_unit_fail_their_validation(tmp_path, calibkit, log_writer):
-    """Dwells that come out worse than they were reject the run, and few logs give no grouped covariance."""
+    """Dwells that come out worse than they were reject the run, and few logs give no grouped
+    covariance.
+    """
     simulated(tmp_path / "logs", 6, log_writer)
     simulated(tmp_path / "other", 7, log_writer)
     fit(calibkit, tmp_path / "logs", tmp_path / "runs")
     outcome = calibkit(
-        "validate", "A", "--runs", tmp_path / "runs", "--data", tmp_path / "other", "--out", tmp_path / "v.json"
+        "validate",
+        "A",
+        "--runs",
+        tmp_path / "runs",
+        "--data",
+        tmp_path / "other",
+        "--out",
+        tmp_path / "v.json",
     )
     assert outcome.code == 1
     assert "residual rms after/before" in outcome.out

@@ -1,4 +1,6 @@
-"""What a message advises is the thing to do: signs, names of columns, sentinels, and what a JSON document says of a refusal."""
+"""What a message advises is the thing to do: signs, names of columns, sentinels, and what a JSON
+document says of a refusal.
+"""
 
 import re
 
@@ -24,27 +26,46 @@ def table(path, change, count=6):
 
 
 GERMAN = (
-    ["Zeit [s]", "Drehrate Tisch [°/s]", "Tischwinkel [°]", "Gehäusetemperatur [°C]", "Kreisel X [Impulse/s]"],
+    [
+        "Zeit [s]",
+        "Drehrate Tisch [°/s]",
+        "Tischwinkel [°]",
+        "Gehäusetemperatur [°C]",
+        "Kreisel X [Impulse/s]",
+    ],
     ["Zeit", "Drehrate_Tisch", "Tischwinkel", "Temperatur", "Kreisel"],
     ["Zeit_s", "Sollrate [°/s]", "Winkel [°]", "Temperatur [°C]", "Kreiselausgang X [Imp/s]"],
-    ["Zeit [s]", "Drehrate Soll [°/s]", "Winkel [°]", "Temperatur [°C]", "Drehrate Ist [Impulse/s]"],
+    [
+        "Zeit [s]",
+        "Drehrate Soll [°/s]",
+        "Winkel [°]",
+        "Temperatur [°C]",
+        "Drehrate Ist [Impulse/s]",
+    ],
 )
 
 
 @pytest.mark.parametrize("names", GERMAN, ids=lambda names: names[1])
 def test_a_rate_table_is_recognised_by_german_names(names, tmp_path, calibkit):
-    """The table's rate is no gyro's: rate_table, with the counts as the gyro, and check finds nothing in what was proposed."""
+    """The table's rate is no gyro's: rate_table, with the counts as the gyro, and check finds
+    nothing in what was proposed.
+    """
     data = table(tmp_path / "logs", lambda frame: frame.set_axis(names, axis=1), count=1)
     proposed = calibkit("init", "--from", data).out
     assert 'procedure = "rate_table"' in proposed
     for column, name in zip(("table_rate_dps", "gyro_x_lsb"), (names[1], names[4]), strict=True):
-        assert f'from = "{name}"' in proposed.rpartition(f"\n[columns.{column}]")[2].partition("\n[columns.")[0]
+        assert (
+            f'from = "{name}"'
+            in proposed.rpartition(f"\n[columns.{column}]")[2].partition("\n[columns.")[0]
+        )
     (tmp_path / "r.toml").write_text(proposed, encoding="utf-8")
     assert calibkit("check", tmp_path / "r.toml", "--data", data).code == 0
 
 
 def test_overload_marks_among_the_counts_of_a_table_are_refused_by_row(tmp_path, calibkit):
-    """±9e9 are counts that a counter could reach, but not beside a million: before, K was known to 1800 % and nobody said why."""
+    """±9e9 are counts that a counter could reach, but not beside a million: before, K was known to
+    1800 % and nobody said why.
+    """
 
     def spiked(frame):
         frame.loc[[500, 900], "gyro_x_lsb"] = 9e9, -9e9
@@ -63,31 +84,48 @@ def held(tmp_path, step_s, angle=lambda rate: rate):
     time = step_s * np.arange(1.0, rate.size + 1.0)
     turned = np.cumsum(angle(rate) * step_s)
     noise = np.random.default_rng(2).normal(0.0, 2.0, rate.size)
-    columns = {"time_s": time, "table_rate_dps": rate, "table_angle_deg": np.remainder(turned, 360.0)}
+    columns = {
+        "time_s": time,
+        "table_rate_dps": rate,
+        "table_angle_deg": np.remainder(turned, 360.0),
+    }
     write_log(tmp_path / "run.csv", **columns, gyro_x_lsb=1e4 * rate + 30.0 + noise)
     return tmp_path
 
 
-def test_an_angle_that_turns_half_round_between_rows_is_not_held_against_the_rate(tmp_path, calibkit):
-    """At 2 s from row to row 100 °/s are 200°, which is said; at 1 s they are not; slower rates still tell a wrong unit."""
+def test_an_angle_that_turns_half_round_between_rows_is_not_held_against_the_rate(
+    tmp_path, calibkit
+):
+    """At 2 s from row to row 100 °/s are 200°, which is said; at 1 s they are not; slower rates
+    still tell a wrong unit.
+    """
     aliased = calibkit("check", "rate_table", "--data", held(tmp_path / "a", 2.0))
     assert aliased.code == 0
     assert "the table turns by up to 200° from row to row at 2 held rates" in aliased.out
-    assert "from row to row" not in calibkit("check", "rate_table", "--data", held(tmp_path / "b", 1.0)).out
-    wrong = calibkit("check", "rate_table", "--data", held(tmp_path / "c", 2.0, lambda rate: 1.5 * rate))
+    assert (
+        "from row to row"
+        not in calibkit("check", "rate_table", "--data", held(tmp_path / "b", 1.0)).out
+    )
+    wrong = calibkit(
+        "check", "rate_table", "--data", held(tmp_path / "c", 2.0, lambda rate: 1.5 * rate)
+    )
     assert wrong.code == 3
     assert "it turns 1.5 times as fast" in wrong.out
 
 
 def test_a_table_angle_of_the_other_sign_is_advised_to_be_turned(tmp_path, calibkit):
     """The ratio is −1: state sign = -1."""
-    outcome = calibkit("check", "rate_table", "--data", held(tmp_path / "a", 0.5, lambda rate: -rate))
+    outcome = calibkit(
+        "check", "rate_table", "--data", held(tmp_path / "a", 0.5, lambda rate: -rate)
+    )
     assert outcome.code == 3
     assert "the other sign: state sign = -1 in [columns.table_angle_deg]" in outcome.out
 
 
 def test_a_gain_below_nought_is_a_sign_and_no_compensation():
-    """A log that goes against the drift about to be taken off it, or against the other logs: sign = -1 is the advice."""
+    """A log that goes against the drift about to be taken off it, or against the other logs: sign =
+    -1 is the advice.
+    """
     drift = np.linspace(0.0, 10.0, 2000)
     noise = np.random.default_rng(1).normal(0.0, 0.1, drift.size)
     (said,) = magnitude.undrifting("a.csv", drift, 5.0 - drift + noise)
@@ -103,8 +141,12 @@ def test_a_gain_below_nought_is_a_sign_and_no_compensation():
 
 
 def test_all_missing_columns_are_named_at_once():
-    """The first with its likely name, the others behind it, each once; a mapped one by its canonical name."""
-    with pytest.raises(MissingColumnError, match=r"column 'a' is missing \(and so are 'b', 'c'\), found x") as raised:
+    """The first with its likely name, the others behind it, each once; a mapped one by its
+    canonical name.
+    """
+    with pytest.raises(
+        MissingColumnError, match=r"column 'a' is missing \(and so are 'b', 'c'\), found x"
+    ) as raised:
         require("f.csv", ["x"], ["a", "b", "a", "c"])
     assert raised.value.columns == ("a", "b", "c")
     with pytest.raises(MissingColumnError, match="column 'gyro out' is missing, found x") as raised:
@@ -114,32 +156,56 @@ def test_all_missing_columns_are_named_at_once():
 
 
 def test_the_column_that_may_be_meant_is_the_one_that_the_hint_maps():
-    """One advice, not two: the canonical key, and from = the log's own column, quoted as TOML has it."""
+    """One advice, not two: the canonical key, and from = the log's own column, quoted as TOML has
+    it.
+    """
     with pytest.raises(MissingColumnError) as raised:
         require("a.csv", ["Zeit ms", "x"], ["Zeit [ms]"], of="time_s")
-    assert raised.value.hint == "did you mean 'Zeit ms'? map it in the recipe: [columns.time_s] from = \"Zeit ms\""
+    assert (
+        raised.value.hint
+        == "did you mean 'Zeit ms'? map it in the recipe: [columns.time_s] from = \"Zeit ms\""
+    )
     with pytest.raises(MissingColumnError) as raised:
         require("a.csv", ["x"], ["Zeit [ms]"], of="time_s")
     assert raised.value.hint == 'map it in the recipe: [columns.time_s] from = "…"'
 
 
 def test_apply_says_which_columns_the_run_needs_and_how_to_name_them(tmp_path, calibkit):
-    """A run's recipe cannot be edited: --set is the way, it is said column by column, and it works."""
+    """A run's recipe cannot be edited: --set is the way, it is said column by column, and it
+    works.
+    """
     runs, data = tmp_path / "runs", table(tmp_path / "logs", lambda frame: frame)
-    assert calibkit("fit", "rate_table", "--data", data, "--serial", "S", "--out", runs).code in (0, 1)
+    assert calibkit("fit", "rate_table", "--data", data, "--serial", "S", "--out", runs).code in (
+        0,
+        1,
+    )
     foreign = pd.read_csv(data / "room_1.csv").rename(columns={"gyro_x_lsb": "out"})
     foreign.to_csv(tmp_path / "field.csv", index=False)
-    call = ("apply", "S", "--runs", runs, "--data", tmp_path / "field.csv", "--out", tmp_path / "o.csv")
+    call = (
+        "apply",
+        "S",
+        "--runs",
+        runs,
+        "--data",
+        tmp_path / "field.csv",
+        "--out",
+        tmp_path / "o.csv",
+    )
     outcome = calibkit(*call)
     assert outcome.code == 3
     assert "column 'gyro_x_lsb' is missing, found time_s" in outcome.err
-    assert "S@r001 needs gyro_x_lsb: name the log's own columns with --set columns.gyro_x_lsb.from=…" in outcome.err
+    assert (
+        "S@r001 needs gyro_x_lsb: name the log's own columns with --set columns.gyro_x_lsb.from=…"
+        in outcome.err
+    )
     assert calibkit(*call, "--set", "columns.gyro_x_lsb.from=out").code == 0
     per_sample = ("--set", "columns.gyro_x_lsb={from='out',unit='1/sample'}")
     call = (*call[:-1], tmp_path / "per_sample.csv", *per_sample)
     outcome = calibkit(*call)
     assert outcome.code == 3
-    said = re.search(r"--set (columns.gyro_x_lsb.interval_s=\S+) \(the usual one of this log\)", outcome.err).group(1)
+    said = re.search(
+        r"--set (columns.gyro_x_lsb.interval_s=\S+) \(the usual one of this log\)", outcome.err
+    ).group(1)
     assert said == f"columns.gyro_x_lsb.interval_s={np.median(np.diff(foreign['time_s'])):.9g}"
     assert calibkit(*call, "--set", said).code == 0
     assert len(pd.read_csv(tmp_path / "per_sample.csv")) == len(foreign)
@@ -147,7 +213,9 @@ def test_apply_says_which_columns_the_run_needs_and_how_to_name_them(tmp_path, c
 
 @pytest.mark.parametrize("procedure", ["gyro_pair", "gyro_triad"])
 def test_a_refused_log_is_an_error_in_the_json_of_check(procedure, tmp_path, calibkit):
-    """Not ok, and error says code, message and hint, as for every other failure; the logs stand beside it."""
+    """Not ok, and error says code, message and hint, as for every other failure; the logs stand
+    beside it.
+    """
     for path in (ROOT / "datasets" / procedure).glob("*.csv"):
         frame = pd.read_csv(path)
         if path.name.startswith(("table_axis_b", "about_y")):

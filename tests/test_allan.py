@@ -10,8 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric import allan, allan_fit
-from calibkit.numeric.allan_fit import LAWS, NotObservable, fit_noise
+from calibkit.numeric.noise import allan, allan_fit
+from calibkit.numeric.noise.allan_fit import LAWS, NotObservable, fit_noise
 
 NBS_9_POINTS = np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])
 """NBS Monograph 140 annex 8.E, as in NIST SP 1065 table 30."""
@@ -40,7 +40,9 @@ def naive_allan(rate, factor):
 
 
 def naive_detail_variance(rate, high_pass, low_pass, level):
-    """√2-scaled variance of undecimated wavelet details that lie inside the record, by explicit equivalent filters."""
+    """√2-scaled variance of undecimated wavelet details that lie inside the record, by explicit
+    equivalent filters.
+    """
     equivalent = np.ones(1)
     for below in range(level):
         taps = high_pass if below == level - 1 else low_pass
@@ -53,20 +55,32 @@ def naive_detail_variance(rate, high_pass, low_pass, level):
 
 
 def flicker(generator, samples, bias_instability):
-    """Averaged 1/f noise of the given B [deg/h], eight times oversampled so that its Allan deviation is flat from τ₀ on."""
+    """Averaged 1/f noise of the given B [deg/h], eight times oversampled so that its Allan
+    deviation is flat from τ₀ on.
+    """
     fine = 8 * samples
     weights = np.cumprod(np.concatenate(([1.0], (np.arange(1, fine) - 0.5) / np.arange(1, fine))))
-    spectrum = np.fft.rfft(weights, 2 * fine) * np.fft.rfft(generator.standard_normal(fine), 2 * fine)
-    return bias_instability * np.fft.irfft(spectrum, 2 * fine)[:fine].reshape(samples, 8).mean(axis=1)
+    spectrum = np.fft.rfft(weights, 2 * fine) * np.fft.rfft(
+        generator.standard_normal(fine), 2 * fine
+    )
+    return bias_instability * np.fft.irfft(spectrum, 2 * fine)[:fine].reshape(samples, 8).mean(
+        axis=1
+    )
 
 
 def record(generator, samples, interval_s, *, N=0.0, B=0.0, K=0.0, R=0.0, Q=0.0):
-    """Rate [deg/h] averaged over each interval, with N deg/√h, B deg/h, K deg/h/√h, R deg/h/h and Q arcsec."""
+    """Rate [deg/h] averaged over each interval, with N deg/√h, B deg/h, K deg/h/√h, R deg/h/h and Q
+    arcsec.
+    """
     rate = N * 60.0 / np.sqrt(interval_s) * generator.standard_normal(samples)
     if K:
         step = K / 60.0 * np.sqrt(interval_s)
         steps = step * generator.standard_normal(samples)
-        rate += np.cumsum(steps) - steps / 2.0 + step / np.sqrt(12.0) * generator.standard_normal(samples)
+        rate += (
+            np.cumsum(steps)
+            - steps / 2.0
+            + step / np.sqrt(12.0) * generator.standard_normal(samples)
+        )
     if B:
         rate += flicker(generator, samples, B)
     if Q:
@@ -86,23 +100,37 @@ def test_overlapping_deviation_gives_the_published_values_of_nbs_nine_points():
 
 
 def test_overlapping_deviation_gives_the_published_values_of_the_nist_suite():
-    """The 1000-point suite gives the deviations printed in NIST SP 1065 table 32, to their last digit."""
+    """The 1000-point suite gives the deviations printed in NIST SP 1065 table 32, to their last
+    digit.
+    """
     curve = allan.overlapping(nist_1000_points(), 1.0, tau_s=[1.0, 10.0, 100.0])
-    np.testing.assert_allclose(curve.deviation_dph, [2.922319e-1, 9.159953e-2, 3.241343e-2], atol=5e-9)
+    np.testing.assert_allclose(
+        curve.deviation_dph, [2.922319e-1, 9.159953e-2, 3.241343e-2], atol=5e-9
+    )
 
 
 def test_degrees_of_freedom_agree_with_the_published_ones_of_the_nist_suite():
-    """NIST SP 1065 prints 146.177 degrees of freedom at ten samples, by an empirical fit good to about one percent."""
-    assert allan.equivalent_dof(10, np.array([1000]), "angle_random_walk") == pytest.approx(146.177, rel=0.012)
+    """NIST SP 1065 prints 146.177 degrees of freedom at ten samples, by an empirical fit good to
+    about one percent.
+    """
+    assert allan.equivalent_dof(10, np.array([1000]), "angle_random_walk") == pytest.approx(
+        146.177, rel=0.012
+    )
 
 
 @pytest.mark.parametrize("kind", ["white", "random walk", "differenced"])
 def test_overlapping_deviation_equals_allantools(kind):
     """The peer gives the same deviations and pair counts, a large mean included."""
     white = np.random.default_rng(11).standard_normal(5000)
-    rate = {"white": white, "random walk": np.cumsum(white), "differenced": np.diff(white, prepend=0.0)}[kind] + 1e4
+    rate = {
+        "white": white,
+        "random walk": np.cumsum(white),
+        "differenced": np.diff(white, prepend=0.0),
+    }[kind] + 1e4
     curve = allan.overlapping(rate, 0.1, spacing="decade", points=7)
-    _, deviation, _, pairs = allantools.oadev(rate - 1e4, rate=10.0, data_type="freq", taus=curve.tau_s)
+    _, deviation, _, pairs = allantools.oadev(
+        rate - 1e4, rate=10.0, data_type="freq", taus=curve.tau_s
+    )
     np.testing.assert_allclose(curve.deviation_dph, deviation, rtol=1e-10)
     np.testing.assert_array_equal(curve.pairs, pairs)
 
@@ -115,7 +143,9 @@ def test_overlapping_deviation_equals_allantools(kind):
     factor=st.integers(1, 8),
 )
 def test_overlapping_deviation_with_gaps_equals_a_loop_over_samples(seed, samples, missing, factor):
-    """A loop that looks at every pair of averages finds the same variance and the same whole pairs."""
+    """A loop that looks at every pair of averages finds the same variance and the same whole
+    pairs.
+    """
     generator = np.random.default_rng(seed)
     rate = generator.standard_normal(samples) + 50.0
     rate[generator.integers(0, samples, missing)] = np.nan
@@ -135,7 +165,9 @@ def test_work_in_blocks_leaves_no_seam(monkeypatch):
     rate[[100, 101, 612]] = np.nan
     whole = allan.overlapping(rate, 1.0)
     monkeypatch.setattr(allan, "BLOCK", 7)
-    np.testing.assert_allclose(allan.overlapping(rate, 1.0).deviation_dph, whole.deviation_dph, rtol=1e-12)
+    np.testing.assert_allclose(
+        allan.overlapping(rate, 1.0).deviation_dph, whole.deviation_dph, rtol=1e-12
+    )
 
 
 def test_a_step_hidden_in_a_gap_is_not_bridged():
@@ -170,27 +202,44 @@ def test_memory_stays_at_one_more_record():
 def test_averaging_factors_are_spaced_as_asked():
     """Octaves and decades run from one sample to a third of the record, without repetition."""
     np.testing.assert_array_equal(allan.averaging_factors(130), [1, 2, 4, 8, 16, 32])
-    np.testing.assert_array_equal(allan.averaging_factors(3000, spacing="decade"), [1, 10, 100, 1000])
-    np.testing.assert_array_equal(allan.averaging_factors(30, spacing="decade", points=4), [1, 2, 3, 6, 10])
+    np.testing.assert_array_equal(
+        allan.averaging_factors(3000, spacing="decade"), [1, 10, 100, 1000]
+    )
+    np.testing.assert_array_equal(
+        allan.averaging_factors(30, spacing="decade", points=4), [1, 2, 3, 6, 10]
+    )
 
 
 @pytest.mark.parametrize("noise", ["angle_random_walk", "bias_instability", "rate_random_walk"])
 def test_degrees_of_freedom_agree_with_the_peer_where_sampling_is_fine(noise):
-    """Greenhall and Riley's approximation in allantools agrees within 0.5 % from 64 samples an average on."""
+    """Greenhall and Riley's approximation in allantools agrees within 0.5 % from 64 samples an
+    average on.
+    """
     alpha = {"angle_random_walk": 0, "bias_instability": -1, "rate_random_walk": -2}[noise]
     for factor in (64, 200, 1000, 3000):
         peer = allantools.edf_greenhall(alpha, 2, factor, 10001, overlapping=True)
-        assert allan.equivalent_dof(factor, np.array([10000]), noise) == pytest.approx(peer, rel=0.005)
+        assert allan.equivalent_dof(factor, np.array([10000]), noise) == pytest.approx(
+            peer, rel=0.005
+        )
 
 
 @pytest.mark.parametrize("gaps", [[], [130, 131, 300, 640]])
 @pytest.mark.parametrize("noise", ["angle_random_walk", "rate_random_walk", "quantization"])
 def test_degrees_of_freedom_are_those_of_simulated_variances(noise, gaps):
-    """2 mean²/variance of 4000 simulated Allan variances agrees within 10 % (4.5 standard deviations), gaps or not."""
+    """2 mean²/variance of 4000 simulated Allan variances agrees within 10 % (4.5 standard
+    deviations), gaps or not.
+    """
     white = np.random.default_rng(21).standard_normal((4000, 801))
-    # a random walk averaged over each interval: its ends' mean and an independent rest of variance 1/12
-    walk = np.cumsum(white, axis=1) - white / 2.0 + np.random.default_rng(22).normal(0.0, 12.0**-0.5, white.shape)
-    rate = {"angle_random_walk": white, "rate_random_walk": walk, "quantization": np.diff(white)}[noise]
+    # a random walk averaged over each interval: its ends' mean and an independent rest of variance
+    # 1/12
+    walk = (
+        np.cumsum(white, axis=1)
+        - white / 2.0
+        + np.random.default_rng(22).normal(0.0, 12.0**-0.5, white.shape)
+    )
+    rate = {"angle_random_walk": white, "rate_random_walk": walk, "quantization": np.diff(white)}[
+        noise
+    ]
     rate = rate[:, :800].copy()
     rate[:, gaps] = np.nan
     total = np.concatenate((np.zeros((4000, 1)), np.cumsum(np.nan_to_num(rate), axis=1)), axis=1)
@@ -205,12 +254,17 @@ def test_degrees_of_freedom_are_those_of_simulated_variances(noise, gaps):
 
 
 def test_confidence_limits_cover_the_truth():
-    """Limits stated for 95 % hold the true deviation of white noise in 92.5 to 98 % of 600 records at every averaging time."""
-    # That is 95 % less three binomial standard deviations; at the longest time, 2.7 degrees of freedom, χ² is cautious.
+    """Limits stated for 95 % hold the true deviation of white noise in 92.5 to 98 % of 600 records
+    at every averaging time.
+    """
+    # That is 95 % less three binomial standard deviations; at the longest time, 2.7 degrees of
+    # freedom, χ² is cautious.
     generator = np.random.default_rng(31)
     inside = np.zeros(4)
     for _ in range(600):
-        curve = allan.overlapping(generator.standard_normal(600), 1.0, tau_s=[1.0, 10.0, 60.0, 200.0])
+        curve = allan.overlapping(
+            generator.standard_normal(600), 1.0, tau_s=[1.0, 10.0, 60.0, 200.0]
+        )
         truth = 1.0 / np.sqrt(curve.tau_s)
         inside += (curve.lower_dph < truth) & (truth < curve.upper_dph)
     assert np.all((inside / 600.0 > 0.925) & (inside / 600.0 < 0.98)), inside / 600.0
@@ -230,7 +284,9 @@ def test_noise_types_are_identified_at_every_averaging_time():
 
 
 def test_gaps_do_not_pass_for_noise():
-    """A random walk of which every seventh sample is missing is still one, at the averaging times between its gaps."""
+    """A random walk of which every seventh sample is missing is still one, at the averaging times
+    between its gaps.
+    """
     rate = record(np.random.default_rng(44), 20_000, 1.0, K=0.1)
     rate[::7] = np.nan
     assert set(allan.overlapping(rate, 1.0).noise) == {"rate_random_walk"}
@@ -260,11 +316,15 @@ def test_limits_of_a_stated_noise_follow_from_chi_square():
 
 
 def test_bias_stability_is_the_standard_deviation_of_block_means():
-    """A loop over blocks of ten and a hundred seconds finds the figures of GJB 2426A, blocks with a gap left out."""
+    """A loop over blocks of ten and a hundred seconds finds the figures of GJB 2426A, blocks with a
+    gap left out.
+    """
     rate = np.random.default_rng(51).standard_normal(36_050) + 7.0
     rate[12_345] = np.nan
     for block_s, length in ((10.0, 100), (100.0, 1000)):
-        means = [np.mean(rate[start : start + length]) for start in range(0, 36_050 - length + 1, length)]
+        means = [
+            np.mean(rate[start : start + length]) for start in range(0, 36_050 - length + 1, length)
+        ]
         means = [mean for mean in means if not np.isnan(mean)]
         figure = allan.bias_stability(rate, 0.1, block_s=block_s)
         middle = sum(means) / len(means)
@@ -274,10 +334,16 @@ def test_bias_stability_is_the_standard_deviation_of_block_means():
 
 
 def test_bias_stability_and_allan_deviation_are_told_apart_by_drift():
-    """Under a drift of 1 deg/h over the hour the block means scatter by 0.29 deg/h, the Allan deviation at 100 s does not."""
+    """Under a drift of 1 deg/h over the hour the block means scatter by 0.29 deg/h, the Allan
+    deviation at 100 s does not.
+    """
     rate = np.arange(3600) / 3600.0
-    assert allan.bias_stability(rate, 1.0, block_s=100.0).value_dph == pytest.approx(0.2927, abs=1e-4)
-    assert allan.overlapping(rate, 1.0, tau_s=[100.0]).deviation_dph[0] == pytest.approx(0.0196, abs=1e-4)
+    assert allan.bias_stability(rate, 1.0, block_s=100.0).value_dph == pytest.approx(
+        0.2927, abs=1e-4
+    )
+    assert allan.overlapping(rate, 1.0, tau_s=[100.0]).deviation_dph[0] == pytest.approx(
+        0.0196, abs=1e-4
+    )
 
 
 def test_haar_wavelet_deviation_is_the_allan_deviation():
@@ -292,32 +358,44 @@ def test_haar_wavelet_deviation_is_the_allan_deviation():
 
 @pytest.mark.parametrize("wavelet", ["db2", "db3", "sym4"])
 def test_wavelet_deviation_equals_explicit_filters(wavelet):
-    """Convolution with the equivalent filters of each level gives the same variance from the same coefficients."""
+    """Convolution with the equivalent filters of each level gives the same variance from the same
+    coefficients.
+    """
     import pywt
 
     rate = np.random.default_rng(62).standard_normal(700)
     rate[[90, 400]] = np.nan
     bank = pywt.Wavelet(wavelet)
     curve = allan.wavelet_deviation(rate, 1.0, wavelet=wavelet)
-    for level, (deviation, count) in enumerate(zip(curve.deviation_dph, curve.pairs, strict=True), start=1):
+    for level, (deviation, count) in enumerate(
+        zip(curve.deviation_dph, curve.pairs, strict=True), start=1
+    ):
         variance, expected = naive_detail_variance(rate, bank.dec_hi, bank.dec_lo, level)
         assert (deviation**2, count) == (pytest.approx(variance, rel=1e-9), expected)
 
 
 @pytest.mark.parametrize(("wavelet", "degree"), [("db2", 1), ("db3", 2)])
 def test_wavelet_deviation_ignores_the_drift_it_is_said_to_ignore(wavelet, degree):
-    """A drift of 1000 deg/h over the record changes nothing up to the wavelet's degree, and much beyond it."""
+    """A drift of 1000 deg/h over the record changes nothing up to the wavelet's degree, and much
+    beyond it.
+    """
     noise = np.random.default_rng(63).standard_normal(4096)
     time = np.linspace(0.0, 1.0, 4096)
     plain = allan.wavelet_deviation(noise, 1.0, wavelet=wavelet).deviation_dph
-    blind = allan.wavelet_deviation(noise + 1000.0 * time**degree, 1.0, wavelet=wavelet).deviation_dph
-    seen = allan.wavelet_deviation(noise + 1000.0 * time ** (degree + 1), 1.0, wavelet=wavelet).deviation_dph
+    blind = allan.wavelet_deviation(
+        noise + 1000.0 * time**degree, 1.0, wavelet=wavelet
+    ).deviation_dph
+    seen = allan.wavelet_deviation(
+        noise + 1000.0 * time ** (degree + 1), 1.0, wavelet=wavelet
+    ).deviation_dph
     np.testing.assert_allclose(blind, plain, rtol=1e-4)
     assert seen[-1] > 10.0 * plain[-1]
 
 
 def test_wavelet_deviation_of_white_noise_is_on_the_scale_of_the_allan_deviation():
-    """Angle random walk reads the same with every wavelet, within five standard deviations of each level."""
+    """Angle random walk reads the same with every wavelet, within five standard deviations of each
+    level.
+    """
     rate = record(np.random.default_rng(64), 30_000, 1.0, N=0.01)
     for wavelet in ("haar", "db2", "sym4"):
         curve = allan.wavelet_deviation(rate, 1.0, wavelet=wavelet)
@@ -360,7 +438,9 @@ def exact_curve(**terms):
     tau = 0.01 * 2.0 ** np.arange(22)
     N, B, K, R, Q = (terms.get(name, 0.0) for name in "NBKRQ")
     hours = tau / 3600.0
-    variance = N**2 / hours + 2.0 * np.log(2.0) / np.pi * B**2 + K**2 * hours / 3.0 + R**2 * hours**2 / 2.0
+    variance = (
+        N**2 / hours + 2.0 * np.log(2.0) / np.pi * B**2 + K**2 * hours / 3.0 + R**2 * hours**2 / 2.0
+    )
     variance += 3.0 * (Q / tau) ** 2
     samples = 20_000_000
     return dataclasses.replace(
@@ -376,19 +456,29 @@ def exact_curve(**terms):
 
 
 def test_every_term_comes_back_from_its_own_curve_in_its_own_unit():
-    """N in deg/√h, B in deg/h, K in deg/h/√h, R in deg/h/h, Q in arcsec come back to nine digits from exact deviations."""
+    """N in deg/√h, B in deg/h, K in deg/h/√h, R in deg/h/h, Q in arcsec come back to nine digits
+    from exact deviations.
+    """
     truth = {"N": 0.005, "B": 0.02, "K": 0.1, "R": 0.2, "Q": 0.05}
     for symbol, value in truth.items():
         fit = fit_noise(exact_curve(**{symbol: value}))
         assert fitted_symbols(fit) == symbol
         assert fit.terms[0].value == pytest.approx(value, rel=1e-9)
     units = {law.symbol: law.unit for law in LAWS}
-    expected = {"Q": "arcsec", "N": "deg/sqrt(h)", "B": "deg/h", "K": "deg/h/sqrt(h)", "R": "deg/h/h"}
+    expected = {
+        "Q": "arcsec",
+        "N": "deg/sqrt(h)",
+        "B": "deg/h",
+        "K": "deg/h/sqrt(h)",
+        "R": "deg/h/h",
+    }
     assert units == expected
 
 
 def test_terms_mixed_in_one_curve_come_apart():
-    """Quantization, angle random walk, bias instability and rate random walk together come back to nine digits."""
+    """Quantization, angle random walk, bias instability and rate random walk together come back to
+    nine digits.
+    """
     truth = {"N": 0.002, "B": 0.05, "K": 0.3, "Q": 0.1}
     fit = fit_noise(exact_curve(**truth))
     assert {term.symbol: pytest.approx(term.value, rel=1e-8) for term in fit.terms} == truth
@@ -397,47 +487,71 @@ def test_terms_mixed_in_one_curve_come_apart():
 
 
 def test_values_scale_with_the_rate_and_with_time():
-    """Twice the rate gives twice every value; four times the interval halves K's and doubles N's share of it."""
+    """Twice the rate gives twice every value; four times the interval halves K's and doubles N's
+    share of it.
+    """
     rate = record(np.random.default_rng(82), 20_000, 1.0, N=0.01, K=1.0)
-    once, twice = fit_noise(allan.overlapping(rate, 1.0)), fit_noise(allan.overlapping(2.0 * rate, 1.0))
+    once, twice = (
+        fit_noise(allan.overlapping(rate, 1.0)),
+        fit_noise(allan.overlapping(2.0 * rate, 1.0)),
+    )
     slow = fit_noise(allan.overlapping(rate, 4.0))
     assert fitted_symbols(once) == fitted_symbols(twice) == fitted_symbols(slow) == "NK"
-    assert [term.value for term in twice.terms] == pytest.approx([2.0 * term.value for term in once.terms], rel=1e-6)
+    assert [term.value for term in twice.terms] == pytest.approx(
+        [2.0 * term.value for term in once.terms], rel=1e-6
+    )
     expected = [2.0 * once.terms[0].value, once.terms[1].value / 2.0]
     assert [term.value for term in slow.terms] == pytest.approx(expected, rel=1e-6)
 
 
 @pytest.mark.parametrize(
-    ("symbol", "value", "records"), [("N", 0.01, 250), ("Q", 1.0, 120), ("K", 0.1, 120), ("B", 0.1, 50)]
+    ("symbol", "value", "records"),
+    [("N", 0.01, 250), ("Q", 1.0, 120), ("K", 0.1, 120), ("B", 0.1, 50)],
 )
-def test_a_record_of_one_noise_reports_that_noise_alone_and_covers_its_truth(symbol, value, records):
-    """At most 2 % report anything else; value ± 1.96 u holds the truth in 95 % of them within three standard deviations."""
+def test_a_record_of_one_noise_reports_that_noise_alone_and_covers_its_truth(
+    symbol, value, records
+):
+    """At most 2 % report anything else; value ± 1.96 u holds the truth in 95 % of them within three
+    standard deviations.
+    """
     generator = np.random.default_rng(91)
     others, inside = 0, 0
     for _ in range(records):
         fit = fit_noise(allan.overlapping(record(generator, 3600, 1.0, **{symbol: value}), 1.0))
         others += fitted_symbols(fit) != symbol
         found = {term.symbol: term for term in fit.terms}
-        inside += symbol in found and abs(found[symbol].value - value) < 1.96 * found[symbol].standard_uncertainty
+        inside += (
+            symbol in found
+            and abs(found[symbol].value - value) < 1.96 * found[symbol].standard_uncertainty
+        )
     assert others <= 0.02 * records
     assert abs(inside / records - 0.95) < 3.0 * np.sqrt(0.95 * 0.05 / records)
 
 
 def test_the_truth_of_angle_random_walk_is_covered_beside_other_noise():
-    """With bias instability and quantization about as strong, value ± 1.96 u of N holds the truth in 90 to 99 % of 100."""
+    """With bias instability and quantization about as strong, value ± 1.96 u of N holds the truth
+    in 90 to 99 % of 100.
+    """
     generator = np.random.default_rng(92)
     inside = 0
     for _ in range(100):
         fit = fit_noise(allan.overlapping(record(generator, 4000, 1.0, N=0.01, B=0.05, Q=0.3), 1.0))
         found = {term.symbol: term for term in fit.terms}
-        inside += "N" in found and abs(found["N"].value - 0.01) < 1.96 * found["N"].standard_uncertainty
+        inside += (
+            "N" in found and abs(found["N"].value - 0.01) < 1.96 * found["N"].standard_uncertainty
+        )
     assert 0.90 <= inside / 100.0 <= 0.99
 
 
 def test_uncertainty_of_a_long_record_is_the_scatter_of_repetitions():
-    """Over 100 records the scatter of N agrees with its stated uncertainty within a quarter, its bias is below 0.7 of it."""
+    """Over 100 records the scatter of N agrees with its stated uncertainty within a quarter, its
+    bias is below 0.7 of it.
+    """
     generator = np.random.default_rng(93)
-    terms = [fit_noise(allan.overlapping(record(generator, 6000, 1.0, N=0.01), 1.0)).terms[0] for _ in range(100)]
+    terms = [
+        fit_noise(allan.overlapping(record(generator, 6000, 1.0, N=0.01), 1.0)).terms[0]
+        for _ in range(100)
+    ]
     values = np.array([term.value for term in terms])
     stated = float(np.sqrt(np.mean([term.standard_uncertainty**2 for term in terms])))
     assert values.std(ddof=1) == pytest.approx(stated, rel=0.25)
@@ -445,28 +559,38 @@ def test_uncertainty_of_a_long_record_is_the_scatter_of_repetitions():
 
 
 def test_a_strong_drift_is_reported_as_a_ramp_beside_white_noise():
-    """Ten degrees an hour of drift is a ramp, and the value agrees with it within three standard uncertainties."""
-    fit = fit_noise(allan.overlapping(record(np.random.default_rng(94), 20_000, 1.0, N=0.01, R=10.0), 1.0))
+    """Ten degrees an hour of drift is a ramp, and the value agrees with it within three standard
+    uncertainties.
+    """
+    fit = fit_noise(
+        allan.overlapping(record(np.random.default_rng(94), 20_000, 1.0, N=0.01, R=10.0), 1.0)
+    )
     found = {term.symbol: term for term in fit.terms}
     assert set(found) == {"N", "R"}
     assert abs(found["R"].value - 10.0) < 3.0 * found["R"].standard_uncertainty < 0.3
 
 
 def test_the_uncertainty_of_a_ramp_covers_its_truth():
-    """Of 50 records with 5 deg/h/h of drift at least 43 hold it in value ± 1.96 u (95 % less three deviations)."""
+    """Of 50 records with 5 deg/h/h of drift at least 43 hold it in value ± 1.96 u (95 % less three
+    deviations).
+    """
     generator = np.random.default_rng(5)
     inside = reported = 0
     for _ in range(50):
         fit = fit_noise(allan.overlapping(record(generator, 3600, 1.0, N=0.01, R=5.0), 1.0))
         found = {term.symbol: term for term in fit.terms}
         reported += "R" in found
-        inside += "R" in found and abs(found["R"].value - 5.0) < 1.96 * found["R"].standard_uncertainty
+        inside += (
+            "R" in found and abs(found["R"].value - 5.0) < 1.96 * found["R"].standard_uncertainty
+        )
     assert reported >= 45
     assert inside / reported >= 0.86
 
 
 def test_chance_occurs_as_often_as_it_says():
-    """Ramps that random walks imitate with a stated probability of 1 % are met in at most 2 % of 400 of them."""
+    """Ramps that random walks imitate with a stated probability of 1 % are met in at most 2 % of
+    400 of them.
+    """
     # A normal tail, which σ̂² of two degrees of freedom does not have, would meet them in 2.8 %.
     generator = np.random.default_rng(5)
     others = np.array([True, True, True, True, False])
@@ -479,9 +603,13 @@ def test_chance_occurs_as_often_as_it_says():
 
 
 def test_a_rise_that_walk_and_ramp_explain_alike_is_not_attributed():
-    """A random walk that rises over the last octaves only is flagged as present, and no number is given for it."""
+    """A random walk that rises over the last octaves only is flagged as present, and no number is
+    given for it.
+    """
     fits = [
-        fit_noise(allan.overlapping(record(np.random.default_rng(seed), 10_000, 1.0, N=0.01, K=0.1), 1.0))
+        fit_noise(
+            allan.overlapping(record(np.random.default_rng(seed), 10_000, 1.0, N=0.01, K=0.1), 1.0)
+        )
         for seed in range(20)
     ]
     assert sum(fitted_symbols(fit) == "N" for fit in fits) >= 18
@@ -489,16 +617,22 @@ def test_a_rise_that_walk_and_ramp_explain_alike_is_not_attributed():
 
 
 def test_what_is_not_observable_carries_no_number():
-    """The record of an unobservable term has a name, a letter and a reason, and every law is either reported or not."""
+    """The record of an unobservable term has a name, a letter and a reason, and every law is either
+    reported or not.
+    """
     fit = fit_noise(allan.overlapping(record(np.random.default_rng(95), 3600, 1.0, N=0.01), 1.0))
     assert {field.type for field in dataclasses.fields(NotObservable)} == {"str"}
-    assert {term.symbol for term in fit.terms} | {term.symbol for term in fit.not_observable} == set("QNBKR")
+    assert {term.symbol for term in fit.terms} | {
+        term.symbol for term in fit.not_observable
+    } == set("QNBKR")
     assert len(fit.terms) + len(fit.not_observable) == 5
     assert all(term.reason for term in fit.not_observable)
 
 
 def test_averaging_times_that_a_filter_bends_are_left_out():
-    """White noise behind a low-pass gives its N within 3 %, not the 0.6 of it that all averaging times would give."""
+    """White noise behind a low-pass gives its N within 3 %, not the 0.6 of it that all averaging
+    times would give.
+    """
     rate = record(np.random.default_rng(96), 200_000, 0.1, N=0.01)
     filtered = np.convolve(rate, [0.25, 0.5, 0.25], mode="valid")
     fit = fit_noise(allan.overlapping(filtered, 0.1))
@@ -516,7 +650,9 @@ def test_a_curve_that_is_none_of_the_five_noises_reports_none_of_them():
     )
     fit = fit_noise(allan.overlapping(rate, 1.0))
     assert fit.terms == ()
-    assert {term.reason for term in fit.not_observable} == {"the five noise terms do not describe the curve"}
+    assert {term.reason for term in fit.not_observable} == {
+        "the five noise terms do not describe the curve"
+    }
     assert fit.misfit > 10.0
     assert "no noise term reported" in fit.flags[0]
 
@@ -533,7 +669,9 @@ def test_gaps_leave_the_angle_random_walk_where_it_was():
 
 
 def test_curves_that_cannot_be_fitted_are_refused():
-    """Another estimator's curve, five averaging times, and a rate that never changes raise with a reason."""
+    """Another estimator's curve, five averaging times, and a rate that never changes raise with a
+    reason.
+    """
     white = np.random.default_rng(72).standard_normal(1000)
     with pytest.raises(FitError, match="wavelet db2"):
         fit_noise(allan.wavelet_deviation(white, 1.0))

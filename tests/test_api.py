@@ -1,4 +1,6 @@
-"""The public interface: seventeen names that do what the commands do, loaded when they are asked for."""
+"""The public interface: seventeen names that do what the commands do, loaded when they are asked
+for.
+"""
 
 import subprocess
 import sys
@@ -16,7 +18,9 @@ DATA = ROOT / "datasets" / "gyro_triad"
 def run(tmp_path_factory):
     """Return the run of a fit of the sample triad through the public interface."""
     source = calibkit.load_recipe("gyro_triad", site__latitude_deg=34.2)
-    return calibkit.fit(source, DATA, date="2026-11-21", serial="T-1", runs=tmp_path_factory.mktemp("runs"))
+    return calibkit.fit(
+        source, DATA, date="2026-11-21", serial="T-1", runs=tmp_path_factory.mktemp("runs")
+    )
 
 
 def test_every_public_name_is_there_with_a_docstring():
@@ -61,7 +65,9 @@ def test_a_log_is_examined_compensated_and_validated(run, tmp_path):
 
 def test_a_recipe_s_settings_reach_it():
     """A double underscore is the dot; text, numbers, truth values and lists become TOML."""
-    source = calibkit.load_recipe("gyro_triad", site__latitude_deg=58.9, gyros=["a", "b"], title="it's")
+    source = calibkit.load_recipe(
+        "gyro_triad", site__latitude_deg=58.9, gyros=["a", "b"], title="it's"
+    )
     assert source.overrides == ("site.latitude_deg=58.9", 'gyros=["a", "b"]', 'title="it\'s"')
     with pytest.raises(calibkit.CalibkitError, match="drfit"):
         calibkit.load_recipe("fog_thermal", drfit__model="auto")
@@ -75,22 +81,38 @@ def test_a_log_is_read_in_canonical_columns():
 
 
 def test_rows_carry_the_number_of_their_held_condition():
-    """The segments are those that check lists, by time; rows between held rates have none, and a record at rest has no column."""
+    """The segments are those that check lists, by time; rows between held rates have none, and a
+    record at rest has no column.
+    """
     folder = ROOT / "datasets" / "gyro_pair"
     frame = calibkit.read_log("gyro_pair", folder / "table_axis_a.csv")
-    held = next(r for r in calibkit.examine("gyro_pair", folder) if r.file == "table_axis_a.csv").held
-    spans = [(part["time_s"].iloc[0], part["time_s"].iloc[-1], len(part)) for _, part in frame.groupby("segment")]
+    held = next(
+        r for r in calibkit.examine("gyro_pair", folder) if r.file == "table_axis_a.csv"
+    ).held
+    spans = [
+        (part["time_s"].iloc[0], part["time_s"].iloc[-1], len(part))
+        for _, part in frame.groupby("segment")
+    ]
     assert spans == [(part.first, part.last, part.rows) for part in held]
     assert sorted(frame["segment"].dropna().unique()) == [k + 1.0 for k in range(len(held))]
     assert 0 < frame["segment"].isna().sum() < len(frame) / 2
-    assert "segment" not in calibkit.read_log("gyro_noise", ROOT / "datasets" / "gyro_noise" / "static.csv").columns
+    assert (
+        "segment"
+        not in calibkit.read_log(
+            "gyro_noise", ROOT / "datasets" / "gyro_noise" / "static.csv"
+        ).columns
+    )
 
 
 def test_stated_segments_and_a_log_s_own_are_numbered_as_they_are(tmp_path):
-    """A pinned ramp replaces the found ones, soak around it; a log's own column stays, and a log too short to fit has none."""
+    """A pinned ramp replaces the found ones, soak around it; a log's own column stays, and a log
+    too short to fit has none.
+    """
     log = ROOT / "datasets" / "fog_thermal" / "ramp_heating_05.csv"
     pin = '\n[[segment]]\nlog = "ramp_heating_05"\nkind = "ramp"\nfrom_s = 640.0\nto_s = 1800.0\n'
-    (tmp_path / "r.toml").write_text(calibkit.load_recipe("fog_thermal").text + pin, encoding="utf-8")
+    (tmp_path / "r.toml").write_text(
+        calibkit.load_recipe("fog_thermal").text + pin, encoding="utf-8"
+    )
     frame = calibkit.read_log(tmp_path / "r.toml", log)
     assert frame.loc[frame["time_s"].between(640.0, 1800.0), "segment"].unique().tolist() == [2.0]
     assert frame["segment"].iloc[[0, -1]].tolist() == [1.0, 3.0]
@@ -103,7 +125,9 @@ def test_stated_segments_and_a_log_s_own_are_numbered_as_they_are(tmp_path):
 
 
 def test_the_numeric_core_s_functions_are_the_core_s(tmp_path):
-    """Simulated logs carry their truth; denoising keeps the length; a missing file is a CalibkitError."""
+    """Simulated logs carry their truth; denoising keeps the length; a missing file is a
+    CalibkitError.
+    """
     campaign = calibkit.simulated("gyro_pair", 1)
     assert campaign.truth["procedure"] == "gyro_pair"
     noisy = np.sin(np.arange(4000) / 500.0) + np.random.default_rng(0).normal(0.0, 0.3, 4000)

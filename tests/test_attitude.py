@@ -32,7 +32,9 @@ def test_gravity_vector_is_the_product_of_passive_rotations(inclination, toolfac
     product = passive("z", toolface) @ passive("y", inclination)
     one, two = np.array([inclination]), np.array([toolface])
     np.testing.assert_allclose(attitude.tool_rotation(one, two)[0], product, atol=1e-15)
-    np.testing.assert_allclose(attitude.gravity_vector(one, two)[0], product @ [0.0, 0.0, 1.0], atol=1e-15)
+    np.testing.assert_allclose(
+        attitude.gravity_vector(one, two)[0], product @ [0.0, 0.0, 1.0], atol=1e-15
+    )
 
 
 @given(inclinations, toolfaces, st.floats(0.5, 400.0))
@@ -45,13 +47,17 @@ def test_angles_come_back_from_their_gravity_vector(inclination, toolface, lengt
 
 def test_high_side_is_where_the_source_puts_it():
     """A horizontal tool with its high side up feels gravity along −x; turned by 90° along +y."""
-    vectors = attitude.gravity_vector(np.array([90.0, 90.0, 90.0, 0.0]), np.array([0.0, 90.0, 180.0, 0.0]))
+    vectors = attitude.gravity_vector(
+        np.array([90.0, 90.0, 90.0, 0.0]), np.array([0.0, 90.0, 180.0, 0.0])
+    )
     np.testing.assert_allclose(vectors, [[-1, 0, 0], [0, 1, 0], [1, 0, 0], [0, 0, 1]], atol=1e-15)
     np.testing.assert_allclose(attitude.toolface(vectors)[:3], [0.0, 90.0, 180.0], atol=1e-13)
 
 
 def test_both_sign_conventions_give_the_same_angles():
-    """A specific-force sensor, told so, and a gravity-positive one give equal angles; not told, the tool is upside down."""
+    """A specific-force sensor, told so, and a gravity-positive one give equal angles; not told, the
+    tool is upside down.
+    """
     vector = attitude.gravity_vector(np.array([30.0, 100.0]), np.array([40.0, -170.0]))
     for convention, indicated in (("gravity", vector), ("specific_force", -vector)):
         read = attitude.gravity_positive(indicated, convention)
@@ -67,7 +73,9 @@ def test_unknown_convention_is_refused():
         attitude.gravity_positive(np.zeros((1, 3)), "up")
 
 
-@pytest.mark.parametrize(("angle", "expected"), [(-180.0, 180.0), (180.0, 180.0), (540.0, 180.0), (-190.0, 170.0)])
+@pytest.mark.parametrize(
+    ("angle", "expected"), [(-180.0, 180.0), (180.0, 180.0), (540.0, 180.0), (-190.0, 170.0)]
+)
 def test_angles_are_brought_into_the_half_open_turn(angle, expected):
     """The result lies in (−180, 180]."""
     assert attitude.wrapped(np.array([angle]))[0] == expected
@@ -77,7 +85,9 @@ def test_toolface_errors_stay_inside_their_inclination_range():
     """Errors outside the range are not given, and the range travels with the figures."""
     inclination = np.array([0.0, 5.0, 30.0, 90.0, 180.0])
     toolface = np.array([0.0, 10.0, 179.95, -90.0, 0.0])
-    vector = attitude.gravity_vector(inclination + 0.02, toolface + np.array([0.0, 7.0, 0.1, -0.05, 0.0]))
+    vector = attitude.gravity_vector(
+        inclination + 0.02, toolface + np.array([0.0, 7.0, 0.1, -0.05, 0.0])
+    )
     found = attitude.errors(vector, inclination, toolface, inclination_range_deg=(10.0, 170.0))
     np.testing.assert_allclose(found.inclination_error_deg[:4], 0.02, atol=1e-9)
     assert np.isnan(found.toolface_error_deg[[0, 1, 4]]).all()
@@ -99,12 +109,16 @@ def test_a_range_that_reaches_the_vertical_is_refused(range_deg):
 def test_no_dwell_in_range_gives_no_toolface_figure():
     """With only upright dwells the toolface figures are NaN, not zero."""
     found = attitude.errors(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.zeros(1))
-    assert np.isnan([found.toolface_rms_deg, found.toolface_max_deg, found.toolface_scaled_max_deg]).all()
+    assert np.isnan(
+        [found.toolface_rms_deg, found.toolface_max_deg, found.toolface_scaled_max_deg]
+    ).all()
 
 
 @pytest.mark.parametrize("inclination", [5.0, 45.0, 90.0, 150.0])
 def test_propagated_uncertainty_is_that_of_many_readings(inclination):
-    """First-order uncertainty agrees with 20,000 noisy readings to 3 %, correlation included, and grows as 1/sin."""
+    """First-order uncertainty agrees with 20,000 noisy readings to 3 %, correlation included, and
+    grows as 1/sin.
+    """
     covariance = 1e-8 * np.array([[4.0, 1.5, 0.5], [1.5, 2.0, -0.3], [0.5, -0.3, 1.0]])
     vector = attitude.gravity_vector(np.array([inclination]), np.array([25.0]))
     u_inclination, u_toolface = attitude.standard_uncertainty(vector, covariance[None])
@@ -114,14 +128,20 @@ def test_propagated_uncertainty_is_that_of_many_readings(inclination):
 
 
 def test_upright_tools_have_no_toolface_uncertainty():
-    """Along the vertical the toolface is undefined, the inclination is what horizontal noise makes of it."""
-    u_inclination, u_toolface = attitude.standard_uncertainty(np.array([[0.0, 0.0, 1.0]]), 1e-10 * np.eye(3)[None])
+    """Along the vertical the toolface is undefined, the inclination is what horizontal noise makes
+    of it.
+    """
+    u_inclination, u_toolface = attitude.standard_uncertainty(
+        np.array([[0.0, 0.0, 1.0]]), 1e-10 * np.eye(3)[None]
+    )
     assert np.isnan(u_toolface[0])
     assert u_inclination[0] == pytest.approx(np.degrees(1e-5))
 
 
 def test_roll_axis_is_found_from_rolls_about_it():
-    """Two sets of rolls about a crooked axis single it out to 1e-9, with the sign of the nominal one."""
+    """Two sets of rolls about a crooked axis single it out to 1e-9, with the sign of the nominal
+    one.
+    """
     axis = np.array([0.03, 0.999, -0.02]) / np.linalg.norm([0.03, 0.999, -0.02])
     rolls = np.radians(np.arange(0, 360, 45))
     vectors = []
@@ -129,7 +149,9 @@ def test_roll_axis_is_found_from_rolls_about_it():
         along = axis * (axis @ start)
         flat, side = start - along, np.cross(axis, start)
         vectors.append(along + np.cos(rolls)[:, None] * flat + np.sin(rolls)[:, None] * side)
-    found = attitude.roll_axis(np.concatenate(vectors), np.repeat([0, 1], 8), np.array([0.0, 1.0, 0.0]))
+    found = attitude.roll_axis(
+        np.concatenate(vectors), np.repeat([0, 1], 8), np.array([0.0, 1.0, 0.0])
+    )
     np.testing.assert_allclose(found, axis, atol=1e-9)
 
 
@@ -143,10 +165,14 @@ def test_rolls_that_do_not_turn_are_refused():
 @pytest.mark.parametrize("site", SITE, ids=lambda site: f"{site['latitude_deg']}")
 def test_local_gravity_is_that_of_the_worked_examples(site):
     """Somigliana's formula with the free-air gradient, to 1e-12 relative."""
-    assert gravity.local_gravity(site["latitude_deg"], site["height_m"]) == pytest.approx(site["g_mps2"], rel=1e-12)
+    assert gravity.local_gravity(site["latitude_deg"], site["height_m"]) == pytest.approx(
+        site["g_mps2"], rel=1e-12
+    )
 
 
-@pytest.mark.parametrize(("latitude", "height"), [(91.0, 0.0), (float("nan"), 0.0), (45.0, float("inf"))])
+@pytest.mark.parametrize(
+    ("latitude", "height"), [(91.0, 0.0), (float("nan"), 0.0), (45.0, float("inf"))]
+)
 def test_no_gravity_beyond_the_poles(latitude, height):
     """Latitudes beyond ±90° and values that are no numbers are refused."""
     with pytest.raises(FitError, match="no gravity"):

@@ -1,4 +1,6 @@
-"""Every bad input: one line with file, place, found, expected, next step; the contract's exit code; nothing written."""
+"""Every bad input: one line with file, place, found, expected, next step; the contract's exit code;
+nothing written.
+"""
 
 import os
 
@@ -13,7 +15,12 @@ def healthy():
     time = np.arange(float(ROWS))
     air = 20.0 + np.clip(time - 120.0, 0.0, 600.0) * 5.0 / 60.0
     case = air - 3.0 * (1.0 - np.exp(-np.maximum(time - 120.0, 0.0) / 100.0))
-    return {"time_s": time, "temp_case_degc": case, "temp_env_degc": air, "gyro_dph": 9.0 + 0.01 * case}
+    return {
+        "time_s": time,
+        "temp_case_degc": case,
+        "temp_env_degc": air,
+        "gyro_dph": 9.0 + 0.01 * case,
+    }
 
 
 def ramped(columns):
@@ -32,7 +39,11 @@ def changed(column, rows, values):
 CASES = {
     "missing column": (
         lambda c: {("gyro" if k == "gyro_dph" else k): v for k, v in c.items()},
-        ("a.csv:1: column 'gyro_dph' is missing, found time_s", "did you mean 'gyro'?", "[columns.gyro_dph]"),
+        (
+            "a.csv:1: column 'gyro_dph' is missing, found time_s",
+            "did you mean 'gyro'?",
+            "[columns.gyro_dph]",
+        ),
     ),
     "two rows": (
         lambda c: {k: v[:2] for k, v in c.items()},
@@ -71,7 +82,13 @@ CASES = {
         ("a.csv:7: column 'gyro_dph': 1e+200 deg/h", "at most 1e+07 deg/h"),
     ),
     "case and chamber swapped": (
-        lambda c: c | {"temp_env_degc": c["temp_case_degc"], "temp_case_degc": c["temp_case_degc"] + 8.0 * ramped(c)},
+        lambda c: (
+            c
+            | {
+                "temp_env_degc": c["temp_case_degc"],
+                "temp_case_degc": c["temp_case_degc"] + 8.0 * ramped(c),
+            }
+        ),
         ("°C/min the case gains", "temp_case_degc and temp_env_degc are swapped"),
     ),
     "gap": (
@@ -90,11 +107,22 @@ CASES = {
 
 
 @pytest.mark.parametrize("name", CASES)
-def test_an_unusable_log_is_refused_with_one_line_and_nothing_is_written(name, tmp_path, calibkit, log_writer):
+def test_an_unusable_log_is_refused_with_one_line_and_nothing_is_written(
+    name, tmp_path, calibkit, log_writer
+):
     """Exit code 3, one line naming place, found, expected and advice, no run folder."""
     change, fragments = CASES[name]
     log_writer(tmp_path / "logs" / "a.csv", **change(healthy()))
-    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
+    outcome = calibkit(
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
+    )
     assert outcome.code == 3, outcome.err
     assert len(outcome.err.strip().splitlines()) == 1
     for fragment in fragments:
@@ -107,24 +135,50 @@ def test_an_unusable_log_is_refused_with_one_line_and_nothing_is_written(name, t
     ("content", "fragment"),
     [
         (b"", "a.csv: the file is empty"),
-        (b"time_s,temp_case_degc,temp_env_degc,gyro_dph\n0,1,2,x9\n", "a.csv:2: column 'gyro_dph': found 'x9'"),
-        (b"time_s,temp_case_degc,temp_env_degc,gyro_dph\n0,1,2,3\n1,1,2\n", "a.csv:3: 3 fields, expected 4"),
+        (
+            b"time_s,temp_case_degc,temp_env_degc,gyro_dph\n0,1,2,x9\n",
+            "a.csv:2: column 'gyro_dph': found 'x9'",
+        ),
+        (
+            b"time_s,temp_case_degc,temp_env_degc,gyro_dph\n0,1,2,3\n1,1,2\n",
+            "a.csv:3: 3 fields, expected 4",
+        ),
     ],
 )
 def test_a_file_that_is_no_table_is_refused(content, fragment, tmp_path, calibkit):
     """Empty files, text in a number and short rows exit with 3 and say where."""
     (tmp_path / "logs").mkdir()
     (tmp_path / "logs" / "a.csv").write_bytes(content)
-    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
+    outcome = calibkit(
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
+    )
     assert outcome.code == 3
     assert fragment in outcome.err
     assert not (tmp_path / "runs").exists()
 
 
 def test_a_ramp_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_writer):
-    """Ten levels of CDF 9/7 do not fit a ramp of ten minutes at 1 Hz: the ramp and both numbers are named."""
+    """Ten levels of CDF 9/7 do not fit a ramp of ten minutes at 1 Hz: the ramp and both numbers are
+    named.
+    """
     log_writer(tmp_path / "logs" / "a.csv", **healthy())
-    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--set", "denoise.levels=10")
+    outcome = calibkit(
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "S",
+        "--set",
+        "denoise.levels=10",
+    )
     assert outcome.code == 3
     assert "a.csv: ramp of" in outcome.err
     assert "10 levels" in outcome.err
@@ -145,18 +199,30 @@ def test_a_ramp_shorter_than_the_filter_is_refused(tmp_path, calibkit, log_write
         (["--bogus"], 2, "No such option"),
     ],
 )
-def test_usage_and_recipe_faults_have_their_exit_code(arguments, code, fragment, tmp_path, calibkit, log_writer):
+def test_usage_and_recipe_faults_have_their_exit_code(
+    arguments, code, fragment, tmp_path, calibkit, log_writer
+):
     """Faults of the command line and the recipe exit with 2, logs that are not there with 3."""
     log_writer(tmp_path / "logs" / "a.csv", **healthy())
     outcome = calibkit(
-        "fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "r", *arguments
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "r",
+        *arguments,
     )
     assert outcome.code == code
     assert fragment in outcome.err
     assert not (tmp_path / "r").exists()
 
 
-def test_an_absent_folder_a_missing_serial_and_an_unknown_recipe_are_usage(tmp_path, calibkit, log_writer):
+def test_an_absent_folder_a_missing_serial_and_an_unknown_recipe_are_usage(
+    tmp_path, calibkit, log_writer
+):
     """What cannot be meant exits with 2."""
     log_writer(tmp_path / "logs" / "a.csv", **healthy())
     nowhere = calibkit("fit", "fog_thermal", "--data", tmp_path / "none", "--serial", "S")
@@ -168,7 +234,9 @@ def test_an_absent_folder_a_missing_serial_and_an_unknown_recipe_are_usage(tmp_p
 
 
 def test_json_failures_are_one_document_on_stdout(tmp_path, calibkit):
-    """With --json the error is {"ok": false, "error": {code, message, hint}} on stdout, usage errors included."""
+    """With --json the error is {"ok": false, "error": {code, message, hint}} on stdout, usage
+    errors included.
+    """
     failed = calibkit("fit", "fog_thermal", "--data", tmp_path / "none", "--serial", "S", "--json")
     assert failed.json["ok"] is False
     assert set(failed.json["error"]) == {"code", "message", "hint"}
@@ -176,10 +244,14 @@ def test_json_failures_are_one_document_on_stdout(tmp_path, calibkit):
 
 
 def test_check_names_every_fault_and_fits_nothing(tmp_path, calibkit, log_writer):
-    """`check` exits with 3 where fit would, lists each log, and `--json` carries place and advice."""
+    """`check` exits with 3 where fit would, lists each log, and `--json` carries place and
+    advice.
+    """
     log_writer(tmp_path / "logs" / "a.csv", **healthy())
     other = changed("gyro_dph", slice(400, 450), np.nan)
-    log_writer(tmp_path / "logs" / "b.csv", **other | {"gyro_dph": other["gyro_dph"] + 0.5})  # another measurement
+    log_writer(
+        tmp_path / "logs" / "b.csv", **other | {"gyro_dph": other["gyro_dph"] + 0.5}
+    )  # another measurement
     said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs")
     assert said.code == 3
     assert "a.csv: ok" in said.out
@@ -214,14 +286,25 @@ def test_the_same_log_under_two_names_is_refused(tmp_path, calibkit, log_writer)
     """A copy of a log would vouch for the original when that is left out."""
     for name in ("a.csv", "b.csv"):
         log_writer(tmp_path / "logs" / name, **healthy())
-    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
+    outcome = calibkit(
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
+    )
     assert outcome.code == 3
     assert "b.csv: the same bytes as a.csv" in outcome.err
     assert not (tmp_path / "runs").exists()
 
 
 @pytest.mark.parametrize("written", ["line_ends", "a_row_less", "other_digits"])
-def test_a_copy_with_other_bytes_is_refused_by_fit_and_check(tmp_path, calibkit, log_writer, written):
+def test_a_copy_with_other_bytes_is_refused_by_fit_and_check(
+    tmp_path, calibkit, log_writer, written
+):
     """Other line ends, a row less or zeros behind the digits make no other measurement of a log."""
     text = log_writer(tmp_path / "logs" / "a.csv", **healthy()).read_text()
     rows = text.splitlines()
@@ -233,7 +316,10 @@ def test_a_copy_with_other_bytes_is_refused_by_fit_and_check(tmp_path, calibkit,
         ),
     }[written]
     (tmp_path / "logs" / "b.csv").write_bytes(other.encode())
-    for command in (["fit", "fog_thermal", "--serial", "S", "--out", tmp_path / "runs"], ["check", "fog_thermal"]):
+    for command in (
+        ["fit", "fog_thermal", "--serial", "S", "--out", tmp_path / "runs"],
+        ["check", "fog_thermal"],
+    ):
         outcome = calibkit(*command, "--data", tmp_path / "logs")
         assert outcome.code == 3
         assert "the same values as a.csv" in outcome.out + outcome.err
@@ -244,7 +330,16 @@ def test_a_column_that_is_needed_itself_is_not_proposed_for_another(tmp_path, ca
     """Without the chamber air the case is not offered in its place: one column would be both."""
     columns = {name: column for name, column in healthy().items() if name != "temp_env_degc"}
     log_writer(tmp_path / "logs" / "a.csv", **columns)
-    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs")
+    outcome = calibkit(
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
+    )
     assert outcome.code == 3
     assert "'temp_env_degc' is missing" in outcome.err
     assert "did you mean" not in outcome.err
@@ -273,14 +368,24 @@ def test_a_spike_is_pointed_out(tmp_path, calibkit, log_writer):
 @pytest.mark.parametrize(
     ("table", "words"),
     [
-        ('[[exclude]]\nlog = "a"\nfrom_s = 9000.0\nto_s = 9100.0\nreason = "r"\nperson = "p"', "no row between 9000 s"),
+        (
+            '[[exclude]]\nlog = "a"\nfrom_s = 9000.0\nto_s = 9100.0\nreason = "r"\nperson = "p"',
+            "no row between 9000 s",
+        ),
         ('[[exclude]]\nlog = "b"\nreason = "r"\nperson = "p"', "no such log"),
-        ('[columns.gyro_dph]\nfrom = "gyro_dph"\nunit = "degC"', "'degC' is a temperature, 'deg/h' an angular rate"),
+        (
+            '[columns.gyro_dph]\nfrom = "gyro_dph"\nunit = "degC"',
+            "'degC' is a temperature, 'deg/h' an angular rate",
+        ),
         ("[drift.rates_degc_min]\nb = 1.0", "no such log"),
     ],
 )
-def test_a_recipe_that_the_logs_contradict_is_told_with_its_line(table, words, tmp_path, calibkit, log_writer):
-    """What only the logs show to be wrong in a recipe names file and line of the recipe, in check and in fit."""
+def test_a_recipe_that_the_logs_contradict_is_told_with_its_line(
+    table, words, tmp_path, calibkit, log_writer
+):
+    """What only the logs show to be wrong in a recipe names file and line of the recipe, in check
+    and in fit.
+    """
     from calibkit import recipe
 
     log_writer(tmp_path / "logs" / "a.csv", **healthy())
@@ -288,7 +393,9 @@ def test_a_recipe_that_the_logs_contradict_is_told_with_its_line(table, words, t
     (tmp_path / "r.toml").write_text(text, encoding="utf-8")
     first = text[: text.index(table)].count("\n") + 1
     for command in ("check", "fit"):
-        said = calibkit(command, tmp_path / "r.toml", "--data", tmp_path / "logs", "--set", "serial='S'")
+        said = calibkit(
+            command, tmp_path / "r.toml", "--data", tmp_path / "logs", "--set", "serial='S'"
+        )
         assert said.code == 2
         assert words in said.err
         line = int(said.err.split("r.toml:")[1].split(":")[0])
@@ -325,9 +432,21 @@ def test_a_gap_that_an_exclude_made_is_called_that(tmp_path, calibkit, log_write
 
 
 def test_apply_says_which_gaps_it_ran_across(campaign, tmp_path, calibkit):
-    """A log with holes is compensated row for row; the flag counts them and names the longest, as firmware too."""
+    """A log with holes is compensated row for row; the flag counts them and names the longest, as
+    firmware too.
+    """
     quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false")
-    made = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path / "runs", *quick)
+    made = calibkit(
+        "fit",
+        "fog_thermal",
+        "--data",
+        campaign,
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
+        *quick,
+    )
     assert made.code in (0, 1)
     lines = (campaign / "ramp_heating_05.csv").read_text(encoding="utf-8").splitlines()
     rows = [*lines[:1000], *lines[1100:2000], *lines[2010:3000], *lines[3300:]]
@@ -337,15 +456,26 @@ def test_apply_says_which_gaps_it_ran_across(campaign, tmp_path, calibkit):
         call = ("apply", tmp_path / "runs/S/r001", *more, "--data")
         done = calibkit(*call, tmp_path / "holes.csv", "--out", tmp_path / f"holes{len(more)}.csv")
         assert done.code == 0, done.err
-        assert "holes.csv:2891: 3 gaps, 413 s together, the longest of 301 s from 2998 s" in done.err
+        assert (
+            "holes.csv:2891: 3 gaps, 413 s together, the longest of 301 s from 2998 s" in done.err
+        )
         assert "runs across them" in done.err
-        assert len((tmp_path / f"holes{len(more)}.csv").read_text(encoding="utf-8").splitlines()) == len(rows)
-        assert "gap" not in calibkit(*call, tmp_path / "whole.csv", "--out", tmp_path / f"whole{len(more)}.csv").err
+        assert len(
+            (tmp_path / f"holes{len(more)}.csv").read_text(encoding="utf-8").splitlines()
+        ) == len(rows)
+        assert (
+            "gap"
+            not in calibkit(
+                *call, tmp_path / "whole.csv", "--out", tmp_path / f"whole{len(more)}.csv"
+            ).err
+        )
 
 
 @pytest.mark.skipif(os.name != "posix", reason="names are text on other systems")
 def test_a_log_whose_name_is_no_text_is_refused_by_name(tmp_path, calibkit, log_writer):
-    """A name in Latin-1 on a UTF-8 system cannot stand in a record; fit and check say so and what to do."""
+    """A name in Latin-1 on a UTF-8 system cannot stand in a record; fit and check say so and what
+    to do.
+    """
     log = log_writer(tmp_path / "log.csv", time_s=[0.0, 1.0], gyro_dph=[1.0, 2.0])
     try:
         log.rename(tmp_path / os.fsdecode(b"caf\xe9.csv"))

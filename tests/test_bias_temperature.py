@@ -18,13 +18,23 @@ PUBLISHED = {
     "magnetometer_y_lsb": ("-2.437029e+02", "3.763355e-03", "4.833303e-08"),
     "magnetometer_z_lsb": ("-5.383430e+02", "1.190119e-02", "1.240244e-06", "7.820395e-11"),
 }
-"""Published polynomials of an MPU-6050 warm-up (2014), ascending powers of the raw die temperature."""
+"""Published polynomials of an MPU-6050 warm-up (2014), ascending powers of the raw die temperature.
+"""
 
 
 def test_the_published_polynomials_come_out_to_every_printed_digit(real, tmp_path, calibkit):
-    """Nine polynomials of 63,792 rows at irregular times equal the published ones in all seven printed digits."""
+    """Nine polynomials of 63,792 rows at irregular times equal the published ones in all seven
+    printed digits.
+    """
     outcome = calibkit(
-        "fit", "mpu6050_warmup", "--data", real / "mpu6050_warmup", "--serial", "MPU-1", "--out", tmp_path
+        "fit",
+        "mpu6050_warmup",
+        "--data",
+        real / "mpu6050_warmup",
+        "--serial",
+        "MPU-1",
+        "--out",
+        tmp_path,
     )
     assert outcome.code == 0, outcome.err
     run = store.load(tmp_path / "MPU-1" / "r001")
@@ -43,35 +53,73 @@ def bias_log(folder, log_writer, seed, offset=0.0, rows=4000):
     temperature = 60.0 - 80.0 * np.exp(-time / 1500.0)
     bias = offset + 0.02 * temperature - 1e-4 * temperature**2 + 2e-6 * temperature**3
     gyro = bias + rng.normal(0.0, 0.05, rows)
-    return log_writer(folder / f"warmup_{seed}.csv", time_s=time, temp_case_degc=temperature, gyro_dph=gyro)
+    return log_writer(
+        folder / f"warmup_{seed}.csv", time_s=time, temp_case_degc=temperature, gyro_dph=gyro
+    )
 
 
-def test_compensation_is_zero_at_the_reference_and_keeps_the_mean_rate(tmp_path, calibkit, log_writer):
-    """A withheld warm-up at another true rate keeps its rate at 25 °C to 0.02 °/h and loses its drift."""
+def test_compensation_is_zero_at_the_reference_and_keeps_the_mean_rate(
+    tmp_path, calibkit, log_writer
+):
+    """A withheld warm-up at another true rate keeps its rate at 25 °C to 0.02 °/h and loses its
+    drift.
+    """
     bias_log(tmp_path / "logs", log_writer, 1)
     withheld = bias_log(tmp_path / "withheld", log_writer, 2, offset=7.5)
     runs = tmp_path / "runs"
-    assert calibkit("fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "G", "--out", runs).code == 0
+    assert (
+        calibkit(
+            "fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "G", "--out", runs
+        ).code
+        == 0
+    )
     out = tmp_path / "out.csv"
     assert calibkit("apply", "G", "--runs", runs, "--data", withheld, "--out", out).code == 0
     gyro = np.genfromtxt(out, delimiter=",", names=True)["gyro_dph"]
     at_reference = 7.5 + 0.02 * 25.0 - 1e-4 * 25.0**2 + 2e-6 * 25.0**3
     assert gyro[-1000:].mean() == pytest.approx(at_reference, abs=0.02)
     assert np.std(gyro) < 0.06
-    validated = calibkit("validate", "G", "--runs", runs, "--data", tmp_path / "withheld", "--out", tmp_path / "v.json")
+    validated = calibkit(
+        "validate",
+        "G",
+        "--runs",
+        runs,
+        "--data",
+        tmp_path / "withheld",
+        "--out",
+        tmp_path / "v.json",
+    )
     assert validated.code == 0
-    channel = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["logs"][0]["channels"][0]
+    channel = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["logs"][0]["channels"][
+        0
+    ]
     assert channel["after"] < 0.15 * channel["before"]  # 0.05 °/h of noise stay
 
 
 def test_beyond_the_fitted_range_the_polynomial_is_clamped_and_said(tmp_path, calibkit, log_writer):
-    """A log that goes beyond the fitted temperatures is compensated with the bias of the range's end."""
+    """A log that goes beyond the fitted temperatures is compensated with the bias of the range's
+    end.
+    """
     bias_log(tmp_path / "logs", log_writer, 1)
     hot = log_writer(
-        tmp_path / "hot.csv", time_s=np.arange(20.0), temp_case_degc=np.linspace(25.0, 200.0, 20), gyro_dph=np.ones(20)
+        tmp_path / "hot.csv",
+        time_s=np.arange(20.0),
+        temp_case_degc=np.linspace(25.0, 200.0, 20),
+        gyro_dph=np.ones(20),
     )
-    calibkit("fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "G", "--out", tmp_path / "runs")
-    applied = calibkit("apply", "G", "--runs", tmp_path / "runs", "--data", hot, "--out", tmp_path / "o.csv")
+    calibkit(
+        "fit",
+        "bias_temperature",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "G",
+        "--out",
+        tmp_path / "runs",
+    )
+    applied = calibkit(
+        "apply", "G", "--runs", tmp_path / "runs", "--data", hot, "--out", tmp_path / "o.csv"
+    )
     assert "clamped" in applied.err
     gyro = np.genfromtxt(tmp_path / "o.csv", delimiter=",", names=True)["gyro_dph"]
     assert np.ptp(gyro[5:]) == 0.0

@@ -1,4 +1,6 @@
-"""What a certificate states: rounding, type A and B, decision rules, values from the covariance, the strict profile."""
+"""What a certificate states: rounding, type A and B, decision rules, values from the covariance,
+the strict profile.
+"""
 
 import datetime as dt
 import math
@@ -22,7 +24,11 @@ NO_TERMS = uncertainty.Source(())
 
 def result(value, expanded=None, *, unit="ppm", interval=None):
     """A result with an expanded uncertainty of k = 2."""
-    u = None if expanded is None else Uncertainty((), expanded / 2.0, math.inf, 2.0, expanded, 0.9545)
+    u = (
+        None
+        if expanded is None
+        else Uncertainty((), expanded / 2.0, math.inf, 2.0, expanded, 0.9545)
+    )
     return Result("stage.model.name", "stage.json", "x", Words("x"), value, unit, u, interval)
 
 
@@ -38,14 +44,18 @@ def result(value, expanded=None, *, unit="ppm", interval=None):
     ],
 )
 def test_value_and_uncertainty_are_printed_to_the_same_place(value, u, shown):
-    """Two significant digits of U, the value to its place; one power of ten for both where they are far from 1."""
+    """Two significant digits of U, the value to its place; one power of ten for both where they are
+    far from 1.
+    """
     found = printed(value, u)
     assert (found.value, found.uncertainty, found.exponent) == shown
 
 
 @given(st.floats(-1e12, 1e12), st.floats(1e-15, 1e9))
 def test_printed_numbers_read_back_within_half_of_their_last_digit(value, u):
-    """What stands on paper is the value to half a unit of the last place, which is at most a twentieth of U."""
+    """What stands on paper is the value to half a unit of the last place, which is at most a
+    twentieth of U.
+    """
     found = printed(value, u)
     back = float(found.value) * 10.0**found.exponent
     assert abs(back - value) <= 0.0501 * u + 1e-12 * abs(value)
@@ -83,7 +93,9 @@ def limits(lower, upper, rule="guarded", unit="ppm"):
         (-12.5, "fail", "fail", "fail"),
     ],
 )
-def test_decision_rules_split_a_tolerance_of_ten_with_an_uncertainty_of_two(value, guarded, simple, four_way):
+def test_decision_rules_split_a_tolerance_of_ten_with_an_uncertainty_of_two(
+    value, guarded, simple, four_way
+):
     """Acceptance limit 8, tolerance limit 10, rejection limit 12; compared unrounded."""
     for rule, verdict in (("guarded", guarded), ("simple", simple), ("four_way", four_way)):
         assert conformity.judge(result(value, 2.0), -10.0, 10.0, rule)[0] == verdict, rule
@@ -97,7 +109,9 @@ def test_no_statement_is_possible_where_the_uncertainty_exceeds_the_tolerance_or
 
 
 def test_a_magnitude_is_judged_by_the_upper_end_of_its_interval():
-    """[0, 3.1] against at most 3 is no guarded pass, against at most 3.2 it is; U above the limit: no statement."""
+    """[0, 3.1] against at most 3 is no guarded pass, against at most 3.2 it is; U above the limit:
+    no statement.
+    """
     magnitude = result(1.5, 2.0, interval=(0.0, 3.1))
     assert conformity.judge(magnitude, None, 3.0, "guarded")[0] == "fail"
     assert conformity.judge(magnitude, None, 3.2, "guarded")[0] == "pass"
@@ -106,15 +120,23 @@ def test_a_magnitude_is_judged_by_the_upper_end_of_its_interval():
 
 def test_the_guarded_rule_is_the_default():
     """A specification that names no rule is judged with the guard band."""
-    found = conformity.statements([limits(None, 10.0, rule=None)], [result(9.0, 2.0)], profile.Results().decision_rule)
-    assert (found[0].rule, found[0].verdict, found[0].acceptance) == ("guarded", "fail", (None, 8.0))
+    found = conformity.statements(
+        [limits(None, 10.0, rule=None)], [result(9.0, 2.0)], profile.Results().decision_rule
+    )
+    assert (found[0].rule, found[0].verdict, found[0].acceptance) == (
+        "guarded",
+        "fail",
+        (None, 8.0),
+    )
 
 
 def test_a_specification_of_no_result_or_in_another_unit_is_refused():
     """With the closest key, and with both units."""
     with pytest.raises(RecipeError, match=r"did you mean 'stage\.model\.name'"):
         conformity.statements(
-            [profile.Specification(result="stage.model.nam", unit="ppm", upper=1.0)], [result(1.0)], "simple"
+            [profile.Specification(result="stage.model.nam", unit="ppm", upper=1.0)],
+            [result(1.0)],
+            "simple",
         )
     with pytest.raises(RecipeError, match=r"in 'deg', stage\.model\.name in 'ppm'"):
         conformity.statements([limits(None, 1.0, unit="deg")], [result(1.0)], "simple")
@@ -141,14 +163,20 @@ def at(temperature, *terms):
     """Value of the curve at a temperature, as it is stated."""
     context = stated.Stated({}, uncertainty.Source(terms), (), 25.0)
     weights, slope = stated.powers("p", MODEL, temperature)
-    return context.linear(RECORD, MODEL, "value", Words("value"), weights, "g", at=temperature, slope=slope)
+    return context.linear(
+        RECORD, MODEL, "value", Words("value"), weights, "g", at=temperature, slope=slope
+    )
 
 
 @pytest.mark.parametrize("temperature", [-20.0, 0.0, 25.0, 60.0])
 def test_a_value_at_a_temperature_has_the_uncertainty_that_the_covariance_gives(temperature):
-    """Loop-only twin of u² = Σ_ij T^i T^j C_ij, expanded with Student's factor for 12 degrees of freedom."""
+    """Loop-only twin of u² = Σ_ij T^i T^j C_ij, expanded with Student's factor for 12 degrees of
+    freedom.
+    """
     value = sum(c.value * temperature**k for k, c in enumerate(MODEL.coefficients))
-    variance = sum(temperature ** (i + j) * MODEL.covariance[i][j] for i in range(3) for j in range(3))
+    variance = sum(
+        temperature ** (i + j) * MODEL.covariance[i][j] for i in range(3) for j in range(3)
+    )
     found = at(temperature)
     assert found.value == pytest.approx(value, rel=1e-14)
     assert found.uncertainty.standard_uncertainty == pytest.approx(math.sqrt(variance), rel=1e-12)
@@ -156,30 +184,46 @@ def test_a_value_at_a_temperature_has_the_uncertainty_that_the_covariance_gives(
 
 
 def test_a_thermometer_enters_with_the_slope_of_the_curve_at_each_temperature():
-    """u_B = |dp/dT|·u(T), by a central difference of the curve; the type A part stays what it was."""
-    term = TypeB(name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=0.3)
+    """u_B = |dp/dT|·u(T), by a central difference of the curve; the type A part stays what it
+    was.
+    """
+    term = TypeB(
+        name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=0.3
+    )
     for temperature in (-20.0, 10.0, 60.0):
         slope = (at(temperature + 0.5).value - at(temperature - 0.5).value) / 1.0
         found = at(temperature, term).uncertainty
         assert found.type_b == pytest.approx(abs(slope) * 0.3, rel=1e-9)
-        assert found.type_a == pytest.approx(at(temperature).uncertainty.standard_uncertainty, rel=1e-12)
-        assert found.standard_uncertainty == pytest.approx(math.hypot(found.type_a, found.type_b), rel=1e-12)
+        assert found.type_a == pytest.approx(
+            at(temperature).uncertainty.standard_uncertainty, rel=1e-12
+        )
+        assert found.standard_uncertainty == pytest.approx(
+            math.hypot(found.type_a, found.type_b), rel=1e-12
+        )
 
 
 def test_a_term_on_a_result_is_converted_to_its_unit_and_another_dimension_is_refused():
     """3″ half width on an angle in degrees is 3/3600/√3 degrees; kelvins on it are an error."""
     term = TypeB(name="axes", quantity="alpha_deg", unit="arcsec", half_width=3.0)
-    found = uncertainty.Source((term,)).uncertainty(("x.alpha_deg", "alpha_deg"), 90.0, "deg", (("fit", 1e-9, 20.0),))
+    found = uncertainty.Source((term,)).uncertainty(
+        ("x.alpha_deg", "alpha_deg"), 90.0, "deg", (("fit", 1e-9, 20.0),)
+    )
     assert found.type_b == pytest.approx(3.0 / 3600.0 / math.sqrt(3.0), rel=1e-12)
     wrong = TypeB(name="axes", quantity="alpha_deg", unit="K", half_width=3.0)
     with pytest.raises(RecipeError):
-        uncertainty.Source((wrong,)).uncertainty(("alpha_deg",), 90.0, "deg", (("fit", 1e-9, 20.0),))
+        uncertainty.Source((wrong,)).uncertainty(
+            ("alpha_deg",), 90.0, "deg", (("fit", 1e-9, 20.0),)
+        )
 
 
 def test_terms_of_the_profile_replace_those_of_the_recipe_by_name_and_unused_ones_are_named():
     """One effect counts once; what enters no result is said to."""
-    old = TypeB(name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=9.0)
-    new = TypeB(name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=0.1)
+    old = TypeB(
+        name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=9.0
+    )
+    new = TypeB(
+        name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=0.1
+    )
     idle = TypeB(name="table", quantity="table_rate_dps", unit="ppm", standard_uncertainty=1.0)
     source = uncertainty.Source.of([old], [new, idle])
     assert source.terms == (new, idle)
@@ -189,8 +233,12 @@ def test_terms_of_the_profile_replace_those_of_the_recipe_by_name_and_unused_one
 
 @pytest.mark.parametrize(("value", "u"), [(0.3, 0.5), (2.4, 0.44), (0.0, 1.0), (5.0, 0.1)])
 def test_interval_of_a_magnitude_covers_what_its_folded_distribution_says(value, u):
-    """The Monte Carlo interval holds 95.45 % of |N(value, u)|, by the exact distribution function, within 0.02 %."""
-    low, high = uncertainty.magnitude_interval(value, Uncertainty((), u, math.inf, 2.0, 2 * u, 0.9545))
+    """The Monte Carlo interval holds 95.45 % of |N(value, u)|, by the exact distribution function,
+    within 0.02 %.
+    """
+    low, high = uncertainty.magnitude_interval(
+        value, Uncertainty((), u, math.inf, 2.0, 2 * u, 0.9545)
+    )
     folded = stats.foldnorm(abs(value) / u, scale=u)
     assert low >= 0.0
     assert folded.cdf(high) - folded.cdf(low) == pytest.approx(0.9545, abs=2e-4)
@@ -297,9 +345,15 @@ def test_a_whole_profile_lacks_nothing_and_each_line_left_out_is_missed(tmp_path
     ("override", "key"),
     [
         ("dates.performed=2026-11-22", "dates.performed"),
-        ('standard=[{name="S", certificate="c", date=2026-11-20, laboratory="l"}]', "standard.date"),
         (
-            'standard=[{name="S", certificate="c", date=2025-01-01, laboratory="l", valid_until=2026-01-01}]',
+            'standard=[{name="S", certificate="c", date=2026-11-20, laboratory="l"}]',
+            "standard.date",
+        ),
+        (
+            (
+                'standard=[{name="S", certificate="c", date=2025-01-01, laboratory="l",'
+                " valid_until=2026-01-01}]"
+            ),
             "standard.valid_until",
         ),
         ("standard=[]", "standard"),
@@ -308,7 +362,9 @@ def test_a_whole_profile_lacks_nothing_and_each_line_left_out_is_missed(tmp_path
     ],
 )
 def test_what_cannot_be_true_makes_a_draft(tmp_path, override, key):
-    """Issued before the work, a standard calibrated after it or expired, an amendment of nothing, blanks for a name."""
+    """Issued before the work, a standard calibrated after it or expired, an amendment of nothing,
+    blanks for a name.
+    """
     assert lacks(WHOLE, tmp_path, override) == [key]
 
 
@@ -327,14 +383,19 @@ def test_a_validation_stands_for_the_statement_on_adjustment(tmp_path):
         ("[certificate]\nnumber = 'A'\namends = 'A'", "needs a number of its own"),
         ("[[specification]]\nresult = 'x'\nunit = 'g'", "neither a lower nor an upper limit"),
         ("[[specification]]\nresult = 'x'\nunit = 'g'\nlower = 2.0\nupper = 1.0", "is not below"),
-        ("[[specification]]\nresult = 'x'\nunit = 'g'\nupper = 1.0\nrule = 'gaurded'", "did you mean 'guarded'"),
+        (
+            "[[specification]]\nresult = 'x'\nunit = 'g'\nupper = 1.0\nrule = 'gaurded'",
+            "did you mean 'guarded'",
+        ),
         ("[laboratory]\ncountry = 'Germany'", "laboratory.country"),
         ("[[standard]]\ncertificate = 'x'", "missing key 'standard.0.name'"),
         ("[item", "not TOML"),
     ],
 )
 def test_a_fault_in_a_profile_is_named_with_its_line(tmp_path, line, said):
-    """Strict: unknown keys, ill-typed values and impossible combinations are errors, with file and line."""
+    """Strict: unknown keys, ill-typed values and impossible combinations are errors, with file and
+    line.
+    """
     with pytest.raises(RecipeError, match=said.replace("[", r"\[").replace(".", r"\.")):
         parsed(line, tmp_path)
 
@@ -342,7 +403,9 @@ def test_a_fault_in_a_profile_is_named_with_its_line(tmp_path, line, said):
 def test_a_date_may_be_written_with_or_without_quotes(tmp_path):
     """TOML dates and ISO texts are the same."""
     for written in ("2026-11-12", '"2026-11-12"'):
-        assert parsed(f"[dates]\nperformed = {written}", tmp_path).dates.performed == dt.date(2026, 11, 12)
+        assert parsed(f"[dates]\nperformed = {written}", tmp_path).dates.performed == dt.date(
+            2026, 11, 12
+        )
 
 
 def test_every_plain_field_of_the_checklist_is_a_field_of_the_profile():
@@ -359,7 +422,13 @@ def test_a_validation_of_another_run_is_refused(tmp_path):
     from calibkit.certificate import as_found
     from calibkit.errors import CoefficientError
 
-    document = {"format": "calibkit-validation/1", "serial": "S", "revision": 1, "run_sha256": "other", "logs": []}
+    document = {
+        "format": "calibkit-validation/1",
+        "serial": "S",
+        "revision": 1,
+        "run_sha256": "other",
+        "logs": [],
+    }
     path = tmp_path / "v.json"
     path.write_text(coefficients.seal(document), encoding="utf-8")
     run = SimpleNamespace(document={"sha256": "this"}, name="S@r001")
@@ -384,16 +453,23 @@ def test_a_stated_limit_is_printed_with_every_digit_that_was_stated(value, shown
 
 
 def test_an_acceptance_limit_is_printed_to_one_place_more_than_u():
-    """9958.61 + 0.056 is 9958.666, not 9958.7 beside the value 9958.678 that passes; a simple rule prints its limit as it is."""
-    found = conformity.statements([limits(9958.61, 9960.0)], [result(9958.678, 0.0562)], "guarded")[0]
+    """9958.61 + 0.056 is 9958.666, not 9958.7 beside the value 9958.678 that passes; a simple rule
+    prints its limit as it is.
+    """
+    found = conformity.statements([limits(9958.61, 9960.0)], [result(9958.678, 0.0562)], "guarded")[
+        0
+    ]
     assert found.verdict == "pass"
     assert [
-        tables.acceptance(a, b, found.result) for a, b in zip(found.acceptance, (9958.61, 9960.0), strict=True)
+        tables.acceptance(a, b, found.result)
+        for a, b in zip(found.acceptance, (9958.61, 9960.0), strict=True)
     ] == [
         "9958.6662",
         "9959.9438",
     ]
-    simple = conformity.statements([limits(9958.61, None, "simple")], [result(9958.678, 0.0562)], "simple")[0]
+    simple = conformity.statements(
+        [limits(9958.61, None, "simple")], [result(9958.678, 0.0562)], "simple"
+    )[0]
     assert tables.acceptance(simple.acceptance[0], simple.lower, simple.result) == "9958.61"
     assert tables.limits("1", None) == "≥ 1"
     assert tables.limits(None, "2") == "≤ 2"
@@ -415,7 +491,9 @@ def test_an_acceptance_limit_is_printed_to_one_place_more_than_u():
     ],
 )
 def test_a_value_beside_its_limit_never_contradicts_the_decision(value, limit, shown):
-    """Four digits made 1 of 0.99996 beside the limit 1: printed it lies on the side that it was judged to lie on."""
+    """Four digits made 1 of 0.99996 beside the limit 1: printed it lies on the side that it was
+    judged to lie on.
+    """
     assert tables.beside(value, limit) == shown
 
 

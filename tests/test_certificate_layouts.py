@@ -1,4 +1,6 @@
-"""Certificates of every procedure: what each layout states of real run folders, against the coefficient files themselves."""
+"""Certificates of every procedure: what each layout states of real run folders, against the
+coefficient files themselves.
+"""
 
 import datetime as dt
 import json
@@ -10,8 +12,9 @@ import pytest
 from calibkit import pipeline, recipe, store
 from calibkit.certificate import as_found, content, pdf, profile, tables
 from calibkit.errors import RecipeError
-from calibkit.numeric import accel_k, coil
-from calibkit.numeric.thermal_terms import TERMS, raw_design
+from calibkit.instruments.accelerometer.numeric import k_factor
+from calibkit.instruments.fog_thermal.numeric import coil
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS, raw_design
 from calibkit.procedures import silent
 from conftest import ROOT, write_log
 
@@ -21,7 +24,9 @@ ISSUED = dt.date(2026, 11, 21)
 def fitted(folder, name, data=None, serial="S-1", overrides=()):
     """Run of a procedure's sample logs."""
     source = recipe.find(str(ROOT / "recipes" / f"{name}.toml"), overrides)
-    outcome = pipeline.fit(source, data or ROOT / "datasets" / name, serial, folder, "2026-11-21", silent)
+    outcome = pipeline.fit(
+        source, data or ROOT / "datasets" / name, serial, folder, "2026-11-21", silent
+    )
     return store.load(outcome.folder)
 
 
@@ -54,7 +59,9 @@ PROCEDURES = ("fog_thermal", "accelerometer", "gyro_pair", "rate_table", "inclin
 
 @pytest.mark.parametrize("name", PROCEDURES)
 def test_the_sample_profile_of_a_procedure_is_whole_and_every_term_in_it_is_used(run, name):
-    """Nothing missing but as found and as left where the sample has a validation; no type B term without an effect."""
+    """Nothing missing but as found and as left where the sample has a validation; no type B term
+    without an effect.
+    """
     made = certificate(run(name), name)
     validated = name in {"fog_thermal", "inclinometer"}
     assert [item.key for item in made.missing] == (["adjustment.statement"] if validated else [])
@@ -64,7 +71,9 @@ def test_the_sample_profile_of_a_procedure_is_whole_and_every_term_in_it_is_used
 
 @pytest.mark.parametrize("name", PROCEDURES)
 def test_every_coefficient_of_every_file_is_stated_with_its_value(run, name):
-    """Each fitted coefficient of each model of the run is on the certificate, under its key, and none is another number."""
+    """Each fitted coefficient of each model of the run is on the certificate, under its key, and
+    none is another number.
+    """
     found = by_key(certificate(run(name)))
     for file, record in run(name).records.items():
         if file == "denoise.json":
@@ -75,7 +84,9 @@ def test_every_coefficient_of_every_file_is_stated_with_its_value(run, name):
                     stated = found[f"{record.stage}.{model.name}.{c.name}"]
                     assert (stated.value, stated.unit, stated.file) == (c.value, c.unit, file)
                     if c.standard_uncertainty:
-                        assert stated.uncertainty.type_a == pytest.approx(c.standard_uncertainty, rel=1e-6)
+                        assert stated.uncertainty.type_a == pytest.approx(
+                            c.standard_uncertainty, rel=1e-6
+                        )
 
 
 @pytest.mark.parametrize("name", PROCEDURES)
@@ -85,25 +96,37 @@ def test_keys_are_distinct_and_every_uncertainty_adds_up(run, name):
     assert len(by_key(made)) == len(made.results)
     for result in made.results:
         if (u := result.uncertainty) is not None:
-            assert u.standard_uncertainty == pytest.approx(math.hypot(u.type_a, u.type_b), rel=1e-12)
-            assert u.expanded_uncertainty == pytest.approx(u.coverage_factor * u.standard_uncertainty, rel=1e-12)
+            assert u.standard_uncertainty == pytest.approx(
+                math.hypot(u.type_a, u.type_b), rel=1e-12
+            )
+            assert u.expanded_uncertainty == pytest.approx(
+                u.coverage_factor * u.standard_uncertainty, rel=1e-12
+            )
 
 
 def test_scale_and_zero_of_an_accelerometer_are_what_the_k_factor_gives(run):
-    """G' of G = 0 is minus the zero offset, of G = 1 on one axis the scale less the zero: the numeric core as the judge."""
+    """G' of G = 0 is minus the zero offset, of G = 1 on one axis the scale less the zero: the
+    numeric core as the judge.
+    """
     record = run("accelerometer").records["accel_k.json"]
     found = by_key(certificate(run("accelerometer"), "accelerometer"))
     K = np.array([[c.value for c in model.coefficients] for model in record.models])
     for t in (-20.0, 25.0, 125.0):
-        zero = accel_k.correct(K, np.zeros((1, 3)), np.array([t]))[0]
-        ones = accel_k.correct(K, np.eye(3), np.full(3, t))
+        zero = k_factor.correct(K, np.zeros((1, 3)), np.array([t]))[0]
+        ones = k_factor.correct(K, np.eye(3), np.full(3, t))
         for k, axis in enumerate("xyz"):
-            assert found[f"accel_k.accel_{axis}.zero@{t:g}"].value == pytest.approx(-zero[k], rel=1e-12)
-            assert found[f"accel_k.accel_{axis}.scale@{t:g}"].value == pytest.approx(ones[k, k] - zero[k], rel=1e-12)
+            assert found[f"accel_k.accel_{axis}.zero@{t:g}"].value == pytest.approx(
+                -zero[k], rel=1e-12
+            )
+            assert found[f"accel_k.accel_{axis}.scale@{t:g}"].value == pytest.approx(
+                ones[k, k] - zero[k], rel=1e-12
+            )
 
 
 def test_drift_on_a_ramp_is_what_the_model_gives_on_a_log_of_such_a_ramp(run):
-    """Simulate a case that climbs at 5 °C/min: once the lags are over, the model's drift is the certificate's, to 1e-6 °/h."""
+    """Simulate a case that climbs at 5 °C/min: once the lags are over, the model's drift is the
+    certificate's, to 1e-6 °/h.
+    """
     made = run("fog_thermal")
     found = by_key(certificate(made, "fog_thermal"))
     record = made.records["drift_rate.json"]
@@ -122,9 +145,13 @@ def test_drift_on_a_ramp_is_what_the_model_gives_on_a_log_of_such_a_ramp(run):
 
 
 def test_drift_at_rest_has_the_uncertainty_that_the_run_states(run):
-    """The certificate and run.json say the same of the drift at each temperature, but at 25 °C it is the reference."""
+    """The certificate and run.json say the same of the drift at each temperature, but at 25 °C it
+    is the reference.
+    """
     made = run("fog_thermal")
-    stated = {e["temp_case_degc"]: e for e in made.document["uncertainty"] if e["where"] == "at rest"}
+    stated = {
+        e["temp_case_degc"]: e for e in made.document["uncertainty"] if e["where"] == "at rest"
+    }
     assert len(stated) > 3
     listed = ",".join(map(repr, stated))
     found = by_key(certificate(made, None, f"results.temperatures_degc=[{listed}]"))
@@ -133,26 +160,36 @@ def test_drift_at_rest_has_the_uncertainty_that_the_run_states(run):
         assert drift.value == pytest.approx(entry["value"], abs=1e-12)
         assert drift.by_definition == (t == 25.0)
         if not drift.by_definition:
-            assert drift.uncertainty.expanded_uncertainty == pytest.approx(entry["expanded_uncertainty"], rel=1e-9)
+            assert drift.uncertainty.expanded_uncertainty == pytest.approx(
+                entry["expanded_uncertainty"], rel=1e-9
+            )
 
 
 def test_a_bias_without_the_earth_s_rate_is_stated_where_the_run_knows_it(tmp_path, run):
-    """With latitude and input axis: the bias of the coefficient file, as uncertain as the rate at rest; else the rate alone."""
+    """With latitude and input axis: the bias of the coefficient file, as uncertain as the rate at
+    rest; else the rate alone.
+    """
     key = "drift_rate.bias_at_reference"
     assert key not in by_key(certificate(run("fog_thermal"), "fog_thermal"))
-    known = fitted(tmp_path, "fog_thermal", overrides=("site.latitude_deg=34.2", "input_axis.elevation_deg=90"))
+    known = fitted(
+        tmp_path, "fog_thermal", overrides=("site.latitude_deg=34.2", "input_axis.elevation_deg=90")
+    )
     found = by_key(certificate(known, "fog_thermal"))
     stated = {figure.name: figure.value for figure in known.records["drift_rate.json"].figures}
     at_rest = found["drift_rate.drift.bias@25"]
     assert found[key].value == stated["bias_at_reference"]
-    assert at_rest.value - found[key].value == pytest.approx(stated["earth_rate_along_input_axis"], abs=1e-9)
+    assert at_rest.value - found[key].value == pytest.approx(
+        stated["earth_rate_along_input_axis"], abs=1e-9
+    )
     assert found[key].uncertainty.expanded_uncertainty == pytest.approx(
         at_rest.uncertainty.expanded_uncertainty, rel=1e-3
     )
 
 
 def test_what_is_zero_by_definition_is_printed_as_the_reference_and_not_judged(run):
-    """No U at 25 °C, no statement by a *, and naming it is an error with the line of the specification."""
+    """No U at 25 °C, no statement by a *, and naming it is an error with the line of the
+    specification.
+    """
     made = certificate(run("fog_thermal"), "fog_thermal")
     drift = by_key(made)["drift_rate.drift.drift@25"]
     assert tables.cells(drift) == ("0", "ref.")
@@ -169,48 +206,71 @@ def test_what_is_zero_by_definition_is_printed_as_the_reference_and_not_judged(r
 
 
 def test_each_scale_factor_stands_with_the_temperature_that_it_was_found_at(run):
-    """A line at −40 °C is no line at 25 °C: the row names the case temperature, the result carries it as a condition."""
+    """A line at −40 °C is no line at 25 °C: the row names the case temperature, the result carries
+    it as a condition.
+    """
     record = run("rate_table").records["gyro_scale.json"]
     made = certificate(run("rate_table"), "rate_table")
     labels = made.blocks[0].tables[0].labels
     assert labels[1] == "gyro_x.at_-40 (−39.9 °C)"
     assert labels[0] == "gyro_x (25.1 °C)"
     (parameter,) = record.model("gyro_x.at_-40").parameters
-    assert by_key(made)["gyro_scale.gyro_x.at_-40.K"].at == (("temp_case_degc", parameter.value, "degC"),)
+    assert by_key(made)["gyro_scale.gyro_x.at_-40.K"].at == (
+        ("temp_case_degc", parameter.value, "degC"),
+    )
 
 
 def test_type_b_of_a_rate_table_scales_k_and_leaves_the_pair_alone(run):
-    """1.7 ppm and 0.5 ppm/√3 of K, whatever the table was; N, γ and α do not see the table's rate."""
+    """1.7 ppm and 0.5 ppm/√3 of K, whatever the table was; N, γ and α do not see the table's
+    rate.
+    """
     found = by_key(certificate(run("gyro_pair"), "gyro_pair"))
     K = found["gyro_scale.a_about_a.K"]
-    assert K.uncertainty.type_b == pytest.approx(K.value * 1e-6 * math.hypot(1.7, 0.5 / math.sqrt(3.0)), rel=1e-9)
+    assert K.uncertainty.type_b == pytest.approx(
+        K.value * 1e-6 * math.hypot(1.7, 0.5 / math.sqrt(3.0)), rel=1e-9
+    )
     ieee = found["gyro_scale.scale_factor.IEEE Std 952.a_about_a"]
-    assert ieee.uncertainty.type_b / ieee.value == pytest.approx(K.uncertainty.type_b / K.value, rel=1e-9)
+    assert ieee.uncertainty.type_b / ieee.value == pytest.approx(
+        K.uncertainty.type_b / K.value, rel=1e-9
+    )
     assert found["gyro_orthogonality.pair.N"].uncertainty.type_b == 0.0
-    assert found["gyro_orthogonality.pair.alpha_deg"].uncertainty.type_b == pytest.approx(3.0 / 3600.0 / math.sqrt(3.0))
+    assert found["gyro_orthogonality.pair.alpha_deg"].uncertainty.type_b == pytest.approx(
+        3.0 / 3600.0 / math.sqrt(3.0)
+    )
 
 
 def test_a_few_runs_widen_the_coverage_factor(run):
-    """K over temperature of six runs at four temperatures has 4 degrees of freedom: k = 2.87 without type B."""
+    """K over temperature of six runs at four temperatures has 4 degrees of freedom: k = 2.87
+    without type B.
+    """
     found = by_key(certificate(run("rate_table")))
-    assert found["gyro_scale.gyro_x.K_over_temperature.value@25"].uncertainty.coverage_factor == pytest.approx(
-        2.869, abs=1e-3
-    )
-    assert found["gyro_scale.repeatability.GJB 2426A.gyro_x"].uncertainty.coverage_factor == pytest.approx(
-        4.527, abs=1e-3
-    )
+    assert found[
+        "gyro_scale.gyro_x.K_over_temperature.value@25"
+    ].uncertainty.coverage_factor == pytest.approx(2.869, abs=1e-3)
+    assert found[
+        "gyro_scale.repeatability.GJB 2426A.gyro_x"
+    ].uncertainty.coverage_factor == pytest.approx(4.527, abs=1e-3)
 
 
 def test_as_found_and_as_left_come_from_logs_that_were_not_fitted(run, tmp_path):
-    """The withheld ramps of the sample gyro, before and after, with the rate gain; the file is attached."""
+    """The withheld ramps of the sample gyro, before and after, with the rate gain; the file is
+    attached.
+    """
     made = run("fog_thermal")
     out = tmp_path / "validation.json"
-    document, _ = pipeline.validate(made, ROOT / "datasets" / "fog_thermal" / "withheld", out, silent)
+    document, _ = pipeline.validate(
+        made, ROOT / "datasets" / "fog_thermal" / "withheld", out, silent
+    )
     validation = as_found.load(out, made)
     rows = {(row.log, row.what.en): (row.found, row.left) for row in validation.rows}
     entry = document["logs"][0]
-    assert rows[entry["name"], "drift rms, 100 s means"] == (entry["drift_rms_before"], entry["drift_rms_after"])
-    assert not {name for name, _, _ in validation.logs} & {entry["name"] for entry in made.document["inputs"]}
+    assert rows[entry["name"], "drift rms, 100 s means"] == (
+        entry["drift_rms_before"],
+        entry["drift_rms_after"],
+    )
+    assert not {name for name, _, _ in validation.logs} & {
+        entry["name"] for entry in made.document["inputs"]
+    }
     made = certificate(made, "fog_thermal", validation=validation)
     assert made.missing == ()
     assert {a.name: a for a in made.attachments}["validation.json"].content == out.read_bytes()
@@ -222,7 +282,9 @@ def test_no_exported_drift_term_is_said_and_not_made_up(tmp_path):
     for k, rate in enumerate((2.0, 5.0, -2.0, -5.0)):
         time = np.arange(0.0, 1800.0)
         env = np.sign(rate) * -20.0 + rate * np.clip(time - 300.0, 0.0, 480.0) / 60.0
-        case = np.convolve(np.pad(env, (199, 0), mode="edge"), np.full(200, 1.0 / 200.0), mode="valid")
+        case = np.convolve(
+            np.pad(env, (199, 0), mode="edge"), np.full(200, 1.0 / 200.0), mode="valid"
+        )
         write_log(
             tmp_path / "logs" / f"r{k}.csv",
             time_s=time,
@@ -233,7 +295,9 @@ def test_no_exported_drift_term_is_said_and_not_made_up(tmp_path):
     made = fitted(tmp_path / "runs", "fog_thermal", tmp_path / "logs")
     found = certificate(made)
     assert made.records["drift_rate.json"].models == ()
-    assert any("No drift term is exported" in note.en for block in found.blocks for note in block.notes)
+    assert any(
+        "No drift term is exported" in note.en for block in found.blocks for note in block.notes
+    )
     assert pdf.render(found, "en").startswith(b"%PDF")
 
 
@@ -243,7 +307,12 @@ def test_other_procedures_have_certificates_too(tmp_path, name):
     if name == "bias_temperature":
         t = np.linspace(20.0, 45.0, 400)
         noise = np.random.default_rng(1).normal(0.0, 0.05, t.size)
-        write_log(tmp_path / "a.csv", time_s=np.arange(400.0), temp_case_degc=t, gyro_dph=3.0 + 0.02 * t + noise)
+        write_log(
+            tmp_path / "a.csv",
+            time_s=np.arange(400.0),
+            temp_case_degc=t,
+            gyro_dph=3.0 + 0.02 * t + noise,
+        )
         data = tmp_path
     else:
         data = ROOT / "datasets" / "accelerometer"
@@ -257,7 +326,9 @@ def test_excluded_logs_and_flags_are_on_the_certificate(run):
     """What was left out, why and by whom is stated as the run has it."""
     made = run("gyro_pair")
     document = json.loads(json.dumps(made.document))
-    document["excluded"] = [{"log": "a.csv", "from_s": 10.0, "to_s": 20.0, "reason": "door opened", "person": "op"}]
+    document["excluded"] = [
+        {"log": "a.csv", "from_s": 10.0, "to_s": 20.0, "reason": "door opened", "person": "op"}
+    ]
     document["flags"] = ["something odd"]
     changed = store.Run(made.folder, document, made.records)
     found = certificate(changed)

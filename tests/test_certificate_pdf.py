@@ -1,4 +1,6 @@
-"""The certificate as a file: PDF/A-3, attachments, the checklist on its text, drafts, amendments, text of every kind."""
+"""The certificate as a file: PDF/A-3, attachments, the checklist on its text, drafts, amendments,
+text of every kind.
+"""
 
 import hashlib
 import json
@@ -17,8 +19,12 @@ pikepdf = pytest.importorskip("pikepdf")
 
 PROFILE = ROOT / "reports" / "profiles" / "gyro_pair.toml"
 CHINESE = Path("/usr/share/fonts/truetype/wqy/wqy-zenhei.ttc")
-needs_pdftotext = pytest.mark.skipif(shutil.which("pdftotext") is None, reason="pdftotext is not installed")
-needs_chinese = pytest.mark.skipif(not CHINESE.is_file(), reason="the WenQuanYi Zen Hei font is not installed")
+needs_pdftotext = pytest.mark.skipif(
+    shutil.which("pdftotext") is None, reason="pdftotext is not installed"
+)
+needs_chinese = pytest.mark.skipif(
+    not CHINESE.is_file(), reason="the WenQuanYi Zen Hei font is not installed"
+)
 
 
 def called(*arguments):
@@ -33,7 +39,18 @@ def runs(tmp_path_factory):
     """Folder of runs with the sample gyro pair in it."""
     folder = tmp_path_factory.mktemp("runs")
     data = ROOT / "datasets" / "gyro_pair"
-    code = called("fit", "gyro_pair", "--data", data, "--serial", "PAIR-1", "--out", folder, "--date", "2026-11-21")
+    code = called(
+        "fit",
+        "gyro_pair",
+        "--data",
+        data,
+        "--serial",
+        "PAIR-1",
+        "--out",
+        folder,
+        "--date",
+        "2026-11-21",
+    )
     assert code == 0
     return folder
 
@@ -47,7 +64,18 @@ def issue(runs, tmp_path_factory):
     def write(*arguments, profile=PROFILE):
         out = folder / f"{next(count)}.pdf"
         stated = () if profile is None else ("--profile", profile)
-        code = called("certify", "PAIR-1", "--runs", runs, "--out", out, "--date", "2026-11-21", *stated, *arguments)
+        code = called(
+            "certify",
+            "PAIR-1",
+            "--runs",
+            runs,
+            "--out",
+            out,
+            "--date",
+            "2026-11-21",
+            *stated,
+            *arguments,
+        )
         assert code == 0
         return out
 
@@ -62,7 +90,9 @@ def certificate(issue):
 
 def text_of(path):
     """Text of a PDF, page by page, with the spaces of a line folded."""
-    found = subprocess.run(["pdftotext", "-layout", path, "-"], capture_output=True, text=True, check=True).stdout
+    found = subprocess.run(
+        ["pdftotext", "-layout", path, "-"], capture_output=True, text=True, check=True
+    ).stdout
     return [re.sub(r"\s+", " ", page) for page in found.split("\f")[:-1]]
 
 
@@ -129,8 +159,12 @@ def test_number_and_page_stand_on_every_page(certificate):
 
 @needs_pdftotext
 def test_printed_values_are_those_of_the_file_rounded_with_their_uncertainty(certificate, runs):
-    """N on the page is N in the file, at the decimal place of two digits of U = 2.13·u (20 degrees of freedom)."""
-    file = json.loads((runs / "PAIR-1" / "r001" / "gyro_orthogonality.json").read_text(encoding="utf-8"))
+    """N on the page is N in the file, at the decimal place of two digits of U = 2.13·u (20 degrees
+    of freedom).
+    """
+    file = json.loads(
+        (runs / "PAIR-1" / "r001" / "gyro_orthogonality.json").read_text(encoding="utf-8")
+    )
     N = next(c for c in file["models"][0]["coefficients"] if c["name"] == "N")
     expanded = 2.133 * N["standard_uncertainty"]
     whole = " ".join(text_of(certificate))
@@ -148,7 +182,11 @@ def test_the_file_says_pdfa_3b_and_embeds_every_font(certificate):
                 fonts[str(name)] = font
         assert fonts
         for font in fonts.values():
-            descriptor = font.DescendantFonts[0].FontDescriptor if "/DescendantFonts" in font else font.FontDescriptor
+            descriptor = (
+                font.DescendantFonts[0].FontDescriptor
+                if "/DescendantFonts" in font
+                else font.FontDescriptor
+            )
             assert {"/FontFile2", "/FontFile3"} & set(descriptor.keys())
 
 
@@ -177,7 +215,9 @@ def test_digests_of_all_attachments_are_printed(certificate):
 
 @needs_pdftotext
 def test_the_digest_of_the_run_says_what_it_is_compared_with(certificate, runs):
-    """It is the field sha256 inside run.json, and called that; the digest of the file is another and stands in the list."""
+    """It is the field sha256 inside run.json, and called that; the digest of the file is another
+    and stands in the list.
+    """
     whole = squeezed("".join(text_of(certificate)))
     path = runs / "PAIR-1" / "r001" / "run.json"
     own = json.loads(path.read_text(encoding="utf-8"))["sha256"]
@@ -191,18 +231,32 @@ def test_the_digest_of_the_run_says_what_it_is_compared_with(certificate, runs):
 
 @needs_pdftotext
 def test_a_long_word_in_an_address_stays_in_its_column(issue, tmp_path):
-    """Wide capitals without a space, and a long address of e-mail: nothing reaches into the customer's column."""
-    text = PROFILE.read_text(encoding="utf-8").replace('"""1 Sample Street', f'"""{"MUSTERWEG" * 6}\n1 Sample Street')
-    text = text.replace("[customer]", f'email = "{"office." * 8}institute@example.org"\n\n[customer]', 1)
+    """Wide capitals without a space, and a long address of e-mail: nothing reaches into the
+    customer's column.
+    """
+    text = PROFILE.read_text(encoding="utf-8").replace(
+        '"""1 Sample Street', f'"""{"MUSTERWEG" * 6}\n1 Sample Street'
+    )
+    text = text.replace(
+        "[customer]", f'email = "{"office." * 8}institute@example.org"\n\n[customer]', 1
+    )
     (tmp_path / "lab.toml").write_text(text, encoding="utf-8")
     out = issue(profile=tmp_path / "lab.toml")
     page = subprocess.run(
         ["pdftotext", "-bbox", "-l", "1", out, "-"], capture_output=True, text=True, check=True
     ).stdout
-    words = re.findall(r'xMin="([\d.]+)" yMin="([\d.]+)" xMax="([\d.]+)" yMax="[\d.]+">([^<]*)<', page)
+    words = re.findall(
+        r'xMin="([\d.]+)" yMin="([\d.]+)" xMax="([\d.]+)" yMax="[\d.]+">([^<]*)<', page
+    )
     (customer,) = (float(x) for x, _, _, word in words if word == "Customer")
-    top, bottom = (float(next(y for _, y, _, word in words if word == name)) for name in ("Customer", "Item"))
-    inside = [(x, end, squeezed(word)) for x, y, end, word in words if top <= float(y) < bottom and float(x) < customer]
+    top, bottom = (
+        float(next(y for _, y, _, word in words if word == name)) for name in ("Customer", "Item")
+    )
+    inside = [
+        (x, end, squeezed(word))
+        for x, y, end, word in words
+        if top <= float(y) < bottom and float(x) < customer
+    ]
     assert any("MUSTER" in word for *_, word in inside)
     assert [(word, end) for _, end, word in inside if float(end) > customer] == []
 
@@ -210,7 +264,9 @@ def test_a_long_word_in_an_address_stays_in_its_column(issue, tmp_path):
 @pytest.mark.skipif(shutil.which("qpdf") is None, reason="qpdf is not installed")
 def test_qpdf_finds_nothing(certificate):
     """The command qpdf --check ends with 0 and no warning."""
-    found = subprocess.run(["qpdf", "--check", certificate], capture_output=True, text=True, check=False)
+    found = subprocess.run(
+        ["qpdf", "--check", certificate], capture_output=True, text=True, check=False
+    )
     assert found.returncode == 0
     assert "WARNING" not in found.stdout + found.stderr
 
@@ -227,10 +283,26 @@ def test_pdfa_check_finds_nothing_beyond_the_known_false_alarms(certificate):
 
 
 def test_figures_are_vectors(runs, tmp_path_factory):
-    """No page holds an image: figures are lines and polygons with text in the certificate's fonts."""
+    """No page holds an image: figures are lines and polygons with text in the certificate's
+    fonts.
+    """
     folder = tmp_path_factory.mktemp("vectors")
     data = ROOT / "datasets" / "rate_table"
-    assert called("fit", "rate_table", "--data", data, "--serial", "G-1", "--out", folder, "--date", "2026-11-21") == 0
+    assert (
+        called(
+            "fit",
+            "rate_table",
+            "--data",
+            data,
+            "--serial",
+            "G-1",
+            "--out",
+            folder,
+            "--date",
+            "2026-11-21",
+        )
+        == 0
+    )
     out = folder / "certificate.pdf"
     assert called("certify", "G-1", "--runs", folder, "--out", out, "--date", "2026-11-21") == 0
     with pikepdf.open(out) as pdf:
@@ -238,7 +310,9 @@ def test_figures_are_vectors(runs, tmp_path_factory):
 
 
 def test_same_run_profile_and_date_give_the_same_bytes(issue, certificate):
-    """Nothing of the clock, the folder or the moment is in a certificate; another date makes other bytes."""
+    """Nothing of the clock, the folder or the moment is in a certificate; another date makes other
+    bytes.
+    """
     assert issue().read_bytes() == certificate.read_bytes()
     assert issue("--date", "2026-11-22").read_bytes() != certificate.read_bytes()
     assert certificate.read_bytes().endswith(b"\n")
@@ -247,21 +321,33 @@ def test_same_run_profile_and_date_give_the_same_bytes(issue, certificate):
 def test_nothing_is_overwritten(runs, certificate, calibkit):
     """A certificate that exists stays as it is: exit 4."""
     before = certificate.read_bytes()
-    outcome = calibkit("certify", "PAIR-1", "--runs", runs, "--out", certificate, "--profile", PROFILE)
+    outcome = calibkit(
+        "certify", "PAIR-1", "--runs", runs, "--out", certificate, "--profile", PROFILE
+    )
     assert outcome.code == 4
     assert "nothing is overwritten" in outcome.err
     assert certificate.read_bytes() == before
 
 
 @needs_pdftotext
-def test_without_a_profile_every_page_says_draft_and_the_command_lists_what_is_missing(runs, tmp_path, calibkit):
-    """Exit 0, DRAFT on each page, every missing item by its key on stderr and on the first pages."""
+def test_without_a_profile_every_page_says_draft_and_the_command_lists_what_is_missing(
+    runs, tmp_path, calibkit
+):
+    """Exit 0, DRAFT on each page, every missing item by its key on stderr and on the first
+    pages.
+    """
     out = tmp_path / "draft.pdf"
     outcome = calibkit("certify", "PAIR-1", "--runs", runs, "--out", out, "--date", "2026-11-21")
     assert outcome.code == 0
     pages = text_of(out)
     assert all("DRAFT: not a calibration certificate" in page for page in pages)
-    for key in ("laboratory.name", "customer.name", "method.deviations", "standard", "authorised_by.name"):
+    for key in (
+        "laboratory.name",
+        "customer.name",
+        "method.deviations",
+        "standard",
+        "authorised_by.name",
+    ):
         assert key in outcome.err
         assert squeezed(key) in squeezed(" ".join(pages))
 
@@ -292,19 +378,33 @@ def test_an_amendment_names_the_former_certificate_and_what_changed(issue):
 
 
 def test_an_amendment_of_a_later_certificate_is_refused_with_its_line(runs, tmp_path, calibkit):
-    """amends_issued after the date of issue: exit 2 with the line; of the same day it may be; without amends it is refused."""
+    """amends_issued after the date of issue: exit 2 with the line; of the same day it may be;
+    without amends it is refused.
+    """
 
     def code(line):
-        text = PROFILE.read_text(encoding="utf-8").replace("[laboratory]", f"changes = ['x']\n{line}\n[laboratory]", 1)
+        text = PROFILE.read_text(encoding="utf-8").replace(
+            "[laboratory]", f"changes = ['x']\n{line}\n[laboratory]", 1
+        )
         (tmp_path / "lab.toml").write_text(text, encoding="utf-8")
-        stated = ("--profile", tmp_path / "lab.toml", "--date", "2026-11-21", "--out", tmp_path / "c.pdf")
+        stated = (
+            "--profile",
+            tmp_path / "lab.toml",
+            "--date",
+            "2026-11-21",
+            "--out",
+            tmp_path / "c.pdf",
+        )
         return calibkit("certify", "PAIR-1", "--runs", runs, *stated)
 
     late = code("amends = 'A'\namends_issued = 2026-11-22")
     assert late.code == 2
-    line = (tmp_path / "lab.toml").read_text(encoding="utf-8").splitlines().index("amends_issued = 2026-11-22") + 1
+    line = (tmp_path / "lab.toml").read_text(encoding="utf-8").splitlines().index(
+        "amends_issued = 2026-11-22"
+    ) + 1
     assert (
-        f"lab.toml:{line}: certificate.amends_issued: 2026-11-22 is later than the date of issue 2026-11-21" in late.err
+        f"lab.toml:{line}: certificate.amends_issued: 2026-11-22 is later than the date of issue"
+        " 2026-11-21" in late.err
     )
     assert "amends names no certificate" in code("amends_issued = 2026-11-20").err
     assert not (tmp_path / "c.pdf").exists()
@@ -318,9 +418,18 @@ def test_a_specification_that_does_not_fit_the_run_is_named_with_its_line(runs, 
         ("result = 'gyro_scale.nothing'\nunit = 'ppm'", "is no result of this run"),
         ("unit = 'g'\nresult = 'gyro_orthogonality.pair.N'", "is in 'g'"),
     ):
-        (tmp_path / "lab.toml").write_text(f"{start}\n[[specification]]\n{wrong}\nupper = 1.0\n", encoding="utf-8")
+        (tmp_path / "lab.toml").write_text(
+            f"{start}\n[[specification]]\n{wrong}\nupper = 1.0\n", encoding="utf-8"
+        )
         found = calibkit(
-            "certify", "PAIR-1", "--runs", runs, "--profile", tmp_path / "lab.toml", "--out", tmp_path / "c.pdf"
+            "certify",
+            "PAIR-1",
+            "--runs",
+            runs,
+            "--profile",
+            tmp_path / "lab.toml",
+            "--out",
+            tmp_path / "c.pdf",
         )
         assert found.code == 2
         assert f"lab.toml:{len(start.splitlines()) + 3}: [[specification]]" in found.err
@@ -353,7 +462,9 @@ def profile_with(text, path):
 @needs_pdftotext
 @pytest.mark.parametrize("text", NASTY.values(), ids=NASTY.keys())
 def test_text_of_every_kind_is_shown_as_it_was_written(issue, tmp_path, text):
-    """No text of a profile is source, whatever it looks like; long words break, right-to-left text is kept."""
+    """No text of a profile is source, whatever it looks like; long words break, right-to-left text
+    is kept.
+    """
     out = issue(profile=profile_with(text, tmp_path / "lab.toml"))
     whole = squeezed("".join(text_of(out)))
     if text == NASTY["right to left"]:
@@ -367,10 +478,16 @@ def test_text_of_every_kind_is_shown_as_it_was_written(issue, tmp_path, text):
 @needs_chinese
 @pytest.mark.parametrize("lang", ["en", "zh", "both"])
 def test_chinese_is_set_in_the_font_that_the_profile_names(issue, tmp_path, lang):
-    """With a Chinese font named, a profile in Chinese prints in every language, and nothing is missing."""
+    """With a Chinese font named, a profile in Chinese prints in every language, and nothing is
+    missing.
+    """
     profile = profile_with("北京惯性技术计量站", tmp_path / "lab.toml")
     whole = squeezed(
-        "".join(text_of(issue("--lang", lang, "--set", f'certificate.fonts=["{CHINESE}"]', profile=profile)))
+        "".join(
+            text_of(
+                issue("--lang", lang, "--set", f'certificate.fonts=["{CHINESE}"]', profile=profile)
+            )
+        )
     )
     assert "北京惯性技术计量站" in whole
     assert ("校准证书" in whole) == (lang != "en")
@@ -392,28 +509,40 @@ def test_characters_that_no_font_has_are_printed_by_number_and_make_a_draft(issu
 @needs_pdftotext
 def test_control_characters_and_overrides_of_direction_are_shown_by_number(issue, tmp_path):
     """A name that would reorder what stands beside it on a certificate is shown for what it is."""
-    whole = squeezed("".join(text_of(issue(profile=profile_with("a\u202eb\u0007c", tmp_path / "lab.toml")))))
+    whole = squeezed(
+        "".join(text_of(issue(profile=profile_with("a\u202eb\u0007c", tmp_path / "lab.toml"))))
+    )
     assert "a[U+202E]b[U+0007]c" in whole
 
 
 def test_chinese_without_a_font_is_refused_with_what_to_do(runs, tmp_path, calibkit):
     """--lang zh needs a font that the user names: exit 2, nothing written."""
     out = tmp_path / "c.pdf"
-    outcome = calibkit("certify", "PAIR-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--lang", "zh")
+    outcome = calibkit(
+        "certify", "PAIR-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--lang", "zh"
+    )
     assert outcome.code == 2
     assert "[certificate] fonts" in outcome.err
     assert not out.exists()
 
 
 def test_json_gives_every_result_by_the_key_that_specifications_use(runs, tmp_path, calibkit):
-    """One document: files, number, whether it is a draft, results with U and k, statements with their verdicts."""
+    """One document: files, number, whether it is a draft, results with U and k, statements with
+    their verdicts.
+    """
     out = tmp_path / "c.pdf"
-    said = calibkit("certify", "PAIR-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--json").json
+    said = calibkit(
+        "certify", "PAIR-1", "--runs", runs, "--out", out, "--profile", PROFILE, "--json"
+    ).json
     assert said["ok"] is True
     assert said["draft"] is False
     keys = {result["key"] for result in said["results"]}
     assert {"gyro_scale.a_about_a.K", "gyro_orthogonality.pair.gamma"} <= keys
-    assert {"key": "gyro_orthogonality.pair.alpha_deg", "rule": "guarded", "verdict": "fail"} in said["statements"]
+    assert {
+        "key": "gyro_orthogonality.pair.alpha_deg",
+        "rule": "guarded",
+        "verdict": "fail",
+    } in said["statements"]
 
 
 @pytest.mark.parametrize("out", [".", "/", "", "..", "certificate", "certificate.xml"])
@@ -426,10 +555,22 @@ def test_a_name_that_is_no_pdf_is_refused_with_what_to_name(out, runs, calibkit)
 
 def test_a_draft_for_want_of_a_font_is_admitted_everywhere(runs, tmp_path, calibkit):
     """Stderr, --json, DCC and verify say what the pages say."""
-    arguments = ("certify", "PAIR-1", "--runs", runs, "--date", "2026-11-21", "--set", 'customer.name="计 Ltd"')
+    arguments = (
+        "certify",
+        "PAIR-1",
+        "--runs",
+        runs,
+        "--date",
+        "2026-11-21",
+        "--set",
+        'customer.name="计 Ltd"',
+    )
     arguments = (*arguments, "--profile", PROFILE)
     out = tmp_path / "c.pdf"
-    assert "certificate.fonts: characters that no font has: [U+8BA1]" in calibkit(*arguments, "--out", out).err
+    assert (
+        "certificate.fonts: characters that no font has: [U+8BA1]"
+        in calibkit(*arguments, "--out", out).err
+    )
     assert "certificate.fonts" in out.with_suffix(".xml").read_text(encoding="utf-8")
     checked = calibkit("verify", out)
     assert checked.code == 0
@@ -443,7 +584,14 @@ def test_a_draft_for_want_of_a_font_is_admitted_everywhere(runs, tmp_path, calib
 @needs_pdftotext
 def test_an_emoji_beside_a_chinese_font_makes_a_draft_and_no_demand_for_chinese(issue):
     """Not everything above the Chinese signs is Chinese."""
-    stated = ("--lang", "both", "--set", f'certificate.fonts=["{CHINESE}"]', "--set", 'customer.name="Lab \U0001f680"')
+    stated = (
+        "--lang",
+        "both",
+        "--set",
+        f'certificate.fonts=["{CHINESE}"]',
+        "--set",
+        'customer.name="Lab \U0001f680"',
+    )
     whole = squeezed("".join(text_of(issue(*stated))))
     assert "[U+1F680]" in whole
     assert "DRAFT" in whole

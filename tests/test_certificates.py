@@ -1,4 +1,6 @@
-"""Reference instruments are corrected by their own certificates at ingestion, and the run says so."""
+"""Reference instruments are corrected by their own certificates at ingestion, and the run says
+so.
+"""
 
 import json
 
@@ -6,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibkit import procedures, recipe
-from calibkit.simulate import fog_thermal
+from calibkit.instruments.fog_thermal import simulate
 
 TABLE = """
 [[correction]]
@@ -19,7 +21,9 @@ correction = [%s]
 
 
 def read(folder, points="-60.0, 0.0, 100.0", added="0.3, 0.1, -0.3", extra=""):
-    """Return the case temperature of a log, read with and without the correction, and the corrected log."""
+    """Return the case temperature of a log, read with and without the correction, and the corrected
+    log.
+    """
     source = recipe.find("fog_thermal")
     logs = []
     for text in (source.text, source.text + TABLE % (points, added) + extra):
@@ -32,13 +36,15 @@ def read(folder, points="-60.0, 0.0, 100.0", added="0.3, 0.1, -0.3", extra=""):
 def folder(tmp_path_factory):
     """Return a folder with one simulated ramp."""
     made = tmp_path_factory.mktemp("logs")
-    content = fog_thermal.campaign(3).files()["ramp_heating_05.csv"]
+    content = simulate.campaign(3).files()["ramp_heating_05.csv"]
     (made / "ramp_heating_05.csv").write_bytes(content)
     return made
 
 
 def test_corrections_are_interpolated_and_recorded(folder):
-    """Each row is corrected by the straight line between the certificate's points; the reading names the certificate."""
+    """Each row is corrected by the straight line between the certificate's points; the reading
+    names the certificate.
+    """
     plain, corrected, log = read(folder)
     expected = [np.interp(t, [-60.0, 0.0, 100.0], [0.3, 0.1, -0.3]) for t in plain]
     np.testing.assert_allclose(corrected - plain, expected, atol=1e-12)
@@ -48,17 +54,27 @@ def test_corrections_are_interpolated_and_recorded(folder):
 def test_the_run_records_the_correction(folder, tmp_path, calibkit):
     """run.json lists certificate and points, and says of each log by how much it was corrected."""
     path = tmp_path / "r.toml"
-    path.write_text(recipe.find("fog_thermal").text + TABLE % ("-60.0, 100.0", "0.2, 0.2"), encoding="utf-8")
-    assert calibkit("fit", path, "--data", folder, "--serial", "S", "--out", tmp_path / "runs").code in (0, 1)
-    document = json.loads((tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8"))
+    path.write_text(
+        recipe.find("fog_thermal").text + TABLE % ("-60.0, 100.0", "0.2, 0.2"), encoding="utf-8"
+    )
+    assert calibkit(
+        "fit", path, "--data", folder, "--serial", "S", "--out", tmp_path / "runs"
+    ).code in (0, 1)
+    document = json.loads(
+        (tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8")
+    )
     assert document["corrections"][0]["certificate"] == "T-2026-118"
     assert "corrected by +0.2 to +0.2 degC" in json.dumps(document["inputs"])
 
 
 def test_beyond_the_certificate_is_refused_or_held_aloud(folder, tmp_path, calibkit):
-    """Outside the certificate's points a log is refused with its line; held corrections are said."""
+    """Outside the certificate's points a log is refused with its line; held corrections are
+    said.
+    """
     path = tmp_path / "r.toml"
-    path.write_text(recipe.find("fog_thermal").text + TABLE % ("0.0, 40.0", "0.1, 0.2"), encoding="utf-8")
+    path.write_text(
+        recipe.find("fog_thermal").text + TABLE % ("0.0, 40.0", "0.1, 0.2"), encoding="utf-8"
+    )
     outcome = calibkit("check", path, "--data", folder)
     assert outcome.code == 3
     assert "ramp_heating_05.csv:2: column 'temp_case_degc'" in outcome.out
@@ -75,8 +91,12 @@ def test_beyond_the_certificate_is_refused_or_held_aloud(folder, tmp_path, calib
         (("-60.0, 0.0", "0.0, -60.0"), "must ascend"),
     ],
 )
-def test_a_correction_that_cannot_be_meant_is_a_recipe_error(change, words, folder, tmp_path, calibkit):
-    """What is calibrated is not corrected; points pair up and ascend: exit 2 with the table's line."""
+def test_a_correction_that_cannot_be_meant_is_a_recipe_error(
+    change, words, folder, tmp_path, calibkit
+):
+    """What is calibrated is not corrected; points pair up and ascend: exit 2 with the table's
+    line.
+    """
     path = tmp_path / "r.toml"
     table = (TABLE % ("-60.0, 0.0, 100.0", "0.3, 0.1, -0.3")).replace(*change)
     path.write_text(recipe.find("fog_thermal").text + table, encoding="utf-8")

@@ -1,4 +1,6 @@
-"""Every fault that a laboratory knows, planted in a healthy simulated log: found, named, located; and no false alarm."""
+"""Every fault that a laboratory knows, planted in a healthy simulated log: found, named, located;
+and no false alarm.
+"""
 
 from __future__ import annotations
 
@@ -61,12 +63,16 @@ def scaled(column, factor, offset=0.0):
 
 def cut(start, stop):
     """Return a fault that loses rows."""
-    return lambda columns: {name: np.delete(values, slice(start, stop)) for name, values in columns.items()}
+    return lambda columns: {
+        name: np.delete(values, slice(start, stop)) for name, values in columns.items()
+    }
 
 
 def renamed(old, new):
     """Return a fault that calls a column by another name."""
-    return lambda columns: {(new if name == old else name): values for name, values in columns.items()}
+    return lambda columns: {
+        (new if name == old else name): values for name, values in columns.items()
+    }
 
 
 def opened(rows, depth):
@@ -80,6 +86,7 @@ def opened(rows, depth):
     return plant
 
 
+# fmt: off
 FAULTS = {
     "gap too long": ("fog_thermal", cut(2000, 2100), "gap", "refuse", 2002, "a gap of 101 s"),
     "short gap": ("fog_thermal", cut(2000, 2010), "gap", "warn", 2002, "a gap|1 short gap"),
@@ -150,8 +157,12 @@ def test_a_planted_fault_is_found_named_and_located(name, healthy, tmp_path, log
     found = findings(procedure, plant(healthy[procedure]), tmp_path, log_writer)
     named = [finding for finding in found if finding.name == kind and finding.severity == severity]
     assert named, [str(finding) for finding in found]
-    assert line is None or any(finding.line == line for finding in named), [finding.line for finding in named]
-    assert any(word in str(finding) for finding in named for word in words.split("|")), [str(f) for f in named]
+    assert line is None or any(finding.line == line for finding in named), [
+        finding.line for finding in named
+    ]
+    assert any(word in str(finding) for finding in named for word in words.split("|")), [
+        str(f) for f in named
+    ]
 
 
 @pytest.mark.parametrize("procedure", ALLOWED)
@@ -182,7 +193,9 @@ def test_the_sample_logs_give_no_finding(procedure):
 
 
 def test_check_prints_draws_and_writes_json(tmp_path, calibkit, log_writer, healthy):
-    """Lines say what a log holds and its segments; the JSON carries facts, held conditions and findings; the figure is a PDF."""
+    """Lines say what a log holds and its segments; the JSON carries facts, held conditions and
+    findings; the figure is a PDF.
+    """
     log_writer(tmp_path / "logs" / "ramp.csv", **healthy["fog_thermal"])
     figure = tmp_path / "logs.pdf"
     said = calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--figure", figure)
@@ -190,7 +203,9 @@ def test_check_prints_draws_and_writes_json(tmp_path, calibkit, log_writer, heal
     assert "5,401 rows over 5,400 s at 1 Hz" in said.out
     assert "ramp +" in said.out
     assert figure.read_bytes().startswith(b"%PDF")
-    assert calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--figure", figure).code == 4
+    assert (
+        calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--figure", figure).code == 4
+    )
     (log,) = calibkit("check", "fog_thermal", "--data", tmp_path / "logs", "--json").json["logs"]
     assert log["facts"]["rows"] == 5401
     assert [held["kind"] for held in log["held"]] == ["soak", "ramp", "soak"]
@@ -208,6 +223,16 @@ def test_what_check_warns_of_a_fit_flags(tmp_path, calibkit, campaign):
     lines[2501] = ",".join([*fields[:3], str(float(fields[3]) + 20.0)])
     target.write_text("\n".join(lines), encoding="utf-8")
     made = calibkit(
-        "fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs", "--json"
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
+        "--json",
     )
-    assert any("ramp_heating_05.csv:2502" in flag and "spike" in flag for flag in made.json["flags"])
+    assert any(
+        "ramp_heating_05.csv:2502" in flag and "spike" in flag for flag in made.json["flags"]
+    )

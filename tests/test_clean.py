@@ -1,4 +1,6 @@
-"""The fast reader: the strict reader's numbers, digest and rows for a clean log, and nothing for any other."""
+"""The fast reader: the strict reader's numbers, digest and rows for a clean log, and nothing for
+any other.
+"""
 
 import numpy as np
 import pandas as pd
@@ -46,8 +48,12 @@ def compiled(patch, *, use):
 
 @given(ROWS, ENDS, STARTS, st.sampled_from([7, 64, 1 << 22]), st.booleans())
 @settings(max_examples=150, deadline=None)
-def test_clean_logs_come_out_as_from_the_strict_reader(tmp_path_factory, rows, end, start, block, kernels):
-    """Any numbers, either line end, byte-order mark, blocks that cut anywhere, compiled or not: bit for bit."""
+def test_clean_logs_come_out_as_from_the_strict_reader(
+    tmp_path_factory, rows, end, start, block, kernels
+):
+    """Any numbers, either line end, byte-order mark, blocks that cut anywhere, compiled or not: bit
+    for bit.
+    """
     path = tmp_path_factory.mktemp("clean") / "log.csv"
     path.write_bytes(text_of(rows, end, start))
     with pytest.MonkeyPatch.context() as patch:
@@ -58,8 +64,12 @@ def test_clean_logs_come_out_as_from_the_strict_reader(tmp_path_factory, rows, e
 
 @given(ROWS, st.data(), st.booleans())
 @settings(max_examples=400, deadline=None)
-def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(tmp_path_factory, rows, data, kernels):
-    """One byte changed, removed or added anywhere: nothing, or what the strict reader reads, never other numbers."""
+def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(
+    tmp_path_factory, rows, data, kernels
+):
+    """One byte changed, removed or added anywhere: nothing, or what the strict reader reads, never
+    other numbers.
+    """
     whole = text_of(rows)
     at = data.draw(st.integers(0, len(whole) - 1))
     byte = bytes([data.draw(st.sampled_from(list(b" ,;\n\r\t\"'-+.eE0a\x00\xff")))])
@@ -98,7 +108,17 @@ def test_a_damaged_log_is_left_to_the_strict_reader_or_read_alike(tmp_path_facto
         "",
     ],
     ids=[
-        *("fields", "no end", "blank line", "nan", "return first", "old Mac", "blank", "cut return", "two returns"),
+        *(
+            "fields",
+            "no end",
+            "blank line",
+            "nan",
+            "return first",
+            "old Mac",
+            "blank",
+            "cut return",
+            "two returns",
+        ),
         *(
             "no exponent",
             "only its sign",
@@ -123,7 +143,9 @@ def test_what_is_not_clean_is_not_read(tmp_path, monkeypatch, body, block, kerne
 
 
 def test_two_wrong_lines_that_make_up_for_each_other_are_seen(tmp_path):
-    """A row of two fields beside one of four has the right number of commas: both are still refused."""
+    """A row of two fields beside one of four has the right number of commas: both are still
+    refused.
+    """
     path = tmp_path / "log.csv"
     path.write_bytes(b"a,b,c\n1,2\n3,4,5,6\n")
     assert clean.read(path, "log.csv") is None
@@ -174,13 +196,18 @@ def test_numbers_of_any_length_are_the_nearest(tmp_path, monkeypatch, kernels, t
 
 
 @pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
-def test_numbers_half_way_between_two_doubles_or_close_to_it_are_rounded_as_python_does(tmp_path, monkeypatch, kernels):
+def test_numbers_half_way_between_two_doubles_or_close_to_it_are_rounded_as_python_does(
+    tmp_path, monkeypatch, kernels
+):
     """Ties, to all their digits, a digit more and a digit less, and 30,000 numbers of 19 digits."""
     compiled(monkeypatch, use=kernels)
     ties = [str((2 * m + 1) << k) for m in range(2**52 + 5, 2**52 + 300, 7) for k in (0, 1, 4)]
     rng = np.random.default_rng(8)
     long = [f"{digits:019d}" for digits in rng.integers(10**18, 9 * 10**18, 30_000).tolist()]
-    cut = [f"{text[:at]}.{text[at:]}" for text, at in zip(long, rng.integers(0, 19, len(long)).tolist(), strict=True)]
+    cut = [
+        f"{text[:at]}.{text[at:]}"
+        for text, at in zip(long, rng.integers(0, 19, len(long)).tolist(), strict=True)
+    ]
     fields = [text + more for text in ties for more in ("", ".", ".0", ".1", "e0")] + cut
     rows = [(field, f"-{field}", "0") for field in fields]
     path = tmp_path / "log.csv"
@@ -191,7 +218,9 @@ def test_numbers_half_way_between_two_doubles_or_close_to_it_are_rounded_as_pyth
 
 @pytest.mark.parametrize("kernels", [True, False], ids=["compiled", "pandas"])
 def test_a_line_that_is_no_row_of_numbers_is_named_in_pieces(tmp_path, monkeypatch, kernels):
-    """A field of a number's bytes that is none gets by the scan; the piece that holds it names file, line and what it found."""
+    """A field of a number's bytes that is none gets by the scan; the piece that holds it names
+    file, line and what it found.
+    """
     compiled(monkeypatch, use=kernels)
     path = tmp_path / "log.csv"
     path.write_bytes(text_of([("1", "2", "3")] * 50 + [("1", "2-3", "4")] + [("1", "2", "3")] * 9))
@@ -202,7 +231,9 @@ def test_a_line_that_is_no_row_of_numbers_is_named_in_pieces(tmp_path, monkeypat
 
 @pytest.mark.parametrize("rows", [1, 7, 60, 1000])
 def test_pieces_joined_are_the_log(tmp_path, monkeypatch, rows):
-    """Pieces of any size, from blocks that end anywhere, are the rows of the log; all but the last have that size."""
+    """Pieces of any size, from blocks that end anywhere, are the rows of the log; all but the last
+    have that size.
+    """
     monkeypatch.setattr(clean, "BLOCK", 50)
     values = np.random.default_rng(7).normal(size=(60, 3))
     path = tmp_path / "log.csv"

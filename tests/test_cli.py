@@ -18,12 +18,27 @@ def test_help_imports_nothing_heavy():
         "try:\n    cli.main(['--help'])\nexcept SystemExit: pass\n"
         f"print([m for m in {heavy!r} if m in sys.modules])"
     )
-    done = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT)
+    done = subprocess.run(
+        [sys.executable, "-c", code], capture_output=True, text=True, check=True, cwd=ROOT
+    )
     assert done.stdout.strip().endswith("[]")
 
 
 @pytest.mark.parametrize(
-    "command", ["fit", "fleet", "check", "apply", "validate", "export", "verify", "show", "diff", "history", "simulate"]
+    "command",
+    [
+        "fit",
+        "fleet",
+        "check",
+        "apply",
+        "validate",
+        "export",
+        "verify",
+        "show",
+        "diff",
+        "history",
+        "simulate",
+    ],
 )
 def test_every_command_explains_itself_with_two_examples(command, calibkit):
     """The help of a command starts with what it does and shows two examples."""
@@ -45,7 +60,9 @@ def test_no_command_is_usage(calibkit):
 
 def test_simulate_writes_logs_with_truth_and_never_overwrites(tmp_path, calibkit):
     """A campaign is written once; a second call refuses before it writes anything."""
-    written = calibkit("simulate", "fog_thermal", "--out", tmp_path / "a", "--seed", 5, "--json").json["files"]
+    written = calibkit(
+        "simulate", "fog_thermal", "--out", tmp_path / "a", "--seed", 5, "--json"
+    ).json["files"]
     assert "truth.json" in written
     assert all((tmp_path / "a" / name).is_file() for name in written)
     again = calibkit("simulate", "fog_thermal", "--out", tmp_path / "a", "--seed", 6)
@@ -70,7 +87,9 @@ def test_an_unknown_simulation_names_the_known_ones(tmp_path, calibkit):
 
 
 def test_verify_reports_each_file_and_the_worst_code(tmp_path, calibkit):
-    """A list of files gives a line each; an absent file is usage, a foreign one a failed verification."""
+    """A list of files gives a line each; an absent file is usage, a foreign one a failed
+    verification.
+    """
     foreign = tmp_path / "x.json"
     foreign.write_text(json.dumps({"format": "other"}), encoding="utf-8")
     assert calibkit("verify", foreign).code == 4
@@ -80,7 +99,16 @@ def test_verify_reports_each_file_and_the_worst_code(tmp_path, calibkit):
 
 def test_a_console_that_cannot_print_degrees_does_not_stop_a_command(campaign, tmp_path):
     """With an ASCII console the summary is printed with replacements and the run is written."""
-    arguments = ["fit", "fog_thermal", "--data", str(campaign), "--serial", "S", "--out", str(tmp_path)]
+    arguments = [
+        "fit",
+        "fog_thermal",
+        "--data",
+        str(campaign),
+        "--serial",
+        "S",
+        "--out",
+        str(tmp_path),
+    ]
     done = subprocess.run(
         [sys.executable, "-m", "calibkit", *arguments],
         capture_output=True,

@@ -1,4 +1,6 @@
-"""The coefficient file: same bytes, a digest that notices everything, and old files that keep loading."""
+"""The coefficient file: same bytes, a digest that notices everything, and old files that keep
+loading.
+"""
 
 import hashlib
 import json
@@ -47,8 +49,12 @@ def test_a_record_survives_its_file():
 
 
 def test_the_digest_is_that_of_the_canonical_json():
-    """The digest is SHA-256 over RFC 8785, spelt out here without the library for a small document."""
-    sealed = json.loads(coefficients.seal({"format": "calibkit-coefficients/1", "b": 1.0, "a": "°"}))
+    """The digest is SHA-256 over RFC 8785, spelt out here without the library for a small
+    document.
+    """
+    sealed = json.loads(
+        coefficients.seal({"format": "calibkit-coefficients/1", "b": 1.0, "a": "°"})
+    )
     canonical = '{"a":"°","b":1,"format":"calibkit-coefficients/1"}'
     assert sealed["sha256"] == hashlib.sha256(canonical.encode()).hexdigest()
 
@@ -61,7 +67,12 @@ def test_the_same_record_gives_the_same_bytes():
 def test_any_changed_value_is_noticed():
     """A digit changed anywhere makes the file refuse to load."""
     text = coefficients.dumps(RECORD)
-    for old, new in (("1.0042", "1.0043"), ('"revision": 3', '"revision": 4'), ("2e-07", "2e-08"), ("Q-7", "Q-8")):
+    for old, new in (
+        ("1.0042", "1.0043"),
+        ('"revision": 3', '"revision": 4'),
+        ("2e-07", "2e-08"),
+        ("Q-7", "Q-8"),
+    ):
         assert old in text
         with pytest.raises(CoefficientError, match="digest"):
             coefficients.loads(text.replace(old, new), "x")
@@ -93,7 +104,9 @@ def test_a_file_that_is_not_one_is_refused_by_name(text, message):
 def test_a_sealed_file_of_another_shape_is_refused():
     """A right digest over a wrong shape is not a record."""
     with pytest.raises(CoefficientError, match="not a coefficient record"):
-        coefficients.loads(coefficients.seal({"format": "calibkit-coefficients/1", "stage": "x"}), "x.json")
+        coefficients.loads(
+            coefficients.seal({"format": "calibkit-coefficients/1", "stage": "x"}), "x.json"
+        )
 
 
 def test_a_number_that_is_not_finite_is_never_written():
@@ -117,4 +130,7 @@ def test_a_model_answers_by_name():
 @pytest.mark.parametrize("path", sorted(GOLDEN.glob("*.json")), ids=lambda path: path.name)
 def test_every_released_format_keeps_loading(path):
     """One file of every format that was ever released loads with its digest right."""
-    assert coefficients.loads(path.read_text(encoding="utf-8"), path.name).format in coefficients.FORMATS
+    assert (
+        coefficients.loads(path.read_text(encoding="utf-8"), path.name).format
+        in coefficients.FORMATS
+    )

@@ -1,4 +1,6 @@
-"""The command line on any console: encodings, colours, quiet and verbose, the log file, dry runs, completion, exit codes."""
+"""The command line on any console: encodings, colours, quiet and verbose, the log file, dry runs,
+completion, exit codes.
+"""
 
 import ast
 import codecs
@@ -24,7 +26,9 @@ COMMANDS = sorted(cli.cli.commands)
 def run(*arguments, cwd=ROOT, python=(), **environment):
     """Run calibkit in a process of its own, with nothing of this one's locale."""
     kept = {
-        key: value for key, value in os.environ.items() if not key.startswith(("LC_", "LANG", "PYTHON", "NO_COLOR"))
+        key: value
+        for key, value in os.environ.items()
+        if not key.startswith(("LC_", "LANG", "PYTHON", "NO_COLOR"))
     }
     return subprocess.run(
         [sys.executable, *python, "-m", "calibkit", *map(str, arguments)],
@@ -41,7 +45,9 @@ def warm_up(folder):
     rows = [f"{k},{20.0 + 0.1 * k},{0.5 + 0.01 * k + 0.001 * (k * k % 7)}" for k in range(300)]
     folder.mkdir(parents=True, exist_ok=True)
     path = folder / "warm.csv"
-    path.write_text("\n".join(["time_s,temp_case_degc,gyro_dph", *rows, ""]), encoding="utf-8", newline="\n")
+    path.write_text(
+        "\n".join(["time_s,temp_case_degc,gyro_dph", *rows, ""]), encoding="utf-8", newline="\n"
+    )
     return folder
 
 
@@ -61,17 +67,36 @@ def fitted(tmp_path_factory):
         # the text comes from a recipe file: a C locale cannot carry it on the command line
         recipe = out / "recipe.toml"
         shipped = (ROOT / "recipes" / "bias_temperature.toml").read_text(encoding="utf-8")
-        recipe.write_text(re.sub(r"^title *=.*$", TITLE, shipped, flags=re.MULTILINE), encoding="utf-8")
-        call = ("fit", recipe, "--data", data, "--serial", "QA-1", "--date", "2026-11-21", "--out", out / "runs")
+        recipe.write_text(
+            re.sub(r"^title *=.*$", TITLE, shipped, flags=re.MULTILINE), encoding="utf-8"
+        )
+        call = (
+            "fit",
+            recipe,
+            "--data",
+            data,
+            "--serial",
+            "QA-1",
+            "--date",
+            "2026-11-21",
+            "--out",
+            out / "runs",
+        )
         done = run(*call, **environment)
         folder = out / "runs" / "QA-1" / "r001"
-        results[name] = (done, {path.name: path.read_bytes() for path in folder.glob("*")}, out / "runs")
+        results[name] = (
+            done,
+            {path.name: path.read_bytes() for path in folder.glob("*")},
+            out / "runs",
+        )
     return results
 
 
 @pytest.mark.parametrize("name", ["utf-8", "ascii", "gbk", "C"])
 def test_no_console_stops_a_fit_and_the_files_are_the_same_bytes(fitted, name):
-    """A fit with °, ± and 温度 in it ends well on consoles that lack them, and writes UTF-8 with LF whatever the console."""
+    """A fit with °, ± and 温度 in it ends well on consoles that lack them, and writes UTF-8 with LF
+    whatever the console.
+    """
     done, files, _ = fitted[name]
     assert done.returncode == 0, done.stderr
     assert set(files) >= {"run.json", "report.txt", "bias.json"}
@@ -81,7 +106,9 @@ def test_no_console_stops_a_fit_and_the_files_are_the_same_bytes(fitted, name):
 
 
 def test_what_a_console_lacks_has_a_readable_stand_in(fitted):
-    """On an ASCII console ° is deg and ± is +-; GBK has both characters and 温度 and prints them; a C locale prints UTF-8."""
+    """On an ASCII console ° is deg and ± is +-; GBK has both characters and 温度 and prints them;
+    a C locale prints UTF-8.
+    """
     ascii_, gbk, c = (fitted[name][0].stdout for name in ("ascii", "gbk", "C"))
     text = ascii_.decode("ascii")
     assert "?? gamma +-0.5 degC ??" in text
@@ -94,7 +121,9 @@ def test_what_a_console_lacks_has_a_readable_stand_in(fitted):
     [("ascii", "show"), ("ascii", "check"), ("gbk", "history"), ("gbk", "verify")],
 )
 def test_json_is_whole_on_every_console(fitted, encoding, command):
-    """A JSON document on a console that is not Unicode is the same document, other characters escaped."""
+    """A JSON document on a console that is not Unicode is the same document, other characters
+    escaped.
+    """
     folder = fitted["utf-8"][2]
     calls = {
         "show": ("show", "QA-1", "--runs", folder),
@@ -109,7 +138,9 @@ def test_json_is_whole_on_every_console(fitted, encoding, command):
 
 
 def test_csv_on_a_poor_console_escapes_and_loses_nothing(tmp_path):
-    """A model named 温度 in CSV on an ASCII console is escaped, not turned into question marks; UTF-8 where redirected."""
+    """A model named 温度 in CSV on an ASCII console is escaped, not turned into question marks;
+    UTF-8 where redirected.
+    """
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}, name="温度"), serial="陀螺-1")
     call = ("show", "陀螺-1", "--runs", tmp_path, "--csv")
     assert b"\\u6e29\\u5ea6" in run(*call, PYTHONIOENCODING="ascii").stdout
@@ -117,9 +148,13 @@ def test_csv_on_a_poor_console_escapes_and_loses_nothing(tmp_path):
     assert "温度".encode("gbk") in run(*call, PYTHONIOENCODING="gbk").stdout
 
 
-@pytest.mark.parametrize(("encoding", "command"), [("gbk", "fit"), *(("ascii", command) for command in COMMANDS)])
+@pytest.mark.parametrize(
+    ("encoding", "command"), [("gbk", "fit"), *(("ascii", command) for command in COMMANDS)]
+)
 def test_help_and_refusals_print_on_every_console(encoding, command):
-    """The help of every command, and a refusal that quotes 温度 and half a surrogate, end with their own exit code."""
+    """The help of every command, and a refusal that quotes 温度 and half a surrogate, end with
+    their own exit code.
+    """
     assert run(command, "--help", PYTHONIOENCODING=encoding).returncode == 0
     refused = run(command, "--nonsense-温度-\udcff", PYTHONIOENCODING=encoding)
     assert refused.returncode == 2, refused.stderr
@@ -127,7 +162,9 @@ def test_help_and_refusals_print_on_every_console(encoding, command):
 
 
 def test_the_stand_ins_are_ascii_and_cover_what_the_package_prints():
-    """Each stand-in is ASCII, and every letter or sign in calibkit's own texts has one, Chinese and box lines aside."""
+    """Each stand-in is ASCII, and every letter or sign in calibkit's own texts has one, Chinese and
+    box lines aside.
+    """
     assert all(text.isascii() for text in console.READABLE.values())
     printed = set()
     for path in (ROOT / "calibkit").rglob("*.py"):
@@ -135,9 +172,19 @@ def test_the_stand_ins_are_ascii_and_cover_what_the_package_prints():
             continue
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.JoinedStr | ast.Raise):
-                constants = [part.value for part in ast.walk(node) if isinstance(part, ast.Constant)]
-                printed |= {char for text in constants if isinstance(text, str) for char in text if ord(char) > 127}
-    lacking = {char for char in printed if char not in console.READABLE and not "⺀" <= char <= "\uffef"}
+                constants = [
+                    part.value for part in ast.walk(node) if isinstance(part, ast.Constant)
+                ]
+                printed |= {
+                    char
+                    for text in constants
+                    if isinstance(text, str)
+                    for char in text
+                    if ord(char) > 127
+                }
+    lacking = {
+        char for char in printed if char not in console.READABLE and not "⺀" <= char <= "\uffef"
+    }
     assert lacking == set()
 
 
@@ -162,7 +209,9 @@ def test_output_ends_lines_with_lf_only(tmp_path, monkeypatch):
 
 
 def test_every_text_file_is_opened_with_its_encoding():
-    """No call opens a text in the locale's encoding: open, read_text and write_text say which one, or are binary."""
+    """No call opens a text in the locale's encoding: open, read_text and write_text say which one,
+    or are binary.
+    """
     for path in sorted((ROOT / "calibkit").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if not isinstance(node, ast.Call):
@@ -171,11 +220,17 @@ def test_every_text_file_is_opened_with_its_encoding():
             owner = getattr(getattr(node.func, "value", None), "id", "")
             texts = [entry.value for entry in node.args if isinstance(entry, ast.Constant)]
             binary = any(isinstance(text, str) and "b" in text for text in texts)
-            if name in {"read_text", "write_text"} or (name == "open" and owner not in {"os", "h5py"} and not binary):
+            if name in {"read_text", "write_text"} or (
+                name == "open" and owner not in {"os", "h5py"} and not binary
+            ):
                 keywords = {keyword.arg for keyword in node.keywords}
-                library = isinstance(node.func, ast.Attribute) and isinstance(node.func.value, ast.Attribute)
+                library = isinstance(node.func, ast.Attribute) and isinstance(
+                    node.func.value, ast.Attribute
+                )
                 assert "encoding" in keywords or library, f"{path}:{node.lineno}"
-                assert name != "write_text" or "newline" in keywords, f"{path}:{node.lineno}: CRLF on Windows"
+                assert name != "write_text" or "newline" in keywords, (
+                    f"{path}:{node.lineno}: CRLF on Windows"
+                )
 
 
 POSIX_ONLY = {
@@ -187,14 +242,19 @@ POSIX_MODULES = {"fcntl", "resource", "pwd", "grp", "termios", "tty", "pty", "sy
 
 
 def test_no_posix_only_call_stands_without_a_fallback():
-    """What only POSIX has is imported inside a try that catches its absence, and its names are not used anywhere."""
+    """What only POSIX has is imported inside a try that catches its absence, and its names are not
+    used anywhere.
+    """
     for path in sorted((ROOT / "calibkit").rglob("*.py")):
         tree = ast.parse(path.read_text(encoding="utf-8"))
         guarded = {
             id(inner)
             for node in ast.walk(tree)
             if isinstance(node, ast.Try)
-            and any(getattr(handler.type, "id", "") in {"ImportError", "AttributeError"} for handler in node.handlers)
+            and any(
+                getattr(handler.type, "id", "") in {"ImportError", "AttributeError"}
+                for handler in node.handlers
+            )
             for inner in ast.walk(node)
         }
         for node in ast.walk(tree):
@@ -203,7 +263,9 @@ def test_no_posix_only_call_stands_without_a_fallback():
             if isinstance(node, ast.Attribute):
                 assert node.attr not in POSIX_ONLY, f"{path}:{node.lineno}: {node.attr}"
             if isinstance(node, ast.Import):
-                assert not {name.name for name in node.names} & POSIX_MODULES, f"{path}:{node.lineno}"
+                assert not {name.name for name in node.names} & POSIX_MODULES, (
+                    f"{path}:{node.lineno}"
+                )
 
 
 # colours
@@ -214,7 +276,9 @@ def test_no_posix_only_call_stands_without_a_fallback():
     ("environment", "coloured"), [({}, True), ({"NO_COLOR": "1"}, False), ({"NO_COLOR": ""}, True)]
 )
 def test_no_color_means_no_escape_sequence(tmp_path, environment, coloured):
-    """On a terminal a summary is coloured; with NO_COLOR set to anything there is no escape character at all."""
+    """On a terminal a summary is coloured; with NO_COLOR set to anything there is no escape
+    character at all.
+    """
     import pty
 
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
@@ -245,7 +309,12 @@ def test_no_color_means_no_escape_sequence(tmp_path, environment, coloured):
 def test_a_redirected_stdout_has_no_colours(tmp_path):
     """A pipe gets plain text, whatever the terminal's name."""
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
-    assert b"\x1b" not in run("show", "S-1", "--runs", tmp_path, TERM="xterm-256color", COLORTERM="truecolor").stdout
+    assert (
+        b"\x1b"
+        not in run(
+            "show", "S-1", "--runs", tmp_path, TERM="xterm-256color", COLORTERM="truecolor"
+        ).stdout
+    )
 
 
 # help
@@ -253,7 +322,9 @@ def test_a_redirected_stdout_has_no_colours(tmp_path):
 
 @pytest.mark.parametrize("command", ["", *COMMANDS])
 def test_the_help_starts_with_two_examples(calibkit, command):
-    """The first lines of every help are examples that can be typed; they do not stand there twice."""
+    """The first lines of every help are examples that can be typed; they do not stand there
+    twice.
+    """
     outcome = calibkit(*filter(None, [command, "--help"]))
     lines = outcome.out.splitlines()
     assert lines[0] == "Examples:"
@@ -273,7 +344,9 @@ def test_every_command_has_the_common_options(command):
 
 
 def test_every_example_can_be_parsed():
-    """Options in the examples exist: each line is parsed by the command that it shows (values are not looked up)."""
+    """Options in the examples exist: each line is parsed by the command that it shows (values are
+    not looked up).
+    """
     import shlex
 
     for name, command in cli.cli.commands.items():
@@ -288,7 +361,9 @@ def test_every_example_can_be_parsed():
 
 
 def test_quiet_leaves_warnings_and_verbose_adds_what_is_done(tmp_path, calibkit):
-    """Quiet prints only the run folder and flags, verbose names every log on stderr; neither changes the result."""
+    """Quiet prints only the run folder and flags, verbose names every log on stderr; neither
+    changes the result.
+    """
     call = (
         "fit",
         "bias_temperature",
@@ -310,9 +385,23 @@ def test_quiet_leaves_warnings_and_verbose_adds_what_is_done(tmp_path, calibkit)
 
 
 def test_a_dry_run_says_what_would_be_and_writes_nothing(tmp_path, calibkit):
-    """--dry-run fits, names the folder, exits as the fit would, writes nothing; its digests are those the fit then writes."""
+    """--dry-run fits, names the folder, exits as the fit would, writes nothing; its digests are
+    those the fit then writes.
+    """
     out, data = tmp_path / "runs", warm_up(tmp_path / "logs")
-    call = ("fit", "bias_temperature", "--data", data, "--serial", "S", "--out", out, "--date", "2026-11-21", "--json")
+    call = (
+        "fit",
+        "bias_temperature",
+        "--data",
+        data,
+        "--serial",
+        "S",
+        "--out",
+        out,
+        "--date",
+        "2026-11-21",
+        "--json",
+    )
     rehearsed = calibkit(*call, "--dry-run")
     assert rehearsed.code == 0
     assert rehearsed.json["dry_run"] is True
@@ -336,12 +425,17 @@ def test_a_dry_run_says_what_would_be_and_writes_nothing(tmp_path, calibkit):
     ids=lambda call: call[0],
 )
 def test_a_dry_run_of_any_writer_does_all_but_write(rated, tmp_path, calibkit, monkeypatch, call):
-    """It ends as the command does, names the same files as not written, and leaves none; the command then writes them."""
+    """It ends as the command does, names the same files as not written, and leaves none; the
+    command then writes them.
+    """
     if call[0] == "certify":
         pytest.importorskip("typst")
     monkeypatch.chdir(tmp_path)
     arguments = [part.format_map(rated) for part in call]
-    rehearsed, listed = calibkit(*arguments, "--dry-run"), calibkit(*arguments, "--dry-run", "--json")
+    rehearsed, listed = (
+        calibkit(*arguments, "--dry-run"),
+        calibkit(*arguments, "--dry-run", "--json"),
+    )
     assert (rehearsed.code, listed.code, list(tmp_path.iterdir())) == (0, 0, [])
     assert listed.json["dry_run"] is True
     written = calibkit(*arguments)
@@ -362,13 +456,18 @@ def rated(tmp_path_factory):
 
 
 def test_the_log_file_keeps_the_call_what_was_said_and_the_end(tmp_path, calibkit):
-    """Two calls are appended, each from its arguments to its exit code, with times in UTC; nothing else goes there."""
+    """Two calls are appended, each from its arguments to its exit code, with times in UTC; nothing
+    else goes there.
+    """
     log = tmp_path / "calibkit.log"
     keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
     assert calibkit("show", "S-1", "--runs", tmp_path / "runs", "--log-file", log).code == 0
     assert calibkit("show", "S-2", "--runs", tmp_path / "runs", "--log-file", log).code == 2
     lines = log.read_text(encoding="utf-8").splitlines()
-    assert all(re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ (called|summary|say|ended) ", line) for line in lines)
+    assert all(
+        re.match(r"\d{4}-\d\d-\d\dT\d\d:\d\d:\d\dZ (called|summary|say|ended) ", line)
+        for line in lines
+    )
     ends = [line.split("exit code ")[1] for line in lines if " ended " in line]
     assert ends == ["0", "2"]
     assert any("calibkit: run 'S-2' is neither" in line for line in lines)
@@ -376,7 +475,9 @@ def test_the_log_file_keeps_the_call_what_was_said_and_the_end(tmp_path, calibki
 
 
 def test_a_log_file_that_cannot_be_written_is_exit_code_4(tmp_path, calibkit):
-    """A log file in a folder that is not there, or in a run folder, is refused before anything is done."""
+    """A log file in a folder that is not there, or in a run folder, is refused before anything is
+    done.
+    """
     folder = keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}))
     call = ("show", "S-1", "--runs", tmp_path / "runs", "--log-file")
     assert calibkit(*call, tmp_path / "none" / "x.log").code == 4
@@ -412,14 +513,24 @@ def test_a_log_file_that_fails_later_does_not_fail_the_command(tmp_path, calibki
 def completed(shell_line, cwd):
     """What bash would be offered for a line that is being typed."""
     words = shell_line.split(" ")
-    environment = {"COMP_WORDS": shell_line, "COMP_CWORD": str(len(words) - 1), "_CALIBKIT_COMPLETE": "bash_complete"}
+    environment = {
+        "COMP_WORDS": shell_line,
+        "COMP_CWORD": str(len(words) - 1),
+        "_CALIBKIT_COMPLETE": "bash_complete",
+    }
     done = run(cwd=cwd, **environment)
     assert done.returncode == 0, done.stderr
-    return {line.split(",")[1] for line in done.stdout.decode().splitlines() if line.startswith("plain,")}
+    return {
+        line.split(",")[1]
+        for line in done.stdout.decode().splitlines()
+        if line.startswith("plain,")
+    }
 
 
 def test_a_shell_is_offered_commands_recipes_serials_and_revisions(tmp_path):
-    """Completion knows the commands, their options, the shipped recipes, the serials under runs and their revisions."""
+    """Completion knows the commands, their options, the shipped recipes, the serials under runs and
+    their revisions.
+    """
     keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}), serial="FOG-1")
     keep(tmp_path / "runs", model({"K": (1.0, "1", 0.1)}), serial="FOG-1")
     assert completed("calibkit va", tmp_path) == {"validate"}
@@ -432,15 +543,30 @@ def test_a_shell_is_offered_commands_recipes_serials_and_revisions(tmp_path):
 
 @pytest.mark.parametrize("encoding", ["utf-8", "utf-8-sig", "utf-16"])
 def test_a_recipe_that_a_windows_shell_or_editor_saved_is_read(tmp_path, calibkit, encoding):
-    """Notepad's UTF-8 with a mark, PowerShell's UTF-16, CR LF: the recipe is the same, its digest too."""
+    """Notepad's UTF-8 with a mark, PowerShell's UTF-16, CR LF: the recipe is the same, its digest
+    too.
+    """
     text = (ROOT / "recipes" / "bias_temperature.toml").read_text(encoding="utf-8")
     path = tmp_path / "mine.toml"
     path.write_bytes(text.replace("\n", "\r\n").encode(encoding))
-    call = ("--data", warm_up(tmp_path / "logs"), "--serial", "S", "--date", "2026-11-21", "--dry-run", "--json")
-    (own, shipped) = (calibkit("fit", recipe, *call).json["files"] for recipe in (path, "bias_temperature"))
+    call = (
+        "--data",
+        warm_up(tmp_path / "logs"),
+        "--serial",
+        "S",
+        "--date",
+        "2026-11-21",
+        "--dry-run",
+        "--json",
+    )
+    own, shipped = (
+        calibkit("fit", recipe, *call).json["files"] for recipe in (path, "bias_temperature")
+    )
     assert [entry["name"] for entry in own] == [entry["name"] for entry in shipped]
     pairs = zip(own, shipped, strict=True)
-    assert [entry["name"] for entry, other in pairs if entry != other] == ["report.html"]  # it names the recipe's file
+    assert [entry["name"] for entry, other in pairs if entry != other] == [
+        "report.html"
+    ]  # it names the recipe's file
 
 
 @pytest.mark.parametrize("shell", ["bash", "zsh", "fish"])
@@ -463,7 +589,9 @@ def test_exit_code_0_is_done(tmp_path, calibkit):
 def test_exit_code_1_is_a_limit_that_failed(campaign, tmp_path, calibkit):
     """The run is written whole but was not accepted; --quiet does not hide that."""
     limit = ("--set", "acceptance.max_drift_rms_dph=1e-9", "--quiet")
-    outcome = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path, *limit)
+    outcome = calibkit(
+        "fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path, *limit
+    )
     assert outcome.code == 1
     assert "REJECTED" in outcome.err
     assert outcome.out == f"{tmp_path / 'S' / 'r001'}\n"
@@ -479,13 +607,24 @@ def test_exit_code_1_is_a_limit_that_failed(campaign, tmp_path, calibkit):
         ("fit", "no_such_recipe", "--data", "."),
         ("fit", "fog_thermal", "--data", "no_such_folder", "--serial", "S"),
         ("fit", "fog_thermal", "--data", "datasets/fog_thermal"),
-        ("fit", "fog_thermal", "--data", "datasets/fog_thermal", "--serial", "S", "--date", "tomorrow"),
+        (
+            "fit",
+            "fog_thermal",
+            "--data",
+            "datasets/fog_thermal",
+            "--serial",
+            "S",
+            "--date",
+            "tomorrow",
+        ),
         ("check", "fog_thermal", "--data", "datasets/fog_thermal", "--set", "drift.ordre=2"),
         ("show", "NOBODY"),
     ],
 )
 def test_exit_code_2_is_usage_or_recipe(calibkit, call, monkeypatch):
-    """What cannot be meant is refused before any log is read, as one message, and as one JSON document with --json."""
+    """What cannot be meant is refused before any log is read, as one message, and as one JSON
+    document with --json.
+    """
     monkeypatch.chdir(ROOT)
     assert calibkit(*call).code == 2
     if call:
@@ -497,7 +636,17 @@ def test_exit_code_2_is_usage_or_recipe(calibkit, call, monkeypatch):
 
 def test_exit_code_3_is_data(tmp_path, calibkit):
     """A folder without a matching log, and a log that is no log, are data: 3."""
-    call = ("fit", "fog_thermal", "--data", tmp_path, "--serial", "S", "--out", tmp_path / "runs", "--json")
+    call = (
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path,
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
+        "--json",
+    )
     assert calibkit(*call).code == 3
     (tmp_path / "ramp.csv").write_bytes(b"time_s,temp_case_degc,gyro_dph\n0,1\n")
     outcome = calibkit(*call)
@@ -515,7 +664,11 @@ def test_exit_code_4_is_output_or_verification(tmp_path, calibkit):
     assert (changed.code, changed.json["error"]["code"]) == (4, "coefficients")
     for call in (("verify", folder), ("history", "S-1", "--runs", tmp_path / "runs")):
         found = calibkit(*call, "--json")
-        assert (found.code, found.json["ok"], found.json["error"]["code"]) == (4, False, "coefficients")
+        assert (found.code, found.json["ok"], found.json["error"]["code"]) == (
+            4,
+            False,
+            "coefficients",
+        )
 
 
 def test_exit_code_70_is_an_internal_error(tmp_path, calibkit, monkeypatch):
@@ -546,7 +699,12 @@ def test_exit_code_130_is_interrupted(tmp_path, calibkit, monkeypatch):
 
 def test_the_documented_exit_codes_are_these():
     """The help and the README list the same codes, each of which a test above reaches."""
-    tested = {int(code) for code in re.findall(r"def test_exit_code_(\d+)", Path(__file__).read_text(encoding="utf-8"))}
+    tested = {
+        int(code)
+        for code in re.findall(
+            r"def test_exit_code_(\d+)", Path(__file__).read_text(encoding="utf-8")
+        )
+    }
     for text in (cli.cli.help, (ROOT / "README.md").read_text(encoding="utf-8")):
         codes = re.search(r"Exit codes: (.+?interrupted)", text.replace("\n", " ")).group(1)
         assert {int(code) for code in re.findall(r"\b\d+\b", codes)} == tested

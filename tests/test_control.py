@@ -14,26 +14,38 @@ SIZES = (10, 17, 33, 150, 700)
 
 @pytest.mark.parametrize("count", SIZES)
 def test_a_faultless_fleet_has_somebody_named_once_in_a_hundred(count):
-    """Of many samples of normal values 1 % have a value beyond the limit, within 4 standard errors and the steps of the table."""
+    """Of many samples of normal values 1 % have a value beyond the limit, within 4 standard errors
+    and the steps of the table.
+    """
     rng = np.random.default_rng(count)
     samples = 8_000 if count < 100 else 4_000
     named = sum(bool(control.control(rng.standard_normal(count)).outliers) for _ in range(samples))
     # between the table's counts, and for even counts, the rate is up to a third lower
-    assert 0.006 - 4.0 * math.sqrt(0.006 / samples) < named / samples < 0.01 + 4.0 * math.sqrt(0.01 / samples)
+    assert (
+        0.006 - 4.0 * math.sqrt(0.006 / samples)
+        < named / samples
+        < 0.01 + 4.0 * math.sqrt(0.01 / samples)
+    )
 
 
 def test_the_lines_are_those_of_the_definition():
-    """Centre is the median and sigma the MAD over the normal quantile 0.6745, by hand of seven values."""
+    """Centre is the median and sigma the MAD over the normal quantile 0.6745, by hand of seven
+    values.
+    """
     found = control.control(np.array([1.0, 2.0, 4.0, 7.0, 11.0, 16.0, 22.0]))
     assert found.centre == 7.0
-    assert found.sigma == pytest.approx(5.0 / 0.6744897501960817, rel=1e-14)  # distances 0 3 4 5 6 9 15
+    assert found.sigma == pytest.approx(
+        5.0 / 0.6744897501960817, rel=1e-14
+    )  # distances 0 3 4 5 6 9 15
     assert found.z[6] == pytest.approx(15.0 / found.sigma, rel=1e-14)
     assert math.isinf(found.limit)  # seven units are too few
     assert found.outliers == ()
 
 
 def test_outliers_are_named_furthest_first_and_do_not_cover_for_one_another():
-    """Five of twenty values 50 and 100 sigma off are named; mean and standard deviation would name none."""
+    """Five of twenty values 50 and 100 sigma off are named; mean and standard deviation would name
+    none.
+    """
     values = np.random.default_rng(3).standard_normal(20)
     values[[2, 5, 7, 11]] += 50.0
     values[13] -= 100.0
@@ -42,7 +54,9 @@ def test_outliers_are_named_furthest_first_and_do_not_cover_for_one_another():
     assert np.max(np.abs(values - values.mean())) / values.std(ddof=1) < control.limit(20)
 
 
-@pytest.mark.parametrize("values", [[3.0] * 12, [3.0] * 11 + [9.0], list(3.0 + np.arange(12) * 1e-16), [0.0] * 30])
+@pytest.mark.parametrize(
+    "values", [[3.0] * 12, [3.0] * 11 + [9.0], list(3.0 + np.arange(12) * 1e-16), [0.0] * 30]
+)
 def test_values_without_a_spread_judge_nobody(values):
     """Where most values are equal, or differ by rounding, no z is stated and nobody is named."""
     found = control.control(np.array(values))
@@ -56,7 +70,9 @@ def test_values_without_a_spread_judge_nobody(values):
     scale=st.sampled_from([-4.0, 0.5, 1024.0]),
 )
 def test_the_unit_of_a_figure_changes_nobodys_z(values, scale):
-    """A change of scale by a power of two scales centre and sigma exactly and leaves the z but for their sign."""
+    """A change of scale by a power of two scales centre and sigma exactly and leaves the z but for
+    their sign.
+    """
     one, other = control.control(np.array(values)), control.control(scale * np.array(values))
     assert other.centre == scale * one.centre
     assert other.sigma == abs(scale) * one.sigma
@@ -65,7 +81,9 @@ def test_the_unit_of_a_figure_changes_nobodys_z(values, scale):
 
 
 def test_the_limit_falls_while_the_spread_gets_known_and_rises_with_the_number_of_chances():
-    """Fewer than ten cannot judge; from ten on the limit falls to about 200 values and rises beyond."""
+    """Fewer than ten cannot judge; from ten on the limit falls to about 200 values and rises
+    beyond.
+    """
     limits = [control.limit(count) for count in (9, 10, 20, 50, 200, 1000, 10_000)]
     assert math.isinf(limits[0])
     assert limits[1] > limits[2] > limits[3] > limits[4] < limits[5] < limits[6]

@@ -1,4 +1,6 @@
-"""A log that a run was fitted to is known again by its values: for validation, for histories, and before anything is fitted."""
+"""A log that a run was fitted to is known again by its values: for validation, for histories, and
+before anything is fitted.
+"""
 
 import json
 import shutil
@@ -33,7 +35,12 @@ def rows(seed, count):
 
 def entry(measured, sha256="a"):
     """A log as run.json lists it."""
-    return {"name": "x.csv", "sha256": sha256, "rows": len(measured), "fingerprint": fingerprint(measured)}
+    return {
+        "name": "x.csv",
+        "sha256": sha256,
+        "rows": len(measured),
+        "fingerprint": fingerprint(measured),
+    }
 
 
 @settings(deadline=None, max_examples=40)
@@ -66,7 +73,9 @@ def test_a_fingerprint_is_small_and_does_not_know_the_order():
 
 
 def test_without_a_fingerprint_only_the_bytes_tell():
-    """Two runs of before: the same digest is the same log, another may be anything; both are said to be untold."""
+    """Two runs of before: the same digest is the same log, another may be anything; both are said
+    to be untold.
+    """
     old = {"name": "old.csv", "sha256": "a", "rows": 3}
     assert copies.same_entry(old, dict(old))
     assert not copies.same_entry(old, entry(rows(1, 9), "b"))
@@ -85,39 +94,56 @@ def with_line_ends(folder, into):
 def test_validation_leaves_out_a_fitted_log_that_was_saved_again(name, tmp_path, calibkit):
     """Other line ends are no unseen measurement: exit 3; the run keeps one fingerprint a log."""
     runs = tmp_path / "runs"
-    assert calibkit("fit", name, "--data", DATA / name, "--serial", "S", "--out", runs).code in (0, 1)
+    assert calibkit("fit", name, "--data", DATA / name, "--serial", "S", "--out", runs).code in (
+        0,
+        1,
+    )
     inputs = store.load(runs / "S" / "r001").document["inputs"]
     assert all(len(one["fingerprint"]) <= KEPT_ROWS * KEPT_DIGITS for one in inputs)
     again = with_line_ends(DATA / name, tmp_path / "again")
-    outcome = calibkit("validate", "S", "--runs", runs, "--data", again, "--out", tmp_path / "v.json")
+    outcome = calibkit(
+        "validate", "S", "--runs", runs, "--data", again, "--out", tmp_path / "v.json"
+    )
     assert outcome.code == 3
     assert f"holds the values of {inputs[0]['name']}, which this run was fitted to" in outcome.err
     assert not (tmp_path / "v.json").exists()
 
 
 def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibkit, log_writer):
-    """900 rows left out of the first 1000 when it was fitted: the copy is read as it was fitted, too."""
+    """900 rows left out of the first 1000 when it was fitted: the copy is read as it was fitted,
+    too.
+    """
     rng = np.random.default_rng(5)
     time = np.arange(2000.0)
-    columns = {"time_s": time, "temp_case_degc": 20.0 + 0.02 * time, "gyro_dph": rng.normal(size=time.size)}
+    columns = {
+        "time_s": time,
+        "temp_case_degc": 20.0 + 0.02 * time,
+        "gyro_dph": rng.normal(size=time.size),
+    }
     text = log_writer(tmp_path / "logs" / "a.csv", **columns).read_text(encoding="utf-8")
-    excluded = '[[exclude]]\nlog = "a.csv"\nfrom_s = 0\nto_s = 900\nreason = "warm-up"\nperson = "N. N."\n'
+    excluded = (
+        '[[exclude]]\nlog = "a.csv"\nfrom_s = 0\nto_s = 900\nreason = "warm-up"\nperson = "N. N."\n'
+    )
     (tmp_path / "r.toml").write_text(BIAS + excluded, encoding="utf-8")
     runs = tmp_path / "runs"
-    assert calibkit("fit", tmp_path / "r.toml", "--data", tmp_path / "logs", "--serial", "S", "--out", runs).code in (
+    assert calibkit(
+        "fit", tmp_path / "r.toml", "--data", tmp_path / "logs", "--serial", "S", "--out", runs
+    ).code in (
         0,
         1,
     )
     (tmp_path / "again").mkdir()
     (tmp_path / "again" / "a.csv").write_bytes(text.replace("\n", "\r\n").encode())
-    outcome = calibkit("validate", "S", "--runs", runs, "--data", tmp_path / "again", "--out", tmp_path / "v.json")
+    outcome = calibkit(
+        "validate", "S", "--runs", runs, "--data", tmp_path / "again", "--out", tmp_path / "v.json"
+    )
     assert outcome.code == 3
     assert "holds the values of a.csv" in outcome.err
 
 
 def test_validation_reads_each_log_once(fitted, tmp_path, calibkit, monkeypatch):
     """What tells a copy is taken from the log that is validated, not from another reading of it."""
-    from calibkit.stages import ingest
+    from calibkit.ingest import logs as ingest
 
     read, kept = [], ingest.read_one
 
@@ -127,32 +153,42 @@ def test_validation_reads_each_log_once(fitted, tmp_path, calibkit, monkeypatch)
 
     monkeypatch.setattr(ingest, "read_one", counted)
     withheld = DATA / "inclinometer" / "withheld"
-    outcome = calibkit("validate", fitted / "S" / "r001", "--data", withheld, "--out", tmp_path / "v.json")
+    outcome = calibkit(
+        "validate", fitted / "S" / "r001", "--data", withheld, "--out", tmp_path / "v.json"
+    )
     assert outcome.code in (0, 1)
     assert sorted(read) == sorted(path.name for path in withheld.glob("*.csv"))
 
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
-    """Folder of runs with the sample inclinometer in it, twice: the second from the same log with other line ends."""
+    """Folder of runs with the sample inclinometer in it, twice: the second from the same log with
+    other line ends.
+    """
     from calibkit import cli
 
     folder = tmp_path_factory.mktemp("runs")
     again = with_line_ends(DATA / "inclinometer", folder / "again")
     for data in (DATA / "inclinometer", again):
         with pytest.raises(SystemExit):
-            cli.main(["fit", "inclinometer", "--data", str(data), "--serial", "S", "--out", str(folder)])
+            cli.main(
+                ["fit", "inclinometer", "--data", str(data), "--serial", "S", "--out", str(folder)]
+            )
     return folder
 
 
 def test_histories_and_differences_know_that_the_log_is_the_same(fitted, calibkit):
     """One determination, not two, and errors in common, though no byte digest is shared."""
     assert "one determination, not two" in calibkit("history", "S", "--runs", fitted).out
-    assert "1 of 1 logs are in both runs" in calibkit("diff", "S@r001", "S@r002", "--runs", fitted).out
+    assert (
+        "1 of 1 logs are in both runs" in calibkit("diff", "S@r001", "S@r002", "--runs", fitted).out
+    )
 
 
 def test_a_run_of_before_loads_and_says_what_it_cannot_tell(fitted, tmp_path, calibkit):
-    """Without fingerprints a copy would pass, and the validation says so; with them it has nothing to say."""
+    """Without fingerprints a copy would pass, and the validation says so; with them it has nothing
+    to say.
+    """
     run = tmp_path / "runs" / "S" / "r001"
     shutil.copytree(fitted / "S" / "r001", run)
     document = json.loads((run / "run.json").read_text(encoding="utf-8"))
@@ -162,10 +198,15 @@ def test_a_run_of_before_loads_and_says_what_it_cannot_tell(fitted, tmp_path, ca
     (run / "run.json").write_text(coefficients.seal(document), encoding="utf-8")
     for folder, told in ((run, True), (fitted / "S" / "r001", False)):
         out = tmp_path / f"{told}.json"
-        outcome = calibkit("validate", folder, "--data", DATA / "inclinometer" / "withheld", "--out", out)
+        outcome = calibkit(
+            "validate", folder, "--data", DATA / "inclinometer" / "withheld", "--out", out
+        )
         assert outcome.code in (0, 1)
         assert ("keeps no fingerprint of stations.csv" in outcome.err + outcome.out) == told
-        assert any("keeps no fingerprint" in flag for flag in json.loads(out.read_text())["flags"]) == told
+        assert (
+            any("keeps no fingerprint" in flag for flag in json.loads(out.read_text())["flags"])
+            == told
+        )
 
 
 @pytest.mark.parametrize("mark", ["", "12", "zz" * 6, 7])
@@ -182,7 +223,9 @@ def test_a_fingerprint_that_is_none_is_refused(fitted, tmp_path, calibkit, mark)
 
 @pytest.mark.parametrize("name", ["fog_thermal", "rate_table", "gyro_triad"])
 def test_a_copy_is_refused_before_the_logs_behind_it_are_read(name, tmp_path, calibkit):
-    """The second log is the first with other line ends, the third is no log: the copy is what is named, nothing was fitted."""
+    """The second log is the first with other line ends, the third is no log: the copy is what is
+    named, nothing was fitted.
+    """
     logs = sorted((DATA / name).glob("*.csv"))[:3]
     for path in logs:
         shutil.copy(path, tmp_path / path.name)

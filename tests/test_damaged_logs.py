@@ -1,4 +1,6 @@
-"""Two thousand damaged logs: each is refused in one line, or read with every line accounted for; never a traceback."""
+"""Two thousand damaged logs: each is refused in one line, or read with every line accounted for;
+never a traceback.
+"""
 
 import random
 import re
@@ -10,9 +12,9 @@ from hypothesis import strategies as st
 
 from calibkit import recipe
 from calibkit.errors import CalibkitError
+from calibkit.ingest import logs
 from calibkit.readers import sniff, tokens
 from calibkit.recipe.logs import TextSpec
-from calibkit.stages import ingest
 from dialects import DIALECTS, NAMES, Clean, Dialect
 
 ROWS = 60
@@ -25,7 +27,9 @@ def plain(log):
     return "\n".join([",".join(NAMES), *(",".join(row) for row in log.rows), ""]).encode()
 
 
-WRITTEN = {PLAIN: Dialect(plain)} | {name: DIALECTS[name] for name in DIALECTS if "three hundred" not in name}
+WRITTEN = {PLAIN: Dialect(plain)} | {
+    name: DIALECTS[name] for name in DIALECTS if "three hundred" not in name
+}
 CONTAINERS = {".xlsx", ".tdms", ".mat", ".h5", ".parquet", ".ulg", ".bin"}
 
 
@@ -35,7 +39,12 @@ def log_of(seed):
     air = -20.0 + 0.5 * np.arange(ROWS)
     columns = (np.arange(ROWS), air + 3.0, air, 9.0 + rng.normal(0.0, 0.5, ROWS))
     forms = ("{:.0f}", "{:.4f}", "{:.1f}", "{:.3f}")
-    return Clean([[form.format(column[k]) for form, column in zip(forms, columns, strict=True)] for k in range(ROWS)])
+    return Clean(
+        [
+            [form.format(column[k]) for form, column in zip(forms, columns, strict=True)]
+            for k in range(ROWS)
+        ]
+    )
 
 
 BASE = log_of(1)
@@ -64,7 +73,11 @@ def hole(data, rng):
 def inserted(data, rng):
     """Gain a few bytes."""
     at = rng.randrange(len(data))
-    return data[:at] + bytes(rng.choices(b"\n\r,;\t\"' x-+.eE0123456789\0\xff\xb0", k=rng.randrange(1, 6))) + data[at:]
+    return (
+        data[:at]
+        + bytes(rng.choices(b"\n\r,;\t\"' x-+.eE0123456789\0\xff\xb0", k=rng.randrange(1, 6)))
+        + data[at:]
+    )
 
 
 def zeroed(data, rng):
@@ -105,7 +118,10 @@ def swapped(data, rng):
 
 def recoded(data, rng):
     """Have been saved in another encoding by somebody's editor."""
-    before, after = rng.choice(["utf-8", "cp1252", "gb18030", "utf-16-le"]), rng.choice(["utf-16", "cp1252", "gb18030"])
+    before, after = (
+        rng.choice(["utf-8", "cp1252", "gb18030", "utf-16-le"]),
+        rng.choice(["utf-16", "cp1252", "gb18030"]),
+    )
     return data.decode(before, errors="replace").encode(after, errors="replace")
 
 
@@ -116,13 +132,30 @@ def letters(data, rng):
     return data[:at] + rng.choice([b"O", b"l", b"x", b"?", b" ", b",", b"."]) + data[at + 1 :]
 
 
-DAMAGES = (cut, cut, flipped, flipped, hole, inserted, zeroed, twice, lost_line, joined, swapped, recoded, letters)
+DAMAGES = (
+    cut,
+    cut,
+    flipped,
+    flipped,
+    hole,
+    inserted,
+    zeroed,
+    twice,
+    lost_line,
+    joined,
+    swapped,
+    recoded,
+    letters,
+)
 
 
 def source(name):
     """Return a recipe that reads a dialect."""
     dialect = WRITTEN[name]
-    text = f'procedure = "fog_thermal"\n[logs]\nfiles = ["*{dialect.suffix}"]\n{dialect.logs}\n{dialect.tables}\n'
+    text = (
+        'procedure = "fog_thermal"\n[logs]\nfiles ='
+        f' ["*{dialect.suffix}"]\n{dialect.logs}\n{dialect.tables}\n'
+    )
     return recipe.parse(recipe.Source("r.toml", text))
 
 
@@ -134,7 +167,7 @@ def outcome(name, data, folder):
     path = folder / f"log{WRITTEN[name].suffix}"
     path.write_bytes(data)
     try:
-        return ingest.read_log(RECIPES[name], path, path.name, NAMES)
+        return logs.read_log(RECIPES[name], path, path.name, NAMES)
     except CalibkitError as refused:
         found = refused
     assert "\n" not in str(found)
@@ -144,11 +177,15 @@ def outcome(name, data, folder):
 
 
 def accounts(log, name, data):
-    """Check that every line of a text log is a row, header, preamble or blank, and that no row is taken for another."""
+    """Check that every line of a text log is a row, header, preamble or blank, and that no row is
+    taken for another.
+    """
     assert len(log.frame) == log.rows
     if WRITTEN[name].suffix in {".bin", ".ulg"}:
         # records without a count of their own: a file that ends between two of them is whole
-        assert log.rows == ((len(data) - 16) // 19 if WRITTEN[name].suffix == ".bin" else data.count(b"D\0\0"))
+        assert log.rows == (
+            (len(data) - 16) // 19 if WRITTEN[name].suffix == ".bin" else data.count(b"D\0\0")
+        )
         return
     if WRITTEN[name].suffix in CONTAINERS or WRITTEN[name].suffix == ".lvm":
         # containers say how many values they hold, and an .lvm file how many samples
@@ -159,17 +196,25 @@ def accounts(log, name, data):
         assert log.rows == len([line for line in data.replace(b"\r", b"").split(b"\n") if line]) - 1
         return
     total, above, header, rows = map(int, re.findall(r"\d+", said)[:4])
-    blank = sum(int(line.split()[0]) for line in log.reading if line.endswith("blank lines at the end"))
+    blank = sum(
+        int(line.split()[0]) for line in log.reading if line.endswith("blank lines at the end")
+    )
     assert total == above + header + rows + blank
     assert rows == log.rows
-    encoding = next(re.search(r"'(.*?)'", line)[1] for line in log.reading if line.startswith("encoding"))
-    delimiter = next(re.search(r"'(.*?)'", line)[1] for line in log.reading if line.startswith("delimiter"))
+    encoding = next(
+        re.search(r"'(.*?)'", line)[1] for line in log.reading if line.startswith("encoding")
+    )
+    delimiter = next(
+        re.search(r"'(.*?)'", line)[1] for line in log.reading if line.startswith("delimiter")
+    )
     text = data.decode(encoding).lstrip("\ufeff").replace("\r\n", "\n").replace("\r", "\n")
     lines = text.split("\n")
     assert total == len(lines) - (lines[-1] == "")
     delimiter = delimiter.replace("\\t", "\t")
     for line in lines[: above + header]:
-        measured = [field for field in tokens.split(line, delimiter, (10,) * 4) if tokens.measured(field)]
+        measured = [
+            field for field in tokens.split(line, delimiter, (10,) * 4) if tokens.measured(field)
+        ]
         assert len(measured) < len(NAMES) or "skip_lines = 1 (from the recipe)" in log.reading, line
 
 
@@ -188,10 +233,22 @@ def test_seeded_damage_is_refused_or_accounted_for(part, tmp_path):
     assert 0 < accepted < SEEDED // 8
 
 
-@settings(max_examples=DRAWN, deadline=None, suppress_health_check=list(HealthCheck), derandomize=True, database=None)
+@settings(
+    max_examples=DRAWN,
+    deadline=None,
+    suppress_health_check=list(HealthCheck),
+    derandomize=True,
+    database=None,
+)
 @given(
-    name=st.sampled_from(sorted(name for name in WRITTEN if WRITTEN[name].suffix not in CONTAINERS)),
-    edits=st.lists(st.tuples(st.floats(0.0, 1.0), st.integers(0, 12), st.binary(max_size=4)), min_size=1, max_size=4),
+    name=st.sampled_from(
+        sorted(name for name in WRITTEN if WRITTEN[name].suffix not in CONTAINERS)
+    ),
+    edits=st.lists(
+        st.tuples(st.floats(0.0, 1.0), st.integers(0, 12), st.binary(max_size=4)),
+        min_size=1,
+        max_size=4,
+    ),
 )
 def test_drawn_damage_is_refused_or_accounted_for(name, edits, tmp_path_factory):
     """Any replacement of any bytes by any others."""

@@ -14,7 +14,10 @@ DATASETS = sorted(path for path in (ROOT / "datasets").iterdir() if path.is_dir(
 @pytest.mark.parametrize("folder", DATASETS, ids=lambda path: path.name)
 def test_the_sample_logs_are_what_their_digests_say(folder):
     """SHA256SUMS lists every sample file and each has its digest."""
-    sums = dict(reversed(line.split("  ")) for line in (folder / "SHA256SUMS").read_text(encoding="utf-8").splitlines())
+    sums = dict(
+        reversed(line.split("  "))
+        for line in (folder / "SHA256SUMS").read_text(encoding="utf-8").splitlines()
+    )
     there = {p.relative_to(folder).as_posix(): p for p in folder.rglob("*") if p.is_file()}
     assert set(sums) == set(there) - {"SHA256SUMS", "SOURCE.md"}
     for name, digest in sums.items():
@@ -30,13 +33,21 @@ def test_the_sample_logs_are_small_and_honest(folder):
 
 @pytest.mark.parametrize("folder", DATASETS, ids=lambda path: path.name)
 def test_the_sample_logs_come_from_the_simulator_that_is_here(folder):
-    """Simulating the seed that SOURCE.md names gives the same files and, to 1e-9 relative, the same first truth numbers."""
+    """Simulating the seed that SOURCE.md names gives the same files and, to 1e-9 relative, the same
+    first truth numbers.
+    """
     source = (folder / "SOURCE.md").read_text(encoding="utf-8")
     seed = int(source.split("--seed ")[1].split("`")[0])
     files = campaigns.of(folder.name)(seed).files()
-    there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {"SHA256SUMS", "SOURCE.md"}
+    there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {
+        "SHA256SUMS",
+        "SOURCE.md",
+    }
     assert set(files) == there
-    now, then = json.loads(files["truth.json"]), json.loads((folder / "truth.json").read_text(encoding="utf-8"))
+    now, then = (
+        json.loads(files["truth.json"]),
+        json.loads((folder / "truth.json").read_text(encoding="utf-8")),
+    )
     assert _numbers(now)[:200] == pytest.approx(_numbers(then)[:200], rel=1e-9, abs=1e-12)
 
 

@@ -1,4 +1,6 @@
-"""The digital calibration certificate: schema, units, numbers as in the coefficient files, text of every kind, the same bytes."""
+"""The digital calibration certificate: schema, units, numbers as in the coefficient files, text of
+every kind, the same bytes.
+"""
 
 import base64
 import datetime as dt
@@ -23,7 +25,15 @@ pytest.importorskip("lxml")
 
 SCHEMAS = REAL / "dcc-schema"
 ISSUED = dt.date(2026, 11, 21)
-SAMPLES = ("accelerometer", "fog_thermal", "gyro_noise", "gyro_pair", "gyro_triad", "inclinometer", "rate_table")
+SAMPLES = (
+    "accelerometer",
+    "fog_thermal",
+    "gyro_noise",
+    "gyro_pair",
+    "gyro_triad",
+    "inclinometer",
+    "rate_table",
+)
 """Procedures with sample logs and a recipe of the same name."""
 HOSTILE = (
     "<dcc:name>&amp; ]]> &#0; \"quoted\" 'single' <!-- -->",
@@ -44,13 +54,24 @@ def warmup(rng):
 
 
 def tumble(rng):
-    """Twenty-four still positions of a triad with scale factors, biases and skew, moved about between them."""
+    """Twenty-four still positions of a triad with scale factors, biases and skew, moved about
+    between them.
+    """
     held = rng.normal(size=(24, 3))
     held /= np.linalg.norm(held, axis=1, keepdims=True)
-    true = np.concatenate([np.vstack([np.tile(one, (200, 1)), rng.uniform(-1.0, 1.0, (50, 3))]) for one in held])
-    skewed = true @ np.array([[1.01, 0.004, 0.0], [0.0, 0.99, -0.003], [0.0, 0.0, 1.02]]) + [0.01, -0.02, 0.005]
+    true = np.concatenate(
+        [np.vstack([np.tile(one, (200, 1)), rng.uniform(-1.0, 1.0, (50, 3))]) for one in held]
+    )
+    skewed = true @ np.array([[1.01, 0.004, 0.0], [0.0, 0.99, -0.003], [0.0, 0.0, 1.02]]) + [
+        0.01,
+        -0.02,
+        0.005,
+    ]
     measured = skewed + rng.normal(0.0, 1e-4, skewed.shape)
-    return {"time_s": np.arange(len(true)) / 50.0, **{f"accel_{a}_g": measured[:, k] for k, a in enumerate("xyz")}}
+    return {
+        "time_s": np.arange(len(true)) / 50.0,
+        **{f"accel_{a}_g": measured[:, k] for k, a in enumerate("xyz")},
+    }
 
 
 WRITTEN = {"accelerometer_magnitude": tumble, "bias_temperature": warmup}
@@ -76,7 +97,9 @@ def run(tmp_path_factory):
         if name in WRITTEN:
             data = tmp_path_factory.mktemp("logs")
             write_log(data / "log.csv", **WRITTEN[name](np.random.default_rng(1)))
-        assert called("fit", name, "--data", data, "--serial", name, "--out", folder, "--date", "2026-11-21") in (0, 1)
+        assert called(
+            "fit", name, "--data", data, "--serial", name, "--out", folder, "--date", "2026-11-21"
+        ) in (0, 1)
         return store.load(folder / name / "r001")
 
     return of
@@ -100,21 +123,29 @@ def filled(text):
     person = profile.Person(name=text, role=text, email=text)
     party = {"name": text, "address": text, "email": text, "phone": text, "country": "CN"}
     return profile.Profile(
-        certificate=profile.Numbering(number=text, title=text, amends=f"not {text}", changes=(text,)),
+        certificate=profile.Numbering(
+            number=text, title=text, amends=f"not {text}", changes=(text,)
+        ),
         laboratory=profile.Laboratory(**party, place_of_work=text),
         customer=profile.Party(**party),
         item=profile.Item(type=text, maker=text, model=text, identification=text, condition=text),
         dates=profile.Dates(performed=ISSUED),
         method=profile.Method(name=text, revision=text, deviations=text, external_providers=text),
         conditions=profile.Conditions(
-            **{key: text for key in profile.Conditions.model_fields if key not in {"others", "local_gravity_mps2"}},
+            **{
+                key: text
+                for key in profile.Conditions.model_fields
+                if key not in {"others", "local_gravity_mps2"}
+            },
             others=(text,),
         ),
         standard=(profile.Standard(name=text, serial=text, certificate=text, laboratory=text),),
         authorised_by=person,
         adjustment=profile.Adjustment(statement=text),
         specification=(
-            profile.Specification(result="gyro_scale.a_about_a.K", unit="1/deg", name=text, source=text, upper=1.0),
+            profile.Specification(
+                result="gyro_scale.a_about_a.K", unit="1/deg", name=text, source=text, upper=1.0
+            ),
         ),
         remarks=(text,),
     )
@@ -144,7 +175,9 @@ def numbers(element, name):
 @pytest.mark.parametrize("name", PROCEDURES)
 @pytest.mark.parametrize("lang", ["en", "zh", "both"])
 def test_every_procedure_gives_a_valid_certificate(name, lang, run):
-    """DCC 3.3.0 of every procedure, with its sample profile and with an empty one, fits structure and schema."""
+    """DCC 3.3.0 of every procedure, with its sample profile and with an empty one, fits structure
+    and schema.
+    """
     made = run(name)
     for stated in (sample(name), None):
         root = valid(dcc.render(certificate(made, stated), lang))
@@ -152,12 +185,16 @@ def test_every_procedure_gives_a_valid_certificate(name, lang, run):
         assert root.findtext(".//dcc:release", "", xml.NAMES) == "v0.1.0"
         for result in root.iterfind(".//dcc:measurementResult", xml.NAMES):
             assert result.find("dcc:usedMethods/dcc:usedMethod/dcc:name", xml.NAMES) is not None
-            assert result.find("dcc:influenceConditions/dcc:influenceCondition", xml.NAMES) is not None
+            assert (
+                result.find("dcc:influenceConditions/dcc:influenceCondition", xml.NAMES) is not None
+            )
 
 
 @pytest.mark.parametrize("name", PROCEDURES)
 def test_every_unit_of_every_run_has_a_spelling_in_dsi(name, run):
-    """No coefficient, figure, condition, parameter or residual of any procedure has a unit that the table lacks."""
+    """No coefficient, figure, condition, parameter or residual of any procedure has a unit that the
+    table lacks.
+    """
     peer = pytest.importorskip("dsi_unit").DsiUnit
     for record in run(name).records.values():
         stated = [*record.figures, *record.conditions]
@@ -172,7 +209,9 @@ def test_every_unit_of_every_run_has_a_spelling_in_dsi(name, run):
 
 
 def test_units_of_logs_have_the_size_that_the_table_of_units_gives_them():
-    """Two units of one dimension stand to each other in D-SI as calibkit converts them, rates in °/h included."""
+    """Two units of one dimension stand to each other in D-SI as calibkit converts them, rates in
+    °/h included.
+    """
     size = {r"\second": 1.0, r"\minute": 60.0, r"\hour": 3600.0, r"\day": 86400.0, r"\degree": 1.0}
     size |= {r"\arcminute": 1 / 60, r"\arcsecond": 1 / 3600, r"\radian": 180.0 / math.pi}
     worth = {}
@@ -180,7 +219,9 @@ def test_units_of_logs_have_the_size_that_the_table_of_units_gives_them():
         if unit.shift or unit.dimension == "temperature":
             continue
         found = dsi(spelling).at(9.8)
-        scale = found.factor * math.prod(size.get(name, 1.0) ** float(power) for name, power in found.powers.items())
+        scale = found.factor * math.prod(
+            size.get(name, 1.0) ** float(power) for name, power in found.powers.items()
+        )
         worth.setdefault(unit.dimension, []).append(scale / (unit.factor / unit.divisor))
     assert len(worth) > 8
     for dimension, ratios in worth.items():
@@ -210,13 +251,17 @@ def test_compound_units_are_spelt_as_products_of_powers(unit, spelling, factor):
 
 @pytest.mark.parametrize("unit", ["furlong", "deg//", "m_s", "", "deg)"])
 def test_an_unknown_unit_is_refused(unit):
-    """A unit without a spelling in D-SI stops the certificate instead of standing there as something else."""
+    """A unit without a spelling in D-SI stops the certificate instead of standing there as
+    something else.
+    """
     with pytest.raises(OutputError, match="D-SI"):
         dsi(unit)
 
 
 def test_parameters_and_their_covariance_are_those_of_the_coefficient_file(run):
-    """Values, covariance and the file itself come out of the DCC as they are in the run, bit for bit without a conversion."""
+    """Values, covariance and the file itself come out of the DCC as they are in the run, bit for
+    bit without a conversion.
+    """
     made = run("gyro_pair")
     root = valid(dcc.render(certificate(made), "en"))
     for name, record in made.records.items():
@@ -226,8 +271,15 @@ def test_parameters_and_their_covariance_are_those_of_the_coefficient_file(run):
             entries = values.iterfind(".//si:covarianceXMLList/si:valueXMLList", xml.NAMES)
             square = np.reshape([float(e.text) for e in entries], np.shape(model.covariance))
             np.testing.assert_array_equal(square, np.transpose(model.covariance))
-        file = next(e for e in root.iter(f"{{{xml.DCC}}}byteData") if e.findtext("dcc:fileName", "", xml.NAMES) == name)
-        assert base64.b64decode(file.findtext("dcc:dataBase64", "", xml.NAMES)) == (made.folder / name).read_bytes()
+        file = next(
+            e
+            for e in root.iter(f"{{{xml.DCC}}}byteData")
+            if e.findtext("dcc:fileName", "", xml.NAMES) == name
+        )
+        assert (
+            base64.b64decode(file.findtext("dcc:dataBase64", "", xml.NAMES))
+            == (made.folder / name).read_bytes()
+        )
 
 
 def test_every_result_of_the_pdf_stands_in_the_dcc_with_its_uncertainty(run):
@@ -244,7 +296,9 @@ def test_every_result_of_the_pdf_stands_in_the_dcc_with_its_uncertainty(run):
             )
     for values in root.iter(f"{{{xml.SI}}}realListXMLList"):
         U, k = numbers(values, "valueExpandedMUXMLList"), numbers(values, "coverageFactorXMLList")
-        for j, key in enumerate(values.findtext("si:labelXMLList", "", xml.NAMES).split() if U else ()):
+        for j, key in enumerate(
+            values.findtext("si:labelXMLList", "", xml.NAMES).split() if U else ()
+        ):
             found[key] = (numbers(values, "valueXMLList")[j], [U[j]], [k[j]])
     assert len(made.results) > 50
     for result in made.results:
@@ -253,20 +307,29 @@ def test_every_result_of_the_pdf_stands_in_the_dcc_with_its_uncertainty(run):
         assert value == pytest.approx(result.value * factor, rel=1e-15)
         if result.uncertainty is not None and result.interval is None:
             assert len(U) == 1
-            assert U[0] == pytest.approx(result.uncertainty.expanded_uncertainty * factor, rel=1e-15)
+            assert U[0] == pytest.approx(
+                result.uncertainty.expanded_uncertainty * factor, rel=1e-15
+            )
             assert k[0] == pytest.approx(result.uncertainty.coverage_factor, abs=1e-11)
 
 
 def test_accelerations_are_in_si_where_the_local_gravity_is_known_and_ratios_where_not(run):
-    """b_x0 is in m/s² with the profile's gravity; without one it stays a ratio, and the certificate says so."""
+    """b_x0 is in m/s² with the profile's gravity; without one it stays a ratio, and the certificate
+    says so.
+    """
     made = run("accelerometer")
     bias = made.records["accel_affine.json"].models[0].value("b_x0")
     conditions = profile.Conditions(local_gravity_mps2=9.7967)
     known = valid(dcc.render(certificate(made, profile.Profile(conditions=conditions)), "en"))
     unknown = valid(dcc.render(certificate(made), "en"))
-    for root, factor, unit in ((known, 9.7967, r"\metre\second\tothe{-2}"), (unknown, 1.0, r"\one")):
+    for root, factor, unit in (
+        (known, 9.7967, r"\metre\second\tothe{-2}"),
+        (unknown, 1.0, r"\one"),
+    ):
         real = next(
-            e for e in root.iter(f"{{{xml.SI}}}real") if e.findtext("si:label", "", xml.NAMES).endswith("triad.b_x0")
+            e
+            for e in root.iter(f"{{{xml.SI}}}real")
+            if e.findtext("si:label", "", xml.NAMES).endswith("triad.b_x0")
         )
         assert real.findtext("si:unit", "", xml.NAMES) == unit
         assert numbers(real, "value")[0] == pytest.approx(bias * factor, rel=1e-14)
@@ -278,7 +341,9 @@ def test_accelerations_are_in_si_where_the_local_gravity_is_known_and_ratios_whe
 @pytest.mark.parametrize("dof", [5, 40, 100000])
 @pytest.mark.parametrize("n", [1, 2, 7])
 def test_the_region_of_all_parameters_holds_the_truth_as_often_as_it_says(n, dof):
-    """The ellipsoid's factor squared over n is the 95 % quantile of F: against scipy.stats, and by drawing where dof is large."""
+    """The ellipsoid's factor squared over n is the 95 % quantile of F: against scipy.stats, and by
+    drawing where dof is large.
+    """
     factor = dcc_results.region_factor(n, dof)
     assert factor == pytest.approx(math.sqrt(n * stats.f.ppf(0.95, n, dof)), rel=1e-9)
     if dof == 100000:
@@ -288,7 +353,9 @@ def test_the_region_of_all_parameters_holds_the_truth_as_often_as_it_says(n, dof
 
 @pytest.mark.parametrize("text", HOSTILE)
 def test_text_of_every_kind_in_every_field_breaks_nothing(text, run):
-    """Markup, control characters, 200 characters, Chinese, right-to-left: still valid, and the text is there to be read."""
+    """Markup, control characters, 200 characters, Chinese, right-to-left: still valid, and the text
+    is there to be read.
+    """
     made = certificate(run("gyro_pair"), filled(text), text)
     root = valid(dcc.render(made, "both"))
     shown = xml.line(text)
@@ -298,14 +365,18 @@ def test_text_of_every_kind_in_every_field_breaks_nothing(text, run):
 
 
 def test_the_same_certificate_has_the_same_bytes(run):
-    """Nothing but the certificate enters: two renderings are equal, and another date makes another."""
+    """Nothing but the certificate enters: two renderings are equal, and another date makes
+    another.
+    """
     made = certificate(run("gyro_pair"), sample("gyro_pair"))
     assert dcc.render(made, "en") == dcc.render(made, "en")
     assert dcc.render(made, "en") != dcc.render(replace(made, issued=dt.date(2026, 11, 22)), "en")
 
 
 def test_a_statement_of_conformity_names_result_rule_and_verdict(run):
-    """Verdicts that the schema knows stand in its own words; one that is not possible is only said."""
+    """Verdicts that the schema knows stand in its own words; one that is not possible is only
+    said.
+    """
     limits = {"name": "angle", "unit": "deg"}
     result = "gyro_orthogonality.pair.alpha_deg"
     stated = profile.Profile(
@@ -316,7 +387,11 @@ def test_a_statement_of_conformity_names_result_rule_and_verdict(run):
         )
     )
     root = valid(dcc.render(certificate(run("gyro_pair"), stated), "en"))
-    found = [s for s in root.iterfind(".//dcc:statement", xml.NAMES) if s.find("dcc:reference", xml.NAMES) is not None]
+    found = [
+        s
+        for s in root.iterfind(".//dcc:statement", xml.NAMES)
+        if s.find("dcc:reference", xml.NAMES) is not None
+    ]
     assert [s.findtext("dcc:conformity", "", xml.NAMES) for s in found] == ["pass", "fail", ""]
     assert "no statement possible" in "".join(found[2].itertext())
 
@@ -341,17 +416,23 @@ def test_a_broken_structure_is_found_without_the_schema(old, new, words, run):
 
 
 def test_a_schema_that_is_not_there_or_not_met_is_said(tmp_path, run):
-    """A folder without the schemas is a usage error; a document beside the schema is refused with its line."""
+    """A folder without the schemas is a usage error; a document beside the schema is refused with
+    its line.
+    """
     document = dcc.render(certificate(run("gyro_pair")), "en")
     with pytest.raises(UsageError, match=r"no dcc\.xsd"):
         dcc_check.schema(document, tmp_path)
     if SCHEMAS.is_dir():
         with pytest.raises(OutputError, match="mainSigner"):
-            dcc_check.schema(document.replace(b"dcc:mainSigner>true", b"dcc:mainSigner>maybe"), SCHEMAS)
+            dcc_check.schema(
+                document.replace(b"dcc:mainSigner>true", b"dcc:mainSigner>maybe"), SCHEMAS
+            )
 
 
 def test_certify_writes_the_dcc_beside_the_pdf_and_inside_it(run, tmp_path):
-    """certificate.xml is the dcc.xml of the PDF, whose digest is printed; neither is overwritten."""
+    """certificate.xml is the dcc.xml of the PDF, whose digest is printed; neither is
+    overwritten.
+    """
     pytest.importorskip("typst")
     pikepdf = pytest.importorskip("pikepdf")
     out, stated = tmp_path / "certificate.pdf", ROOT / "reports" / "profiles" / "gyro_pair.toml"
@@ -366,4 +447,9 @@ def test_certify_writes_the_dcc_beside_the_pdf_and_inside_it(run, tmp_path):
     assert called(*arguments, "--out", out.with_name("certificate.PDF")) == 4
     assert called(*arguments, "--out", tmp_path / "other.pdf", "--schema-dir", tmp_path) == 2
     assert not (tmp_path / "other.pdf").exists()
-    assert json.loads(base64.b64decode(document.split(b"<dcc:dataBase64>")[1].split(b"<")[0]))["serial"] == "gyro_pair"
+    assert (
+        json.loads(base64.b64decode(document.split(b"<dcc:dataBase64>")[1].split(b"<")[0]))[
+            "serial"
+        ]
+        == "gyro_pair"
+    )

@@ -37,7 +37,10 @@ def read(tmp_path, content):
         (b"a,b\n1,2\xff\n", "x.csv:2: byte 0xff is not UTF-8"),
         (b"a,b\n1,\x002\n", "x.csv:2: a NUL byte"),
         (b"a,b\n1,2\n3,\r4\n", "x.csv:3: a carriage return inside the line"),
-        (b"a,b\n1.00,2.00\n1.00,3.00\n1.00,2.0", "x.csv:4: the last number '2.0' has 1 decimals and no line end"),
+        (
+            b"a,b\n1.00,2.00\n1.00,3.00\n1.00,2.0",
+            "x.csv:4: the last number '2.0' has 1 decimals and no line end",
+        ),
     ],
 )
 def test_a_log_that_cannot_be_read_whole_is_refused_with_its_place(tmp_path, content, message):
@@ -54,7 +57,9 @@ def test_a_missing_value_becomes_nan(tmp_path):
 
 
 def test_byte_order_mark_and_crlf_change_nothing_but_the_digest(tmp_path):
-    """A byte-order mark and Windows line ends read as the same numbers; the digest is of the bytes as they are."""
+    """A byte-order mark and Windows line ends read as the same numbers; the digest is of the bytes
+    as they are.
+    """
     content = b"\xef\xbb\xbfa,b\r\n1,2\r\n"
     table = read(tmp_path, content)
     assert table.frame.to_numpy().tolist() == [[1.0, 2.0]]

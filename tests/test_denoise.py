@@ -10,16 +10,18 @@ from hypothesis import assume, given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric import lifting
-from calibkit.numeric.denoise import causal, deepest, delay, denoise, shortest
-from calibkit.numeric.lifting import EXTENSIONS, forward, inverse, scheme
-from calibkit.numeric.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
+from calibkit.numeric.wavelet import lifting
+from calibkit.numeric.wavelet.denoise import causal, deepest, delay, denoise, shortest
+from calibkit.numeric.wavelet.lifting import EXTENSIONS, forward, inverse, scheme
+from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
 
 SIGMA = 0.6  # °/h at 1 Hz: 0.01 °/√h
 
 
 def ramp_log(samples=2400, seed=5):
-    """A ramp's drift [°/h] as two lagged exponentials and a slope, and the same with white noise."""
+    """A ramp's drift [°/h] as two lagged exponentials and a slope, and the same with white
+    noise.
+    """
     time = np.arange(samples)
     trend = 2.0 * (1.0 - np.exp(-time / 250.0)) - 1.5 * time / samples + 0.8 * np.exp(-time / 400.0)
     return trend, trend + SIGMA * np.random.default_rng(seed).normal(size=samples)
@@ -31,7 +33,9 @@ def rms(values):
 
 
 def test_the_default_recovers_the_trend_of_a_noisy_ramp():
-    """Noise of 0.6 °/h comes down to below 0.07 °/h over the whole ramp and 0.15 °/h over its last minutes."""
+    """Noise of 0.6 °/h comes down to below 0.07 °/h over the whole ramp and 0.15 °/h over its last
+    minutes.
+    """
     trend, log = ramp_log()
     errors = [rms(denoise(ramp_log(seed=s)[1]).signal - trend) for s in range(8)]
     assert max(errors) < 0.075
@@ -42,14 +46,18 @@ def test_the_default_recovers_the_trend_of_a_noisy_ramp():
 def test_the_defaults_are_those_found_best_on_simulated_ramps():
     """CDF 9/7, an eighth of the length, universal threshold, firm shrinkage, trend extension."""
     _, log = ramp_log(1000)
-    chosen = denoise(log, wavelet="cdf97", levels=6, threshold="universal", rule="firm", extension="trend")
+    chosen = denoise(
+        log, wavelet="cdf97", levels=6, threshold="universal", rule="firm", extension="trend"
+    )
     assert np.array_equal(denoise(log).signal, chosen.signal)
     chosen = causal(log, wavelet="cdf97", levels=5, threshold="universal", rule="firm")
     assert np.array_equal(causal(log).signal, chosen.signal)
 
 
 def test_the_default_extension_has_the_least_error_at_the_ends_of_a_steep_ramp():
-    """5 °/h over 600 s: the symmetric extension bends the trend, the antisymmetric one carries one sample's noise."""
+    """5 °/h over 600 s: the symmetric extension bends the trend, the antisymmetric one carries one
+    sample's noise.
+    """
     trend = 5.0 * np.arange(600) / 600.0
     errors = dict.fromkeys(EXTENSIONS, 0.0)
     for seed in range(30):
@@ -72,19 +80,29 @@ def test_a_straight_line_passes_unchanged_to_rounding(extension, wavelet, rule):
 
 
 def test_symmetric_extension_bends_a_straight_line_at_both_ends():
-    """With all details removed the mirrored line is rounded off at its ends by 0.5 % of its span, not so by `trend`."""
+    """With all details removed the mirrored line is rounded off at its ends by 0.5 % of its span,
+    not so by `trend`.
+    """
     line = 5.0 * np.arange(1200) / 1200.0
     parts = forward(line, scheme("cdf97"), 6, extension="symmetric")
-    bent = inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details))) - line
+    bent = (
+        inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details)))
+        - line
+    )
     assert bent[0] > 0.025
     assert bent[-1] < -0.025
     parts = forward(line, scheme("cdf97"), 6, extension="trend")
-    kept = inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details))) - line
+    kept = (
+        inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details)))
+        - line
+    )
     assert np.max(np.abs(kept)) < 1e-11
 
 
 def test_the_slope_of_a_noisy_linear_drift_is_kept():
-    """The slope fitted to denoised samples is that fitted to the noisy ones within 0.3 of its standard error."""
+    """The slope fitted to denoised samples is that fitted to the noisy ones within 0.3 of its
+    standard error.
+    """
     time = np.arange(3000.0)
     log = 1e-3 * time + SIGMA * np.random.default_rng(2).normal(size=time.size)
     slopes = [np.polyfit(time, values, 1)[0] for values in (log, denoise(log).signal)]
@@ -96,9 +114,14 @@ def test_the_slope_of_a_noisy_linear_drift_is_kept():
 @pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
 @pytest.mark.parametrize("length", [1024, 1501])
 def test_only_marked_samples_change_with_the_extension(wavelet, threshold, length):
-    """Noise, thresholds and every sample outside the edge mask are the same bit for bit under all extensions."""
+    """Noise, thresholds and every sample outside the edge mask are the same bit for bit under all
+    extensions.
+    """
     _, log = ramp_log(length)
-    results = [denoise(log, wavelet=wavelet, levels=4, threshold=threshold, extension=e) for e in EXTENSIONS]
+    results = [
+        denoise(log, wavelet=wavelet, levels=4, threshold=threshold, extension=e)
+        for e in EXTENSIONS
+    ]
     first = results[0]
     assert np.count_nonzero(~first.edge) > 0
     assert np.count_nonzero(first.edge) < 700
@@ -111,7 +134,9 @@ def test_only_marked_samples_change_with_the_extension(wavelet, threshold, lengt
 
 @pytest.mark.parametrize(("wavelet", "most"), [("cdf53", 20), ("cdf97", 62), ("db4", 62)])
 def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
-    """The samples that do change under another extension come that close to the inner borders of the mask."""
+    """The samples that do change under another extension come that close to the inner borders of
+    the mask.
+    """
     _, log = ramp_log(1500)
     changed = np.zeros(1500, dtype=bool)
     for seed in range(20):
@@ -120,7 +145,11 @@ def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
         kept = [generator.random(d.size) < 0.5 for d in one.details]
         other = forward(log, scheme(wavelet), 3, extension="constant")
         signals = [
-            inverse(dataclasses.replace(p, details=tuple(d * k for d, k in zip(p.details, kept, strict=True))))
+            inverse(
+                dataclasses.replace(
+                    p, details=tuple(d * k for d, k in zip(p.details, kept, strict=True))
+                )
+            )
             for p in (one, other)
         ]
         changed |= signals[0] != signals[1]
@@ -139,7 +168,9 @@ def test_a_signal_whose_filters_reach_everywhere_is_all_edge():
 
 @pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
 def test_noise_and_thresholds_are_reported_level_by_level_in_the_unit_of_the_signal(threshold):
-    """Noise is σ times the level's gain within 4 standard errors of the MAD, and both figures scale with the signal."""
+    """Noise is σ times the level's gain within 4 standard errors of the MAD, and both figures scale
+    with the signal.
+    """
     log = SIGMA * np.random.default_rng(8).normal(size=20_000)
     found = denoise(log, wavelet="cdf53", levels=4, threshold=threshold)
     allowed = 4.0 * 1.17 / np.sqrt(20_000 / 2.0 ** np.arange(1, 5))
@@ -152,7 +183,9 @@ def test_noise_and_thresholds_are_reported_level_by_level_in_the_unit_of_the_sig
 
 
 def test_levels_with_too_few_details_take_the_noise_of_the_level_above_by_the_gains():
-    """On 600 samples the coarse levels have fewer than 16 details of their own: white noise continues from above."""
+    """On 600 samples the coarse levels have fewer than 16 details of their own: white noise
+    continues from above.
+    """
     _, log = ramp_log(600)
     found = denoise(log, wavelet="cdf97", levels=6)
     gains = noise_gains(scheme("cdf97"), 6)
@@ -169,13 +202,17 @@ def test_a_constant_or_noise_free_signal_is_left_as_it_is():
     assert np.max(np.abs(denoise(spike).signal - spike)) < 1e-12
 
 
-@pytest.mark.parametrize(("wavelet", "levels", "length"), [("cdf97", 6, 509), ("haar", 7, 128), ("db4", 3, 56)])
+@pytest.mark.parametrize(
+    ("wavelet", "levels", "length"), [("cdf97", 6, 509), ("haar", 7, 128), ("db4", 3, 56)]
+)
 def test_a_ramp_shorter_than_the_filter_is_refused_with_found_and_needed(wavelet, levels, length):
     """The shortest length passes; one sample less is an error that states both numbers."""
     assert shortest(wavelet, levels) == length
     _, log = ramp_log(length)
     assert denoise(log, wavelet=wavelet, levels=levels).signal.size == length
-    with pytest.raises(FitError, match=f"{length - 1} samples are shorter than the filter: .* needs {length}") as error:
+    with pytest.raises(
+        FitError, match=f"{length - 1} samples are shorter than the filter: .* needs {length}"
+    ) as error:
         denoise(log[1:], wavelet=wavelet, levels=levels)
     assert error.value.exit_code == 3
 
@@ -183,7 +220,9 @@ def test_a_ramp_shorter_than_the_filter_is_refused_with_found_and_needed(wavelet
 def test_a_signal_too_short_for_one_level_is_refused():
     """Level 1 must have 16 details on the signal to show its noise: 39 samples for CDF 9/7."""
     assert shortest("cdf97", 1) == 39
-    with pytest.raises(FitError, match="38 samples are shorter than the filter: cdf97 over 1 levels needs 39"):
+    with pytest.raises(
+        FitError, match="38 samples are shorter than the filter: cdf97 over 1 levels needs 39"
+    ):
         denoise(np.zeros(38))
     with pytest.raises(FitError, match="2 samples"):
         denoise(np.zeros(2))
@@ -233,7 +272,9 @@ def test_a_sample_that_is_not_finite_is_refused_with_its_place(function):
     seed=st.integers(0, 2**32 - 1),
 )
 def test_the_causal_mode_never_looks_ahead(wavelet, levels, threshold, rule, length, share, seed):
-    """Signals equal before k0 give bit-equal results before k0, and a longer record starts like a shorter one."""
+    """Signals equal before k0 give bit-equal results before k0, and a longer record starts like a
+    shorter one.
+    """
     generator = np.random.default_rng(seed)
     signal = generator.normal(size=length).cumsum()
     start = int(share * length)
@@ -246,9 +287,13 @@ def test_the_causal_mode_never_looks_ahead(wavelet, levels, threshold, rule, len
     assert np.array_equal(causal(signal[:start], **options).signal, one.signal[:start])
 
 
-@pytest.mark.parametrize(("wavelet", "reached"), [("haar", 7), ("cdf53", 21), ("cdf97", 49), ("db2", 21)])
+@pytest.mark.parametrize(
+    ("wavelet", "reached"), [("haar", 7), ("cdf53", 21), ("cdf97", 49), ("db2", 21)]
+)
 def test_the_delay_is_what_the_filters_need(wavelet, reached):
-    """The farthest a reconstructed sample looks ahead over three levels, by trial, is the delay or up to 2/5 less."""
+    """The farthest a reconstructed sample looks ahead over three levels, by trial, is the delay or
+    up to 2/5 less.
+    """
     signal, lifting_scheme = ramp_log(700)[1], scheme(wavelet)
     generator = np.random.default_rng(0)
     parts = forward(signal, lifting_scheme, 3, extension="constant")
@@ -256,7 +301,11 @@ def test_the_delay_is_what_the_filters_need(wavelet, reached):
 
     def filtered(samples):
         p = forward(samples, lifting_scheme, 3, extension="constant")
-        return inverse(dataclasses.replace(p, details=tuple(d * m for d, m in zip(p.details, masks, strict=True))))
+        return inverse(
+            dataclasses.replace(
+                p, details=tuple(d * m for d, m in zip(p.details, masks, strict=True))
+            )
+        )
 
     base, farthest = filtered(signal), 0
     for k in range(400, 416):
@@ -268,7 +317,9 @@ def test_the_delay_is_what_the_filters_need(wavelet, reached):
 
 
 def test_the_causal_mode_with_learned_thresholds_is_the_offline_result_delayed():
-    """Away from the ends sample k equals the offline sample k − delay bit for bit, and the noise is the learned one."""
+    """Away from the ends sample k equals the offline sample k − delay bit for bit, and the noise is
+    the learned one.
+    """
     _, log = ramp_log(3000)
     offline = denoise(log, levels=5)
     online = causal(log, levels=5, learned=offline)
@@ -284,14 +335,20 @@ def test_the_causal_mode_with_learned_thresholds_is_the_offline_result_delayed()
 
 @pytest.mark.parametrize("wavelet", ["haar", "cdf97", "db4", "sym5"])
 def test_in_the_causal_mode_the_first_sample_stands_for_everything_before_it(wavelet):
-    """Behind 512 copies of its first sample a record gives the same, behind another history only edge samples differ."""
+    """Behind 512 copies of its first sample a record gives the same, behind another history only
+    edge samples differ.
+    """
     _, log = ramp_log(1500)
     learned = denoise(log, wavelet=wavelet, levels=3)
     alone = causal(log, wavelet=wavelet, levels=3, learned=learned)
-    held = causal(np.concatenate([np.full(512, log[0]), log]), wavelet=wavelet, levels=3, learned=learned)
+    held = causal(
+        np.concatenate([np.full(512, log[0]), log]), wavelet=wavelet, levels=3, learned=learned
+    )
     assert np.array_equal(held.signal[512 + alone.delay :], alone.signal[alone.delay :])
     history = 5.0 + SIGMA * np.random.default_rng(1).normal(size=512)
-    other = causal(np.concatenate([history, log]), wavelet=wavelet, levels=3, learned=learned).signal[512:]
+    other = causal(
+        np.concatenate([history, log]), wavelet=wavelet, levels=3, learned=learned
+    ).signal[512:]
     assert np.array_equal(other[~alone.edge], alone.signal[~alone.edge])
     differing = np.flatnonzero(other != alone.signal)
     if wavelet != "haar":  # whose blocks of eight begin with the record
@@ -302,7 +359,9 @@ def test_in_the_causal_mode_the_first_sample_stands_for_everything_before_it(wav
 @pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
 @pytest.mark.parametrize("rule", ["soft", "firm"])
 def test_causal_thresholds_are_told_at_every_doubling_of_the_past_details(threshold, rule):
-    """A twin that shrinks one detail at a time by what the details before its stretch tell gives the same samples."""
+    """A twin that shrinks one detail at a time by what the details before its stretch tell gives
+    the same samples.
+    """
     _, log = ramp_log(1500)
     found = causal(log, wavelet="cdf53", levels=3, threshold=threshold, rule=rule)
     parts = forward(log, scheme("cdf53"), 3, extension="constant")
@@ -318,13 +377,17 @@ def test_causal_thresholds_are_told_at_every_doubling_of_the_past_details(thresh
             one = detail[interior.start + i : interior.start + i + 1]
             shrunk[j][interior.start + i] = RULES[rule](one, figures[j][1])[0]
     expected = inverse(dataclasses.replace(parts, details=tuple(shrunk)))
-    np.testing.assert_allclose(found.signal[found.delay :], expected[: -found.delay], rtol=0, atol=1e-13)
+    np.testing.assert_allclose(
+        found.signal[found.delay :], expected[: -found.delay], rtol=0, atol=1e-13
+    )
     np.testing.assert_allclose(found.noise, [sigma for sigma, _ in figures], rtol=1e-14)
     np.testing.assert_allclose(found.thresholds, [value for _, value in figures], rtol=1e-14)
 
 
 def test_the_causal_mode_denoises_with_what_it_has_learned_from_the_past():
-    """After its start the noise of a constant comes down from 0.6 to below 0.2 °/h (five levels: 0.6/√32 = 0.11)."""
+    """After its start the noise of a constant comes down from 0.6 to below 0.2 °/h (five levels:
+    0.6/√32 = 0.11).
+    """
     log = 3.0 + SIGMA * np.random.default_rng(4).normal(size=8000)
     found = causal(log, levels=5)
     assert rms(found.signal[4000:] - 3.0) < 0.2
@@ -341,7 +404,9 @@ def test_on_a_ramp_the_causal_result_is_late_by_slope_times_delay_and_loses_to_a
     late = (slope * time - found.signal)[3000:]
     assert np.mean(late) == pytest.approx(slope * found.delay, rel=0.1)
     average = np.convolve(log, np.full(32, 1.0 / 32.0))[: time.size]
-    assert rms(found.signal[3000:] - slope * time[3000:]) > 2.0 * rms(average[3000:] - slope * time[3000:])
+    assert rms(found.signal[3000:] - slope * time[3000:]) > 2.0 * rms(
+        average[3000:] - slope * time[3000:]
+    )
 
 
 def test_the_causal_mode_refuses_what_is_not_longer_than_its_delay():
@@ -367,19 +432,25 @@ def test_the_indication_is_not_changed(function):
 
 
 @given(
-    which=st.sampled_from(["haar", "cdf53", "cdf97", "db2", "db4", "db20", "sym13", "coif5", "bior3.5", "rbio2.2"]),
+    which=st.sampled_from(
+        ["haar", "cdf53", "cdf97", "db2", "db4", "db20", "sym13", "coif5", "bior3.5", "rbio2.2"]
+    ),
     size=st.integers(200, 3000),
     chunk=st.sampled_from([1 << 9, 1 << 18]),
     block=st.sampled_from([7, 1 << 15]),
     compiled=st.booleans(),
 )
 @settings(max_examples=60, deadline=None)
-def test_the_signal_written_over_the_finest_details_is_that_beside_them(which, size, chunk, block, compiled):
-    """`denoise` needs memory for half of the details less than transform and inverse, and gives their bits."""
+def test_the_signal_written_over_the_finest_details_is_that_beside_them(
+    which, size, chunk, block, compiled
+):
+    """`denoise` needs memory for half of the details less than transform and inverse, and gives
+    their bits.
+    """
     signal = np.random.default_rng(size).normal(size=size).cumsum()
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr("calibkit.numeric.lifting.CHUNK", chunk)
-        patch.setattr("calibkit.numeric.lifting_level.BLOCK", block)
+        patch.setattr("calibkit.numeric.wavelet.lifting.CHUNK", chunk)
+        patch.setattr("calibkit.numeric.wavelet.level.BLOCK", block)
         if not compiled:
             patch.setattr("calibkit.numeric.compiled.kernels", lambda: None)
         got = denoise(signal, wavelet=which, levels=2)

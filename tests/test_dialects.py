@@ -7,7 +7,7 @@ from dataclasses import replace
 import pytest
 
 from calibkit import coefficients, procedures, recipe
-from calibkit.stages import ingest
+from calibkit.ingest import logs
 from dialects import DIALECTS, Clean
 
 RECIPE = """procedure = "fog_thermal"
@@ -32,7 +32,9 @@ KEPT = ("ramp_heating_05.csv", "ramp_heating_10.csv", "ramp_cooling_05.csv", "ra
 
 def source(dialect):
     """Return a recipe that reads a dialect."""
-    return recipe.Source("r.toml", RECIPE.format(suffix=dialect.suffix, logs=dialect.logs, tables=dialect.tables))
+    return recipe.Source(
+        "r.toml", RECIPE.format(suffix=dialect.suffix, logs=dialect.logs, tables=dialect.tables)
+    )
 
 
 def written(folder, campaign, dialect):
@@ -45,22 +47,33 @@ def written(folder, campaign, dialect):
 
 
 def coefficient_files(source, folder):
-    """Return the bytes of each coefficient file, with the digests and suffixes of the inputs taken out."""
+    """Return the bytes of each coefficient file, with the digests and suffixes of the inputs taken
+    out.
+    """
     spec = recipe.parse(source)
-    fitted = procedures.of(spec).fit(spec, folder, ingest.find_logs(spec, folder), procedures.silent)
-    inputs = tuple(replace(entry, name=re.sub(r"\..*", "", entry.name), sha256="") for entry in fitted.inputs)
+    fitted = procedures.of(spec).fit(spec, folder, logs.find_logs(spec, folder), procedures.silent)
+    inputs = tuple(
+        replace(entry, name=re.sub(r"\..*", "", entry.name), sha256="") for entry in fitted.inputs
+    )
     identity = coefficients.Identity("S", 1, "2026-11-21", "calibkit", "", inputs)
     return {
         result.file: re.sub(
-            r"(ramp_\w+)\.\w+: ", r"\1: ", coefficients.dumps(coefficients.record(result, identity, ""))
+            r"(ramp_\w+)\.\w+: ",
+            r"\1: ",
+            coefficients.dumps(coefficients.record(result, identity, "")),
         )
         for result in fitted.results
     }
 
 
 def unsealed(files):
-    """Return the files without their own digest, which covers the suffixes that were taken out behind it."""
-    return {name: {k: v for k, v in json.loads(text).items() if k != "sha256"} for name, text in files.items()}
+    """Return the files without their own digest, which covers the suffixes that were taken out
+    behind it.
+    """
+    return {
+        name: {k: v for k, v in json.loads(text).items() if k != "sha256"}
+        for name, text in files.items()
+    }
 
 
 @pytest.fixture(scope="module")
@@ -82,7 +95,9 @@ def clean(sample, tmp_path_factory):
 
 
 @pytest.mark.parametrize("name", DIALECTS)
-def test_a_campaign_in_another_dialect_gives_the_same_coefficient_bytes(name, sample, clean, tmp_path):
+def test_a_campaign_in_another_dialect_gives_the_same_coefficient_bytes(
+    name, sample, clean, tmp_path
+):
     """Every number of every coefficient file equals the clean CSV's, bit for bit."""
     folder = written(tmp_path / "logs", sample, DIALECTS[name])
     assert unsealed(coefficient_files(source(DIALECTS[name]), folder)) == clean

@@ -1,4 +1,6 @@
-"""The documentation: every tutorial runs as it is written, file formats have schemas that hold, pages build without a warning."""
+"""The documentation: every tutorial runs as it is written, file formats have schemas that hold,
+pages build without a warning.
+"""
 
 import importlib.util
 import json
@@ -22,7 +24,9 @@ SCHEMAS = ROOT / "docs" / "schemas"
 def validators():
     """Validator of each format that has a schema."""
     jsonschema = pytest.importorskip("jsonschema")
-    schemas = [json.loads(path.read_text(encoding="utf-8")) for path in sorted(SCHEMAS.glob("*.json"))]
+    schemas = [
+        json.loads(path.read_text(encoding="utf-8")) for path in sorted(SCHEMAS.glob("*.json"))
+    ]
     for schema in schemas:
         jsonschema.Draft202012Validator.check_schema(schema)
     return {schema["title"]: jsonschema.Draft202012Validator(schema) for schema in schemas}
@@ -30,12 +34,18 @@ def validators():
 
 @pytest.mark.drawn
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)
-def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(page, tmp_path, calibkit, monkeypatch):
-    """Every block in order ends as the page says; every JSON file holds against its schema, every form is in the table."""
+def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(
+    page, tmp_path, calibkit, monkeypatch
+):
+    """Every block in order ends as the page says; every JSON file holds against its schema, every
+    form is in the table.
+    """
     text = page.read_text(encoding="utf-8")
     if "calibkit certify" in text:
         pytest.importorskip("typst")
-    if missing := [font for font in re.findall(r'"(/usr/share/fonts/[^"]+)"', text) if not Path(font).is_file()]:
+    if missing := [
+        font for font in re.findall(r'"(/usr/share/fonts/[^"]+)"', text) if not Path(font).is_file()
+    ]:
         pytest.skip(f"no font {missing[0]} on this machine")
     pages.follow(page, tmp_path, calibkit, monkeypatch)
     known, forms = validators(), (ROOT / "docs" / "formats.md").read_text(encoding="utf-8")
@@ -46,12 +56,18 @@ def test_a_page_runs_as_it_is_written_and_what_it_writes_is_of_its_schema(page, 
         if "format" in document:
             known[document["format"]].validate(document)
         if document.get("format") == "calibkit-coefficients/1":
-            assert [model["form"] for model in document["models"] if f"| `{model['form']}` |" not in forms] == []
+            assert [
+                model["form"]
+                for model in document["models"]
+                if f"| `{model['form']}` |" not in forms
+            ] == []
 
 
 @pytest.mark.skipif(shutil.which("bash") is None, reason="no bash on this machine")
 def test_a_tutorial_runs_in_a_shell(tmp_path):
-    """The commands of a tutorial, one after the other by bash with the command that is installed: all end with exit code 0."""
+    """The commands of a tutorial, one after the other by bash with the command that is installed:
+    all end with exit code 0.
+    """
     (tmp_path / "bin").mkdir()
     command = tmp_path / "bin" / "calibkit"
     command.write_text(f'#!/bin/sh\nexec "{sys.executable}" -m calibkit "$@"\n', encoding="utf-8")
@@ -62,13 +78,20 @@ def test_a_tutorial_runs_in_a_shell(tmp_path):
     text = (ROOT / "docs" / "tutorials" / "4_gyro_pair.md").read_text(encoding="utf-8")
     script = "".join(block for language, block in pages.BLOCK.findall(text) if language == "sh")
     done = subprocess.run(
-        ["bash", "-euc", script], cwd=tmp_path, env=environment, capture_output=True, text=True, check=False
+        ["bash", "-euc", script],
+        cwd=tmp_path,
+        env=environment,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, f"{done.stdout[-2000:]}\n{done.stderr[-2000:]}"
 
 
 def test_every_shipped_recipe_has_a_tutorial():
-    """Each recipe of a procedure is fitted on a page; that of a certain sensor's raw counts is an example of mapping."""
+    """Each recipe of a procedure is fitted on a page; that of a certain sensor's raw counts is an
+    example of mapping.
+    """
     text = "".join(page.read_text(encoding="utf-8") for page in TUTORIALS)
     names = {path.stem for path in (ROOT / "recipes").glob("*.toml")} - {"mpu6050_warmup"}
     assert [name for name in sorted(names) if f"calibkit fit {name} " not in text] == []
@@ -83,7 +106,9 @@ def test_a_tutorial_uses_every_public_name():
 
 
 def test_every_format_has_a_schema_and_a_line():
-    """What calibkit writes with a format in it: the schema's title is that format, and the page on formats names both."""
+    """What calibkit writes with a format in it: the schema's title is that format, and the page on
+    formats names both.
+    """
     source = "".join(path.read_text(encoding="utf-8") for path in (ROOT / "calibkit").rglob("*.py"))
     written = set(re.findall(r'"(calibkit-[a-z]+/[0-9]+)"', source)) - {
         "calibkit-firmware/1"
@@ -99,15 +124,25 @@ def test_every_page_is_in_the_contents():
     """No page of the documentation is without its place in the index; Sphinx would only warn."""
     index = (ROOT / "docs" / "index.md").read_text(encoding="utf-8")
     docs = ROOT / "docs"
-    names = [path.relative_to(docs).with_suffix("").as_posix() for path in docs.rglob("*.md") if path.stem != "index"]
-    assert [name for name in names if f"\n{name}\n" not in index and not name.startswith("how_to/")] == []
+    names = [
+        path.relative_to(docs).with_suffix("").as_posix()
+        for path in docs.rglob("*.md")
+        if path.stem != "index"
+    ]
+    assert [
+        name for name in names if f"\n{name}\n" not in index and not name.startswith("how_to/")
+    ] == []
 
 
 def test_a_schema_refuses_a_coefficient_without_its_unit():
     """The golden file passes; the same without one unit does not."""
     jsonschema = pytest.importorskip("jsonschema")
-    schema = json.loads((SCHEMAS / "calibkit-coefficients-1.schema.json").read_text(encoding="utf-8"))
-    golden = json.loads((ROOT / "tests" / "golden" / "coefficients-1.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        (SCHEMAS / "calibkit-coefficients-1.schema.json").read_text(encoding="utf-8")
+    )
+    golden = json.loads(
+        (ROOT / "tests" / "golden" / "coefficients-1.json").read_text(encoding="utf-8")
+    )
     golden |= {"recipe_sha256": "0" * 64, "inputs": []}  # its own are shortened
     validator = jsonschema.Draft202012Validator(schema)
     validator.validate(golden)
@@ -116,14 +151,32 @@ def test_a_schema_refuses_a_coefficient_without_its_unit():
 
 
 def test_the_pages_build_without_a_warning(tmp_path):
-    """Sphinx with warnings as errors, every reference resolved; equations are drawn, and none is left as it was typed."""
+    """Sphinx with warnings as errors, every reference resolved; equations are drawn, and none is
+    left as it was typed.
+    """
     for module in ("sphinx", "myst_parser", "furo", "numpydoc", "latex2mathml"):
         if importlib.util.find_spec(module) is None:
             pytest.skip(f"{module} is not installed: pip install 'calibkit[docs]'")
-    arguments = ["-m", "sphinx", "-W", "-n", "--keep-going", "-q", "-b", "html", str(ROOT / "docs"), str(tmp_path)]
+    arguments = [
+        "-m",
+        "sphinx",
+        "-W",
+        "-n",
+        "--keep-going",
+        "-q",
+        "-b",
+        "html",
+        str(ROOT / "docs"),
+        str(tmp_path),
+    ]
     environment = os.environ | {"PYTHONPATH": str(ROOT)}
     done = subprocess.run(
-        [sys.executable, *arguments], env=environment, cwd=ROOT, capture_output=True, text=True, check=False
+        [sys.executable, *arguments],
+        env=environment,
+        cwd=ROOT,
+        capture_output=True,
+        text=True,
+        check=False,
     )
     assert done.returncode == 0, done.stderr[-4000:]
     assert "Glossary" in (tmp_path / "glossary.html").read_text(encoding="utf-8")

@@ -5,13 +5,15 @@ import pytest
 
 from calibkit import recipe
 from calibkit.errors import CalibkitError, FrameError, LogFormatError
-from calibkit.stages import ingest
+from calibkit.ingest import logs as ingest
 
 
 def read(tmp_path, content, columns, needed, logs="", name="log.csv", site=""):
     """Read a log by a recipe with the given tables."""
     (tmp_path / name).write_bytes(content.encode() if isinstance(content, str) else content)
-    text = f'procedure = "accelerometer"\n{site}[logs]\nfiles = ["*"]\n{logs}\n[columns]\n{columns}\n'
+    text = (
+        f'procedure = "accelerometer"\n{site}[logs]\nfiles = ["*"]\n{logs}\n[columns]\n{columns}\n'
+    )
     spec = recipe.parse(recipe.Source("r.toml", text))
     return ingest.read_log(spec, tmp_path / name, name, needed)
 
@@ -29,7 +31,13 @@ def column(log, name):
         ("w", 'from = "w", unit = "deg/s", sign = -1', "0.5", "gyro_dph", -1800.0),
         ("T [K]", 'from = "T"', "300", "temp_case_degc", 26.85),
         ("T (℉)", 'from = "T"', "212", "temp_case_degc", 100.0),
-        ("U (VDC)", 'from = "U", scale = 100.0, offset = -40.0, unit = "degC"', "0.65", "temp_case_degc", 25.0),
+        (
+            "U (VDC)",
+            'from = "U", scale = 100.0, offset = -40.0, unit = "degC"',
+            "0.65",
+            "temp_case_degc",
+            25.0,
+        ),
         ("a (mg)", 'from = "a"', "998.5", "accel_x_g", 0.9985),
         ("a (m/s²)", 'from = "a"', "9.79", "accel_x_g", 1.0),
         ("n", 'from = "n", unit = "1/sample", interval_s = 0.0025', "100", "gyro_x_lsb", 40000.0),
@@ -38,17 +46,27 @@ def column(log, name):
         ("T", 'from = "T", scale = 0.0625', "-400", "temp_case_degc", -25.0),
     ],
 )
-def test_a_value_comes_out_in_the_unit_of_its_column(tmp_path, header, mapping, value, name, expected):
+def test_a_value_comes_out_in_the_unit_of_its_column(
+    tmp_path, header, mapping, value, name, expected
+):
     """Sign · (scale · value + offset), from the recipe's unit or the header's."""
     site = "[site]\ngravity_mps2 = 9.79\n"
-    log = read(tmp_path, f"x,{header}\n0,{value}\n1,{value}\n", f"{name} = {{ {mapping} }}", (name,), site=site)
+    log = read(
+        tmp_path,
+        f"x,{header}\n0,{value}\n1,{value}\n",
+        f"{name} = {{ {mapping} }}",
+        (name,),
+        site=site,
+    )
     np.testing.assert_allclose(column(log, name), expected, rtol=1e-14)
 
 
 def test_a_recipe_that_contradicts_the_header_is_refused(tmp_path):
     """deg/h in the recipe and deg/s in the log are a factor of 3600 apart: one of them is wrong."""
     mapping = 'gyro_dph = { from = "w", unit = "deg/h" }'
-    with pytest.raises(FrameError, match=r"log.csv: column 'w \(deg/s\)': the log states deg/s, .* says deg/h"):
+    with pytest.raises(
+        FrameError, match=r"log.csv: column 'w \(deg/s\)': the log states deg/s, .* says deg/h"
+    ):
         read(tmp_path, "x,w (deg/s)\n0,1\n", mapping, ("gyro_dph",))
     ignored = mapping.replace("}", ', header_unit = "ignored" }')
     assert column(read(tmp_path, "x,w (deg/s)\n0,1\n", ignored, ("gyro_dph",)), "gyro_dph") == [1.0]
@@ -63,36 +81,58 @@ def test_a_unit_of_another_dimension_is_refused_with_the_log(tmp_path):
 @pytest.mark.parametrize("unit", ["", 'unit = "1", ', 'unit = "1/sample", '])
 @pytest.mark.parametrize("header", ["n", "n (counts)"])
 def test_a_counter_counts_whatever_says_so(tmp_path, header, unit):
-    """Differences of a counter are counts per sample, said or not; a counter of anything else is refused."""
+    """Differences of a counter are counts per sample, said or not; a counter of anything else is
+    refused.
+    """
     mapping = f'time_s = {{ from = "t" }}\ngyro_x_lsb = {{ from = "n", {unit}accumulated = true }}'
     log = read(tmp_path, f"t,{header}\n0,0\n0.5,10\n1.5,20\n", mapping, ("time_s", "gyro_x_lsb"))
     assert column(log, "gyro_x_lsb") == [20.0, 10.0]
     with pytest.raises(CalibkitError, match="accumulated 1/s, expected accumulated counts"):
-        read(tmp_path, "t,n (counts/s)\n0,0\n1,1\n", mapping.replace(unit or "@", ""), ("time_s", "gyro_x_lsb"))
+        read(
+            tmp_path,
+            "t,n (counts/s)\n0,0\n1,1\n",
+            mapping.replace(unit or "@", ""),
+            ("time_s", "gyro_x_lsb"),
+        )
 
 
 def test_counts_of_a_header_take_their_time_from_the_recipe(tmp_path):
-    """`counts` leaves open whether per sample or per second: the recipe says, or the log is refused."""
+    """`counts` leaves open whether per sample or per second: the recipe says, or the log is
+    refused.
+    """
     content = "t,n (counts)\n0,5\n1,7\n"
     per_sample = 'gyro_x_lsb = { from = "n", unit = "1/sample", interval_s = 0.5 }'
-    assert column(read(tmp_path, content, per_sample, ("gyro_x_lsb",)), "gyro_x_lsb") == [10.0, 14.0]
+    assert column(read(tmp_path, content, per_sample, ("gyro_x_lsb",)), "gyro_x_lsb") == [
+        10.0,
+        14.0,
+    ]
     with pytest.raises(CalibkitError, match="'1' is a count, '1/s' a count rate"):
         read(tmp_path, content, 'gyro_x_lsb = { from = "n" }', ("gyro_x_lsb",))
 
 
 @pytest.mark.parametrize(("interval", "told"), [("0.1", True), ("0.5", False)])
 def test_an_interval_that_is_not_the_rows_is_told(tmp_path, interval, told):
-    """Rows of every half second that are said to count 0.1 s each: right of a thinned log, else five times too much."""
+    """Rows of every half second that are said to count 0.1 s each: right of a thinned log, else
+    five times too much.
+    """
     content = "t,n\n0,5\n0.5,7\n1.0,6\n"
-    mapping = f'time_s = {{ from = "t" }}\ngyro_x_lsb = {{ from = "n", unit = "1/sample", interval_s = {interval} }}'
+    mapping = (
+        'time_s = { from = "t" }\ngyro_x_lsb = { from = "n", unit = "1/sample", interval_s ='
+        f" {interval} }}"
+    )
     log = read(tmp_path, content, mapping, ("time_s", "gyro_x_lsb"))
     assert any("0.5 s apart" in note and "are 5 times" in note for note in log.notes) == told
 
 
 def test_accumulated_pulses_become_rates_across_a_wrap(tmp_path):
-    """A sixteen-bit counter at irregular times: counts per second, the wrap said, the first row removed and said."""
+    """A sixteen-bit counter at irregular times: counts per second, the wrap said, the first row
+    removed and said.
+    """
     content = "t,n\n0,65000\n0.5,65500\n1.5,964\n2.0,1464\n"
-    mapping = 'time_s = { from = "t" }\ngyro_x_lsb = { from = "n", unit = "1", accumulated = true, wraps_at = 65536.0 }'
+    mapping = (
+        'time_s = { from = "t" }\ngyro_x_lsb = { from = "n", unit = "1", accumulated = true,'
+        " wraps_at = 65536.0 }"
+    )
     log = read(tmp_path, content, mapping, ("time_s", "gyro_x_lsb"))
     assert column(log, "gyro_x_lsb") == [1000.0, 1000.0, 1000.0]
     assert column(log, "time_s") == [0.5, 1.5, 2.0]
@@ -112,7 +152,9 @@ def test_a_counter_that_runs_backwards_wraps_backwards(tmp_path):
     "word", ["9.9E+37", "-9.90000000E+37", "+9.0E+9", "-1.0E+9", "OVLD", "LLLL", "", "NaN", "----"]
 )
 def test_a_value_that_is_none_is_missing_said_and_placed(tmp_path, word):
-    """Sentinels and words have no value: counted and placed, or their rows removed where the recipe says so."""
+    """Sentinels and words have no value: counted and placed, or their rows removed where the recipe
+    says so.
+    """
     content = f"time_s,temp_case_degc\n0,20\n1,{word}\n2,21\n"
     needed = ("time_s", "temp_case_degc")
     log = read(tmp_path, content, "", needed)
@@ -122,7 +164,9 @@ def test_a_value_that_is_none_is_missing_said_and_placed(tmp_path, word):
     dropped = read(tmp_path, content, "", needed, logs='missing = "drop"')
     assert column(dropped, "time_s") == [0.0, 2.0]
     assert dropped.rows == 3
-    assert any("1 rows removed (1 without temp_case_degc), lines 3" in note for note in dropped.notes)
+    assert any(
+        "1 rows removed (1 without temp_case_degc), lines 3" in note for note in dropped.notes
+    )
     assert dropped.place(1) == "log.csv:4"
 
 
@@ -132,7 +176,9 @@ def test_a_laboratory_names_its_own_sentinels(tmp_path):
     needed = ("time_s", "accel_x_lsb")
     with pytest.raises(LogFormatError, match=r"log.csv:4: column 'accel_x_lsb': found 'defekt'"):
         read(tmp_path, content, "", needed)
-    log = read(tmp_path, content, "", needed, logs='format = "text"\nsentinels = [9999.0, "defekt"]')
+    log = read(
+        tmp_path, content, "", needed, logs='format = "text"\nsentinels = [9999.0, "defekt"]'
+    )
     assert np.isnan(column(log, "accel_x_lsb")).tolist() == [False, True, True]
     counts = read(tmp_path, "time_s,accel_x_lsb\n0,1000000000\n1,9999\n", "", needed)
     assert column(counts, "accel_x_lsb") == [1e9, 9999.0]
@@ -141,9 +187,19 @@ def test_a_laboratory_names_its_own_sentinels(tmp_path):
 def test_a_needed_column_that_stands_twice_is_refused(tmp_path):
     """Which of two columns of one name is meant cannot be known."""
     with pytest.raises(LogFormatError, match="column 'T' stands twice"):
-        read(tmp_path, "x;T;T\n0;1;2\n1;1;2\n", 'temp_case_degc = { from = "T" }', ("temp_case_degc",))
+        read(
+            tmp_path,
+            "x;T;T\n0;1;2\n1;1;2\n",
+            'temp_case_degc = { from = "T" }',
+            ("temp_case_degc",),
+        )
     with pytest.raises(LogFormatError, match=r"could be 'T \(degC\)' or 'T \(K\)'"):
-        read(tmp_path, "x,T (degC),T (K)\n0,1,274\n", 'temp_case_degc = { from = "T" }', ("temp_case_degc",))
+        read(
+            tmp_path,
+            "x,T (degC),T (K)\n0,1,274\n",
+            'temp_case_degc = { from = "T" }',
+            ("temp_case_degc",),
+        )
 
 
 @pytest.mark.parametrize(
@@ -151,7 +207,10 @@ def test_a_needed_column_that_stands_twice_is_refused(tmp_path):
     [
         (["05/06/2009 10:00:00", "05/07/2009 10:00:00"], "day and month could be either"),
         (["01/02/2009 10:00:00:7", "01/02/2009 10:00:01:7"], "milliseconds without three digits"),
-        (["2009-02-28 10:00:00", "2009-02-30 10:00:00"], "log.csv:3: column 't': found '2009-02-30 10:00:00'"),
+        (
+            ["2009-02-28 10:00:00", "2009-02-30 10:00:00"],
+            "log.csv:3: column 't': found '2009-02-30 10:00:00'",
+        ),
     ],
 )
 def test_a_time_that_could_be_two_is_refused(tmp_path, stamps, fragment):
@@ -178,7 +237,9 @@ def test_a_log_without_time_and_rate_is_refused(tmp_path):
 
 
 def test_parts_of_a_split_log_are_one_log(tmp_path):
-    """dat00001.csv and dat00002.csv: one log, one digest, rows placed in their own file; a missing part is refused."""
+    """dat00001.csv and dat00002.csv: one log, one digest, rows placed in their own file; a missing
+    part is refused.
+    """
     for part, start in ((1, 0), (2, 3), (3, 6)):
         rows = "".join(f"{k + 1},{k}.0,2{k}.5,0\n" for k in range(start, start + 3))
         (tmp_path / f"dat0000{part}.csv").write_text("Sweep #,Time,Chan 101 (C),Alarm\n" + rows)
@@ -193,7 +254,9 @@ temp_case_degc = { from = "Chan 101 (C)" }
 """
     spec = recipe.parse(recipe.Source("r.toml", text))
     assert ingest.find_logs(spec, tmp_path) == ["dat00001.csv"]
-    log = ingest.read_log(spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc"))
+    log = ingest.read_log(
+        spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc")
+    )
     assert column(log, "time_s") == [float(k) for k in range(9)]
     assert [log.place(row) for row in (0, 2, 3, 8)] == [
         "dat00001.csv:2",
@@ -203,22 +266,46 @@ temp_case_degc = { from = "Chan 101 (C)" }
     ]
     assert log.sha256 == ingest.digest(spec, tmp_path, "dat00001.csv")
     assert log.notes == ()
-    (tmp_path / "dat00002.csv").write_text("Sweep #,Time,Chan 101 (C),Alarm\n5,4.0,24.5,1\n6,5.0,25.5,0\n")
-    jumped = ingest.read_log(spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc"))
-    assert any("scan numbers jump from 3 in dat00001.csv to 5 in dat00002.csv" in note for note in jumped.notes)
-    assert any("dat00002.csv: column 'Chan 101 (C)': alarm in 1 scans, the first in line 2" in n for n in jumped.notes)
+    (tmp_path / "dat00002.csv").write_text(
+        "Sweep #,Time,Chan 101 (C),Alarm\n5,4.0,24.5,1\n6,5.0,25.5,0\n"
+    )
+    jumped = ingest.read_log(
+        spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc")
+    )
+    assert any(
+        "scan numbers jump from 3 in dat00001.csv to 5 in dat00002.csv" in note
+        for note in jumped.notes
+    )
+    assert any(
+        "dat00002.csv: column 'Chan 101 (C)': alarm in 1 scans, the first in line 2" in n
+        for n in jumped.notes
+    )
     (tmp_path / "dat00002.csv").unlink()
     with pytest.raises(LogFormatError, match="the next part of this log is number 3, expected 2"):
-        ingest.read_log(spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc"))
+        ingest.read_log(
+            spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc")
+        )
 
 
 @pytest.mark.parametrize(
     ("columns", "logs", "fragment"),
     [
-        ('gyro_dph = { from = "w", time_format = "%H:%M" }', "", "time_format and date belong to time_s"),
+        (
+            'gyro_dph = { from = "w", time_format = "%H:%M" }',
+            "",
+            "time_format and date belong to time_s",
+        ),
         ('time_s = { from = "t", accumulated = true }', "", "belong to counts"),
-        ('gyro_dph = { from = "w", interval_s = 1.0 }', "", "interval_s belongs to unit = '1/sample'"),
-        ('time_s = { from = "t" }', "rate_hz = 10.0", "rate_hz = 10, but column 't' holds the time"),
+        (
+            'gyro_dph = { from = "w", interval_s = 1.0 }',
+            "",
+            "interval_s belongs to unit = '1/sample'",
+        ),
+        (
+            'time_s = { from = "t" }',
+            "rate_hz = 10.0",
+            "rate_hz = 10, but column 't' holds the time",
+        ),
     ],
 )
 def test_a_key_that_would_say_nothing_is_refused(tmp_path, columns, logs, fragment):

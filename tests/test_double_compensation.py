@@ -1,4 +1,6 @@
-"""A log that was compensated before is told: in check, in a fit, and when it is to be compensated again."""
+"""A log that was compensated before is told: in check, in a fit, and when it is to be compensated
+again.
+"""
 
 import csv
 
@@ -9,18 +11,27 @@ from calibkit.check import magnitude
 
 
 def test_logs_of_one_gyro_drift_alike_and_the_odd_one_is_named():
-    """Of five logs the one without drift and the one of opposite sign are named; five that scatter by 20 % are not."""
+    """Of five logs the one without drift and the one of opposite sign are named; five that scatter
+    by 20 % are not.
+    """
     alike = {"a": 1.0, "b": 1.1, "c": 0.9, "d": 1.2, "e": 0.8}
     assert magnitude.compensated_before(alike) == []
     for value in (0.0, -0.9):
         (file, finding), *rest = magnitude.compensated_before(alike | {"c": value})
-        assert (file, finding.name, finding.severity, rest) == ("c", "double_compensation", "warn", [])
+        assert (file, finding.name, finding.severity, rest) == (
+            "c",
+            "double_compensation",
+            "warn",
+            [],
+        )
     assert magnitude.compensated_before({"a": 1.0, "b": 1.0, "c": 0.0}) == []
     assert magnitude.compensated_before({"a": 1.0, "b": -1.0, "c": 0.3, "d": 0.0, "e": -2.0}) == []
 
 
 def test_a_drift_that_is_not_there_is_flagged_and_one_that_is_or_is_too_small_is_not():
-    """Gain near 1 says nothing, gain near 0 or -1 is flagged, noise above the drift is no evidence."""
+    """Gain near 1 says nothing, gain near 0 or -1 is flagged, noise above the drift is no
+    evidence.
+    """
     rng = np.random.default_rng(1)
     predicted = np.linspace(-1.0, 1.0, 5000) ** 2
     noise = rng.normal(0.0, 0.5, 5000)
@@ -32,9 +43,15 @@ def test_a_drift_that_is_not_there_is_flagged_and_one_that_is_or_is_too_small_is
     assert magnitude.undrifting("a", np.ones(5000), noise) == []
 
 
-def test_a_compensated_log_among_raw_ones_is_found_and_not_compensated_in_silence(campaign, tmp_path, calibkit):
-    """One ramp of a campaign replaced by its compensated self: check names it, apply to it flags it, raw logs pass."""
-    made = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path / "runs")
+def test_a_compensated_log_among_raw_ones_is_found_and_not_compensated_in_silence(
+    campaign, tmp_path, calibkit
+):
+    """One ramp of a campaign replaced by its compensated self: check names it, apply to it flags
+    it, raw logs pass.
+    """
+    made = calibkit(
+        "fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path / "runs"
+    )
     assert "compensated before" not in made.out
     logs = tmp_path / "logs"
     logs.mkdir()
@@ -47,14 +64,21 @@ def test_a_compensated_log_among_raw_ones_is_found_and_not_compensated_in_silenc
     assert "compensated before" not in done.err
     said = calibkit("check", "fog_thermal", "--data", logs, "--json").json
     named = {
-        log["log"] for log in said["logs"] for finding in log["findings"] if finding["name"] == "double_compensation"
+        log["log"]
+        for log in said["logs"]
+        for finding in log["findings"]
+        if finding["name"] == "double_compensation"
     }
     assert named == {target.name}
-    again = calibkit("apply", tmp_path / "runs/S/r001", "--data", target, "--out", tmp_path / "twice.csv")
+    again = calibkit(
+        "apply", tmp_path / "runs/S/r001", "--data", target, "--out", tmp_path / "twice.csv"
+    )
     assert "compensated before" in again.err
 
 
-@pytest.mark.parametrize("name", ["gyro compensated (deg/h)", "陀螺补偿后(°/h)", "corrected rate", "Rate_comp"])
+@pytest.mark.parametrize(
+    "name", ["gyro compensated (deg/h)", "陀螺补偿后(°/h)", "corrected rate", "Rate_comp"]
+)
 def test_a_column_that_says_it_was_corrected_is_told(name, campaign, tmp_path, calibkit):
     """A mapping to a column whose name says compensated or corrected is flagged."""
     with (campaign / "ramp_heating_05.csv").open(encoding="utf-8", newline="") as stream:
@@ -62,7 +86,9 @@ def test_a_column_that_says_it_was_corrected_is_told(name, campaign, tmp_path, c
     rows[0][3] = name
     text = "\n".join(",".join(row) for row in rows) + "\n"
     (tmp_path / "a.csv").write_text(text, encoding="utf-8")
-    said = calibkit("check", "fog_thermal", "--data", tmp_path, "--set", f"columns.gyro_dph={{from='{name}'}}")
+    said = calibkit(
+        "check", "fog_thermal", "--data", tmp_path, "--set", f"columns.gyro_dph={{from='{name}'}}"
+    )
     assert said.code == 0
     assert "must not be compensated twice" in said.out
 

@@ -8,7 +8,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric import compensation, drift, order
+from calibkit.instruments.fog_thermal.numeric import compensation, gradient_order
+from calibkit.instruments.fog_thermal.numeric import gradient as drift
 from conftest import AUTHORITIES
 from naive import block_means, compensate
 
@@ -27,12 +28,17 @@ def vector_blocks(ramp):
 
 def vector_fits(estimate="levels"):
     """Fits of every ramp of the vector."""
-    return [drift.ramp(vector_blocks(ramp), ramp["ramp_degc_min"], estimate=estimate) for ramp in VECTOR["ramps"]]
+    return [
+        drift.ramp(vector_blocks(ramp), ramp["ramp_degc_min"], estimate=estimate)
+        for ramp in VECTOR["ramps"]
+    ]
 
 
 @pytest.mark.parametrize("estimate", ["levels", "increments"])
 def test_the_coefficients_of_the_vector_come_out(estimate):
-    """a_j of each ramp equal Σ c_jm r^m to 1e-9 relative of their largest term, by either estimator."""
+    """a_j of each ramp equal Σ c_jm r^m to 1e-9 relative of their largest term, by either
+    estimator.
+    """
     for ramp, found in zip(VECTOR["ramps"], vector_fits(estimate), strict=True):
         powers = ramp["ramp_degc_min"] ** np.arange(4)
         scale = np.abs(C * powers).max(axis=1)
@@ -41,14 +47,18 @@ def test_the_coefficients_of_the_vector_come_out(estimate):
 
 @pytest.mark.parametrize("estimate", ["levels", "increments"])
 def test_the_cubic_through_four_rates_is_the_published_one(estimate):
-    """c_jm come back to 1e-9 relative with the order pinned to 3, and the degrees of freedom are zero."""
+    """c_jm come back to 1e-9 relative with the order pinned to 3, and the degrees of freedom are
+    zero.
+    """
     found = drift.over_rates(vector_fits(estimate), 3, "heating")
     assert np.abs(found.c / C - 1.0).max() < 1e-9
     assert found.dof == 0
 
 
 def test_the_recursive_output_of_the_vector_stays_at_its_first_sample():
-    """Recursive compensation leaves the first sample's value; one-step leaves 0 from the second sample on, to 1e-9 °/h."""
+    """Recursive compensation leaves the first sample's value; one-step leaves 0 from the second
+    sample on, to 1e-9 °/h.
+    """
     polynomial = drift.over_rates(vector_fits(), 3, "heating")
     for ramp in VECTOR["ramps"]:
         blocks = vector_blocks(ramp)
@@ -65,7 +75,9 @@ def test_compensation_equals_its_loop(seed):
     rng = np.random.default_rng(seed)
     n = 40
     G, r, w = rng.uniform(-60, 0, n), rng.uniform(1.0, 10.0, n), rng.normal(9.0, 1.0, n)
-    polynomial = drift.RatePolynomial("heating", C, np.eye(12), 0, 0.0, (1.0, 10.0), 1.0, (-100.0, 0.0), (0.0, 1.0))
+    polynomial = drift.RatePolynomial(
+        "heating", C, np.eye(12), 0, 0.0, (1.0, 10.0), 1.0, (-100.0, 0.0), (0.0, 1.0)
+    )
     delta = compensation.increments([polynomial], G, r).delta
     recursive, one_step = compensate(w.tolist(), G.tolist(), r.tolist(), C.tolist())
     assert w - compensation.recursive(delta) == pytest.approx(recursive, abs=1e-10)
@@ -73,7 +85,9 @@ def test_compensation_equals_its_loop(seed):
 
 
 def test_one_step_removes_the_true_rate_and_recursive_keeps_it():
-    """A constant rate survives the recursion whole (gain 1 to 1e-12) and the published step not at all (gain 0)."""
+    """A constant rate survives the recursion whole (gain 1 to 1e-12) and the published step not at
+    all (gain 0).
+    """
     blocks = vector_blocks(VECTOR["ramps"][2])
     polynomial = drift.over_rates(vector_fits(), 3, "heating")
     delta = compensation.increments([polynomial], blocks.gradient, blocks.rate).delta
@@ -106,7 +120,9 @@ def test_each_side_is_served_by_its_own_polynomial():
 
 def test_one_polynomial_over_both_sides_serves_both():
     """A joint polynomial holds only where the chamber rests."""
-    steps = compensation.increments([polynomial((-10.0, 8.0), "both")], np.zeros(4), np.array([5.0, -5.0, 0.4, 0.0]))
+    steps = compensation.increments(
+        [polynomial((-10.0, 8.0), "both")], np.zeros(4), np.array([5.0, -5.0, 0.4, 0.0])
+    )
     assert steps.held.tolist() == [True, False, False, True]
 
 
@@ -130,7 +146,9 @@ def test_rates_and_gradients_beyond_the_fit_are_clamped_and_marked():
 
 
 def test_the_drift_is_zero_at_the_reference_temperature():
-    """The level is shifted to zero where the temperature is closest to the reference, clamped to the valid range."""
+    """The level is shifted to zero where the temperature is closest to the reference, clamped to
+    the valid range.
+    """
     temperature = np.linspace(-40.0, 60.0, 101)
     level = temperature**2
     assert compensation.referenced(level, temperature, 25.0, (-40.0, 60.0))[65] == 0.0
@@ -143,7 +161,9 @@ def test_block_means_equal_their_loop(step):
     time = np.round(np.arange(0.0, 200.0, step), 6)
     value = np.sin(time)
     blocks = drift.blocks(time, value, value - 1.0, value, value, 10.0)
-    assert blocks.indication == pytest.approx(block_means(time.tolist(), value.tolist(), 10.0), abs=1e-12)
+    assert blocks.indication == pytest.approx(
+        block_means(time.tolist(), value.tolist(), 10.0), abs=1e-12
+    )
     assert blocks.gradient == pytest.approx(np.ones(blocks.time.size), abs=1e-12)
 
 
@@ -180,13 +200,19 @@ def test_a_ramp_that_cannot_determine_its_coefficients_is_refused():
 
 
 def test_levels_know_the_coefficients_better_than_increments():
-    """With white noise on the indication the level estimator's scatter of a1 is under two thirds of the increments'."""
+    """With white noise on the indication the level estimator's scatter of a1 is under two thirds of
+    the increments'.
+    """
     rng = np.random.default_rng(8)
     blocks = vector_blocks(VECTOR["ramps"][3])
     scatter = {"levels": [], "increments": []}
     for _ in range(100):
         noisy = drift.Blocks(
-            blocks.time, blocks.case, blocks.gradient, blocks.indication + rng.normal(0.0, 0.1, 40), blocks.rate
+            blocks.time,
+            blocks.case,
+            blocks.gradient,
+            blocks.indication + rng.normal(0.0, 0.1, 40),
+            blocks.rate,
         )
         for estimate, found in scatter.items():
             found.append(drift.ramp(noisy, 10.0, estimate=estimate).coefficients[1])
@@ -200,7 +226,9 @@ def test_more_coefficients_than_rates_are_refused():
 
 
 def test_a_lower_order_through_exact_data_finds_the_exact_polynomials():
-    """Ramps whose a_j are linear in rate give back the straight lines at order 1, to 1e-9 relative."""
+    """Ramps whose a_j are linear in rate give back the straight lines at order 1, to 1e-9
+    relative.
+    """
     truth = np.array([[2e-4, -1e-5], [8e-4, 5e-5], [-3e-5, 6e-6]])
     fits = []
     for ramp in VECTOR["ramps"]:
@@ -216,37 +244,51 @@ def test_a_lower_order_through_exact_data_finds_the_exact_polynomials():
 
 
 def physical_log(rate, rng, linear=0.02):
-    """Blocks of a gyro whose bias is linear in a case temperature that lags the air by 200 s, with 0.01 °/h noise."""
+    """Blocks of a gyro whose bias is linear in a case temperature that lags the air by 200 s, with
+    0.01 °/h noise.
+    """
     n = int(6000 / abs(rate) / 10)
     time = np.arange(n) * 10.0
     air = np.sign(rate) * np.minimum(abs(rate) * time / 60.0, 100.0)
     case = np.zeros(n)
     for k in range(1, n):
         case[k] = case[k - 1] + (air[k - 1] - case[k - 1]) * 10.0 / 200.0
-    return drift.Blocks(time, case, case - air, linear * case + rng.normal(0.0, 0.01, n), np.full(n, rate))
+    return drift.Blocks(
+        time, case, case - air, linear * case + rng.normal(0.0, 0.01, n), np.full(n, rate)
+    )
 
 
 def test_the_cubic_is_never_chosen_from_four_rates():
-    """Leave-one-rate-out tests orders 0, 1 and 2 from four rates: three rates never carry a cubic."""
+    """Leave-one-rate-out tests orders 0, 1 and 2 from four rates: three rates never carry a
+    cubic.
+    """
     rng = np.random.default_rng(9)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 8.0, 10.0)]
     fits = [drift.ramp(log, log.rate[0]) for log in logs]
-    assert [result.order for result in order.candidates(fits, logs, "heating", 10)] == [0, 1, 2]
+    assert [result.order for result in gradient_order.candidates(fits, logs, "heating", 10)] == [
+        0,
+        1,
+        2,
+    ]
 
 
 def test_a_linear_bias_is_caught_by_constant_coefficients():
-    """For a bias linear in temperature a_j do not depend on rate: a withheld rate is improved at least threefold."""
+    """For a bias linear in temperature a_j do not depend on rate: a withheld rate is improved at
+    least threefold.
+    """
     rng = np.random.default_rng(10)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 8.0, 10.0)]
     fits = [drift.ramp(log, log.rate[0]) for log in logs]
-    best = order.best(order.candidates(fits, logs, "heating", 10))
+    best = gradient_order.best(gradient_order.candidates(fits, logs, "heating", 10))
     assert best is not None
     assert best.helps
     model = drift.over_rates(fits, best.order, "heating")
     withheld = physical_log(3.0, rng)
     delta = compensation.increments([model], withheld.gradient, withheld.rate).delta
     raw = compensation.drift_rms(withheld.indication, 10)
-    assert compensation.drift_rms(withheld.indication - compensation.recursive(delta), 10) < raw / 3.0
+    assert (
+        compensation.drift_rms(withheld.indication - compensation.recursive(delta), 10) < raw / 3.0
+    )
 
 
 def test_pure_noise_is_given_no_drift_term():
@@ -256,7 +298,9 @@ def test_pure_noise_is_given_no_drift_term():
         rng = np.random.default_rng(seed)
         logs = [physical_log(rate, rng, linear=0.0) for rate in (1.0, 5.0, 8.0, 10.0)]
         fits = [drift.ramp(log, log.rate[0]) for log in logs]
-        chosen += order.best(order.candidates(fits, logs, "heating", 10)) is not None
+        chosen += (
+            gradient_order.best(gradient_order.candidates(fits, logs, "heating", 10)) is not None
+        )
     assert chosen == 0
 
 
@@ -265,20 +309,26 @@ def test_ramps_of_one_rate_are_left_out_together():
     rng = np.random.default_rng(11)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 5.2, 10.0)]
     fits = [drift.ramp(log, log.rate[0]) for log in logs]
-    assert order.rate_groups(fits) == [[0], [1, 2], [3]]
+    assert gradient_order.rate_groups(fits) == [[0], [1, 2], [3]]
 
 
 def test_drift_rms_ignores_the_mean_and_averages_noise():
-    """The figure is the standard deviation of group means; a log shorter than two groups uses its samples."""
+    """The figure is the standard deviation of group means; a log shorter than two groups uses its
+    samples.
+    """
     assert compensation.drift_rms(np.array([5.0, 7.0]), 1) == 1.0
     assert compensation.drift_rms(np.array([1.0, -1.0, 1.0, -1.0]) + 3.0, 2) == 0.0
-    assert compensation.drift_rms(np.array([1.0, -1.0, 1.0]), 2) == pytest.approx(np.std([1.0, -1.0, 1.0]))
+    assert compensation.drift_rms(np.array([1.0, -1.0, 1.0]), 2) == pytest.approx(
+        np.std([1.0, -1.0, 1.0])
+    )
 
 
 def test_an_order_that_spoils_a_fitted_ramp_does_not_help():
-    """A model that improves every left-out rate but makes a fitted ramp worse than raw is not chosen."""
+    """A model that improves every left-out rate but makes a fitted ramp worse than raw is not
+    chosen.
+    """
     raw = np.array([1.0, 1.0])
-    good = order.LeftOut("heating", 1, raw, np.array([0.5, 0.5]), np.array([0.4, 0.4]))
-    spoilt = order.LeftOut("heating", 1, raw, np.array([0.5, 0.5]), np.array([0.4, 1.2]))
-    small = order.LeftOut("heating", 1, raw, np.array([0.95, 0.95]), np.array([0.4, 0.4]))
+    good = gradient_order.LeftOut("heating", 1, raw, np.array([0.5, 0.5]), np.array([0.4, 0.4]))
+    spoilt = gradient_order.LeftOut("heating", 1, raw, np.array([0.5, 0.5]), np.array([0.4, 1.2]))
+    small = gradient_order.LeftOut("heating", 1, raw, np.array([0.95, 0.95]), np.array([0.4, 0.4]))
     assert (good.helps, spoilt.helps, small.helps) == (True, False, False)

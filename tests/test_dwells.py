@@ -19,7 +19,9 @@ def handled(seed=0, *, noise=0.01, rows=1700):
 
 
 def test_holds_are_found_and_their_ends_left_out():
-    """Every hold is found once, inside its true limits, with little more than half a window missing at each end."""
+    """Every hold is found once, inside its true limits, with little more than half a window missing
+    at each end.
+    """
     found = dwells.still(handled(), 20)
     assert len(found) == len(HOLDS)
     for (start, stop), (begin, end) in zip(HOLDS, found.tolist(), strict=True):
@@ -80,19 +82,27 @@ def test_means_and_noise_are_those_of_the_rows():
     found = dwells.averages(columns, np.array([[0, 50], [50, 200]]))
     np.testing.assert_allclose(found.mean, [columns[:50].mean(axis=0), columns[50:].mean(axis=0)])
     np.testing.assert_allclose(found.standard_deviation[0], columns[:50].std(axis=0, ddof=1))
-    np.testing.assert_allclose(found.standard_error[0], columns[:50].std(axis=0, ddof=1) / np.sqrt(50))
-    np.testing.assert_allclose(found.drift[0], columns[25:50].mean(axis=0) - columns[:25].mean(axis=0))
+    np.testing.assert_allclose(
+        found.standard_error[0], columns[:50].std(axis=0, ddof=1) / np.sqrt(50)
+    )
+    np.testing.assert_allclose(
+        found.drift[0], columns[25:50].mean(axis=0) - columns[:25].mean(axis=0)
+    )
 
 
 def test_noise_that_does_not_average_out_is_not_averaged_away():
-    """For correlated noise the standard error is near the scatter of many means, not a tenth of it."""
+    """For correlated noise the standard error is near the scatter of many means, not a tenth of
+    it.
+    """
     rng = np.random.default_rng(2)
     white = rng.normal(size=(300, 2000))
     red = np.empty_like(white)
     red[:, 0] = white[:, 0]
     for k in range(1, 2000):
         red[:, k] = 0.97 * red[:, k - 1] + white[:, k]
-    found = [dwells.averages(row[:, None], np.array([[0, 2000]])) for row in red[:, :, None][:, :, 0]]
+    found = [
+        dwells.averages(row[:, None], np.array([[0, 2000]])) for row in red[:, :, None][:, :, 0]
+    ]
     stated = np.sqrt(np.mean([f.standard_error[0, 0] ** 2 for f in found]))
     independent = np.mean([f.standard_deviation[0, 0] for f in found]) / np.sqrt(2000)
     truth = np.std([f.mean[0, 0] for f in found])
@@ -103,7 +113,9 @@ def test_noise_that_does_not_average_out_is_not_averaged_away():
 def test_a_creeping_hold_shows_its_creep():
     """The drift of a hold that creeps by 0.01 over its length is half of that."""
     columns = np.linspace(0.0, 0.01, 1000)[:, None]
-    assert dwells.averages(columns, np.array([[0, 1000]])).drift[0, 0] == pytest.approx(0.005, rel=1e-2)
+    assert dwells.averages(columns, np.array([[0, 1000]])).drift[0, 0] == pytest.approx(
+        0.005, rel=1e-2
+    )
 
 
 def test_sweeps_are_cut_into_pieces():
@@ -121,7 +133,9 @@ def test_a_dwell_of_one_row_is_refused():
 
 @pytest.mark.parametrize("quantum", [0.0, 0.01])
 def test_dwells_and_their_means_do_not_depend_on_the_length_of_spans(quantum, monkeypatch):
-    """Spans of 37 rows find the very dwells, of fine and of coarse indications, and their figures to 1e-10."""
+    """Spans of 37 rows find the very dwells, of fine and of coarse indications, and their figures
+    to 1e-10.
+    """
     log = handled()
     log = np.round(log / quantum) * quantum if quantum else log
     found = [dwells.averages(log, dwells.still(log, 20))]

@@ -1,4 +1,6 @@
-"""A write that is killed, runs out of disk or meets another: the old state or the new, nothing in between."""
+"""A write that is killed, runs out of disk or meets another: the old state or the new, nothing in
+between.
+"""
 
 import errno
 import json
@@ -37,7 +39,9 @@ def run_child(*arguments, **options):
 
 
 def campaign(folder, what, fault):
-    """What each step of a write left when it failed: rows of (step, exit code, state, litter, state after, litter after)."""
+    """What each step of a write left when it failed: rows of (step, exit code, state, litter, state
+    after, litter after).
+    """
     done = run_child(ROOT / "tests" / "fault_campaign.py", folder, what, fault)
     assert done.returncode == 0, done.stderr.decode()
     rows = [json.loads(line) for line in done.stdout.decode().splitlines()]
@@ -48,7 +52,9 @@ def campaign(folder, what, fault):
 
 @POSIX
 def test_kill_9_at_any_step_of_a_fit_leaves_the_old_run_or_the_new_one(tmp_path):
-    """Killed before every system call and with half-written pages: r001, or r001 and r002, each whole; the next fit goes on."""
+    """Killed before every system call and with half-written pages: r001, or r001 and r002, each
+    whole; the next fit goes on.
+    """
     rows, _ = campaign(tmp_path, "run", "KILL")
     assert {code for _, code, *_ in rows} == {KILLED}
     assert {found for _, _, found, *_ in rows} == {"old", "new"}
@@ -59,8 +65,12 @@ def test_kill_9_at_any_step_of_a_fit_leaves_the_old_run_or_the_new_one(tmp_path)
 
 @POSIX
 @pytest.mark.parametrize("fault", ["ENOSPC", "EROFS", "EACCES", "EIO", "EDQUOT"])
-def test_an_error_of_the_disk_at_any_step_is_one_message_and_leaves_the_old_run_or_the_new_one(tmp_path, fault):
-    """Each system call fails once: the fit refuses with exit code 4 and leaves nothing, or it succeeded and says so."""
+def test_an_error_of_the_disk_at_any_step_is_one_message_and_leaves_the_old_run_or_the_new_one(
+    tmp_path, fault
+):
+    """Each system call fails once: the fit refuses with exit code 4 and leaves nothing, or it
+    succeeded and says so.
+    """
     rows, talk = campaign(tmp_path, "run", fault)
     assert talk == ""  # an exception that is not calibkit's own would be printed
     for _, code, found, left, again, still in rows:
@@ -78,13 +88,17 @@ def test_a_file_is_there_whole_or_not_at_all(tmp_path, fault):
     assert talk == ""
     assert {found for _, _, found, *_ in rows} == {"old", "new"}
     if fault != "KILL":
-        assert all((code, found) in {(REFUSED, "old"), (SURVIVED, "new")} for _, code, found, *_ in rows)
+        assert all(
+            (code, found) in {(REFUSED, "old"), (SURVIVED, "new")} for _, code, found, *_ in rows
+        )
 
 
 @POSIX
 @pytest.mark.parametrize("limit", [1000])
 def test_a_disk_that_fills_up_under_a_command_is_exit_code_4(tmp_path, limit):
-    """The kernel itself refuses to let a file grow: one line, exit code 4, nothing is left of the files."""
+    """The kernel itself refuses to let a file grow: one line, exit code 4, nothing is left of the
+    files.
+    """
     code = (
         "import sys, resource; from calibkit import cli; "
         f"resource.setrlimit(resource.RLIMIT_FSIZE, ({limit}, {limit})); "
@@ -134,7 +148,9 @@ def test_a_read_only_folder_is_one_message(tmp_path):
 
 
 def test_a_lock_that_cannot_be_made_is_one_message(tmp_path, calibkit, monkeypatch):
-    """On a read-only file system a fit, and each unit of a fleet, end with exit code 4, not as internal errors."""
+    """On a read-only file system a fit, and each unit of a fleet, end with exit code 4, not as
+    internal errors.
+    """
     opened = os.open
 
     def read_only(path, flags, *arguments, **options):
@@ -176,14 +192,19 @@ def test_a_link_that_leads_nowhere_is_not_written_through(tmp_path):
 
 
 def test_fits_of_one_serial_at_once_take_numbers_in_turn(tmp_path):
-    """Six processes commit to one serial at the same time: r001 to r006, none lost, a chain without a break."""
+    """Six processes commit to one serial at the same time: r001 to r006, none lost, a chain without
+    a break.
+    """
     code = (
         "import sys; from pathlib import Path; from kept import keep, model; "
         "keep(Path(sys.argv[1]), model({'K': (float(sys.argv[2]), '1', 0.1)}))"
     )
     path = os.pathsep.join([str(ROOT), str(ROOT / "tests")])
     started = [
-        subprocess.Popen([sys.executable, "-c", code, str(tmp_path), str(k)], env=os.environ | {"PYTHONPATH": path})
+        subprocess.Popen(
+            [sys.executable, "-c", code, str(tmp_path), str(k)],
+            env=os.environ | {"PYTHONPATH": path},
+        )
         for k in range(6)
     ]
     assert [process.wait(timeout=120) for process in started] == [0] * 6
@@ -192,7 +213,14 @@ def test_fits_of_one_serial_at_once_take_numbers_in_turn(tmp_path):
     found = timeline.of("S-1", tmp_path)
     assert [run.document["revision"] for run in found.runs] == [1, 2, 3, 4, 5, 6]
     assert found.sound
-    assert sorted(run.records["gyro_scale.json"].models[0].value("K") for run in found.runs) == [0, 1, 2, 3, 4, 5]
+    assert sorted(run.records["gyro_scale.json"].models[0].value("K") for run in found.runs) == [
+        0,
+        1,
+        2,
+        3,
+        4,
+        5,
+    ]
     assert [path.name for path in tmp_path.iterdir()] == ["S-1"]
 
 
@@ -216,7 +244,9 @@ def test_threads_of_one_process_take_turns_too(tmp_path):
 
 
 def test_a_lock_file_that_its_holder_has_just_removed_is_no_lock(tmp_path, monkeypatch):
-    """Who waited for a lock whose holder removed the file takes a new one: the next to come must meet it."""
+    """Who waited for a lock whose holder removed the file takes a new one: the next to come must
+    meet it.
+    """
     own, calls = atomic._taken, []
 
     def taken(handle):
@@ -233,18 +263,24 @@ def test_a_lock_file_that_its_holder_has_just_removed_is_no_lock(tmp_path, monke
 
 
 def test_a_run_is_on_the_disk_before_it_has_its_name(tmp_path, monkeypatch):
-    """Every file and the temporary folder are synced before the rename, the folder above after it."""
+    """Every file and the temporary folder are synced before the rename, the folder above after
+    it.
+    """
     events = []
     synced, renamed = os.fsync, type(tmp_path).rename
     monkeypatch.setattr(os, "fsync", lambda handle: (events.append("sync"), synced(handle))[1])
-    monkeypatch.setattr(type(tmp_path), "rename", lambda path, to: (events.append("rename"), renamed(path, to))[1])
+    monkeypatch.setattr(
+        type(tmp_path), "rename", lambda path, to: (events.append("rename"), renamed(path, to))[1]
+    )
     (tmp_path / "S-1").mkdir()
     folder = keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
     assert events == ["sync"] * (len(list(folder.iterdir())) + 1) + ["rename", "sync"]
 
 
 def test_a_lock_that_stays_taken_is_refused_by_name(tmp_path, monkeypatch):
-    """A serial that another process is writing is waited for, then refused with exit code 4; nothing is written."""
+    """A serial that another process is writing is waited for, then refused with exit code 4;
+    nothing is written.
+    """
     monkeypatch.setattr(atomic, "PAUSE_S", 0.001)
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
     with (
@@ -263,7 +299,9 @@ def test_the_lock_of_a_killed_process_is_free(tmp_path):
         "import sys, time; from pathlib import Path; from calibkit import atomic\n"
         "with atomic.locked(Path(sys.argv[1]), 'it'):\n print('held', flush=True); time.sleep(60)"
     )
-    with subprocess.Popen([sys.executable, "-c", code, tmp_path / "lock"], stdout=subprocess.PIPE, cwd=ROOT) as holder:
+    with subprocess.Popen(
+        [sys.executable, "-c", code, tmp_path / "lock"], stdout=subprocess.PIPE, cwd=ROOT
+    ) as holder:
         assert holder.stdout.readline() == b"held\n"
         with pytest.raises(OutputError), atomic.locked(tmp_path / "lock", "it", 0.0):
             pytest.fail("it was held")
@@ -275,7 +313,9 @@ def test_the_lock_of_a_killed_process_is_free(tmp_path):
 
 
 def test_on_windows_the_lock_is_that_of_msvcrt(tmp_path, monkeypatch):
-    """Without fcntl the first byte is locked with msvcrt without waiting; when it is taken the refusal is the same."""
+    """Without fcntl the first byte is locked with msvcrt without waiting; when it is taken the
+    refusal is the same.
+    """
     calls = []
 
     def locking(handle, mode, count):
@@ -290,12 +330,16 @@ def test_on_windows_the_lock_is_that_of_msvcrt(tmp_path, monkeypatch):
         assert calls == [(2, 1)]
         with pytest.raises(OutputError), atomic.locked(tmp_path / "lock", "it", 0.0):
             pytest.fail("it was held")
-    assert (tmp_path / "lock").read_bytes() == b""  # an open file cannot be removed there; it stays for the next fit
+    assert (
+        tmp_path / "lock"
+    ).read_bytes() == b""  # an open file cannot be removed there; it stays for the next fit
 
 
 @pytest.mark.parametrize("modules", [("fcntl", "msvcrt"), ("fcntl",)])
 def test_where_the_system_has_no_locks_a_run_is_still_written_whole(tmp_path, monkeypatch, modules):
-    """Neither fcntl nor msvcrt, or a file system that answers ENOLCK: the rename alone keeps the record."""
+    """Neither fcntl nor msvcrt, or a file system that answers ENOLCK: the rename alone keeps the
+    record.
+    """
 
     def no_locks(handle, mode, count):
         raise OSError(37, "No locks available")
@@ -309,7 +353,9 @@ def test_where_the_system_has_no_locks_a_run_is_still_written_whole(tmp_path, mo
 
 
 def test_a_scanner_that_holds_a_new_folder_is_waited_for(tmp_path, monkeypatch):
-    """A rename refused twice with PermissionError is tried again; refused for good it is exit code 4."""
+    """A rename refused twice with PermissionError is tried again; refused for good it is exit code
+    4.
+    """
     refusals = [PermissionError(13, "Permission denied")] * 2
     own = type(tmp_path).rename
 
@@ -328,7 +374,9 @@ def test_a_scanner_that_holds_a_new_folder_is_waited_for(tmp_path, monkeypatch):
 
 
 def test_without_hard_links_a_file_is_renamed_and_still_replaces_nothing(tmp_path, monkeypatch):
-    """On a FAT stick there are no hard links: the file is renamed, and a name that is taken is kept."""
+    """On a FAT stick there are no hard links: the file is renamed, and a name that is taken is
+    kept.
+    """
 
     def no_links(*_):
         raise OSError(95, "Operation not supported")

@@ -15,7 +15,9 @@ pytestmark = pytest.mark.drawn
 
 
 def two_panels(factor=1.0, *, named=True):
-    """A page with titles, a legend within a panel, and values whose size decides whether their axis has a common factor."""
+    """A page with titles, a legend within a panel, and values whose size decides whether their axis
+    has a common factor.
+    """
     figure, axes = figures.page(1, 2, title="U1 r001: bias")
     with figures.styled():
         for ax in axes:
@@ -30,7 +32,9 @@ def two_panels(factor=1.0, *, named=True):
 
 @pytest.mark.parametrize(("factor", "named"), [(1.0, True), (1.0, False), (1e-7, True)])
 def test_a_page_is_drawn_as_if_every_place_had_been_searched_for(monkeypatch, factor, named):
-    """The same bytes with the search left out as with it, also where a factor of 1e−7 moves the title out of its way."""
+    """The same bytes with the search left out as with it, also where a factor of 1e−7 moves the
+    title out of its way.
+    """
     quick = figures.pdf([two_panels(factor, named=named)])
     monkeypatch.setattr(figures, "_settle", lambda figure: None)
     assert quick == figures.pdf([two_panels(factor, named=named)])
@@ -62,7 +66,9 @@ CHARTS = {
 
 @pytest.mark.parametrize("name", CHARTS)
 def test_every_word_of_a_control_chart_is_on_its_page_and_beside_the_others(name):
-    """Whatever its serials and values look like, no word of a chart with an outlier leaves the page or its margin."""
+    """Whatever its serials and values look like, no word of a chart with an outlier leaves the page
+    or its margin.
+    """
     units, scale, middle, limit, serial = CHARTS[name]
     values = middle + scale * np.random.default_rng(0).normal(size=units)
     values[units // 2] += 30.0 * scale
@@ -80,7 +86,11 @@ def test_every_word_of_a_control_chart_is_on_its_page_and_beside_the_others(name
     canvas = FigureCanvasAgg(figure)
     canvas.draw()
     (ax,) = figure.axes
-    boxes = {text: text.get_window_extent() for text in figure.findobj(Text) if text.get_text() and text.get_visible()}
+    boxes = {
+        text: text.get_window_extent()
+        for text in figure.findobj(Text)
+        if text.get_text() and text.get_visible()
+    }
     page = figure.bbox
     for text, box in boxes.items():
         assert page.x0 <= box.x0 <= box.x1 <= page.x1, text
@@ -94,14 +104,16 @@ def test_every_word_of_a_control_chart_is_on_its_page_and_beside_the_others(name
 
 
 def test_a_report_is_drawn_without_what_cuts_fonts_down():
-    """The library that cuts TrueType fonts is there for matplotlib to import, and nothing of it is executed for a PDF."""
+    """The library that cuts TrueType fonts is there for matplotlib to import, and nothing of it is
+    executed for a PDF.
+    """
     drawn = (
-        "import sys\n"
-        "from calibkit.report import figures\n"
-        "figure, axes = figures.page(1, 1, title='a')\n"
-        "assert figures.pdf([figure]).startswith(b'%PDF')\n"
-        "import fontTools\n"
-        "print('fontTools.subset.cff' in sys.modules, len(fontTools.subset.__doc__) > 0, 'fontTools.subset.cff' in sys.modules)"
+        "import sys\nfrom calibkit.report import figures\nfigure, axes = figures.page(1, 1,"
+        " title='a')\nassert figures.pdf([figure]).startswith(b'%PDF')\nimport"
+        " fontTools\nprint('fontTools.subset.cff' in sys.modules, len(fontTools.subset.__doc__) >"
+        " 0, 'fontTools.subset.cff' in sys.modules)"
     )
-    out = subprocess.run([sys.executable, "-c", drawn], capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        [sys.executable, "-c", drawn], capture_output=True, text=True, check=True
+    ).stdout
     assert out.split() == ["False", "True", "True"]

@@ -1,4 +1,6 @@
-"""Blobs: bytes of one unit, the C that takes them, every damage refused, and the same numbers read again."""
+"""Blobs: bytes of one unit, the C that takes them, every damage refused, and the same numbers read
+again.
+"""
 
 import shutil
 import struct
@@ -72,7 +74,9 @@ def built(export, folder, compiler="gcc", *options):
 
     def run(content, what="whole"):
         arguments = [str(folder / f"unit_{compiler}"), what]
-        done = subprocess.run(arguments, input=content, capture_output=True, check=False, timeout=120)
+        done = subprocess.run(
+            arguments, input=content, capture_output=True, check=False, timeout=120
+        )
         assert done.returncode == 0, done.stderr[:2000]
         assert not done.stderr
         return done.stdout.decode()
@@ -87,8 +91,12 @@ def sealed(content):
 
 @pytest.mark.parametrize("number", ["f32", "f64"])
 @pytest.mark.parametrize("name", CHAINS)
-def test_a_blob_loads_and_gives_the_results_that_it_states(tmp_path, tmp_path_factory, name, number):
-    """Self-test fails before the load; load returns 0; self-test passes: on gcc with the undefined-behaviour sanitizer."""
+def test_a_blob_loads_and_gives_the_results_that_it_states(
+    tmp_path, tmp_path_factory, name, number
+):
+    """Self-test fails before the load; load returns 0; self-test passes: on gcc with the
+    undefined-behaviour sanitizer.
+    """
     export = export_of(name, number, tmp_path_factory)
     run = built(export, tmp_path, "gcc", "-fsanitize=undefined", "-fno-sanitize-recover")
     assert run(blob.render(export)) == "1 0 0"
@@ -101,7 +109,9 @@ def test_a_loader_compiles_without_a_warning_on_another_compiler(tmp_path, tmp_p
 
 
 def test_every_flipped_bit_and_every_truncation_is_refused(tmp_path, tmp_path_factory):
-    """All bits of a blob, one at a time, and all its lengths: not one is loaded, and nothing is corrected afterwards."""
+    """All bits of a blob, one at a time, and all its lengths: not one is loaded, and nothing is
+    corrected afterwards.
+    """
     export = export_of("scale", "f32", tmp_path_factory)
     content = blob.render(export)
     run = built(export, tmp_path)
@@ -111,10 +121,22 @@ def test_every_flipped_bit_and_every_truncation_is_refused(tmp_path, tmp_path_fa
 
 @pytest.mark.parametrize(
     ("how", "reason"),
-    [("nan", 8), ("range", 8), ("coefficient", 9), ("layout", 6), ("schema", 4), ("rejected", 7), ("magic", 3)],
+    [
+        ("nan", 8),
+        ("range", 8),
+        ("coefficient", 9),
+        ("layout", 6),
+        ("schema", 4),
+        ("rejected", 7),
+        ("magic", 3),
+    ],
 )
-def test_a_blob_with_a_right_crc_and_a_wrong_content_is_refused(tmp_path, tmp_path_factory, how, reason):
-    """NaN, a range without a width, one changed coefficient, another layout or schema, a rejected run: each by its reason."""
+def test_a_blob_with_a_right_crc_and_a_wrong_content_is_refused(
+    tmp_path, tmp_path_factory, how, reason
+):
+    """NaN, a range without a width, one changed coefficient, another layout or schema, a rejected
+    run: each by its reason.
+    """
     export = export_of("scale", "f32", tmp_path_factory)
     content, names = bytearray(blob.render(export)), blob.shape(export.program).tables
     start, at = blob.HEADER.size, {}
@@ -132,25 +154,33 @@ def test_a_blob_with_a_right_crc_and_a_wrong_content_is_refused(tmp_path, tmp_pa
         (value,) = struct.unpack_from("<f", content, at[first])
         struct.pack_into("<f", content, at[first], value * 1.01 + 0.01)
     else:
-        offset, new = {"layout": (16, 0), "schema": (4, 2), "rejected": (14, 0), "magic": (0, 88)}[how]
+        offset, new = {"layout": (16, 0), "schema": (4, 2), "rejected": (14, 0), "magic": (0, 88)}[
+            how
+        ]
         content[offset] = new if content[offset] != new else new + 1
     assert built(export, tmp_path)(sealed(bytes(content))).split()[1:] == [str(reason), "1"]
 
 
 def test_the_loader_is_the_same_for_every_unit(tmp_path_factory):
-    """Nothing of one unit stands in the loader: another serial and other bounds give the same bytes."""
+    """Nothing of one unit stands in the loader: another serial and other bounds give the same
+    bytes.
+    """
     from dataclasses import replace
 
     export = export_of("rate", "f32", tmp_path_factory)
     other = replace(
-        export, identity=replace(export.identity, serial="ANOTHER", revision=7, run_sha256="ab" * 32), bounds={}
+        export,
+        identity=replace(export.identity, serial="ANOTHER", revision=7, run_sha256="ab" * 32),
+        bounds={},
     )
     assert c_loader.source(other) == c_loader.source(export)
     assert c_loader.header(other) == c_loader.header(export)
 
 
 def test_verify_reads_a_blob_again_and_refuses_a_changed_one(tmp_path_factory):
-    """The description names unit and counts; a flipped bit, a changed coefficient with a right CRC and a text are refused."""
+    """The description names unit and counts; a flipped bit, a changed coefficient with a right CRC
+    and a text are refused.
+    """
     export = export_of("gradient", "f64", tmp_path_factory)
     content = blob.render(export)
     said = blob.verify("unit.bin", content)

@@ -1,4 +1,6 @@
-"""Generated C: compilers, standards, warnings, sanitizers, cores, every temperature against the twin, mutations, MISRA."""
+"""Generated C: compilers, standards, warnings, sanitizers, cores, every temperature against the
+twin, mutations, MISRA.
+"""
 
 import re
 import shutil
@@ -15,7 +17,15 @@ from firmware_runs import RUNS, cached
 
 HOST_LANES, CORE_LANES = 65536, 1024
 WARNINGS = (
-    *("-Wall", "-Wextra", "-Wpedantic", "-Wconversion", "-Wsign-conversion", "-Wdouble-promotion", "-Wfloat-equal"),
+    *(
+        "-Wall",
+        "-Wextra",
+        "-Wpedantic",
+        "-Wconversion",
+        "-Wsign-conversion",
+        "-Wdouble-promotion",
+        "-Wfloat-equal",
+    ),
     *("-Wshadow", "-Wundef", "-Wcast-qual", "-Werror"),
 )
 C_ONLY = ("-Wstrict-prototypes", "-Wmissing-prototypes")
@@ -36,7 +46,9 @@ def needs(tool):
 
 def ran(*command, cwd):
     """Run a command that must succeed; returns what it printed."""
-    done = subprocess.run(command, cwd=cwd, capture_output=True, text=True, check=False, timeout=120)
+    done = subprocess.run(
+        command, cwd=cwd, capture_output=True, text=True, check=False, timeout=120
+    )
     assert done.returncode == 0, done.stderr[:3000]
     return done.stdout + done.stderr
 
@@ -72,7 +84,9 @@ def remembered(one, lanes):
 
 def said(text):
     """Prefix → hash of all outputs with the self-test's verdict, from what the driver printed."""
-    return dict(line.split() for line in text.splitlines() if re.fullmatch(r"\w+ [0-9a-f]{8}[+-]", line))
+    return dict(
+        line.split() for line in text.splitlines() if re.fullmatch(r"\w+ [0-9a-f]{8}[+-]", line)
+    )
 
 
 @pytest.mark.parametrize("standard", ["c99", "c11", "c17"])
@@ -98,8 +112,12 @@ def test_headers_and_sources_are_also_cpp(compiler, sources):
         "gcc -O1 -ffp-contract=off -fsanitize=undefined -fno-sanitize-recover=all",
     ],
 )
-def test_every_representable_temperature_gives_the_twins_bits_on_the_host(command, sources, exports, tmp_path):
-    """All 65,536 values of the first input, the others in step, NaN words and clamping included; no undefined behaviour."""
+def test_every_representable_temperature_gives_the_twins_bits_on_the_host(
+    command, sources, exports, tmp_path
+):
+    """All 65,536 values of the first input, the others in step, NaN words and clamping included; no
+    undefined behaviour.
+    """
     compiler, *flags = command.split()
     needs(compiler)
     program = tmp_path / "host"
@@ -110,25 +128,47 @@ def test_every_representable_temperature_gives_the_twins_bits_on_the_host(comman
 
 @pytest.mark.parametrize("core", CORES)
 def test_emulated_cores_give_the_twins_bits_without_a_library(core, sources, exports, tmp_path):
-    """Cortex-M0, M3, M4F and M7 under qemu-system-arm; linked with the compiler's own arithmetic alone."""
+    """Cortex-M0, M3, M4F and M7 under qemu-system-arm; linked with the compiler's own arithmetic
+    alone.
+    """
     needs(ARM)
     needs("qemu-system-arm")
     machine, flags = CORES[core]
     image = tmp_path / "image.elf"
-    options = ("-mthumb", f"-mcpu={core}", *flags, "-O1", "-ffp-contract=off", "-ffreestanding", "-std=gnu99")
+    options = (
+        "-mthumb",
+        f"-mcpu={core}",
+        *flags,
+        "-O1",
+        "-ffp-contract=off",
+        "-ffreestanding",
+        "-std=gnu99",
+    )
     bare = ("-DBARE", f"-DLANES={CORE_LANES}U", "-nostdlib", "-T", "core.ld", "driver.c", "-lgcc")
     ran(ARM, *options, *bare, "-o", str(image), cwd=sources)
     console = ("-nographic", "-semihosting-config", "enable=on,target=native")
-    found = said(ran("qemu-system-arm", "-M", machine, *console, "-kernel", str(image), cwd=tmp_path))
+    found = said(
+        ran("qemu-system-arm", "-M", machine, *console, "-kernel", str(image), cwd=tmp_path)
+    )
     assert found == {one.prefix: f"{remembered(one, CORE_LANES):08x}+" for one in exports}
 
 
 def test_contraction_to_fused_multiply_add_stays_within_the_self_tests_tolerance(sources, tmp_path):
-    """With -ffp-contract=fast on a core that fuses, bits differ and every self-test still passes."""
+    """With -ffp-contract=fast on a core that fuses, bits differ and every self-test still
+    passes.
+    """
     needs(ARM)
     needs("qemu-system-arm")
     image, flags = tmp_path / "fused.elf", CORES["cortex-m7"][1]
-    options = ("-mthumb", "-mcpu=cortex-m7", *flags, "-O2", "-ffp-contract=fast", "-ffreestanding", "-std=gnu99")
+    options = (
+        "-mthumb",
+        "-mcpu=cortex-m7",
+        *flags,
+        "-O2",
+        "-ffp-contract=fast",
+        "-ffreestanding",
+        "-std=gnu99",
+    )
     ran(
         ARM,
         *options,
@@ -146,7 +186,9 @@ def test_contraction_to_fused_multiply_add_stays_within_the_self_tests_tolerance
     assembly = ran("arm-none-eabi-objdump", "-d", str(image), cwd=tmp_path)
     assert "vfma.f32" in assembly
     console = ("-nographic", "-semihosting-config", "enable=on,target=native")
-    found = said(ran("qemu-system-arm", "-M", "mps2-an500", *console, "-kernel", str(image), cwd=tmp_path))
+    found = said(
+        ran("qemu-system-arm", "-M", "mps2-an500", *console, "-kernel", str(image), cwd=tmp_path)
+    )
     assert len(found) == 4 * len(RUNS)
     assert all(verdict.endswith("+") for verdict in found.values())
 
@@ -162,7 +204,9 @@ def test_single_precision_asks_nothing_of_double_precision(sources, tmp_path):
 
 @pytest.mark.parametrize("compiler", ["gcc", "clang"])
 def test_fast_math_is_refused_and_the_self_test_can_be_left_out(compiler, sources, tmp_path):
-    """-ffast-math would delete the guard against NaN; CAL_NO_SELFTEST removes the vectors and their function."""
+    """-ffast-math would delete the guard against NaN; CAL_NO_SELFTEST removes the vectors and their
+    function.
+    """
     needs(compiler)
     fast = subprocess.run(
         [compiler, "-ffast-math", "-fsyntax-only", "lagged_f32.c"],
@@ -213,20 +257,28 @@ CODE = (
 
 
 def mutants(one, text):
-    """What is wrong, and the text of a source, with one number doubled (a 0 made 1/16) or one line of code wrong.
+    """What is wrong, and the text of a source, with one number doubled (a 0 made 1/16) or one line
+    of code wrong.
 
-    Left out is what no test can see: the padding of rows of weights, the limit of a summed drift, which lies thousands of
-    updates away, ranges within which a map limits again, and coefficients below the resolution of the format.
+    Left out is what no test can see: the padding of rows of weights, the limit of a summed drift,
+    which lies thousands of updates away, ranges within which a map limits again, and coefficients
+    below the resolution of the format.
     """
     body, _, test = text.partition("#ifndef CAL_NO_SELFTEST")
     untold, found = immaterial(one), []
-    ranges_within = {entry.table for entry in one.chain.structure.inputs if not entry.flag} | {"drift_limits"}
+    ranges_within = {entry.table for entry in one.chain.structure.inputs if not entry.flag} | {
+        "drift_limits"
+    }
     for constant in CONSTANT.finditer(body):
         table = constant.group(1).removeprefix(f"{one.prefix}_")
         for place, number in enumerate(NUMBER.finditer(constant.group(2))):
             value = float(number.group())
             padding = value == 0.0 and table.endswith("_weights")
-            wide = table in {"x_map", "wide_gradient_map"} and place > 1 and bool(one.chain.structure.slopes)
+            wide = (
+                table in {"x_map", "wide_gradient_map"}
+                and place > 1
+                and bool(one.chain.structure.slopes)
+            )
             if padding or wide or table in ranges_within or (table, place) in untold:
                 continue
             at = constant.start(2) + number.start()
@@ -241,32 +293,45 @@ def mutants(one, text):
 
 
 def immaterial(one):
-    """Table and number of coefficients whose doubling moves no result, anywhere in range, by what the self-test allows."""
+    """Table and number of coefficients whose doubling moves no result, anywhere in range, by what
+    the self-test allows.
+    """
     if one.chain.structure.interval_s is not None:
         return set()
     known, rng = ranges.of(one.chain, usual=False), np.random.default_rng(2)
     words = {
-        entry.name: twin.encoded(one.program, entry.name, rng.uniform(*map(float, known[entry.name]), 4096))
+        entry.name: twin.encoded(
+            one.program, entry.name, rng.uniform(*map(float, known[entry.name]), 4096)
+        )
         for entry in one.chain.structure.inputs
     }
     right, found = twin.call(one.program, words).outputs, set()
-    tables = {t.table for s in one.chain.structure.steps if isinstance(s, Sum) for t in s.terms if t.table}
+    tables = {
+        t.table for s in one.chain.structure.steps if isinstance(s, Sum) for t in s.terms if t.table
+    }
     for table in tables:
         numbers = one.program.tables[table]
         for place in range(len(numbers)):
             changed = (*numbers[:place], 2.0 * numbers[place], *numbers[place + 1 :])
             program = replace(one.program, tables={**one.program.tables, table: changed})
             wrong = twin.call(program, words).outputs
-            if all(np.abs(wrong[o] - right[o]).max() < c_source.tolerance_of(one, o) for o in right):
+            if all(
+                np.abs(wrong[o] - right[o]).max() < c_source.tolerance_of(one, o) for o in right
+            ):
                 found.add((table, place))
-    # the cofactors of a matrix that hardly varies with temperature have high powers of next to nothing
+    # the cofactors of a matrix that hardly varies with temperature have high powers of next to
+    # nothing
     assert len(found) <= (60 if one.prefix.startswith("triad") else 2), found
     return found
 
 
 @pytest.mark.parametrize("name", RUNS)
-def test_the_self_test_notices_every_changed_coefficient_and_every_fault_of_the_code(name, sources, exports, tmp_path):
-    """Each number of a source doubled, each line broken: compiled, run, and reported by its own vectors."""
+def test_the_self_test_notices_every_changed_coefficient_and_every_fault_of_the_code(
+    name, sources, exports, tmp_path
+):
+    """Each number of a source doubled, each line broken: compiled, run, and reported by its own
+    vectors.
+    """
     needs("gcc")
     prefix, one = f"{name}_f32", next(e for e in exports if e.prefix == f"{name}_f32")
     text = (sources / f"{prefix}.c").read_text()
@@ -274,11 +339,19 @@ def test_the_self_test_notices_every_changed_coefficient_and_every_fault_of_the_
     found = [("nothing", text), *mutants(one, text)]
     parts = [COMMON, header]
     for k, (_, mutant) in enumerate(found):
-        renamed = re.sub(rf"\b{prefix}_(?!in\b|out\b|state\b)", f"m{k}_", mutant).replace(f'#include "{prefix}.h"', "")
-        renamed = re.sub(r"#define (\w+_(?:TESTS|WINDOW|WINDOW_LEAST)) ", r"#undef \1\n#define \1 ", renamed)
+        renamed = re.sub(rf"\b{prefix}_(?!in\b|out\b|state\b)", f"m{k}_", mutant).replace(
+            f'#include "{prefix}.h"', ""
+        )
+        renamed = re.sub(
+            r"#define (\w+_(?:TESTS|WINDOW|WINDOW_LEAST)) ", r"#undef \1\n#define \1 ", renamed
+        )
         parts.append(re.sub(r"/\*.*?\*/", "", renamed, flags=re.DOTALL))
-    calls = "".join(f'    if (m{k}_selftest() != 0) {{ put("{k}\\n"); }}\n' for k in range(len(found)))
-    (tmp_path / "mutants.c").write_text("\n".join(parts) + f"\nint main(void)\n{{\n{calls}    return 0;\n}}\n")
+    calls = "".join(
+        f'    if (m{k}_selftest() != 0) {{ put("{k}\\n"); }}\n' for k in range(len(found))
+    )
+    (tmp_path / "mutants.c").write_text(
+        "\n".join(parts) + f"\nint main(void)\n{{\n{calls}    return 0;\n}}\n"
+    )
     ran("gcc", "-w", "-O0", "-ffp-contract=off", "mutants.c", "-o", "mutants", cwd=tmp_path)
     caught = set(map(int, ran("./mutants", cwd=tmp_path).split()))
     assert [what for k, (what, _) in enumerate(found) if k and k not in caught] == []

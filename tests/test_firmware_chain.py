@@ -1,18 +1,18 @@
-"""The correction chain of a run against calibkit's own float64 models, in every number format, within the printed bound."""
+"""The correction chain of a run against calibkit's own float64 models, in every number format,
+within the printed bound.
+"""
 
 import numpy as np
 import pytest
 
-from calibkit.firmware import bounds, exact, formats, program, ranges, triad_chain, twin
-from calibkit.numeric import drift, thermal_drift
-from calibkit.stages import (
-    accel_results,
-    fog_compensate,
-    fog_levels,
-    gyro_axes_compensate,
-    gyro_compensate,
-    inclinometer_results,
-)
+from calibkit.firmware import bounds, exact, formats, program, ranges, twin
+from calibkit.instruments.accelerometer import coefficient_files, firmware
+from calibkit.instruments.fog_thermal import compensate, level_file
+from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import gradient as drift
+from calibkit.instruments.gyro_scale import axes_compensate
+from calibkit.instruments.gyro_scale import compensate as gyro_compensate
+from calibkit.instruments.inclinometer import coefficient_files as inclinometer_results
 from firmware_runs import MEMORYLESS, RUNS, cached
 
 # every temperature that a thermometer of 16 bits over ±128 °C can say
@@ -42,7 +42,10 @@ def physical(quantised, columns):
     """Inputs after they were stored in a number format, as float64."""
     words = {name: twin.encoded(quantised, name, values) for name, values in columns.items()}
     scales = quantised.scales
-    back = {name: np.asarray(w, dtype=np.float64) * 2.0 ** -scales.get(name, 0) for name, w in words.items()}
+    back = {
+        name: np.asarray(w, dtype=np.float64) * 2.0 ** -scales.get(name, 0)
+        for name, w in words.items()
+    }
     return words, back
 
 
@@ -50,10 +53,12 @@ def model_of(name, this):
     """The float64 correction of a chain without memory, from columns of inputs."""
     records, spec = this.run.records, this.spec
     if name in ("affine", "k", "kq"):
-        correction = accel_results.correction(records, spec)
+        correction = coefficient_files.correction(records, spec)
 
         def corrected(columns):
-            vector = np.column_stack([np.clip(columns[f"accel_{axis}_g"], -2.0, 2.0) for axis in "xyz"])
+            vector = np.column_stack(
+                [np.clip(columns[f"accel_{axis}_g"], -2.0, 2.0) for axis in "xyz"]
+            )
             found = correction(vector, columns["temp_case_degc"])
             return {f"accel_{axis}_g": found[:, k] for k, axis in enumerate("xyz")}
 
@@ -61,14 +66,17 @@ def model_of(name, this):
     if name == "scale":
         models = inclinometer_results.models(records, spec)
         return lambda columns: {
-            f"scale_{axis}": model.prior(columns["temp_case_degc"]).s for axis, model in models.items()
+            f"scale_{axis}": model.prior(columns["temp_case_degc"]).s
+            for axis, model in models.items()
         }
     if name == "triad":
-        known = gyro_axes_compensate.base(records, spec)
+        known = axes_compensate.base(records, spec)
 
         def about_base(columns):
             indications = np.column_stack([columns[f"gyro_{gyro}_lsb"] for gyro in known.gyros])
-            rates = known.rates(indications, columns.get("temp_case_degc", np.zeros(len(indications))))
+            rates = known.rates(
+                indications, columns.get("temp_case_degc", np.zeros(len(indications)))
+            )
             return {f"rate_{axis}_dps": rates[:, a] for a, axis in enumerate("xyz")}
 
         return about_base
@@ -78,7 +86,9 @@ def model_of(name, this):
     def rates(columns):
         cold = np.zeros_like(next(iter(columns.values())))
         return {
-            f"gyro_{gyro}_dps": one.rate(columns[f"gyro_{gyro}_lsb"], columns.get("temp_case_degc", cold))
+            f"gyro_{gyro}_dps": one.rate(
+                columns[f"gyro_{gyro}_lsb"], columns.get("temp_case_degc", cold)
+            )
             for gyro, one in frozen.items()
         }
 
@@ -88,7 +98,9 @@ def model_of(name, this):
 @pytest.mark.parametrize("number", ["f32", "f64", "q31", "q15"])
 @pytest.mark.parametrize("name", MEMORYLESS)
 def test_a_chain_without_memory_is_the_float64_model_within_its_printed_bound(name, number, runs):
-    """At every temperature of a 16-bit thermometer and random indications, clamped at both ends as the model is."""
+    """At every temperature of a 16-bit thermometer and random indications, clamped at both ends as
+    the model is.
+    """
     this = runs(name)
     quantised = program.of(this.chain, formats.of(number))
     bound = bounds.of(this.chain, quantised)
@@ -98,19 +110,35 @@ def test_a_chain_without_memory_is_the_float64_model_within_its_printed_bound(na
     usable = found.status != twin.INVALID
     assert usable.mean() > 0.99
     for output, values in expected.items():
-        error = np.abs(twin.decoded(quantised, output, found.outputs[output]) - values)[usable].max()
+        error = np.abs(twin.decoded(quantised, output, found.outputs[output]) - values)[
+            usable
+        ].max()
         assert error <= bound[output] + FLOAT64_NOISE.get(output, 1e-11)
         if number == "f32" and output.startswith("accel"):
             assert bound[output] < 1e-6  # g
 
 
-PACES = ((5, 0.0), (8, 5.0), (6, 0.0), (15, -5.0), (10, 0.0), (9, 9.0), (5, 0.0), (12, -6.0), (6, 0.0))
+PACES = (
+    (5, 0.0),
+    (8, 5.0),
+    (6, 0.0),
+    (15, -5.0),
+    (10, 0.0),
+    (9, 9.0),
+    (5, 0.0),
+    (12, -6.0),
+    (6, 0.0),
+)
 """Minutes and chamber rate [°C/min] of one thermal history."""
 
 
 def history(interval=10.0):
-    """Case and air temperatures of a thermal history with ramps and rests; noise of a real thermometer."""
-    pace = np.concatenate([np.full(round(minutes * 60.0 / interval), rate) for minutes, rate in PACES])
+    """Case and air temperatures of a thermal history with ramps and rests; noise of a real
+    thermometer.
+    """
+    pace = np.concatenate(
+        [np.full(round(minutes * 60.0 / interval), rate) for minutes, rate in PACES]
+    )
     time = np.arange(pace.size) * interval
     air = 15.0 + np.cumsum(pace) * interval / 60.0
     case = np.empty_like(air)
@@ -125,7 +153,9 @@ def along(quantised, columns):
     words = {name: twin.encoded(quantised, name, values) for name, values in columns.items()}
     state, found = twin.reset(quantised, 1), []
     for k in range(len(next(iter(words.values())))):
-        result = twin.call(quantised, {name: column[k : k + 1] for name, column in words.items()}, state)
+        result = twin.call(
+            quantised, {name: column[k : k + 1] for name, column in words.items()}, state
+        )
         state = result.state
         found.append(twin.decoded(quantised, "drift_dph", result.outputs["drift_dph"])[0])
     return np.array(found)
@@ -133,17 +163,25 @@ def along(quantised, columns):
 
 @pytest.mark.parametrize("number", ["f32", "f64", "q31", "q15"])
 @pytest.mark.parametrize("name", ["lagged", "level"])
-def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_bound(name, number, runs):
-    """Over an hour of ramps and rests: filter states, rates over windows, clamping and the start included."""
+def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_bound(
+    name, number, runs
+):
+    """Over an hour of ramps and rests: filter states, rates over windows, clamping and the start
+    included.
+    """
     this = runs(name)
     quantised = program.of(this.chain, formats.of(number))
     bound = bounds.of(this.chain, quantised)["drift_dph"]
     time, case, air = history()
-    inputs = {e.name: case if e.name == "temp_case_degc" else air for e in this.chain.structure.inputs}
+    inputs = {
+        e.name: case if e.name == "temp_case_degc" else air for e in this.chain.structure.inputs
+    }
     _, stored = physical(quantised, inputs)
-    model = fog_levels.thermal_model(this.record("drift_rate.json").model("drift"))
+    model = level_file.thermal_model(this.record("drift_rate.json").model("drift"))
     heard = stored.get("temp_env_degc", air)
-    expected = thermal_drift.evaluate(model, time, stored["temp_case_degc"], heard, this.spec.reference_temp_degc)
+    expected = evaluate.evaluate(
+        model, time, stored["temp_case_degc"], heard, this.spec.reference_temp_degc
+    )
     error = np.abs(along(quantised, inputs) - expected.drift).max()
     assert np.abs(expected.drift).max() > 0.4  # °/h: there is something to get wrong
     assert error <= bound + FLOAT64_NOISE["drift_dph"]
@@ -163,9 +201,13 @@ def test_the_recursive_gradient_form_sums_the_float64_increments(number, runs):
     _, stored = physical(quantised, inputs)
     gradient = stored["temp_case_degc"] - stored["temp_env_degc"]
     blocks = drift.Blocks(
-        time, stored["temp_case_degc"], gradient, np.zeros_like(time), stored["temp_env_rate_degc_min"]
+        time,
+        stored["temp_case_degc"],
+        gradient,
+        np.zeros_like(time),
+        stored["temp_env_rate_degc_min"],
     )
-    model = fog_compensate.model_from(this.record("drift_rate.json"), this.spec)
+    model = compensate.model_from(this.record("drift_rate.json"), this.spec)
     expected = np.cumsum(model.along(blocks).delta)
     error = np.abs(along(quantised, inputs) - expected)
     assert np.abs(expected).max() > 0.2  # °/h
@@ -174,22 +216,32 @@ def test_the_recursive_gradient_form_sums_the_float64_increments(number, runs):
 
 
 def test_the_bound_of_a_plain_polynomial_is_within_the_classical_formula(runs):
-    """E ≤ 2⁻²⁴ (S (1 + 2n) + 3 D) of single precision is never exceeded by what is printed, and not undercut tenfold."""
+    """E ≤ 2⁻²⁴ (S (1 + 2n) + 3 D) of single precision is never exceeded by what is printed, and not
+    undercut tenfold.
+    """
     chain = runs("scale").chain
     name = chain.structure.steps[1].terms[0].table
     c = [abs(float(x)) for x in chain.tables[name]]
-    classical = 2.0**-24 * (sum(c) * (1 + 2 * (len(c) - 1)) + 3 * sum(k * x for k, x in enumerate(c)))
-    printed = bounds.of(chain, program.of(chain, formats.of("f32")))[chain.structure.outputs[0].name]
+    classical = 2.0**-24 * (
+        sum(c) * (1 + 2 * (len(c) - 1)) + 3 * sum(k * x for k, x in enumerate(c))
+    )
+    printed = bounds.of(chain, program.of(chain, formats.of("f32")))[
+        chain.structure.outputs[0].name
+    ]
     assert classical / 10 < printed <= classical * 1.02
 
 
 @pytest.mark.parametrize("name", RUNS)
 def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
-    """A NaN gives INVALID and no number (or the last drift), a temperature far outside its flag, the middle nothing."""
+    """A NaN gives INVALID and no number (or the last drift), a temperature far outside its flag,
+    the middle nothing.
+    """
     this = runs(name)
     quantised = program.of(this.chain, formats.of("f32"))
     known = ranges.of(this.chain, usual=False)
-    middle = {e.name: np.full(3, sum(map(float, known[e.name])) / 2) for e in this.chain.structure.inputs}
+    middle = {
+        e.name: np.full(3, sum(map(float, known[e.name])) / 2) for e in this.chain.structure.inputs
+    }
     first = this.chain.structure.inputs[0].name
     middle[first] = np.array([middle[first][0], np.nan, 1e9 + middle[first][0]])
     state = twin.reset(quantised, 3) if this.chain.structure.interval_s else None
@@ -206,9 +258,11 @@ def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
 
 @pytest.mark.parametrize("name", ["affine", "k", "kq"])
 def test_a_sensor_of_specific_force_is_corrected_in_its_own_sign(name, runs):
-    """Bias and second order turn their sign with the convention: f(V) of one is −f(−V) of the other."""
+    """Bias and second order turn their sign with the convention: f(V) of one is −f(−V) of the
+    other.
+    """
     this = runs(name)
-    turned = triad_chain.chain(this.run.records, name, "specific_force")
+    turned = firmware.chain(this.run.records, name, "specific_force")
     columns = within_ranges(this.chain, 500, 4)
     opposite = {column: -v if column.startswith("accel") else v for column, v in columns.items()}
     expected = twin.call(program.of(this.chain, formats.of("f64")), columns).outputs
@@ -218,10 +272,14 @@ def test_a_sensor_of_specific_force_is_corrected_in_its_own_sign(name, runs):
 
 
 def test_exact_arithmetic_does_not_hang_on_a_mathematics_library():
-    """Exp and sqrt to sixty digits against published digits; a map of a polynomial is the polynomial."""
+    """Exp and sqrt to sixty digits against published digits; a map of a polynomial is the
+    polynomial.
+    """
     assert f"{float(exact.exp(exact.Fraction(-1))):.17g}" == "0.36787944117144233"
     assert str(
-        exact.sqrt(exact.Fraction(2)).numerator * 10**50 // exact.sqrt(exact.Fraction(2)).denominator
+        exact.sqrt(exact.Fraction(2)).numerator
+        * 10**50
+        // exact.sqrt(exact.Fraction(2)).denominator
     ).startswith("14142135623730950488016887242096980785696718753769"[:49])
     raw = (exact.Fraction(3), exact.Fraction(-2), exact.Fraction(1, 7))
     u = exact.mapped(raw, exact.Fraction(20), exact.Fraction(60))

@@ -14,7 +14,8 @@ import pytest
 
 from calibkit import pipeline
 from calibkit.errors import OutputError
-from calibkit.firmware import c_text, drift_chain, formats, identifiers
+from calibkit.firmware import c_text, formats, identifiers
+from calibkit.instruments.fog_thermal import firmware
 from conftest import ROOT
 from firmware_runs import cached
 
@@ -32,8 +33,12 @@ def triad_run(tmp_path_factory):
 
 
 @pytest.mark.parametrize("number", ["f32", "f64", "q31", "q15"])
-def test_an_export_verifies_and_is_the_same_in_another_process(number, drift_run, tmp_path, calibkit):
-    """Header and source are written, verified, and byte-identical from a process with another hash seed and locale."""
+def test_an_export_verifies_and_is_the_same_in_another_process(
+    number, drift_run, tmp_path, calibkit
+):
+    """Header and source are written, verified, and byte-identical from a process with another hash
+    seed and locale.
+    """
     arguments = ("export", str(drift_run), "--target", "c", "--number", number, "--prefix", "gyro")
     outcome = calibkit(*arguments, "--out", tmp_path / "a", "--json")
     assert outcome.code == 0
@@ -48,7 +53,12 @@ def test_an_export_verifies_and_is_the_same_in_another_process(number, drift_run
         cwd=ROOT,
         check=True,
         capture_output=True,
-        env={"PATH": "", "PYTHONHASHSEED": "7", "LC_ALL": "C", "PYTHONPATH": os.pathsep.join(sys.path)},
+        env={
+            "PATH": "",
+            "PYTHONHASHSEED": "7",
+            "LC_ALL": "C",
+            "PYTHONPATH": os.pathsep.join(sys.path),
+        },
     )
     for path in files:
         assert path.read_bytes() == (tmp_path / "b" / path.name).read_bytes()
@@ -64,18 +74,38 @@ def test_nothing_is_overwritten_and_nothing_is_half_written(triad_run, tmp_path,
 
 @pytest.mark.parametrize(
     "prefix",
-    ["int", "class", "9lives", "a__b", "_x", "x_", "a-b", "x" * 21, "printf", "stdint", "STDLIB", "limits", ""],
+    [
+        "int",
+        "class",
+        "9lives",
+        "a__b",
+        "_x",
+        "x_",
+        "a-b",
+        "x" * 21,
+        "printf",
+        "stdint",
+        "STDLIB",
+        "limits",
+        "",
+    ],
 )
 def test_a_prefix_that_c_or_cpp_forbid_is_refused(prefix, triad_run, tmp_path, calibkit):
-    """Keywords, reserved names, headers of the C library and names that are none exit with 2 and a word of advice."""
-    outcome = calibkit("export", triad_run, "--target", "c", "--prefix", prefix, "--out", tmp_path / "x")
+    """Keywords, reserved names, headers of the C library and names that are none exit with 2 and a
+    word of advice.
+    """
+    outcome = calibkit(
+        "export", triad_run, "--target", "c", "--prefix", prefix, "--out", tmp_path / "x"
+    )
     assert outcome.code == 2
     assert not (tmp_path / "x").exists()
     assert identifiers.check_prefix("gyro_7") == "gyro_7"
 
 
 def test_a_plain_file_as_folder_is_named_as_such(triad_run, tmp_path, calibkit):
-    """--out on a file, or below one: it is no folder, instead of a file in it that exists already."""
+    """--out on a file, or below one: it is no folder, instead of a file in it that exists
+    already.
+    """
     (tmp_path / "afile").write_text("mine")
     for out in (tmp_path / "afile", tmp_path / "afile" / "below"):
         outcome = calibkit("export", triad_run, "--target", "c", "--out", out)
@@ -86,9 +116,18 @@ def test_a_plain_file_as_folder_is_named_as_such(triad_run, tmp_path, calibkit):
 
 
 @pytest.mark.parametrize(("target", "number"), [("c", "f32"), ("blob", "f32"), ("csv", "q31")])
-def test_the_digests_are_the_fields_of_the_files_and_said_to_be(target, number, drift_run, tmp_path, calibkit):
-    """Every digest is labelled as the field sha256 of its file, and is that, not the digest of the file's bytes."""
-    assert calibkit("export", drift_run, "--target", target, "--number", number, "--out", tmp_path).code == 0
+def test_the_digests_are_the_fields_of_the_files_and_said_to_be(
+    target, number, drift_run, tmp_path, calibkit
+):
+    """Every digest is labelled as the field sha256 of its file, and is that, not the digest of the
+    file's bytes.
+    """
+    assert (
+        calibkit(
+            "export", drift_run, "--target", target, "--number", number, "--out", tmp_path
+        ).code
+        == 0
+    )
     file = tmp_path / {"c": "cal.h", "blob": "cal.bin", "csv": "cal.csv"}[target]
     text = file.read_bytes().decode("ascii", "replace")
     words = " ".join(text.replace("\n *", " ").split())
@@ -112,7 +151,9 @@ def test_unknown_targets_and_numbers_name_those_there_are(triad_run, tmp_path, c
 
 
 def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
-    """A run that failed a limit exits with 4; told otherwise, every file says REJECTED and the header's macro is 0."""
+    """A run that failed a limit exits with 4; told otherwise, every file says REJECTED and the
+    header's macro is 0.
+    """
     run = cached("k", tmp_path_factory).run
     failed = {"name": "residual rms", "value": 2.0, "limit": 1.0, "unit": "g", "passed": False}
     run = replace(run, document={**run.document, "accepted": False, "acceptance": [failed]})
@@ -127,7 +168,9 @@ def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
 
 
 def test_a_changed_digit_fails_verification_even_under_a_new_digest(drift_run, tmp_path, calibkit):
-    """The digest finds any change; the recomputed vectors find a changed coefficient whose file was sealed again."""
+    """The digest finds any change; the recomputed vectors find a changed coefficient whose file was
+    sealed again.
+    """
     assert calibkit("export", drift_run, "--target", "c", "--out", tmp_path).code == 0
     source = tmp_path / "cal.c"
     text = source.read_text()
@@ -152,14 +195,16 @@ def test_a_run_without_a_drift_term_or_with_one_that_removes_the_rate_is_refused
     """There is nothing to export, or something that must not be; exit code 4."""
     models = cached("gradient", tmp_path_factory).record("drift_rate.json").models
     with pytest.raises(OutputError, match="no drift term") as refused:
-        drift_chain.chain((), 25.0, "recursive", 60.0)
+        firmware.chain((), 25.0, "recursive", 60.0)
     assert refused.value.exit_code == 4
     with pytest.raises(OutputError, match="removes the true rate"):
-        drift_chain.chain(models, 25.0, "one_step", 60.0)
+        firmware.chain(models, 25.0, "one_step", 60.0)
 
 
 def test_literals_read_back_to_the_same_number_in_c():
-    """Nine and seventeen significant digits, with a point or an exponent, and F for single precision."""
+    """Nine and seventeen significant digits, with a point or an exponent, and F for single
+    precision.
+    """
     f32, f64 = formats.of("f32"), formats.of("f64")
     assert f32.text(1.0) == "1.0F"
     assert f32.text(f32.nearest(formats.Fraction(1, 10))) == "0.100000001F"
@@ -173,43 +218,85 @@ def test_literals_read_back_to_the_same_number_in_c():
 
 
 def test_apply_as_firmware_is_what_the_target_will_do(drift_run, triad_run, tmp_path, calibkit):
-    """Corrected by the twin: within the float32 bound of the float64 result for a triad; one interval late for a drift."""
+    """Corrected by the twin: within the float32 bound of the float64 result for a triad; one
+    interval late for a drift.
+    """
     data = ROOT / "datasets/accelerometer/positions.csv"
-    for name, extra in (("a", ()), ("b", ("--as-firmware", "f32")), ("c", ("--as-firmware", "q15"))):
-        assert calibkit("apply", triad_run, "--data", data, "--out", tmp_path / f"{name}.csv", *extra).code == 0
+    for name, extra in (
+        ("a", ()),
+        ("b", ("--as-firmware", "f32")),
+        ("c", ("--as-firmware", "q15")),
+    ):
+        assert (
+            calibkit(
+                "apply", triad_run, "--data", data, "--out", tmp_path / f"{name}.csv", *extra
+            ).code
+            == 0
+        )
     a, b, c = (pd.read_csv(tmp_path / f"{name}.csv") for name in "abc")
     columns = [f"accel_{axis}_g" for axis in "xyz"]
     assert (a[columns] - b[columns]).abs().to_numpy().max() < 1e-6  # g
     assert 1e-6 < (a[columns] - c[columns]).abs().to_numpy().max() < 1e-3  # g
     log = ROOT / "datasets/fog_thermal/withheld/ramp_heating_03.csv"
-    outcome = calibkit("apply", drift_run, "--data", log, "--out", tmp_path / "f.csv", "--as-firmware", "f32")
+    outcome = calibkit(
+        "apply", drift_run, "--data", log, "--out", tmp_path / "f.csv", "--as-firmware", "f32"
+    )
     assert outcome.code == 0
     assert "interval" in outcome.err
     raw, out = pd.read_csv(log)["gyro_dph"], pd.read_csv(tmp_path / "f.csv")["gyro_dph"]
     assert out.rolling(100).mean().std() < 0.3 * raw.rolling(100).mean().std()
     drift = (raw - out).to_numpy()
-    assert all(np.ptp(drift[k : k + 10]) < 1e-9 for k in range(0, drift.size - 10, 10))  # °/h, held over an interval
-    assert calibkit("apply", drift_run, "--data", log, "--out", tmp_path / "g.csv", "--as-firmware", "q7").code == 2
+    assert all(
+        np.ptp(drift[k : k + 10]) < 1e-9 for k in range(0, drift.size - 10, 10)
+    )  # °/h, held over an interval
+    assert (
+        calibkit(
+            "apply", drift_run, "--data", log, "--out", tmp_path / "g.csv", "--as-firmware", "q7"
+        ).code
+        == 2
+    )
 
 
 ADVISORY = {"2.5", "8.7", "8.9"}
-"""MISRA C:2012 rules that generated files deviate from, all advisory: status macros are for the application (2.5), functions
-are called from another file (8.7), tables stand together at file scope, where a reviewer looks for them (8.9)."""
+"""MISRA C:2012 rules that generated files deviate from, all advisory: status macros are for the
+application (2.5), functions are called from another file (8.7), tables stand together at file
+scope, where a reviewer looks for them (8.9).
+"""
 
 
 @pytest.mark.parametrize("number", ["f32", "q31", "q15"])
-def test_cppcheck_finds_no_misra_deviation_but_the_three_on_the_list(number, drift_run, triad_run, tmp_path, calibkit):
+def test_cppcheck_finds_no_misra_deviation_but_the_three_on_the_list(
+    number, drift_run, triad_run, tmp_path, calibkit
+):
     """The addon's rules over sources with and without memory, and no other finding."""
     if shutil.which("cppcheck") is None:
         pytest.skip("cppcheck is not installed")
     for k, run in enumerate((drift_run, triad_run)):
         assert (
-            calibkit("export", run, "--target", "c", "--number", number, "--prefix", f"m{k}", "--out", tmp_path).code
+            calibkit(
+                "export",
+                run,
+                "--target",
+                "c",
+                "--number",
+                number,
+                "--prefix",
+                f"m{k}",
+                "--out",
+                tmp_path,
+            ).code
             == 0
         )
     done = subprocess.run(
         [
-            *("cppcheck", "--addon=misra", "--std=c99", "--enable=all", "-q", "--suppress=missingIncludeSystem"),
+            *(
+                "cppcheck",
+                "--addon=misra",
+                "--std=c99",
+                "--enable=all",
+                "-q",
+                "--suppress=missingIncludeSystem",
+            ),
             *("--suppress=unusedFunction", "m0.c", "m1.c"),
         ],
         cwd=tmp_path,

@@ -1,4 +1,6 @@
-"""The example project: generated files in an application with a plain Makefile, on the host and on an emulated core."""
+"""The example project: generated files in an application with a plain Makefile, on the host and on
+an emulated core.
+"""
 
 import shutil
 import subprocess
@@ -12,13 +14,17 @@ PROJECT = ROOT / "tests" / "firmware_project"
 
 @pytest.fixture(scope="module")
 def delivered(tmp_path_factory):
-    """Return a folder with the sample gyro exported as C and as a blob, as the Makefile expects it."""
+    """Return a folder with the sample gyro exported as C and as a blob, as the Makefile expects
+    it.
+    """
     from calibkit import pipeline, recipe, store
     from calibkit.procedures import silent
 
     root = tmp_path_factory.mktemp("project")
     data = ROOT / "datasets" / "rate_table"
-    outcome = pipeline.fit(recipe.find("rate_table"), data, "GYRO-0001", root / "runs", "2026-11-21", silent)
+    outcome = pipeline.fit(
+        recipe.find("rate_table"), data, "GYRO-0001", root / "runs", "2026-11-21", silent
+    )
     run = store.load(outcome.folder)
     pipeline.export([run], "c", "f32", "gyro", root / "exported")
     pipeline.export([run], "blob", "f32", "gyro", root / "exported_blob")
@@ -29,7 +35,12 @@ def make(root, target):
     """Run make; returns what it printed, where an emulator prints too."""
     places = [f"{name}={root / folder}" for name, folder in PLACES.items()]
     done = subprocess.run(
-        ["make", "-s", *places, target], cwd=PROJECT, capture_output=True, text=True, check=False, timeout=120
+        ["make", "-s", *places, target],
+        cwd=PROJECT,
+        capture_output=True,
+        text=True,
+        check=False,
+        timeout=120,
     )
     assert done.returncode == 0, done.stderr[:3000]
     assert "warning" not in done.stderr
@@ -40,7 +51,9 @@ PLACES = {"EXPORTED": "exported", "BLOB": "exported_blob", "BUILD": "build"}
 
 
 def test_host_and_core_give_the_same_bits_from_source_and_from_blob(delivered):
-    """Four programs, one result: self-test passed, three rates without a status, one clamped; no warning anywhere."""
+    """Four programs, one result: self-test passed, three rates without a status, one clamped; no
+    warning anywhere.
+    """
     for tool in ("make", "arm-none-eabi-gcc", "qemu-system-arm"):
         if shutil.which(tool) is None:
             pytest.skip(f"{tool} is not installed")
@@ -61,7 +74,13 @@ def test_a_damaged_blob_keeps_the_application_from_correcting(delivered):
     content = bytearray((folder / "gyro.bin").read_bytes())
     content[130] ^= 4
     (folder / "gyro.bin").write_bytes(bytes(content))
-    places = [f"EXPORTED={delivered / 'exported'}", f"BLOB={folder}", f"BUILD={delivered / 'build_damaged'}"]
-    done = subprocess.run(["make", "-s", *places, "run"], cwd=PROJECT, capture_output=True, text=True, check=False)
+    places = [
+        f"EXPORTED={delivered / 'exported'}",
+        f"BLOB={folder}",
+        f"BUILD={delivered / 'build_damaged'}",
+    ]
+    done = subprocess.run(
+        ["make", "-s", *places, "run"], cwd=PROJECT, capture_output=True, text=True, check=False
+    )
     assert done.returncode != 0
     assert "blob refused: reason 00000005" in done.stdout

@@ -1,4 +1,6 @@
-"""What an export says of the columns that its quantities were made of: sign, scale, unit, and text that is safe in C."""
+"""What an export says of the columns that its quantities were made of: sign, scale, unit, and text
+that is safe in C.
+"""
 
 from types import SimpleNamespace
 
@@ -24,25 +26,41 @@ def drift(overrides):
 
 def test_a_sign_and_a_unit_of_the_recipe_become_the_factor_of_the_logged_column():
     """With sign = -1 and °/s in the log the indication is -3600 times the column."""
-    said = drift(('columns.gyro_dph={from="Kreisel [°/s]",sign=-1}', 'columns.temp_case_degc={from="T",unit="degF"}'))
-    assert "indication    gyro_dph [deg/h] = -3600 * column 'Kreisel [\\xb0/s]' [deg/s] (recipe: sign = -1)" in said
-    assert said[0].startswith("input         temp_case_degc [degC] = 0.5555555556 * column 'T' [degF] - 17.77777778 ")
+    said = drift(
+        (
+            'columns.gyro_dph={from="Kreisel [°/s]",sign=-1}',
+            'columns.temp_case_degc={from="T",unit="degF"}',
+        )
+    )
+    assert (
+        "indication    gyro_dph [deg/h] = -3600 * column 'Kreisel [\\xb0/s]' [deg/s] (recipe: sign"
+        " = -1)" in said
+    )
+    assert said[0].startswith(
+        "input         temp_case_degc [degC] = 0.5555555556 * column 'T' [degF] - 17.77777778 "
+    )
 
 
 def test_the_factor_is_what_reading_the_log_gives(tmp_path):
     """Scale, offset, sign and unit together give the numbers that the reader gives."""
-    from calibkit.stages import ingest
+    from calibkit.ingest import logs
 
     spec = recipe.parse(
-        recipe.find("fog_thermal", ('columns.gyro_dph={from="G",unit="deg/s",scale=2.5,offset=-0.5,sign=-1}',))
+        recipe.find(
+            "fog_thermal",
+            ('columns.gyro_dph={from="G",unit="deg/s",scale=2.5,offset=-0.5,sign=-1}',),
+        )
     )
     said = drift(('columns.gyro_dph={from="G",unit="deg/s",scale=2.5,offset=-0.5,sign=-1}',))
     log = tmp_path / "a.csv"
-    log.write_text("time_s,temp_case_degc,temp_env_degc,G\n0,20,20,0.1\n1,20,20,0.3\n2,20,20,-0.2\n", encoding="utf-8")
-    read = ingest.read_one(spec, log, "a.csv", ("gyro_dph",)).frame["gyro_dph"].to_numpy()
+    log.write_text(
+        "time_s,temp_case_degc,temp_env_degc,G\n0,20,20,0.1\n1,20,20,0.3\n2,20,20,-0.2\n",
+        encoding="utf-8",
+    )
+    read = logs.read_one(spec, log, "a.csv", ("gyro_dph",)).frame["gyro_dph"].to_numpy()
     assert (
-        "gyro_dph [deg/h] = -9000 * column 'G' [deg/s] + 1800 (recipe: sign = -1, scale = 2.5, offset = -0.5)"
-        in said[1]
+        "gyro_dph [deg/h] = -9000 * column 'G' [deg/s] + 1800 (recipe: sign = -1, scale = 2.5,"
+        " offset = -0.5)" in said[1]
     )
     np.testing.assert_allclose(read, -9000 * np.array([0.1, 0.3, -0.2]) + 1800, rtol=1e-12)
 
@@ -50,20 +68,32 @@ def test_the_factor_is_what_reading_the_log_gives(tmp_path):
 def test_a_unit_that_only_the_log_states_is_not_made_up():
     """Where the recipe tells no unit, no factor is stated, but the sign is."""
     said = drift(('columns.gyro_dph={from="G",sign=-1}',))
-    assert "= -1 * column 'G', in deg/h, or in the unit that its header states (recipe: sign = -1)" in said[1]
+    assert (
+        "= -1 * column 'G', in deg/h, or in the unit that its header states (recipe: sign = -1)"
+        in said[1]
+    )
 
 
 def test_counts_per_sample_say_what_they_are_divided_by():
     """Counts over a stated interval, and over the time since the row before."""
-    spec = recipe.parse(recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",unit="1/sample",interval_s=0.5}',)))
+    spec = recipe.parse(
+        recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",unit="1/sample",interval_s=0.5}',))
+    )
     taken = SimpleNamespace(inputs=[SimpleNamespace(name="gyro_x_lsb")], outputs=[])
     assert "column 'N', counts per sample, / (0.5 s)" in sources.lines(spec, taken)[0]
-    spec = recipe.parse(recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",accumulated=true,sign=-1}',)))
-    assert "-column 'N', its counts since the row before, / (s since the row before)" in sources.lines(spec, taken)[0]
+    spec = recipe.parse(
+        recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",accumulated=true,sign=-1}',))
+    )
+    assert (
+        "-column 'N', its counts since the row before, / (s since the row before)"
+        in sources.lines(spec, taken)[0]
+    )
 
 
 def test_a_column_name_cannot_leave_its_comment():
-    """Ends of comments, line joins, trigraphs, marks of the generator and other alphabets are escaped, one to one."""
+    """Ends of comments, line joins, trigraphs, marks of the generator and other alphabets are
+    escaped, one to one.
+    """
     text = sources.quoted(NASTY)
     assert text.isascii()
     assert text.isprintable()
@@ -77,8 +107,20 @@ def test_a_column_name_cannot_leave_its_comment():
 @pytest.mark.parametrize(
     ("run", "words"),
     [
-        ("lagged", ("input temp_case_degc [degC] = column 'temp_case_degc'", "indication gyro_dph [deg/h] = ")),
-        ("kq", ("input accel_x_g [g] = ", "convention accelerometers in and out: positive along gravity")),
+        (
+            "lagged",
+            (
+                "input temp_case_degc [degC] = column 'temp_case_degc'",
+                "indication gyro_dph [deg/h] = ",
+            ),
+        ),
+        (
+            "kq",
+            (
+                "input accel_x_g [g] = ",
+                "convention accelerometers in and out: positive along gravity",
+            ),
+        ),
         ("rate", ("input gyro_x_lsb [", "sign feed and correct")),
         ("scale", ("indication gyro_x_dph [deg/h] = ", "indication gyro_y_dph [deg/h] = ")),
     ],
@@ -90,7 +132,9 @@ def test_header_source_blob_and_table_say_it(run, words, tmp_path, tmp_path_fact
         out = tmp_path / target
         assert calibkit("export", folder, "--target", target, "--out", out).code == 0
         for name in names:
-            text = " ".join((out / name).read_bytes().decode("ascii", "replace").replace("\n *", " ").split())
+            text = " ".join(
+                (out / name).read_bytes().decode("ascii", "replace").replace("\n *", " ").split()
+            )
             assert all(word in text for word in words), (name, text[:2000])
             assert calibkit("verify", out / name).code == 0
 

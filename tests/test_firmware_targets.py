@@ -1,4 +1,6 @@
-"""Hex, S-records, tables, autopilot parameters and deliveries of several units: what they hold, proven again."""
+"""Hex, S-records, tables, autopilot parameters and deliveries of several units: what they hold,
+proven again.
+"""
 
 import csv
 import io
@@ -23,15 +25,23 @@ def runs(tmp_path_factory):
 
 def export(calibkit, runs, out, target, *names, code=0, **options):
     """Export and return the folder."""
-    extra = [part for key, value in options.items() for part in (f"--{key.replace('_', '-')}", value)]
-    outcome = calibkit("export", *(names or UNITS[:1]), "--runs", runs, "--target", target, "--out", out, *extra)
+    extra = [
+        part for key, value in options.items() for part in (f"--{key.replace('_', '-')}", value)
+    ]
+    outcome = calibkit(
+        "export", *(names or UNITS[:1]), "--runs", runs, "--target", target, "--out", out, *extra
+    )
     assert outcome.code == code, outcome.err
     return out if code == 0 else outcome
 
 
 def drift(runs, name, temperature):
-    """What `apply` takes out of a channel of the first unit [its own unit], by its coefficient file."""
-    record = coefficients.loads((runs / "IMU-1" / "r001" / "bias.json").read_text(encoding="utf-8"), "bias.json")
+    """What `apply` takes out of a channel of the first unit [its own unit], by its coefficient
+    file.
+    """
+    record = coefficients.loads(
+        (runs / "IMU-1" / "r001" / "bias.json").read_text(encoding="utf-8"), "bias.json"
+    )
     model = record.model(name)
     powers = [c.value for c in model.coefficients]
     low, high = model.valid["temp_case_degc"]
@@ -50,7 +60,9 @@ def test_every_file_of_every_target_verifies(calibkit, runs, tmp_path, target):
 
 @pytest.mark.parametrize("target", ["blob", "hex", "srec", "csv", "px4", "ardupilot"])
 def test_one_changed_character_is_refused_in_every_target(calibkit, runs, tmp_path, target):
-    """Forty places of a file, a digit or a byte changed: verify exits 4 each time, and never with a traceback."""
+    """Forty places of a file, a digit or a byte changed: verify exits 4 each time, and never with a
+    traceback.
+    """
     folder = export(calibkit, runs, tmp_path / "o", target)
     suffix = {"blob": "bin", "px4": "params", "ardupilot": "param"}.get(target, target)
     whole = (folder / f"cal.{suffix}").read_bytes()
@@ -65,7 +77,11 @@ def test_one_changed_character_is_refused_in_every_target(calibkit, runs, tmp_pa
 def test_hex_and_s_records_hold_the_blob_at_its_address(calibkit, runs, tmp_path):
     """Both decode, by hand, to the bytes of the blob at 0x08040000."""
     content = (export(calibkit, runs, tmp_path / "b", "blob") / "cal.bin").read_bytes()
-    lines = (export(calibkit, runs, tmp_path / "h", "hex", address="0x08040000") / "cal.hex").read_text().split()
+    lines = (
+        (export(calibkit, runs, tmp_path / "h", "hex", address="0x08040000") / "cal.hex")
+        .read_text()
+        .split()
+    )
     memory, base = {}, 0
     for line in lines:
         raw = bytes.fromhex(line[1:])
@@ -77,7 +93,11 @@ def test_hex_and_s_records_hold_the_blob_at_its_address(calibkit, runs, tmp_path
             memory |= {base + address + k: byte for k, byte in enumerate(data)}
     assert bytes(memory[k] for k in sorted(memory)) == content
     assert min(memory) == 0x08040000
-    lines = (export(calibkit, runs, tmp_path / "s", "srec", address="0x08040000") / "cal.srec").read_text().split()
+    lines = (
+        (export(calibkit, runs, tmp_path / "s", "srec", address="0x08040000") / "cal.srec")
+        .read_text()
+        .split()
+    )
     memory = {}
     for line in lines:
         raw = bytes.fromhex(line[2:])
@@ -90,13 +110,22 @@ def test_hex_and_s_records_hold_the_blob_at_its_address(calibkit, runs, tmp_path
 
 
 def test_px4_parameters_give_the_run_s_own_correction(calibkit, runs, tmp_path):
-    """Evaluated as PX4 does, in single precision, with clamping: within 1e-4 °/h and 1 µg of the coefficient file."""
-    text = (export(calibkit, runs, tmp_path / "p", "px4") / "cal.params").read_text(encoding="ascii")
-    values = {f[2]: np.float32(f[3]) for f in (line.split("\t") for line in text.splitlines() if line[0] != "#")}
+    """Evaluated as PX4 does, in single precision, with clamping: within 1e-4 °/h and 1 µg of the
+    coefficient file.
+    """
+    text = (export(calibkit, runs, tmp_path / "p", "px4") / "cal.params").read_text(
+        encoding="ascii"
+    )
+    values = {
+        f[2]: np.float32(f[3])
+        for f in (line.split("\t") for line in text.splitlines() if line[0] != "#")
+    }
     temperature = np.linspace(0.0, 60.0, 601)
     for name in ORDERS:
         letter, axis = ("G", "A")[name.startswith("accel")], "xyz".index(name.split("_")[1])
-        clamped = np.clip(temperature, values[f"TC_{letter}0_TMIN"], values[f"TC_{letter}0_TMAX"]).astype(np.float32)
+        clamped = np.clip(
+            temperature, values[f"TC_{letter}0_TMIN"], values[f"TC_{letter}0_TMAX"]
+        ).astype(np.float32)
         d = clamped - values[f"TC_{letter}0_TREF"]
         x = [values.get(f"TC_{letter}0_X{k}_{axis}", np.float32(0.0)) for k in range(4)]
         offset = (x[0] + x[1] * d + x[2] * d * d + x[3] * d * d * d).astype(float)
@@ -105,29 +134,49 @@ def test_px4_parameters_give_the_run_s_own_correction(calibkit, runs, tmp_path):
 
 
 def test_ardupilot_parameters_give_the_run_s_own_changes(calibkit, runs, tmp_path):
-    """Between any two temperatures, as ArduPilot calculates it: within 1e-3 °/h and 1 µg of the coefficient file."""
-    text = (export(calibkit, runs, tmp_path / "p", "ardupilot") / "cal.param").read_text(encoding="ascii")
-    values = {f[0]: np.float32(f[1]) for f in (line.split(",") for line in text.splitlines() if line[0] != "#")}
+    """Between any two temperatures, as ArduPilot calculates it: within 1e-3 °/h and 1 µg of the
+    coefficient file.
+    """
+    text = (export(calibkit, runs, tmp_path / "p", "ardupilot") / "cal.param").read_text(
+        encoding="ascii"
+    )
+    values = {
+        f[0]: np.float32(f[1])
+        for f in (line.split(",") for line in text.splitlines() if line[0] != "#")
+    }
     temperature = np.linspace(0.0, 60.0, 601)
-    clamped = np.clip(temperature, values["INS_TCAL1_TMIN"], values["INS_TCAL1_TMAX"]).astype(np.float32)
+    clamped = np.clip(temperature, values["INS_TCAL1_TMIN"], values["INS_TCAL1_TMAX"]).astype(
+        np.float32
+    )
     d = clamped - np.float32(35.0)
     for name in ORDERS:
         letters, axis = ("GYR", "ACC")[name.startswith("accel")], name.split("_")[1].upper()
         c = [values[f"INS_TCAL1_{letters}{k}_{axis}"] for k in (1, 2, 3)]
         removed = ((c[0] + (c[1] + c[2] * d) * d) * d * np.float32(1e-6)).astype(float)
-        removed = removed - removed[300]  # what it adds again at the temperature of the offset calibration
+        removed = (
+            removed - removed[300]
+        )  # what it adds again at the temperature of the offset calibration
         expected = drift(runs, name, temperature)
         unit, limit = (RAD_S, 1e-3) if letters == "GYR" else (9.80665, 1e-6)
         assert np.max(np.abs(removed / unit - (expected - expected[300]))) < limit
 
 
 @pytest.mark.parametrize("target", ["px4", "ardupilot"])
-def test_a_chain_that_an_autopilot_cannot_hold_is_refused_with_the_reason(calibkit, tmp_path, target):
+def test_a_chain_that_an_autopilot_cannot_hold_is_refused_with_the_reason(
+    calibkit, tmp_path, target
+):
     """A gyro pair's scale factors are no offsets over temperature: exit 4, nothing written."""
     from conftest import ROOT
 
     fitted = calibkit(
-        "fit", "gyro_pair", "--data", ROOT / "datasets" / "gyro_pair", "--serial", "P", "--out", tmp_path / "r"
+        "fit",
+        "gyro_pair",
+        "--data",
+        ROOT / "datasets" / "gyro_pair",
+        "--serial",
+        "P",
+        "--out",
+        tmp_path / "r",
     )
     assert fitted.code == 0
     outcome = export(calibkit, tmp_path / "r", tmp_path / "o", target, "P", code=4)
@@ -148,7 +197,9 @@ def test_a_degree_that_an_autopilot_cannot_hold_is_refused():
 
 
 def test_a_table_has_one_row_a_unit_and_numbers_that_read_back(calibkit, runs, tmp_path):
-    """Three units: names with units, each row's own serial, the same columns, digests that differ."""
+    """Three units: names with units, each row's own serial, the same columns, digests that
+    differ.
+    """
     folder = export(calibkit, runs, tmp_path / "t", "csv", *UNITS, number="f64", prefix="imu")
     rows = list(csv.DictReader(io.StringIO((folder / "imu.csv").read_text(encoding="utf-8"))))
     assert [row["serial"] for row in rows] == list(UNITS)
@@ -159,7 +210,9 @@ def test_a_table_has_one_row_a_unit_and_numbers_that_read_back(calibkit, runs, t
 
 @pytest.mark.parametrize("target", ["blob", "hex", "px4"])
 def test_several_units_are_delivered_with_a_manifest(calibkit, runs, tmp_path, target):
-    """A file a unit and one manifest with every digest; a file that is exchanged for another unit's is found."""
+    """A file a unit and one manifest with every digest; a file that is exchanged for another unit's
+    is found.
+    """
     folder = export(calibkit, runs, tmp_path / "d", target, *UNITS, prefix="imu")
     manifest = folder / "imu_manifest.json"
     document = json.loads(manifest.read_text(encoding="utf-8"))
@@ -176,12 +229,16 @@ def test_several_units_are_delivered_with_a_manifest(calibkit, runs, tmp_path, t
 
 @pytest.mark.parametrize("target", ["blob", "hex", "srec", "csv", "px4", "ardupilot"])
 def test_verify_says_of_every_target_that_a_unit_was_rejected(runs, tmp_path, target):
-    """One rejected unit beside an accepted one: its own file, the table of both and the manifest say so, the other does not."""
+    """One rejected unit beside an accepted one: its own file, the table of both and the manifest
+    say so, the other does not.
+    """
     good, bad = (store.load(runs / name / "r001") for name in UNITS[:2])
     bad = replace(bad, document={**bad.document, "accepted": False, "acceptance": []})
     said = {
         path.name: pipeline.verify(path)
-        for path in pipeline.export([good, bad], target, "f32", "cal", tmp_path, allow_rejected=True)
+        for path in pipeline.export(
+            [good, bad], target, "f32", "cal", tmp_path, allow_rejected=True
+        )
     }
     for name, what in said.items():
         if "IMU-2" in name:
@@ -193,7 +250,9 @@ def test_verify_says_of_every_target_that_a_unit_was_rejected(runs, tmp_path, ta
 
 
 def test_what_cannot_be_delivered_together_is_refused(calibkit, runs, tmp_path):
-    """C sources of two units, the same unit twice, and an address beyond 32 bits: one line each, nothing written."""
+    """C sources of two units, the same unit twice, and an address beyond 32 bits: one line each,
+    nothing written.
+    """
     cases = (
         (("c", *UNITS), {}, "this target takes one"),
         (("blob", "IMU-1", "IMU-1@r001"), {}, "IMU-1 stands twice"),
@@ -217,4 +276,6 @@ def test_the_same_run_gives_the_same_bytes_in_every_target(calibkit, runs, tmp_p
         for name in ("one", "two"):
             export(calibkit, runs, tmp_path / name / target, target)
         for path in (tmp_path / "one" / target).iterdir():
-            assert path.read_bytes() == (tmp_path / "two" / target / path.name).read_bytes(), path.name
+            assert path.read_bytes() == (tmp_path / "two" / target / path.name).read_bytes(), (
+                path.name
+            )

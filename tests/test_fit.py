@@ -6,12 +6,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric import fit, hac
+from calibkit.numeric.least_squares import fit, hac
 from naive import newey_west
 
 
 def test_a_fit_equals_the_textbook_formula():
-    """Coefficients and covariance equal (XᵀWX)⁻¹XᵀWy and s²(XᵀWX)⁻¹ to 1e-10 relative on a well-conditioned problem."""
+    """Coefficients and covariance equal (XᵀWX)⁻¹XᵀWy and s²(XᵀWX)⁻¹ to 1e-10 relative on a
+    well-conditioned problem.
+    """
     rng = np.random.default_rng(2)
     X, w = rng.normal(size=(50, 3)), rng.uniform(0.5, 2.0, 50)
     y = X @ [1.0, -2.0, 3.0] + rng.normal(size=50)
@@ -27,17 +29,23 @@ def test_a_fit_equals_the_textbook_formula():
 @settings(max_examples=40, deadline=None)
 @given(exponents=st.lists(st.integers(-40, 40), min_size=4, max_size=4))
 def test_units_do_not_change_a_fit(exponents):
-    """Scaling a column by a power of two scales its coefficient and its uncertainty by the inverse, exactly."""
+    """Scaling a column by a power of two scales its coefficient and its uncertainty by the inverse,
+    exactly.
+    """
     rng = np.random.default_rng(3)
     X, y = rng.normal(size=(30, 4)), rng.normal(size=30)
     factors = 2.0 ** np.array(exponents)
     plain, scaled = fit.linear(X, y), fit.linear(X * factors, y)
     assert (scaled.coefficients * factors == plain.coefficients).all()
-    assert scaled.standard_uncertainty * factors == pytest.approx(plain.standard_uncertainty, rel=1e-12)
+    assert scaled.standard_uncertainty * factors == pytest.approx(
+        plain.standard_uncertainty, rel=1e-12
+    )
 
 
 def test_exact_data_of_an_ill_conditioned_polynomial_give_exact_coefficients():
-    """Wampler's first problem (order 5 over 0 … 20, integers) comes back to 1e-13, numpy's lstsq only to 1e-10."""
+    """Wampler's first problem (order 5 over 0 … 20, integers) comes back to 1e-13, numpy's lstsq
+    only to 1e-10.
+    """
     x = np.arange(21.0)
     X = np.vander(x, 6, increasing=True)
     y = X.sum(axis=1)
@@ -46,7 +54,9 @@ def test_exact_data_of_an_ill_conditioned_polynomial_give_exact_coefficients():
 
 
 def test_a_small_term_is_not_cut_off():
-    """Where lstsq's default cut silently drops a term (20 … 40 to the 6th power) every term stays within 1e-4."""
+    """Where lstsq's default cut silently drops a term (20 … 40 to the 6th power) every term stays
+    within 1e-4.
+    """
     x = np.linspace(20.0, 40.0, 200)
     truth = (-0.5) ** np.arange(7)
     X = np.vander(x, 7, increasing=True)
@@ -68,7 +78,11 @@ def test_what_the_data_cannot_determine_is_named():
 def test_a_column_of_zeros_is_undetermined():
     """A term that is zero everywhere is named rather than given any value."""
     with pytest.raises(FitError, match="cannot determine nothing"):
-        fit.linear(np.column_stack([np.arange(5.0), np.zeros(5)]), np.arange(5.0), names=("slope", "nothing"))
+        fit.linear(
+            np.column_stack([np.arange(5.0), np.zeros(5)]),
+            np.arange(5.0),
+            names=("slope", "nothing"),
+        )
 
 
 @pytest.mark.parametrize(
@@ -120,7 +134,9 @@ def test_hac_equals_its_double_sum():
 
 
 def test_hac_uncertainty_covers_where_ordinary_least_squares_does_not():
-    """With AR(1) residuals (ρ = 0.9) the 95 % interval of a mean covers over 88 %; the ordinary one under 50 %."""
+    """With AR(1) residuals (ρ = 0.9) the 95 % interval of a mean covers over 88 %; the ordinary one
+    under 50 %.
+    """
     rng = np.random.default_rng(6)
     X = np.ones((500, 1))
     hits = {"hac": 0, "ols": 0}

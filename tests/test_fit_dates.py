@@ -1,4 +1,6 @@
-"""A fit that is dated before the revision before it: flagged, and the flag says what selection by date does."""
+"""A fit that is dated before the revision before it: flagged, and the flag says what selection by
+date does.
+"""
 
 import json
 
@@ -34,12 +36,18 @@ def test_a_date_that_is_not_before_the_last_one_is_not_flagged(two_years, date):
 
 @pytest.mark.parametrize("date", ["2021-05-01", "2022-05-01"])
 def test_the_flag_says_what_selection_by_date_then_does(two_years, date):
-    """Between the two dates of the flag, and there alone, the run is found by date; without a date it is always found."""
+    """Between the two dates of the flag, and there alone, the run is found by date; without a date
+    it is always found.
+    """
     (said,) = flags(two_years, date)
-    until, other = {"2021-05-01": ("2022-01-01", "r001"), "2022-05-01": ("2023-01-01", "r002")}[date]
-    assert said == (
-        f"effective from {date}, before r002's 2023-01-01: by date r003 is in force from {date} until {until}, "
-        f"from then on {other} again; without a date S-1 is r003, the newest revision"
+    until, other = {"2021-05-01": ("2022-01-01", "r001"), "2022-05-01": ("2023-01-01", "r002")}[
+        date
+    ]
+    assert (
+        said
+        == f"effective from {date}, before r002's 2023-01-01: by date r003 is in force from {date}"
+        f" until {until}, from then on {other} again; without a date S-1 is r003, the newest"
+        " revision"
     )
     keep(two_years, model({"K": (10.0, "1/deg", 0.02)}), date=date)
     assert store.find("S-1", two_years, date).name == "r003"
@@ -55,10 +63,24 @@ def test_a_rejected_run_is_in_force_on_no_date(two_years):
 
 def test_fit_says_it_and_keeps_it(tmp_path, calibkit):
     """On the first fit nothing, on one that is dated before it a line, which run.json holds too."""
-    call = ("fit", "inclinometer", "--data", ROOT / "datasets" / "inclinometer", "--serial", "S", "--out", tmp_path)
-    first, second = (calibkit(*call, "--date", day, "--json") for day in ("2026-10-05", "2026-01-01"))
+    call = (
+        "fit",
+        "inclinometer",
+        "--data",
+        ROOT / "datasets" / "inclinometer",
+        "--serial",
+        "S",
+        "--out",
+        tmp_path,
+    )
+    first, second = (
+        calibkit(*call, "--date", day, "--json") for day in ("2026-10-05", "2026-01-01")
+    )
     assert not [flag for flag in first.json["flags"] if "effective" in flag]
     (said,) = [flag for flag in second.json["flags"] if "effective" in flag]
     assert said.startswith("effective from 2026-01-01, before r001's 2026-10-05: ")
-    assert said in json.loads((tmp_path / "S" / "r002" / "run.json").read_text(encoding="utf-8"))["flags"]
+    assert (
+        said
+        in json.loads((tmp_path / "S" / "r002" / "run.json").read_text(encoding="utf-8"))["flags"]
+    )
     assert calibkit("verify", tmp_path / "S" / "r002").code == 0

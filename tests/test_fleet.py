@@ -1,4 +1,6 @@
-"""Fleets: every unit once, whatever dies on the way; the same table whoever fitted it; who is not like the others."""
+"""Fleets: every unit once, whatever dies on the way; the same table whoever fitted it; who is not
+like the others.
+"""
 
 import csv
 import io
@@ -19,7 +21,7 @@ import quick_unit
 from calibkit import atomic, procedures, recipe, store
 from calibkit.errors import CalibkitError, StoppedError
 from calibkit.fleet import files, keys, local, run, server, table, unit
-from calibkit.procedures import bias_temperature
+from calibkit.instruments.bias_temperature import instrument
 from conftest import ROOT, write_log
 from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 
@@ -27,7 +29,7 @@ from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 @pytest.fixture
 def quick(monkeypatch):
     """Units are fitted without their figures, here and in other processes."""
-    monkeypatch.setattr(bias_temperature, "draw", bias_temperature.draw)  # restored after the test
+    monkeypatch.setattr(instrument, "draw", instrument.draw)  # restored after the test
     monkeypatch.setattr(run, "of_unit", quick_unit.outcome)
 
 
@@ -38,7 +40,9 @@ def coefficients(out, serial, revision=1):
 
 
 def test_a_fleet_of_200_units_survives_a_killed_process(tmp_path, quick):
-    """With a process killed after 20 and after 120 units all 200 have one run, correct, and nothing is half written."""
+    """With a process killed after 20 and after 120 units all 200 have one run, correct, and nothing
+    is half written.
+    """
     logs = fleet_logs(tmp_path / "units", 200)
 
     def killing(items, what):
@@ -55,13 +59,19 @@ def test_a_fleet_of_200_units_survives_a_killed_process(tmp_path, quick):
         assert [path.name for path in (tmp_path / "runs" / serial).iterdir()] == ["r001"]
         # powers of a temperature around 40 °C lose 3 digits of 16
         np.testing.assert_allclose(
-            coefficients(tmp_path / "runs", serial), np.polynomial.polynomial.polyfit(temperature, gyro, 1), rtol=1e-11
+            coefficients(tmp_path / "runs", serial),
+            np.polynomial.polynomial.polyfit(temperature, gyro, 1),
+            rtol=1e-11,
         )
     assert left_over(tmp_path / "runs") == []
 
 
-def test_a_unit_killed_while_its_run_is_written_is_written_whole_by_another(tmp_path, quick, monkeypatch):
-    """Killed between files and rename, a run is neither there in part nor lost, and its remains are removed."""
+def test_a_unit_killed_while_its_run_is_written_is_written_whole_by_another(
+    tmp_path, quick, monkeypatch
+):
+    """Killed between files and rename, a run is neither there in part nor lost, and its remains are
+    removed.
+    """
     fleet_logs(tmp_path / "units", 6)
     monkeypatch.setattr(run, "of_unit", quick_unit.killed_while_writing)
     done = fit(tmp_path / "units", tmp_path / "runs", jobs=2)
@@ -71,7 +81,9 @@ def test_a_unit_killed_while_its_run_is_written_is_written_whole_by_another(tmp_
     assert store.load(tmp_path / "runs" / "U003" / "r001").name == "U003@r001"
 
 
-def test_a_unit_that_kills_every_process_is_given_up_and_the_others_are_not(tmp_path, quick, monkeypatch):
+def test_a_unit_that_kills_every_process_is_given_up_and_the_others_are_not(
+    tmp_path, quick, monkeypatch
+):
     """After three processes a unit is failed, with exit code 70; the others have their runs."""
     fleet_logs(tmp_path / "units", 5)
     monkeypatch.setattr(run, "of_unit", quick_unit.poisonous)
@@ -82,16 +94,23 @@ def test_a_unit_that_kills_every_process_is_given_up_and_the_others_are_not(tmp_
 
 
 def test_processes_that_share_a_machine_take_one_thread_each(tmp_path, monkeypatch):
-    """Whatever the environment says, a process of the fleet multiplies with one thread; the environment stays."""
+    """Whatever the environment says, a process of the fleet multiplies with one thread; the
+    environment stays.
+    """
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
     plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    assert [said.message for said in local.outcomes(quick_unit.threads, plan, ["A", "B"], 2)] == ["1", "1"]
+    assert [said.message for said in local.outcomes(quick_unit.threads, plan, ["A", "B"], 2)] == [
+        "1",
+        "1",
+    ]
     assert os.environ["OPENBLAS_NUM_THREADS"] == "7"
 
 
 @pytest.mark.skipif(not server.COPIES, reason="processes begin anew on this system")
 def test_processes_begin_with_what_they_need_and_with_this_calibkit(tmp_path):
-    """A process, copied of one that has a single thread, has imported what draws figures from the code that hired it."""
+    """A process, copied of one that has a single thread, has imported what draws figures from the
+    code that hired it.
+    """
     plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     said = [outcome.message for outcome in local.outcomes(quick_unit.imported, plan, ["A", "B"], 2)]
     assert said == [f"True {atomic.__file__} 1"] * 2
@@ -100,13 +119,17 @@ def test_processes_begin_with_what_they_need_and_with_this_calibkit(tmp_path):
 
 def test_what_a_process_that_died_was_asked_is_done_here():
     """The table of a fleet is not lost with the process that drew it."""
-    assert local.by_another(quick_unit.dies_elsewhere, os.getpid()) == {"pid": str(os.getpid()).encode()}
+    assert local.by_another(quick_unit.dies_elsewhere, os.getpid()) == {
+        "pid": str(os.getpid()).encode()
+    }
     assert multiprocessing.active_children() == []
 
 
 @pytest.mark.drawn
 def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
-    """Killed (-9) as a whole and called again, it fits what is missing, nothing twice, and ends as if never killed."""
+    """Killed (-9) as a whole and called again, it fits what is missing, nothing twice, and ends as
+    if never killed.
+    """
     fleet_logs(tmp_path / "units", 8)
     (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
     out = tmp_path / "killed"
@@ -132,18 +155,31 @@ def test_a_killed_fleet_goes_on_where_it_was(tmp_path, calibkit):
 
 @pytest.mark.drawn
 def test_a_unit_of_a_fleet_is_to_the_byte_what_a_fit_of_it_alone_writes(tmp_path, calibkit):
-    """Coefficients, reports and digests of two units by two processes are those of `calibkit fit`, one after the other."""
+    """Coefficients, reports and digests of two units by two processes are those of `calibkit fit`,
+    one after the other.
+    """
     fleet_logs(tmp_path / "units", 2)
     (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
     fit(tmp_path / "units", tmp_path / "fleet", jobs=2)
     for serial in ("U000", "U001"):
-        call = ("--data", tmp_path / "units" / serial, "--serial", serial, "--out", tmp_path / "alone", "--date", DAY)
+        call = (
+            "--data",
+            tmp_path / "units" / serial,
+            "--serial",
+            serial,
+            "--out",
+            tmp_path / "alone",
+            "--date",
+            DAY,
+        )
         assert calibkit("fit", tmp_path / "bias.toml", *call).code == 0
         assert tree(tmp_path / "fleet" / serial) == tree(tmp_path / "alone" / serial)
 
 
 def test_a_finished_fleet_called_again_writes_nothing(tmp_path, quick):
-    """Every unit is found as it was fitted, and the table that is there already is not written again."""
+    """Every unit is found as it was fitted, and the table that is there already is not written
+    again.
+    """
     fleet_logs(tmp_path / "units", 3)
     first = fit(tmp_path / "units", tmp_path / "runs")
     before = tree(tmp_path / "runs")
@@ -155,9 +191,15 @@ def test_a_finished_fleet_called_again_writes_nothing(tmp_path, quick):
     assert tree(tmp_path / "runs") == before
 
 
-@pytest.mark.parametrize("changed", ["recipe", "date", "a log", "another log", "the run", "the software"])
-def test_a_unit_is_fitted_again_when_anything_it_rests_on_has_changed(tmp_path, quick, monkeypatch, changed):
-    """Another recipe, date, log or software makes r002 of the units concerned; a run that was touched is not believed."""
+@pytest.mark.parametrize(
+    "changed", ["recipe", "date", "a log", "another log", "the run", "the software"]
+)
+def test_a_unit_is_fitted_again_when_anything_it_rests_on_has_changed(
+    tmp_path, quick, monkeypatch, changed
+):
+    """Another recipe, date, log or software makes r002 of the units concerned; a run that was
+    touched is not believed.
+    """
     fleet_logs(tmp_path / "units", 3)
     fit(tmp_path / "units", tmp_path / "runs")
     text, date, again = RECIPE, DAY, {"U000", "U001", "U002"}
@@ -169,22 +211,31 @@ def test_a_unit_is_fitted_again_when_anything_it_rests_on_has_changed(tmp_path, 
         monkeypatch.setattr(unit.pipeline, "SOFTWARE", "calibkit 99")
     elif changed == "the run":
         path, again = tmp_path / "runs" / "U001" / "r001" / "run.json", set()
-        path.write_text(path.read_text(encoding="utf-8").replace("Bias of many", "Bias of none"), encoding="utf-8")
+        path.write_text(
+            path.read_text(encoding="utf-8").replace("Bias of many", "Bias of none"),
+            encoding="utf-8",
+        )
     else:
         again = {"U001"}
         unit_log(tmp_path / "units" / "U001", 77)
         if changed == "another log":
-            (tmp_path / "units" / "U001" / "warmup.csv").rename(tmp_path / "units" / "U001" / "second.csv")
+            (tmp_path / "units" / "U001" / "warmup.csv").rename(
+                tmp_path / "units" / "U001" / "second.csv"
+            )
             unit_log(tmp_path / "units" / "U001", 1)
     done = fit(tmp_path / "units", tmp_path / "runs", text=text, date=date, keep_going=True)
     if changed == "the run":
-        assert {entry.serial for entry in done.table.entries if entry.verdict == "failed"} == {"U001"}
+        assert {entry.serial for entry in done.table.entries if entry.verdict == "failed"} == {
+            "U001"
+        }
         assert done.exit_code == 4
     assert {path.parent.name for path in (tmp_path / "runs").glob("U*/r002")} == again
 
 
 def test_a_unit_that_two_take_up_at_once_is_fitted_once(tmp_path, quick):
-    """The second waits for the first and finds its run, as when a worker that was taken for dead is not."""
+    """The second waits for the first and finds its run, as when a worker that was taken for dead is
+    not.
+    """
     fleet_logs(tmp_path / "units", 1)
     plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path / "units", tmp_path / "runs", DAY)
     plan.out.mkdir()
@@ -196,11 +247,15 @@ def test_a_unit_that_two_take_up_at_once_is_fitted_once(tmp_path, quick):
 def broken(data, serial):
     """Make a unit whose log cannot be read."""
     (data / serial).mkdir(parents=True)
-    (data / serial / "warmup.csv").write_text("time_s,temp_case_degc,gyro_dph\n1,2\n", encoding="utf-8")
+    (data / serial / "warmup.csv").write_text(
+        "time_s,temp_case_degc,gyro_dph\n1,2\n", encoding="utf-8"
+    )
 
 
 def test_bad_data_end_a_fleet_with_the_units_own_error(tmp_path, quick):
-    """Without --keep-going the first unit that cannot be fitted is named, with its code; no table is written."""
+    """Without --keep-going the first unit that cannot be fitted is named, with its code; no table
+    is written.
+    """
     fleet_logs(tmp_path / "units", 2)
     broken(tmp_path / "units", "A-1")
     with pytest.raises(CalibkitError, match=r"A-1: warmup.csv:2: .*--keep-going") as stopped:
@@ -210,7 +265,9 @@ def test_bad_data_end_a_fleet_with_the_units_own_error(tmp_path, quick):
 
 
 def test_keep_going_fits_the_others_and_tells_what_is_wrong_with_each(tmp_path, quick):
-    """A unit with bad data, one without logs and one whose folder is no serial are rows of the table; exit code 3."""
+    """A unit with bad data, one without logs and one whose folder is no serial are rows of the
+    table; exit code 3.
+    """
     data = tmp_path / "units"
     fleet_logs(data, 3)
     broken(data, "A-1")
@@ -218,7 +275,9 @@ def test_keep_going_fits_the_others_and_tells_what_is_wrong_with_each(tmp_path, 
     (data / "bad name").mkdir()
     (data / ".hidden").mkdir()
     done = fit(data, tmp_path / "runs", jobs=2, keep_going=True)
-    rows = list(csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8"))))
+    rows = list(
+        csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8")))
+    )
     assert [row["serial"] for row in rows] == ["A-1", "A-2", "U000", "U001", "U002", "bad name"]
     assert [row["verdict"] for row in rows] == ["failed", "failed", *["no limits"] * 3, "failed"]
     errors = [row["error"] for row in rows]
@@ -248,7 +307,9 @@ def test_an_interrupted_fleet_says_how_far_it_came(tmp_path, quick):
 
 @pytest.mark.skipif(sys.platform == "win32", reason="no groups of processes to interrupt")
 def test_the_keyboard_ends_a_fleet_that_has_just_begun_with_one_line(tmp_path):
-    """Interrupted while its processes still import, all of them at once as by a terminal, the command alone says so."""
+    """Interrupted while its processes still import, all of them at once as by a terminal, the
+    command alone says so.
+    """
     fleet_logs(tmp_path / "units", 2)
     (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
     arguments = ["fleet", "bias.toml", "--data", "units", "--jobs", "2", "--verbose"]
@@ -273,7 +334,9 @@ def test_the_keyboard_ends_a_fleet_that_has_just_begun_with_one_line(tmp_path):
 
 
 def test_a_copied_folder_of_logs_is_nobodys_calibration(tmp_path, quick):
-    """Two units with the same bytes: one has the other's coefficients, so neither verdict is believed; exit code 3."""
+    """Two units with the same bytes: one has the other's coefficients, so neither verdict is
+    believed; exit code 3.
+    """
     fleet_logs(tmp_path / "units", 3)
     shutil.copytree(tmp_path / "units" / "U001", tmp_path / "units" / "U009")
     done = fit(tmp_path / "units", tmp_path / "runs")
@@ -285,29 +348,44 @@ def test_a_copied_folder_of_logs_is_nobodys_calibration(tmp_path, quick):
 
 
 def test_a_copied_folder_with_other_line_ends_is_seen_too(tmp_path, quick):
-    """The values are the same, the bytes are not: copied logs; a unit of which one log of two is another's is none."""
+    """The values are the same, the bytes are not: copied logs; a unit of which one log of two is
+    another's is none.
+    """
     fleet_logs(tmp_path / "units", 3)
     text = (tmp_path / "units" / "U001" / "warmup.csv").read_text(encoding="utf-8")
     (tmp_path / "units" / "U009").mkdir()
     (tmp_path / "units" / "U009" / "warm.csv").write_bytes(text.replace("\n", "\r\n").encode())
-    shutil.copy(tmp_path / "units" / "U000" / "warmup.csv", tmp_path / "units" / "U002" / "second.csv")
+    shutil.copy(
+        tmp_path / "units" / "U000" / "warmup.csv", tmp_path / "units" / "U002" / "second.csv"
+    )
     done = fit(tmp_path / "units", tmp_path / "runs")
     verdicts = {entry.serial: entry.verdict for entry in done.table.entries}
-    assert verdicts == {"U000": "no limits", "U001": "copied logs", "U002": "no limits", "U009": "copied logs"}
+    assert verdicts == {
+        "U000": "no limits",
+        "U001": "copied logs",
+        "U002": "no limits",
+        "U009": "copied logs",
+    }
     assert done.exit_code == 3
 
 
 def test_the_unit_that_is_not_like_the_others_is_named_everywhere(tmp_path, quick):
-    """One gyro 2 °/h off among 20 is the outlier of the table, of the record and of the chart; the others are not."""
+    """One gyro 2 °/h off among 20 is the outlier of the table, of the record and of the chart; the
+    others are not.
+    """
     fleet_logs(tmp_path / "units", 20)
     unit_log(tmp_path / "units" / "U007", 7, offset=2.0)
     done = fit(tmp_path / "units", tmp_path / "runs")
     named = [(outlier.serial, outlier.figure) for outlier in done.table.outliers]
     assert named == [("U007", "bias.gyro_dph at 25 degC"), ("U007", "bias.gyro_dph.p0")]
-    rows = list(csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8"))))
+    rows = list(
+        csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8")))
+    )
     assert [row["serial"] for row in rows if row["outlier_in"]] == ["U007"]
     record = json.loads((done.folder / "fleet.json").read_text(encoding="utf-8"))
-    schema = json.loads((ROOT / "docs" / "schemas" / "calibkit-fleet-1.schema.json").read_text(encoding="utf-8"))
+    schema = json.loads(
+        (ROOT / "docs" / "schemas" / "calibkit-fleet-1.schema.json").read_text(encoding="utf-8")
+    )
     pytest.importorskip("jsonschema").Draft202012Validator(schema).validate(record)
     at_reference = record["figures"][0]
     values = np.array([float(row["bias.gyro_dph at 25 degC [deg/h]"]) for row in rows])
@@ -320,23 +398,31 @@ def test_the_unit_that_is_not_like_the_others_is_named_everywhere(tmp_path, quic
 
 
 def test_the_table_holds_what_the_coefficient_files_hold(tmp_path, quick):
-    """CSV and Parquet give every number of the files to the last bit, with its unit and uncertainty."""
+    """CSV and Parquet give every number of the files to the last bit, with its unit and
+    uncertainty.
+    """
     parquet = pytest.importorskip("pyarrow.parquet", reason="the extra 'parquet' is not installed")
     fleet_logs(tmp_path / "units", 3)
     done = fit(tmp_path / "units", tmp_path / "runs")
     found = parquet.read_table(done.folder / "fleet.parquet")
-    rows = list(csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8"))))
+    rows = list(
+        csv.DictReader(io.StringIO((done.folder / "fleet.csv").read_text(encoding="utf-8")))
+    )
     for row, texts in zip(found.to_pylist(), rows, strict=True):
         record = store.load(tmp_path / "runs" / row["serial"] / row["run"]).records["bias.json"]
         for entry in record.model("gyro_dph").coefficients:
             name = f"bias.gyro_dph.{entry.name} [{entry.unit}]"
             assert row[name] == float(texts[name]) == entry.value
-            assert row[f"u(bias.gyro_dph.{entry.name}) [{entry.unit}]"] == entry.standard_uncertainty
+            assert (
+                row[f"u(bias.gyro_dph.{entry.name}) [{entry.unit}]"] == entry.standard_uncertainty
+            )
             assert found.schema.field(name).metadata == {b"unit": entry.unit.encode()}
 
 
 def test_verify_says_whether_a_fleets_files_are_what_they_were(tmp_path, quick, calibkit):
-    """The folder verifies as it was written; with one byte changed, one file more or one less it does not."""
+    """The folder verifies as it was written; with one byte changed, one file more or one less it
+    does not.
+    """
     fleet_logs(tmp_path / "units", 2)
     folder = fit(tmp_path / "units", tmp_path / "runs").folder
     found = calibkit("verify", folder)
@@ -359,7 +445,11 @@ def test_without_pyarrow_there_is_no_parquet_and_everything_else(tmp_path, quick
     monkeypatch.setitem(sys.modules, "pyarrow", None)
     fleet_logs(tmp_path / "units", 2)
     done = fit(tmp_path / "units", tmp_path / "runs")
-    assert sorted(path.name for path in done.folder.iterdir()) == ["control_charts.pdf", "fleet.csv", "fleet.json"]
+    assert sorted(path.name for path in done.folder.iterdir()) == [
+        "control_charts.pdf",
+        "fleet.csv",
+        "fleet.json",
+    ]
 
 
 RATES = """procedure = "rate_table"
@@ -372,7 +462,9 @@ max_nonlinearity_ppm = 1000.0
 
 
 def test_a_rejected_unit_makes_exit_code_1(tmp_path, calibkit):
-    """A gyro that loses 1 % at its highest rate is rejected, the other accepted; the fleet says so with exit code 1."""
+    """A gyro that loses 1 % at its highest rate is rejected, the other accepted; the fleet says so
+    with exit code 1.
+    """
     for serial, loss in (("G-1", 0.0), ("G-2", 0.01)):
         rate = np.repeat([-50.0, -20.0, -10.0, 10.0, 20.0, 50.0], 30)
         counts = 1000.0 * rate * (1.0 - loss * (rate == 50.0)) + np.tile([0.0, 1.0, -1.0], 60)
@@ -383,7 +475,16 @@ def test_a_rejected_unit_makes_exit_code_1(tmp_path, calibkit):
             gyro_x_lsb=counts,
         )
     (tmp_path / "rates.toml").write_text(RATES, encoding="utf-8")
-    out = calibkit("fleet", tmp_path / "rates.toml", "--data", tmp_path / "units", "--out", tmp_path / "r", "--jobs", 1)
+    out = calibkit(
+        "fleet",
+        tmp_path / "rates.toml",
+        "--data",
+        tmp_path / "units",
+        "--out",
+        tmp_path / "r",
+        "--jobs",
+        1,
+    )
     assert out.code == 1, out.err
     assert "2 units: 1 accepted, 1 rejected" in out.out
     assert "rejected: G-2@r001" in out.out
@@ -391,7 +492,9 @@ def test_a_rejected_unit_makes_exit_code_1(tmp_path, calibkit):
 
 
 def test_a_dry_run_finds_what_the_fleet_will_and_writes_nothing(tmp_path, quick):
-    """Every unit, digest, verdict and outlier is that of the run that follows; no folder, no lock, nothing is there."""
+    """Every unit, digest, verdict and outlier is that of the run that follows; no folder, no lock,
+    nothing is there.
+    """
     fleet_logs(tmp_path / "units", 12)
     unit_log(tmp_path / "units" / "U007", 7, offset=2.0)
     broken(tmp_path / "units", "A-1")
@@ -406,15 +509,31 @@ def test_a_dry_run_finds_what_the_fleet_will_and_writes_nothing(tmp_path, quick)
         (outlier.serial, outlier.figure) for outlier in done.table.outliers
     ]
     assert len(done.table.outliers) > 0
-    assert (rehearsed.exit_code, rehearsed.folder) == (done.exit_code, done.folder) == (3, done.folder)
+    assert (
+        (rehearsed.exit_code, rehearsed.folder) == (done.exit_code, done.folder) == (3, done.folder)
+    )
 
 
 def test_a_dry_run_of_a_fleet_that_is_finished_in_part_says_what_is_left(tmp_path, quick, calibkit):
-    """What was fitted before, what would be fitted, with which recipe, to which logs; a whole fleet is told as it is."""
+    """What was fitted before, what would be fitted, with which recipe, to which logs; a whole fleet
+    is told as it is.
+    """
     data, out = tmp_path / "units", tmp_path / "runs"
     fleet_logs(data, 2)
     (tmp_path / "bias.toml").write_text(RECIPE, encoding="utf-8")
-    call = ["fleet", tmp_path / "bias.toml", "--data", data, "--out", out, "--date", DAY, "--jobs", 1, "--dry-run"]
+    call = [
+        "fleet",
+        tmp_path / "bias.toml",
+        "--data",
+        data,
+        "--out",
+        out,
+        "--date",
+        DAY,
+        "--jobs",
+        1,
+        "--dry-run",
+    ]
     fit(data, out)
     assert calibkit(*call).out.splitlines()[-1] == str(out / "_fleet" / "r001")
     unit_log(data / "U001", 77)
@@ -477,7 +596,11 @@ def test_json_names_the_units_that_failed(tmp_path, calibkit):
         (["--data", "empty"], 3, "holds no sub-folder"),
         (["--data", "units", "--out", "units/runs"], 2, "lies in --data"),
         (["--data", "units", "--out", "units"], 2, "lies in --data"),
-        (["--data", "units", "--jobs", "2", "--cluster", "tcp://127.0.0.1:1"], 2, "one or the other"),
+        (
+            ["--data", "units", "--jobs", "2", "--cluster", "tcp://127.0.0.1:1"],
+            2,
+            "one or the other",
+        ),
         (["--data", "units", "--jobs", "0"], 2, "jobs"),
         (["--data", "units", "--set", "polynomials.bias=3"], 2, "polynomials.bias"),
         (["--data", "named"], 2, "serial '-x' cannot name a folder"),
@@ -508,7 +631,10 @@ def test_every_procedure_has_key_figures():
 def test_the_key_figures_of_a_procedure_are_there(tmp_path, calibkit, procedure):
     """Each pattern of a procedure names something in the run of its sample logs."""
     logs = ROOT / "datasets" / procedure
-    assert calibkit("fit", procedure, "--data", logs, "--serial", "S", "--out", tmp_path).code in {0, 1}
+    assert calibkit("fit", procedure, "--data", logs, "--serial", "S", "--out", tmp_path).code in {
+        0,
+        1,
+    }
     names = [figure.name for figure in keys.of(store.load(tmp_path / "S" / "r001"), 25.0)]
     for pattern in keys.KEYS[procedure]:
         assert any(keys.re.fullmatch(pattern, name) for name in names), pattern
@@ -528,7 +654,9 @@ def test_figures_of_different_forms_or_units_are_not_compared():
             0,
             before=False,
         )
-        for k, (form, unit_of) in enumerate([("level/1", "deg/h"), ("lagged/1", "deg/h"), ("level/1", "deg/s")])
+        for k, (form, unit_of) in enumerate(
+            [("level/1", "deg/h"), ("lagged/1", "deg/h"), ("level/1", "deg/s")]
+        )
     ]
     made = table.of(rows[::-1], ROOT)
     assert [column.name for column in made.columns] == [

@@ -23,7 +23,9 @@ def until(condition, *processes):
     """Wait until something is so, while the processes that should make it so are alive."""
     end = time.monotonic() + PATIENCE_S
     while not condition():
-        assert all(process.poll() is None for process in processes), "a process of the cluster ended"
+        assert all(process.poll() is None for process in processes), (
+            "a process of the cluster ended"
+        )
         assert time.monotonic() < end, "the cluster does not come up"
         time.sleep(0.02)
 
@@ -45,16 +47,25 @@ def cluster_of(tmp_path):
             "--no-dashboard",
         ]
         with (tmp_path / f"{kind}_{len(running)}.log").open("wb") as log:
-            running.append(subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=log, stderr=log))
+            running.append(
+                subprocess.Popen(command, cwd=tmp_path, env=environment, stdout=log, stderr=log)
+            )
         return running[-1]
 
     def started(count):
         scheduler = start("scheduler", "--port", "0", "--scheduler-file", str(file))
-        until(lambda: file.exists() and file.read_text(encoding="utf-8").strip().endswith("}"), scheduler)
+        until(
+            lambda: file.exists() and file.read_text(encoding="utf-8").strip().endswith("}"),
+            scheduler,
+        )
         address = json.loads(file.read_text(encoding="utf-8"))["address"]
         workers = [start("worker", address, "--nthreads", "1", "--no-nanny") for _ in range(count)]
         with distributed.Client(address, set_as_default=False) as client:
-            until(lambda: len(client.scheduler_info(n_workers=-1)["workers"]) == count, scheduler, *workers)
+            until(
+                lambda: len(client.scheduler_info(n_workers=-1)["workers"]) == count,
+                scheduler,
+                *workers,
+            )
         return address, workers
 
     yield started
@@ -64,8 +75,12 @@ def cluster_of(tmp_path):
 
 
 @pytest.mark.drawn
-def test_two_workers_fit_a_fleet_though_one_is_killed_and_write_what_one_process_writes(tmp_path, cluster_of):
-    """With one of two workers killed (-9) after two units all six are fitted once, to the same bytes as here."""
+def test_two_workers_fit_a_fleet_though_one_is_killed_and_write_what_one_process_writes(
+    tmp_path, cluster_of
+):
+    """With one of two workers killed (-9) after two units all six are fitted once, to the same
+    bytes as here.
+    """
     fleet_logs(tmp_path / "units", 2)
     address, workers = cluster_of(2)
 
@@ -87,8 +102,12 @@ def test_two_workers_fit_a_fleet_though_one_is_killed_and_write_what_one_process
     assert tree(tmp_path / "cluster") == tree(tmp_path / "here")
 
 
-def test_a_cluster_that_cannot_do_the_work_is_refused_before_any_unit(tmp_path, cluster_of, monkeypatch):
-    """No scheduler, no workers, a worker with another calibkit, a worker without the folders: each is said as such."""
+def test_a_cluster_that_cannot_do_the_work_is_refused_before_any_unit(
+    tmp_path, cluster_of, monkeypatch
+):
+    """No scheduler, no workers, a worker with another calibkit, a worker without the folders: each
+    is said as such.
+    """
     monkeypatch.setattr(cluster, "PATIENCE_S", 1)
     plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     elsewhere = unit.Plan(plan.source, tmp_path / "elsewhere", tmp_path, DAY)
@@ -117,8 +136,13 @@ def test_without_dask_the_command_says_how_to_install_it(tmp_path, monkeypatch):
 
 
 def test_a_run_that_a_worker_wrote_elsewhere_is_not_taken_for_one(tmp_path):
-    """Where the worker's --out is another folder of that name, the run it reports is not here and the unit fails."""
+    """Where the worker's --out is another folder of that name, the run it reports is not here and
+    the unit fails.
+    """
     plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     row = unit.Row("U000", "r001", "", "accepted", (), (), (), 0, before=False)
     found = run._seen(row, plan)
-    assert (found.exit_code, found.message) == (4, "a worker wrote r001, which is not in --out here")
+    assert (found.exit_code, found.message) == (
+        4,
+        "a worker wrote r001, which is not in --out here",
+    )

@@ -1,4 +1,6 @@
-"""The mean rate of a gyro told into the earth's part and the bias, turn-on biases, and hysteresis, in a run of fog_thermal."""
+"""The mean rate of a gyro told into the earth's part and the bias, turn-on biases, and hysteresis,
+in a run of fog_thermal.
+"""
 
 import json
 
@@ -10,17 +12,24 @@ from calibkit.errors import RecipeError
 from calibkit.numeric import earth
 
 PLACE = ("--set", "site.latitude_deg=34.2", "--set", "input_axis.elevation_deg=90.0")
-LATITUDE = '\n[[type_b]]\nname = "map"\nquantity = "latitude_deg"\nunit = "deg"\nstandard_uncertainty = 0.5\n'
+LATITUDE = (
+    '\n[[type_b]]\nname = "map"\nquantity = "latitude_deg"\nunit = "deg"\nstandard_uncertainty ='
+    " 0.5\n"
+)
 
 
 @pytest.fixture(scope="module")
 def run(campaign, tmp_path_factory):
-    """Return the folder of a run with the site and the axis given, and the latitude uncertain by 0.5°."""
+    """Return the folder of a run with the site and the axis given, and the latitude uncertain by
+    0.5°.
+    """
     from calibkit import pipeline
     from calibkit.procedures import silent
 
     out = tmp_path_factory.mktemp("runs")
-    source = recipe.Source("mine.toml", recipe.find("fog_thermal").text + LATITUDE, (PLACE[1], PLACE[3]))
+    source = recipe.Source(
+        "mine.toml", recipe.find("fog_thermal").text + LATITUDE, (PLACE[1], PLACE[3])
+    )
     return pipeline.fit(source, campaign, "F", out, "2026-11-21", silent).folder
 
 
@@ -47,26 +56,41 @@ def truth(campaign):
 )
 def test_an_axis_sees_its_part_of_the_earth(elevation, azimuth, rate):
     """At 34°: up, down, north, east, and along the polar axis, to 1e-12 °/h."""
-    assert float(earth.along_axis(34.0, elevation, azimuth)) == pytest.approx(rate, abs=1e-9 if rate else 1e-12)
+    assert float(earth.along_axis(34.0, elevation, azimuth)) == pytest.approx(
+        rate, abs=1e-9 if rate else 1e-12
+    )
 
 
-@pytest.mark.parametrize(("elevation", "azimuth"), [(90.0, 0.0), (-90.0, 77.0), (0.0, 0.0), (0.0, 90.0), (20.0, 200.0)])
+@pytest.mark.parametrize(
+    ("elevation", "azimuth"), [(90.0, 0.0), (-90.0, 77.0), (0.0, 0.0), (0.0, 90.0), (20.0, 200.0)]
+)
 @pytest.mark.parametrize("latitude", [-90.0, -33.0, 0.0, 34.2, 89.0])
-def test_the_part_of_the_earth_changes_with_latitude_as_differences_say(latitude, elevation, azimuth):
+def test_the_part_of_the_earth_changes_with_latitude_as_differences_say(
+    latitude, elevation, azimuth
+):
     """Central differences of 0.01° agree with the derivative to 1e-8 °/h/°."""
-    ahead, behind = (earth.along_axis(latitude + step, elevation, azimuth) for step in (0.005, -0.005))
+    ahead, behind = (
+        earth.along_axis(latitude + step, elevation, azimuth) for step in (0.005, -0.005)
+    )
     found = earth.along_axis_by_latitude(latitude, elevation, azimuth)
     assert float(found) == pytest.approx(float(ahead - behind) / 0.01, abs=1e-8)
 
 
 def test_the_earth_is_told_from_the_bias_where_place_and_axis_are_given(run, campaign):
-    """Mean rate less 8.454 °/h is the gyro's own bias within three standard uncertainties; both stand as conditions."""
+    """Mean rate less 8.454 °/h is the gyro's own bias within three standard uncertainties; both
+    stand as conditions.
+    """
     found, document = figures(run)
     gyro = truth(campaign)["gyro"]
-    assert found["earth_rate_along_input_axis"]["value"] == pytest.approx(gyro["input_rate_dph"], abs=1e-6)
+    assert found["earth_rate_along_input_axis"]["value"] == pytest.approx(
+        gyro["input_rate_dph"], abs=1e-6
+    )
     bias = found["bias_at_reference"]
     assert abs(bias["value"] - gyro["bias_dph"]) < 3.0 * bias["standard_uncertainty"] < 0.06
-    assert {c["name"]: c["value"] for c in document["conditions"]} == {"latitude": 34.2, "input_axis_elevation": 90.0}
+    assert {c["name"]: c["value"] for c in document["conditions"]} == {
+        "latitude": 34.2,
+        "input_axis_elevation": 90.0,
+    }
 
 
 def test_without_them_the_bias_is_not_stated(calibkit, campaign, tmp_path):
@@ -81,7 +105,9 @@ def test_without_them_the_bias_is_not_stated(calibkit, campaign, tmp_path):
 
 @pytest.mark.parametrize("setting", ["drift.order=2", 'logs.files=["ramp_heating_05.csv"]'])
 def test_without_a_model_on_levels_no_rate_at_rest_is_stated(calibkit, campaign, tmp_path, setting):
-    """The published scheme, or one ramp: the logs' means hold their drift; neither mean rate nor bias, and the run says why."""
+    """The published scheme, or one ramp: the logs' means hold their drift; neither mean rate nor
+    bias, and the run says why.
+    """
     outcome = calibkit(
         *("fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path),
         *PLACE,
@@ -94,7 +120,9 @@ def test_without_a_model_on_levels_no_rate_at_rest_is_stated(calibkit, campaign,
 
 
 def test_a_reference_beyond_the_fitted_temperatures_is_said(calibkit, campaign, tmp_path):
-    """400 °C: the rate is that of the warmest fitted temperature and the run says so; below absolute zero is refused."""
+    """400 °C: the rate is that of the warmest fitted temperature and the run says so; below
+    absolute zero is refused.
+    """
     arguments = ("fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path)
     outcome = calibkit(*arguments, "--set", "reference_temp_degc=400.0")
     assert outcome.code == 0, outcome.err
@@ -105,10 +133,16 @@ def test_a_reference_beyond_the_fitted_temperatures_is_said(calibkit, campaign, 
 def test_an_uncertain_latitude_makes_the_bias_uncertain(run):
     """0.5° at 34.2° are 0.5 π/180 · 15.04 cos 34.2° = 0.109 °/h, combined with type A."""
     document = json.loads((run / "run.json").read_text(encoding="utf-8"))
-    (entry,) = [e for e in document["uncertainty"] if e["result"] == "drift_rate: bias_at_reference"]
+    (entry,) = [
+        e for e in document["uncertainty"] if e["result"] == "drift_rate: bias_at_reference"
+    ]
     parts = {part["name"]: part["standard_uncertainty"] for part in entry["components"]}
-    assert parts["map"] == pytest.approx(0.5 * np.pi / 180.0 * 15.041067 * np.cos(np.radians(34.2)), rel=1e-12)
-    assert entry["standard_uncertainty"] == pytest.approx(np.hypot(parts["map"], parts["type A"]), rel=1e-12)
+    assert parts["map"] == pytest.approx(
+        0.5 * np.pi / 180.0 * 15.041067 * np.cos(np.radians(34.2)), rel=1e-12
+    )
+    assert entry["standard_uncertainty"] == pytest.approx(
+        np.hypot(parts["map"], parts["type A"]), rel=1e-12
+    )
 
 
 def test_an_axis_that_is_not_vertical_needs_its_azimuth():
@@ -131,7 +165,9 @@ def test_turn_on_biases_are_those_of_the_simulated_logs(run, campaign):
 
 
 def test_hysteresis_is_shown_in_file_and_report_before_and_after(run):
-    """Cooling less heating of the indication is 0.1 °/h and more, the model leaves less than a third of it beyond noise."""
+    """Cooling less heating of the indication is 0.1 °/h and more, the model leaves less than a
+    third of it beyond noise.
+    """
     found, _ = figures(run)
     assert found["hysteresis_before_rms"]["value"] > 0.1
     assert found["hysteresis_rms"]["value"] < found["hysteresis_before_rms"]["value"] / 3.0
@@ -142,13 +178,21 @@ def test_hysteresis_is_shown_in_file_and_report_before_and_after(run):
 
 
 def test_hysteresis_that_no_model_follows_is_left_and_shown(log_writer, calibkit, tmp_path):
-    """A triangle of ±0.2 °/h, up when heating and down when cooling, in logs that go both ways: before 0.35 °/h at 22.5 °C."""
+    """A triangle of ±0.2 °/h, up when heating and down when cooling, in logs that go both ways:
+    before 0.35 °/h at 22.5 °C.
+    """
     rng = np.random.default_rng(4)
     for rate in (2.0, 4.0, 6.0):
         half = 80.0 / rate * 60.0
         time = np.arange(0.0, 1200.0 + 2.0 * half + 1200.0)
-        air = np.interp(time, [600.0, 600.0 + half, 1200.0 + half, 1200.0 + 2.0 * half], [-20.0, 60.0, 60.0, -20.0])
-        case = np.convolve(np.pad(air, (299, 0), mode="edge"), np.full(300, 1.0 / 300.0), mode="valid")
+        air = np.interp(
+            time,
+            [600.0, 600.0 + half, 1200.0 + half, 1200.0 + 2.0 * half],
+            [-20.0, 60.0, 60.0, -20.0],
+        )
+        case = np.convolve(
+            np.pad(air, (299, 0), mode="edge"), np.full(300, 1.0 / 300.0), mode="valid"
+        )
         side = np.where(time < 900.0 + half, -1.0, 1.0)
         bump = 0.2 * side * np.clip(1.0 - np.abs(case - 20.0) / 20.0, 0.0, None)
         log_writer(
@@ -158,7 +202,9 @@ def test_hysteresis_that_no_model_follows_is_left_and_shown(log_writer, calibkit
             temp_env_degc=air + rng.normal(0.0, 0.02, time.size),
             gyro_dph=8.0 + 0.02 * case + bump + rng.normal(0.0, 0.3, time.size),
         )
-    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path / "d", "--serial", "H", "--out", tmp_path)
+    outcome = calibkit(
+        "fit", "fog_thermal", "--data", tmp_path / "d", "--serial", "H", "--out", tmp_path
+    )
     assert outcome.code in (0, 1), outcome.err
     found, _ = figures(tmp_path / "H/r001")
     before, left = (found[f"hysteresis{side}_at_22.5_degc"] for side in ("_before", ""))

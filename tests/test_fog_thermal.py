@@ -7,8 +7,8 @@ import numpy as np
 import pytest
 
 from calibkit import coefficients, pipeline, recipe, store
+from calibkit.instruments.fog_thermal import simulate as simulator
 from calibkit.numeric import spans
-from calibkit.simulate import fog_thermal as simulator
 from conftest import AUTHORITIES
 
 VECTOR = json.loads((AUTHORITIES / "fog_drift.json").read_text(encoding="utf-8"))
@@ -18,7 +18,9 @@ VECTOR = json.loads((AUTHORITIES / "fog_drift.json").read_text(encoding="utf-8")
 def runs(campaign, tmp_path_factory):
     """Return a runs folder in which FOG-2 was fitted once with the shipped recipe."""
     out = tmp_path_factory.mktemp("runs")
-    pipeline.fit(recipe.find("fog_thermal"), campaign, "FOG-2", out, "2026-11-21", lambda items, what: items)
+    pipeline.fit(
+        recipe.find("fog_thermal"), campaign, "FOG-2", out, "2026-11-21", lambda items, what: items
+    )
     return out
 
 
@@ -45,7 +47,9 @@ def column(path, name):
 
 
 def vector_logs(folder, log_writer):
-    """Write the vector's ramps as logs at its 10 s interval; the chamber is at the ramp's set point."""
+    """Write the vector's ramps as logs at its 10 s interval; the chamber is at the ramp's set
+    point.
+    """
     for ramp in VECTOR["ramps"]:
         gradient = np.array(ramp["gradient_degc"])
         time = np.arange(gradient.size) * float(VECTOR["interval_s"])
@@ -68,18 +72,31 @@ PINNED = [
 
 @pytest.mark.parametrize("estimate", ["levels", "increments"])
 def test_the_vector_comes_out_of_the_whole_pipeline(estimate, tmp_path, calibkit, log_writer):
-    """With the order pinned to 3, denoising off and the rates given, c_jm come out of the files to 1e-9 relative."""
+    """With the order pinned to 3, denoising off and the rates given, c_jm come out of the files to
+    1e-9 relative.
+    """
     vector_logs(tmp_path / "logs", log_writer)
-    settings = [part for text in (*PINNED, f"drift.estimate={estimate}") for part in ("--set", text)]
+    settings = [
+        part for text in (*PINNED, f"drift.estimate={estimate}") for part in ("--set", text)
+    ]
     outcome = calibkit(
-        "fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "V", "--out", tmp_path / "runs", *settings
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "V",
+        "--out",
+        tmp_path / "runs",
+        *settings,
     )
     assert outcome.code == 0, outcome.err
     run = store.load(tmp_path / "runs" / "V" / "r001")
     model = run.records["drift_rate.json"].model("heating")
     for j in range(3):
         for m in range(4):
-            # the temperatures went through a CSV, so that the gradient is known to 1e-14 °C of its 60 °C
+            # the temperatures went through a CSV, so that the gradient is known to 1e-14 °C of its
+            # 60 °C
             assert model.value(f"c{j}{m}") == pytest.approx(VECTOR["c"][j][m], rel=1e-9)
     assert model.dof == 0
     assert any("zero degrees of freedom" in flag for flag in run.document["flags"])
@@ -104,7 +121,8 @@ def test_a_run_folder_holds_what_the_contract_lists(published):
 def test_every_drift_figure_stands_beside_its_rate_gain(runs):
     """Recursive gain is 1.000 ± 0.001 and one_step gain 0.000 ± 0.001 on every log."""
     figures = {
-        figure.name: figure.value for figure in store.load(runs / "FOG-2" / "r001").records["drift_rate.json"].figures
+        figure.name: figure.value
+        for figure in store.load(runs / "FOG-2" / "r001").records["drift_rate.json"].figures
     }
     logs = [name.partition(".")[2] for name in figures if name.startswith("drift_rms_after.")]
     assert len(logs) == 8
@@ -115,35 +133,56 @@ def test_every_drift_figure_stands_beside_its_rate_gain(runs):
 
 def test_the_same_input_gives_the_same_bytes(runs, campaign, tmp_path):
     """A second run of the same recipe, logs and date is byte for byte the first."""
-    pipeline.fit(recipe.find("fog_thermal"), campaign, "FOG-2", tmp_path, "2026-11-21", lambda items, what: items)
+    pipeline.fit(
+        recipe.find("fog_thermal"),
+        campaign,
+        "FOG-2",
+        tmp_path,
+        "2026-11-21",
+        lambda items, what: items,
+    )
     first, second = runs / "FOG-2" / "r001", tmp_path / "FOG-2" / "r001"
-    assert sorted(path.name for path in first.iterdir()) == sorted(path.name for path in second.iterdir())
+    assert sorted(path.name for path in first.iterdir()) == sorted(
+        path.name for path in second.iterdir()
+    )
     for path in first.iterdir():
         assert path.read_bytes() == (second / path.name).read_bytes(), path.name
 
 
 def test_validation_improves_withheld_ramps_and_keeps_the_rate(runs, campaign, tmp_path, calibkit):
-    """On ±3 °C/min ramps that were not fitted the drift rms falls, the gain is 1.000 ± 0.001, the digest is right."""
+    """On ±3 °C/min ramps that were not fitted the drift rms falls, the gain is 1.000 ± 0.001, the
+    digest is right.
+    """
     out = tmp_path / "validation.json"
-    outcome = calibkit("validate", "FOG-2", "--runs", runs, "--data", campaign / "withheld", "--out", out)
+    outcome = calibkit(
+        "validate", "FOG-2", "--runs", runs, "--data", campaign / "withheld", "--out", out
+    )
     assert outcome.code == 0, outcome.err
     document = json.loads(out.read_text(encoding="utf-8"))
-    assert [log["name"] for log in document["logs"]] == ["ramp_cooling_03.csv", "ramp_heating_03.csv"]
+    assert [log["name"] for log in document["logs"]] == [
+        "ramp_cooling_03.csv",
+        "ramp_heating_03.csv",
+    ]
     for log in document["logs"]:
         assert log["drift_rms_after"] < log["drift_rms_before"]
         assert log["rate_gain"] == pytest.approx(1.0, abs=1e-3)
         assert log["one_step"]["rate_gain"] == pytest.approx(0.0, abs=1e-3)
         deviation = log["allan_deviation"]
         at = {tau: k for k, tau in enumerate(deviation["tau_s"])}
-        # 0.01 °/√h of angle random walk is 0.6 °/h at 1 s, which compensation leaves alone; the drift is in the long times
+        # 0.01 °/√h of angle random walk is 0.6 °/h at 1 s, which compensation leaves alone; the
+        # drift is in the long times
         assert deviation["after"][at[1.0]] == pytest.approx(0.6, rel=0.03)
         assert deviation["after"][at[1024.0]] < 0.5 * deviation["before"][at[1024.0]]
     assert calibkit("verify", out).code == 0
 
 
 def test_validation_on_fitted_logs_is_refused(runs, campaign, tmp_path, calibkit):
-    """Logs that were fitted prove nothing: validation on them alone is refused and writes nothing."""
-    outcome = calibkit("validate", "FOG-2", "--runs", runs, "--data", campaign, "--out", tmp_path / "v.json")
+    """Logs that were fitted prove nothing: validation on them alone is refused and writes
+    nothing.
+    """
+    outcome = calibkit(
+        "validate", "FOG-2", "--runs", runs, "--data", campaign, "--out", tmp_path / "v.json"
+    )
     assert outcome.code == 3
     assert "every log here was fitted by FOG-2@r001" in outcome.err
     assert not (tmp_path / "v.json").exists()
@@ -153,16 +192,32 @@ def test_a_validation_that_misses_its_limit_exits_with_1(campaign, tmp_path, cal
     """A reduction of a thousand is not reached: exit code 1, and the file says so."""
     out = tmp_path / "v.json"
     settings = ["--set", "acceptance.max_drift_rms_dph=0.001"]
-    fitted = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path / "runs", *settings)
+    fitted = calibkit(
+        "fit",
+        "fog_thermal",
+        "--data",
+        campaign,
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
+        *settings,
+    )
     assert fitted.code == 1
     assert "REJECTED" in fitted.out
-    outcome = calibkit("validate", "S", "--runs", tmp_path / "runs", "--data", campaign / "withheld", "--out", out)
+    outcome = calibkit(
+        "validate", "S", "--runs", tmp_path / "runs", "--data", campaign / "withheld", "--out", out
+    )
     assert outcome.code == 1
     assert json.loads(out.read_text(encoding="utf-8"))["accepted"] is False
 
 
-def test_apply_writes_every_row_and_column_and_moves_only_the_gyro(runs, campaign, tmp_path, calibkit):
-    """All other fields keep their characters; the drift over the log falls; the mean rate stays within the drift."""
+def test_apply_writes_every_row_and_column_and_moves_only_the_gyro(
+    runs, campaign, tmp_path, calibkit
+):
+    """All other fields keep their characters; the drift over the log falls; the mean rate stays
+    within the drift.
+    """
     log, out = campaign / "withheld" / "ramp_heating_03.csv", tmp_path / "out.csv"
     assert calibkit("apply", "FOG-2", "--runs", runs, "--data", log, "--out", out).code == 0
     (header, before), (after_header, after) = table(log), table(out)
@@ -171,7 +226,9 @@ def test_apply_writes_every_row_and_column_and_moves_only_the_gyro(runs, campaig
     keep = [k for k, name in enumerate(header) if name != "gyro_dph"]
     assert [[row[k] for k in keep] for row in before] == [[row[k] for k in keep] for row in after]
     raw, compensated = column(log, "gyro_dph"), column(out, "gyro_dph")
-    means = [np.std(x[: x.size // 100 * 100].reshape(-1, 100).mean(axis=1)) for x in (raw, compensated)]
+    means = [
+        np.std(x[: x.size // 100 * 100].reshape(-1, 100).mean(axis=1)) for x in (raw, compensated)
+    ]
     assert means[1] < 0.7 * means[0]
     assert abs(compensated.mean() - raw.mean()) < np.ptp(raw)
 
@@ -187,7 +244,9 @@ def test_apply_writes_every_row_and_column_and_moves_only_the_gyro(runs, campaig
 def test_a_log_on_disk_is_compensated_to_the_same_bytes(
     run, settings, campaign, tmp_path, calibkit, monkeypatch, request
 ):
-    """The drift of levels with its uncertainty, the published one from step to step and in one: row for row, flag for flag."""
+    """The drift of levels with its uncertainty, the published one from step to step and in one: row
+    for row, flag for flag.
+    """
     log, found = campaign / "withheld" / "ramp_heating_03.csv", []
     monkeypatch.setattr(spans, "ROWS", 257)
     for setting in ("0", "1000"):
@@ -200,34 +259,61 @@ def test_a_log_on_disk_is_compensated_to_the_same_bytes(
     assert found[0][2] != log.read_bytes()
 
 
-def test_a_rate_added_to_a_log_comes_out_of_apply_unchanged(runs, campaign, tmp_path, calibkit, log_writer):
+def test_a_rate_added_to_a_log_comes_out_of_apply_unchanged(
+    runs, campaign, tmp_path, calibkit, log_writer
+):
     """7.5 °/h added to the indication moves every compensated row by 7.5 °/h, to 1e-9 °/h."""
     source = campaign / "withheld" / "ramp_cooling_03.csv"
     columns = {name: column(source, name) for name in table(source)[0]}
     outputs = []
     for rate in (0.0, 7.5):
-        log = log_writer(tmp_path / f"{rate}" / "log.csv", **(columns | {"gyro_dph": columns["gyro_dph"] + rate}))
+        log = log_writer(
+            tmp_path / f"{rate}" / "log.csv", **(columns | {"gyro_dph": columns["gyro_dph"] + rate})
+        )
         out = tmp_path / f"{rate}.csv"
         assert calibkit("apply", "FOG-2", "--runs", runs, "--data", log, "--out", out).code == 0
         outputs.append(column(out, "gyro_dph"))
     assert outputs[1] - outputs[0] == pytest.approx(np.full(outputs[0].size, 7.5), abs=1e-9)
 
 
-def test_the_published_drift_is_zero_where_the_reference_temperature_is_passed(published, campaign, tmp_path, calibkit):
-    """Where the case passes the reference temperature the compensated rate is the indication, to 0.05 °/h."""
+def test_the_published_drift_is_zero_where_the_reference_temperature_is_passed(
+    published, campaign, tmp_path, calibkit
+):
+    """Where the case passes the reference temperature the compensated rate is the indication, to
+    0.05 °/h.
+    """
     log, out = campaign / "withheld" / "ramp_heating_03.csv", tmp_path / "out.csv"
-    calibkit("apply", "FOG-2", "--runs", published, "--data", log, "--out", out, "--set", "reference_temp_degc=10.0")
+    calibkit(
+        "apply",
+        "FOG-2",
+        "--runs",
+        published,
+        "--data",
+        log,
+        "--out",
+        out,
+        "--set",
+        "reference_temp_degc=10.0",
+    )
     near = np.argmin(np.abs(column(log, "temp_case_degc") - 10.0))
     assert abs(column(out, "gyro_dph")[near] - column(log, "gyro_dph")[near]) < 0.05
 
 
-def test_a_log_at_rest_at_the_reference_temperature_is_left_as_it_is(runs, tmp_path, calibkit, log_writer):
-    """At rest at 25 °C there is no drift: the output is the indication to 1e-9 °/h; at −30 °C it is not."""
+def test_a_log_at_rest_at_the_reference_temperature_is_left_as_it_is(
+    runs, tmp_path, calibkit, log_writer
+):
+    """At rest at 25 °C there is no drift: the output is the indication to 1e-9 °/h; at −30 °C it is
+    not.
+    """
     time = np.arange(900.0)
     for degc, expected in ((25.0, 0.0), (-30.0, None)):
         held = np.full(900, degc)
         log = log_writer(
-            tmp_path / f"{degc}.csv", time_s=time, temp_case_degc=held, temp_env_degc=held, gyro_dph=np.full(900, 8.4)
+            tmp_path / f"{degc}.csv",
+            time_s=time,
+            temp_case_degc=held,
+            temp_env_degc=held,
+            gyro_dph=np.full(900, 8.4),
         )
         out = tmp_path / f"out{degc}.csv"
         assert calibkit("apply", "FOG-2", "--runs", runs, "--data", log, "--out", out).code == 0
@@ -236,8 +322,12 @@ def test_a_log_at_rest_at_the_reference_temperature_is_left_as_it_is(runs, tmp_p
         assert (abs(moved[0]) < 1e-9) == (expected == 0.0)
 
 
-def test_logs_in_other_names_units_and_signs_give_the_same_compensation(runs, campaign, tmp_path, calibkit, log_writer):
-    """A campaign in rad/s, kelvin, milliseconds and reversed sign gives the same output rate to 1e-6 °/h."""
+def test_logs_in_other_names_units_and_signs_give_the_same_compensation(
+    runs, campaign, tmp_path, calibkit, log_writer
+):
+    """A campaign in rad/s, kelvin, milliseconds and reversed sign gives the same output rate to
+    1e-6 °/h.
+    """
     radians = np.pi / 180.0 / 3600.0
     for source in sorted(campaign.rglob("*.csv")):
         columns = {name: column(source, name) for name in table(source)[0]}
@@ -256,12 +346,31 @@ def test_logs_in_other_names_units_and_signs_give_the_same_compensation(runs, ca
     }
     sets = [part for key, value in settings.items() for part in ("--set", f"{key}={value}")]
     fitted = calibkit(
-        "fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "M", "--out", tmp_path / "runs", *sets
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "M",
+        "--out",
+        tmp_path / "runs",
+        *sets,
     )
     assert fitted.code == 0, fitted.err
     name = "withheld/ramp_heating_03.csv"
-    calibkit("apply", "M", "--runs", tmp_path / "runs", "--data", tmp_path / "logs" / name, "--out", tmp_path / "m.csv")
-    calibkit("apply", "FOG-2", "--runs", runs, "--data", campaign / name, "--out", tmp_path / "c.csv")
+    calibkit(
+        "apply",
+        "M",
+        "--runs",
+        tmp_path / "runs",
+        "--data",
+        tmp_path / "logs" / name,
+        "--out",
+        tmp_path / "m.csv",
+    )
+    calibkit(
+        "apply", "FOG-2", "--runs", runs, "--data", campaign / name, "--out", tmp_path / "c.csv"
+    )
     mapped = -column(tmp_path / "m.csv", "Rate") / radians
     assert mapped == pytest.approx(column(tmp_path / "c.csv", "gyro_dph"), abs=1e-6)
 
@@ -276,9 +385,14 @@ def test_an_excluded_range_is_left_out_and_told(campaign, tmp_path, calibkit):
     for row in range(900, 930):
         lines[row] = lines[row].rsplit(",", 1)[0] + ","
     (folder / "ramp_heating_05.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    refused = calibkit("fit", "fog_thermal", "--data", folder, "--serial", "S", "--out", tmp_path / "runs")
+    refused = calibkit(
+        "fit", "fog_thermal", "--data", folder, "--serial", "S", "--out", tmp_path / "runs"
+    )
     assert refused.code == 3
-    exclude = '[{log="ramp_heating_05", from_s=895.0, to_s=935.0, reason="door open", person="A. Engineer"}]'
+    exclude = (
+        '[{log="ramp_heating_05", from_s=895.0, to_s=935.0, reason="door open", person="A.'
+        ' Engineer"}]'
+    )
     fitted = calibkit(
         "fit",
         "fog_thermal",
@@ -295,11 +409,16 @@ def test_an_excluded_range_is_left_out_and_told(campaign, tmp_path, calibkit):
     run = store.load(tmp_path / "runs" / "S" / "r001")
     assert run.document["excluded"][0]["person"] == "A. Engineer"
     assert any("door open" in flag for flag in run.document["flags"])
-    assert next(entry["rows"] for entry in run.document["inputs"] if "heating_05" in entry["name"]) == len(lines) - 1
+    assert (
+        next(entry["rows"] for entry in run.document["inputs"] if "heating_05" in entry["name"])
+        == len(lines) - 1
+    )
 
 
 def test_one_step_is_reported_for_what_it_is(campaign, tmp_path, calibkit):
-    """A recipe that asks for one_step gets it, flagged as a first difference whose rate gain is 0."""
+    """A recipe that asks for one_step gets it, flagged as a first difference whose rate gain is
+    0.
+    """
     outcome = calibkit(
         "fit",
         "fog_thermal",
@@ -323,21 +442,43 @@ def test_apply_refuses_another_interval(runs, campaign, tmp_path, calibkit):
     """Coefficients per 10 s are not used at 5 s."""
     log = campaign / "withheld" / "ramp_heating_03.csv"
     outcome = calibkit(
-        "apply", "FOG-2", "--runs", runs, "--data", log, "--out", tmp_path / "o.csv", "--set", "drift.interval_s=5.0"
+        "apply",
+        "FOG-2",
+        "--runs",
+        runs,
+        "--data",
+        log,
+        "--out",
+        tmp_path / "o.csv",
+        "--set",
+        "drift.interval_s=5.0",
     )
     assert outcome.code == 3
     assert "the coefficients are per 10 s" in outcome.err
 
 
 def test_a_touched_run_is_refused_by_every_command(campaign, tmp_path, calibkit):
-    """After one changed digit apply, validate, show and verify all exit with 4 and name the file."""
+    """After one changed digit apply, validate, show and verify all exit with 4 and name the
+    file.
+    """
     calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path / "runs")
     file = tmp_path / "runs" / "S" / "r001" / "drift_rate.json"
-    file.write_text(file.read_text(encoding="utf-8").replace('"interval"', '"intervai"', 1), encoding="utf-8")
+    file.write_text(
+        file.read_text(encoding="utf-8").replace('"interval"', '"intervai"', 1), encoding="utf-8"
+    )
     log = campaign / "withheld" / "ramp_heating_03.csv"
     for arguments in (
         ["apply", "S", "--data", log, "--out", tmp_path / "o.csv", "--runs", tmp_path / "runs"],
-        ["validate", "S", "--data", campaign / "withheld", "--out", tmp_path / "v.json", "--runs", tmp_path / "runs"],
+        [
+            "validate",
+            "S",
+            "--data",
+            campaign / "withheld",
+            "--out",
+            tmp_path / "v.json",
+            "--runs",
+            tmp_path / "runs",
+        ],
         ["show", "S", "--runs", tmp_path / "runs"],
         ["verify", file.parent],
         ["verify", file],
@@ -349,17 +490,24 @@ def test_a_touched_run_is_refused_by_every_command(campaign, tmp_path, calibkit)
 
 
 def test_show_prints_coefficients_with_units(published, calibkit):
-    """`show` prints every model with its form, ranges and units; `--json` gives the files' content."""
+    """`show` prints every model with its form, ranges and units; `--json` gives the files'
+    content.
+    """
     shown = calibkit("show", "FOG-2", "--runs", published)
     assert shown.code == 0
     assert "fog-drift-rate/1" in shown.out
     assert "deg/h/K" in shown.out
-    assert "drift_rate.json" in calibkit("show", "FOG-2", "--runs", published, "--json").json["records"]
+    assert (
+        "drift_rate.json"
+        in calibkit("show", "FOG-2", "--runs", published, "--json").json["records"]
+    )
 
 
 def test_fit_says_json_and_nothing_else(campaign, tmp_path, calibkit):
     """`--json` prints one document with run, verdict and flags."""
-    outcome = calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path, "--json")
+    outcome = calibkit(
+        "fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path, "--json"
+    )
     assert outcome.json["run"] == "S@r001"
     assert outcome.json["ok"] is True
     assert outcome.err == ""
@@ -368,13 +516,19 @@ def test_fit_says_json_and_nothing_else(campaign, tmp_path, calibkit):
 @pytest.mark.parametrize("seed", [101, 103, 105, 107])
 @pytest.mark.parametrize("scale", [0.0, 1.0])
 def test_withheld_ramps_never_come_out_above_raw(seed, scale, tmp_path, calibkit):
-    """Fitted on ±1, 5, 8, 10 °C/min with the default recipe, ±3 °C/min is never above raw, drift-free gyros included."""
+    """Fitted on ±1, 5, 8, 10 °C/min with the default recipe, ±3 °C/min is never above raw,
+    drift-free gyros included.
+    """
     for name, content in simulator.campaign(seed, drift_scale=scale).files().items():
         (tmp_path / "logs" / name).parent.mkdir(parents=True, exist_ok=True)
         (tmp_path / "logs" / name).write_bytes(content)
     logs, runs = tmp_path / "logs", tmp_path / "runs"
-    fitted = calibkit("fit", "fog_thermal", "--data", logs, "--serial", "S", "--out", runs, "--json").json
-    calibkit("validate", "S", "--runs", runs, "--data", logs / "withheld", "--out", tmp_path / "v.json")
+    fitted = calibkit(
+        "fit", "fog_thermal", "--data", logs, "--serial", "S", "--out", runs, "--json"
+    ).json
+    calibkit(
+        "validate", "S", "--runs", runs, "--data", logs / "withheld", "--out", tmp_path / "v.json"
+    )
     document = json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))
     for log in document["logs"]:
         assert log["drift_rms_after"] <= log["drift_rms_before"]
@@ -391,30 +545,60 @@ def test_the_coefficient_file_in_a_run_verifies_by_itself(runs, calibkit):
 
 
 def test_heating_and_cooling_in_one_log_are_two_ramps(campaign, tmp_path, calibkit, log_writer):
-    """Four logs that go up and down give eight ramps, named log:1 and log:2, and a model of both sides."""
+    """Four logs that go up and down give eight ramps, named log:1 and log:2, and a model of both
+    sides.
+    """
     for rate in ("01", "05", "08", "10"):
         up, down = (campaign / f"ramp_{side}_{rate}.csv" for side in ("heating", "cooling"))
-        columns = {name: np.concatenate([column(up, name), column(down, name)]) for name in table(up)[0]}
+        columns = {
+            name: np.concatenate([column(up, name), column(down, name)]) for name in table(up)[0]
+        }
         columns["time_s"] = np.arange(float(columns["time_s"].size))
         log_writer(tmp_path / "logs" / f"cycle_{rate}.csv", **columns)
     scheme = ("--set", "drift.model=gradient_rate")
     outcome = calibkit(
-        "fit", "fog_thermal", "--data", tmp_path / "logs", "--serial", "C", "--out", tmp_path / "runs", *scheme
+        "fit",
+        "fog_thermal",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "C",
+        "--out",
+        tmp_path / "runs",
+        *scheme,
     )
     assert outcome.code == 0, outcome.err
     records = store.load(tmp_path / "runs" / "C" / "r001").records
-    assert [model.name for model in records["drift.json"].models][:2] == ["cycle_01:1", "cycle_01:2"]
+    assert [model.name for model in records["drift.json"].models][:2] == [
+        "cycle_01:1",
+        "cycle_01:2",
+    ]
     assert {model.name for model in records["drift_rate.json"].models} == {"heating", "cooling"}
 
 
 @pytest.mark.parametrize("model", ["gradient_rate", "level", "lagged"])
-def test_each_drift_model_improves_the_withheld_ramps_it_is_asked_for(model, campaign, tmp_path, calibkit):
-    """The recipe can ask for one model; the file names its form, and ±3 °C/min improves at least by half."""
+def test_each_drift_model_improves_the_withheld_ramps_it_is_asked_for(
+    model, campaign, tmp_path, calibkit
+):
+    """The recipe can ask for one model; the file names its form, and ±3 °C/min improves at least by
+    half.
+    """
     runs, out = tmp_path / "runs", tmp_path / "v.json"
     scheme = ("--set", f"drift.model={model}")
-    assert calibkit("fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", runs, *scheme).code == 0
-    forms = {found.form for found in store.load(runs / "S" / "r001").records["drift_rate.json"].models}
-    expected = {"gradient_rate": "fog-drift-rate/1", "level": "fog-drift-level/1", "lagged": "fog-drift-lagged/1"}
+    assert (
+        calibkit(
+            "fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", runs, *scheme
+        ).code
+        == 0
+    )
+    forms = {
+        found.form for found in store.load(runs / "S" / "r001").records["drift_rate.json"].models
+    }
+    expected = {
+        "gradient_rate": "fog-drift-rate/1",
+        "level": "fog-drift-level/1",
+        "lagged": "fog-drift-lagged/1",
+    }
     assert forms == {expected[model]}
     calibkit("validate", "S", "--runs", runs, "--data", campaign / "withheld", "--out", out)
     for log in json.loads(out.read_text(encoding="utf-8"))["logs"]:
@@ -423,10 +607,14 @@ def test_each_drift_model_improves_the_withheld_ramps_it_is_asked_for(model, cam
 
 
 def test_the_best_model_on_left_out_ramps_is_exported_with_its_reason(runs):
-    """The default recipe exports the model with the smallest share of raw, and the flag says against what."""
+    """The default recipe exports the model with the smallest share of raw, and the flag says
+    against what.
+    """
     run = store.load(runs / "FOG-2" / "r001")
     figures = {figure.name: figure.value for figure in run.records["drift_rate.json"].figures}
-    tested = {name: value for name, value in figures.items() if name.startswith("leave_one_ramp_out_rms.")}
+    tested = {
+        name: value for name, value in figures.items() if name.startswith("leave_one_ramp_out_rms.")
+    }
     best = min(tested, key=tested.get).partition(".")[2]
     assert any(flag.startswith(f"exported: {best}") for flag in run.document["flags"])
     names = [c.name for c in run.records["drift_rate.json"].model("drift").coefficients]
@@ -437,7 +625,16 @@ def test_the_best_model_on_left_out_ramps_is_exported_with_its_reason(runs):
 def test_a_pinned_order_means_the_published_scheme(campaign, tmp_path, calibkit):
     """With drift.order pinned nothing else competes, as the recipe decided it."""
     outcome = calibkit(
-        "fit", "fog_thermal", "--data", campaign, "--serial", "S", "--out", tmp_path, "--set", "drift.order=1"
+        "fit",
+        "fog_thermal",
+        "--data",
+        campaign,
+        "--serial",
+        "S",
+        "--out",
+        tmp_path,
+        "--set",
+        "drift.order=1",
     )
     assert outcome.code == 0
     models = store.load(tmp_path / "S" / "r001").records["drift_rate.json"].models

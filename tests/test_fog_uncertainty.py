@@ -1,4 +1,6 @@
-"""What the compensated rate of a gyro is said to be uncertain by: in the fit's report, along a log, and in a validation."""
+"""What the compensated rate of a gyro is said to be uncertain by: in the fit's report, along a log,
+and in a validation.
+"""
 
 import csv
 import json
@@ -11,9 +13,11 @@ import pytest
 from calibkit import pipeline, recipe, store
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.errors import FitError
-from calibkit.numeric import gum, thermal_drift
+from calibkit.instruments.fog_thermal import level_file, uncertainty
+from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.numeric import gum
 from calibkit.recipe import TypeB
-from calibkit.stages import budget, fog_levels, fog_uncertainty
+from calibkit.report import budget
 
 TERMS = """
 [[type_b]]
@@ -50,43 +54,56 @@ def run(campaign, tmp_path_factory):
 def thermal(found):
     """Thermal model of a run."""
     (model,) = found.records["drift_rate.json"].models
-    return fog_levels.thermal_model(model)
+    return level_file.thermal_model(model)
 
 
 # files
 
 
 def test_a_file_of_before_the_degrees_of_freedom_is_read_with_infinite_ones_and_flagged(run):
-    """Without model_error_dof the model is the same but for infinite degrees of freedom and a flag that says so."""
+    """Without model_error_dof the model is the same but for infinite degrees of freedom and a flag
+    that says so.
+    """
     (whole,) = run[0].records["drift_rate.json"].models
-    older = replace(whole, parameters=tuple(p for p in whole.parameters if p.name != "model_error_dof"))
-    new, old = fog_levels.thermal_model(whole), fog_levels.thermal_model(older)
+    older = replace(
+        whole, parameters=tuple(p for p in whole.parameters if p.name != "model_error_dof")
+    )
+    new, old = level_file.thermal_model(whole), level_file.thermal_model(older)
     assert (new.model_error_dof, new.flags) == (whole.value("model_error_dof"), ())
     assert math.isfinite(new.model_error_dof)
-    assert (old.model_error_dof, old.flags) == (math.inf, (fog_levels.UNKNOWN_DOF,))
-    assert (old.model_error, old.coefficients.tolist()) == (new.model_error, new.coefficients.tolist())
+    assert (old.model_error_dof, old.flags) == (math.inf, (level_file.UNKNOWN_DOF,))
+    assert (old.model_error, old.coefficients.tolist()) == (
+        new.model_error,
+        new.coefficients.tolist(),
+    )
 
 
 def test_a_validation_by_such_a_file_flags_it(run, campaign):
-    """The expanded uncertainty that it holds against the log stands on an assumption, and the summary says so."""
-    from calibkit.procedures import fog_thermal
+    """The expanded uncertainty that it holds against the log stands on an assumption, and the
+    summary says so.
+    """
+    from calibkit.instruments.fog_thermal import instrument
 
     spec = pipeline.run_recipe(run[0], ())
     record = run[0].records["drift_rate.json"]
     (whole,) = record.models
-    older = replace(whole, parameters=tuple(p for p in whole.parameters if p.name != "model_error_dof"))
+    older = replace(
+        whole, parameters=tuple(p for p in whole.parameters if p.name != "model_error_dof")
+    )
     records = {**run[0].records, "drift_rate.json": replace(record, models=(older,))}
     file = min(path.name for path in campaign.glob("*.csv"))
     for held, flagged in ((records, True), (run[0].records, False)):
-        _, summary = fog_thermal.validate(spec, held, [fog_thermal.read(spec, campaign, file)])
-        assert (fog_levels.UNKNOWN_DOF in summary.flags) is flagged
+        _, summary = instrument.validate(spec, held, [instrument.read(spec, campaign, file)])
+        assert (level_file.UNKNOWN_DOF in summary.flags) is flagged
 
 
 # numbers
 
 
 def test_expansion_along_a_log_is_the_combination_at_each_point():
-    """Three contributions at 40 points: u, effective degrees of freedom and U as `combine` gives them, to 1e-12."""
+    """Three contributions at 40 points: u, effective degrees of freedom and U as `combine` gives
+    them, to 1e-12.
+    """
     rng = np.random.default_rng(1)
     values, dof = rng.exponential(1.0, (3, 40)), np.array([4.0, 12.0, np.inf])
     values[:, 0] = 0.0
@@ -107,20 +124,28 @@ def test_expansion_along_a_log_refuses_less_than_one_degree_of_freedom():
 
 
 def test_a_thermometer_that_is_off_moves_the_compensated_rate_by_the_drift_s_slope(run):
-    """The type B part of the thermometer is the change of the drift where the case reads 0.2 K more, within 2 %."""
+    """The type B part of the thermometer is the change of the drift where the case reads 0.2 K
+    more, within 2 %.
+    """
     model = thermal(run[0])
     time = np.arange(0.0, 4000.0, 10.0)
     case = np.interp(time, [600.0, 3000.0], [-10.0, 40.0])
     (term,) = recipe.parse(recipe.Source("r", recipe.find("fog_thermal").text + TERMS)).type_b[:1]
-    found = fog_uncertainty.along(model, time, case, case, (term,), 25.0)
-    moved, still = (thermal_drift.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
+    found = uncertainty.along(model, time, case, case, (term,), 25.0)
+    moved, still = (evaluate.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
     assert found.contributions[-1] == pytest.approx(np.abs(moved - still), rel=0.02, abs=1e-5)
-    assert found.standard == pytest.approx(np.sqrt(np.sum(found.contributions**2, axis=0)), rel=1e-12)
+    assert found.standard == pytest.approx(
+        np.sqrt(np.sum(found.contributions**2, axis=0)), rel=1e-12
+    )
 
 
 def test_a_coefficient_that_a_term_names_gets_a_combined_uncertainty():
-    """K with 3 ppm type A of 8 degrees of freedom and 4 ppm of the table: 5 ppm, 8 · 5⁴/3⁴ = 61.7 degrees, k = 2."""
-    model = Model("a", "gyro-scale/1", (Coefficient("K", 2.0, "1", 6e-6),), ((3.6e-11,),), 8, 0.0, "1", {})
+    """K with 3 ppm type A of 8 degrees of freedom and 4 ppm of the table: 5 ppm, 8 · 5⁴/3⁴ = 61.7
+    degrees, k = 2.
+    """
+    model = Model(
+        "a", "gyro-scale/1", (Coefficient("K", 2.0, "1", 6e-6),), ((3.6e-11,),), 8, 0.0, "1", {}
+    )
     term = TypeB(name="table", quantity="K", unit="ppm", standard_uncertainty=4.0)
     (entry,) = budget.of_results([StageResult("gyro_scale", models=(model,))], [term])
     assert entry["standard_uncertainty"] == pytest.approx(1e-5, rel=1e-12)
@@ -133,7 +158,9 @@ def test_a_coefficient_that_a_term_names_gets_a_combined_uncertainty():
 
 
 def test_a_run_states_every_component_of_the_drift_it_takes_off(run):
-    """run.json: u² is the sum of the squared components, U = k u, and k is Student's where degrees of freedom are few."""
+    """run.json: u² is the sum of the squared components, U = k u, and k is Student's where degrees
+    of freedom are few.
+    """
     document = run[0].document
     entries = document["uncertainty"]
     assert len(entries) >= 6 + len(document["inputs"])
@@ -144,7 +171,9 @@ def test_a_run_states_every_component_of_the_drift_it_takes_off(run):
             entry["coverage_factor"] * entry["standard_uncertainty"], rel=1e-12
         )
         dof = math.inf if entry["effective_dof"] is None else entry["effective_dof"]
-        assert entry["coverage_factor"] == pytest.approx(gum.coverage_factor(dof) if dof < 30 else 2.0, rel=1e-9)
+        assert entry["coverage_factor"] == pytest.approx(
+            gum.coverage_factor(dof) if dof < 30 else 2.0, rel=1e-9
+        )
     names = {part["name"] for part in entries[0]["components"]}
     assert {"coefficients", "model error on ramps left out", "thermometer", "scale"} <= names
     assert any("do not enter the compensated rate: elsewhere" in flag for flag in document["flags"])
@@ -157,7 +186,9 @@ def test_the_report_and_json_show_the_uncertainty(run, calibkit, campaign, tmp_p
     assert "at rest" in report
     path = tmp_path / "mine.toml"
     path.write_text(recipe.find("fog_thermal").text + TERMS, encoding="utf-8")
-    outcome = calibkit("fit", path, "--data", campaign, "--serial", "F", "--out", tmp_path / "r", "--json")
+    outcome = calibkit(
+        "fit", path, "--data", campaign, "--serial", "F", "--out", tmp_path / "r", "--json"
+    )
     assert outcome.json["uncertainty"] == run[0].document["uncertainty"]
 
 
@@ -171,10 +202,14 @@ def rows_of(path):
 
 
 def test_apply_adds_the_uncertainty_where_it_is_asked_for(run, calibkit, campaign, tmp_path):
-    """Without the key the columns are those of the log; with it one more, which the type B terms are in."""
+    """Without the key the columns are those of the log; with it one more, which the type B terms
+    are in.
+    """
     log, runs = campaign / "withheld/ramp_heating_03.csv", run[1]
     for name, more in (("plain", []), ("more", ["--set", "output.rate_uncertainty=true"])):
-        done = calibkit("apply", "F", "--runs", runs, "--data", log, "--out", tmp_path / f"{name}.csv", *more)
+        done = calibkit(
+            "apply", "F", "--runs", runs, "--data", log, "--out", tmp_path / f"{name}.csv", *more
+        )
         assert done.code == 0
     plain, more = rows_of(tmp_path / "plain.csv"), rows_of(tmp_path / "more.csv")
     assert list(plain[0]) == list(rows_of(log)[0])
@@ -188,7 +223,16 @@ def test_apply_adds_the_uncertainty_where_it_is_asked_for(run, calibkit, campaig
 def test_apply_refuses_an_uncertainty_that_nobody_knows(calibkit, campaign, tmp_path):
     """The published scheme has no model error on other rates: exit 2, said in a sentence."""
     assert calibkit(
-        "fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path / "r", "--set", "drift.order=2"
+        "fit",
+        "fog_thermal",
+        "--data",
+        campaign,
+        "--serial",
+        "F",
+        "--out",
+        tmp_path / "r",
+        "--set",
+        "drift.order=2",
     ).code in (0, 1)
     done = calibkit(
         "apply",
@@ -210,25 +254,54 @@ def test_apply_refuses_an_uncertainty_that_nobody_knows(calibkit, campaign, tmp_
 
 
 def test_a_validation_says_how_many_means_are_as_near_as_stated(run, calibkit, campaign, tmp_path):
-    """Two withheld ramps: at least 85 % of the 100 s means within the uncertainty, and the limit is tested."""
+    """Two withheld ramps: at least 85 % of the 100 s means within the uncertainty, and the limit is
+    tested.
+    """
     done = calibkit(
-        "validate", "F", "--runs", run[1], "--data", campaign / "withheld", "--out", tmp_path / "v.json", "--json"
+        "validate",
+        "F",
+        "--runs",
+        run[1],
+        "--data",
+        campaign / "withheld",
+        "--out",
+        tmp_path / "v.json",
+        "--json",
     )
     assert done.code == 0
     stated = [log["uncertainty"] for log in done.json["logs"]]
     assert all(entry["share_within_expanded_uncertainty"] > 0.85 for entry in stated)
-    assert json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["logs"][0]["uncertainty"] == stated[0]
+    assert (
+        json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["logs"][0]["uncertainty"]
+        == stated[0]
+    )
 
 
 def test_a_limit_on_the_share_within_the_uncertainty_is_held(calibkit, campaign, tmp_path):
     """A limit above what noise allows, 0.9999, fails a validation with exit code 1 and is named."""
     limit = "acceptance.min_share_within_uncertainty=0.9999"
     fitted = calibkit(
-        "fit", "fog_thermal", "--data", campaign, "--serial", "F", "--out", tmp_path / "r", "--set", limit
+        "fit",
+        "fog_thermal",
+        "--data",
+        campaign,
+        "--serial",
+        "F",
+        "--out",
+        tmp_path / "r",
+        "--set",
+        limit,
     )
     assert fitted.code == 0
     done = calibkit(
-        "validate", "F", "--runs", tmp_path / "r", "--data", campaign / "withheld", "--out", tmp_path / "v.json"
+        "validate",
+        "F",
+        "--runs",
+        tmp_path / "r",
+        "--data",
+        campaign / "withheld",
+        "--out",
+        tmp_path / "v.json",
     )
     assert done.code == 1
     assert "within their uncertainty" in done.out

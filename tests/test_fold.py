@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import fit, fold
+from calibkit.numeric.least_squares import fit, fold
 
 
 def test_triangle_has_the_gram_matrix_of_the_rows():
@@ -18,7 +18,9 @@ def test_triangle_has_the_gram_matrix_of_the_rows():
 
 @pytest.mark.parametrize("weighted", [False, True])
 def test_folded_fit_is_the_fit(weighted):
-    """Coefficients, covariance, residuals and rms equal those of the whole design, weights included."""
+    """Coefficients, covariance, residuals and rms equal those of the whole design, weights
+    included.
+    """
     rng = np.random.default_rng(1)
     design = np.vander(rng.uniform(-1.0, 1.0, 9000), 6)
     indication = design @ rng.normal(size=6) + rng.normal(size=9000)

@@ -1,4 +1,6 @@
-"""Formats one by one: what a reader refuses, what it says, what a recipe can pin; the documentation's recipes are recipes."""
+"""Formats one by one: what a reader refuses, what it says, what a recipe can pin; the
+documentation's recipes are recipes.
+"""
 
 import datetime as dt
 import io
@@ -13,9 +15,9 @@ import pytest
 
 from calibkit import recipe
 from calibkit.errors import CalibkitError, LogFormatError, RecipeError, UsageError
+from calibkit.ingest import logs as ingest
 from calibkit.readers import registry
 from calibkit.recipe.logs import Logs
-from calibkit.stages import ingest
 from dialects import DIALECTS, Clean, Dialect
 
 DOCS = Path(__file__).resolve().parents[1] / "docs" / "logs.md"
@@ -44,7 +46,9 @@ def read(tmp_path, data, name="log.dat", needed=("a", "b"), **logs):
     ],
 )
 def test_text_that_is_not_understood_is_refused_with_what_to_pin(tmp_path, content, logs, fragment):
-    """Nothing is guessed where two readings are possible, and no line is taken for what it is not."""
+    """Nothing is guessed where two readings are possible, and no line is taken for what it is
+    not.
+    """
     with pytest.raises(LogFormatError) as refused:
         read(tmp_path, content.encode(), format="text", **logs)
     assert fragment in str(refused.value)
@@ -54,7 +58,11 @@ def test_text_that_is_not_understood_is_refused_with_what_to_pin(tmp_path, conte
     ("raw", "pins", "fragment"),
     [
         ("a;b\n1;°\n2;3\n".encode("cp1252"), {"encoding": "utf-8"}, "byte 0xb0 is not UTF-8 text"),
-        (b"\xff\xfea\0", {"encoding": "utf-8"}, "the byte-order mark says utf-16-le, the recipe says utf-8"),
+        (
+            b"\xff\xfea\0",
+            {"encoding": "utf-8"},
+            "the byte-order mark says utf-16-le, the recipe says utf-8",
+        ),
         ("°C;温度\n1;2\n".encode()[:-8] + b"\xff;1\n", {}, "is not UTF-8 text"),
         ("a;b\n1;2\n".encode("utf-16-le")[:-1], {"encoding": "utf-16-le"}, "is not UTF-16-LE text"),
         ("温度;b\n1;2\n".encode() + b"\xe6\xb8", {}, "is not UTF-8 text, the rest of the file is"),
@@ -69,10 +77,17 @@ def test_a_byte_that_does_not_fit_is_never_replaced(tmp_path, raw, pins, fragmen
 
 @pytest.mark.parametrize(
     ("text", "encoding"),
-    [("T (°C);b", "cp1252"), ("Gehäuse;Größe", "cp1252"), ("温度(℃);电压", "gb18030"), ("µg;m/s²", "cp1252")],
+    [
+        ("T (°C);b", "cp1252"),
+        ("Gehäuse;Größe", "cp1252"),
+        ("温度(℃);电压", "gb18030"),
+        ("µg;m/s²", "cp1252"),
+    ],
 )
 def test_degree_signs_are_not_taken_for_chinese(tmp_path, text, encoding):
-    """`°C` in Windows-1252 is also a character of GB18030; the header comes out as it was written."""
+    """`°C` in Windows-1252 is also a character of GB18030; the header comes out as it was
+    written.
+    """
     table = read(tmp_path, f"{text}\n1;2\n3;4\n".encode(encoding), format="text", needed=())
     assert list(table.frame.columns) == text.split(";")
 
@@ -87,24 +102,32 @@ def test_footer_and_comments_are_pinned_and_counted(tmp_path):
 
 def test_a_log_that_begins_overloaded_begins_with_its_first_row(tmp_path):
     """Rows in which most sensors are still open are rows, not preamble."""
-    content = "t;a;b;c\n0;OVLD;OVLD;OVLD\n1;OVLD;OVLD;7\n" + "".join(f"{k};1;2;3\n" for k in range(2, 9))
+    content = "t;a;b;c\n0;OVLD;OVLD;OVLD\n1;OVLD;OVLD;7\n" + "".join(
+        f"{k};1;2;3\n" for k in range(2, 9)
+    )
     table = read(tmp_path, content.encode(), format="text", needed=("t", "a", "b", "c"))
     assert table.frame["t"].tolist() == [float(k) for k in range(9)]
     assert table.frame["c"].isna().sum() == 1
 
 
 def test_a_row_lost_in_the_preamble_is_refused(tmp_path):
-    """A row above the header, of which too little is measured to be the first, is named rather than skipped."""
+    """A row above the header, of which too little is measured to be the first, is named rather than
+    skipped.
+    """
     content = "0;x;x;1;x\nt;a;b;c;d\n" + "".join(f"{k};1;2;3;4\n" for k in range(2, 9))
     with pytest.raises(LogFormatError, match=r"log.dat:1: a row of numbers above the header"):
         read(tmp_path, content.encode(), format="text", needed=("t", "a"))
 
 
 def test_a_damaged_first_row_is_not_a_preamble(tmp_path):
-    """Without a header nothing stands above the rows: a first row with a field too many or too few is refused."""
+    """Without a header nothing stands above the rows: a first row with a field too many or too few
+    is refused.
+    """
     rows = "".join(f"{k},1,2\n" for k in range(2, 9))
     for first in ("0,7,1,2\n", "0,1\n", "damaged\n"):
-        with pytest.raises(LogFormatError, match=r"log.dat:1: \d fields, expected 3 as in the rows below"):
+        with pytest.raises(
+            LogFormatError, match=r"log.dat:1: \d fields, expected 3 as in the rows below"
+        ):
             read(tmp_path, (first + rows).encode(), format="text", names=("a", "b", "c"))
     pinned = read(
         tmp_path,
@@ -152,7 +175,12 @@ def chamber(replies=5, fields=12, echo=""):
     lines = []
     for k in range(replies):
         values = [20.0, -40.1 + k, *[0.0] * (fields - 2)]
-        lines.append(f"2011-12-06 10:0{k}:06 {echo}" + " ".join(f"{v:06.1f}" for v in values) + " " + "01" * 16)
+        lines.append(
+            f"2011-12-06 10:0{k}:06 {echo}"
+            + " ".join(f"{v:06.1f}" for v in values)
+            + " "
+            + "01" * 16
+        )
     return "\r\n".join(lines) + "\r\n"
 
 
@@ -170,7 +198,10 @@ time_s = { from = "time" }
 temp_env_degc = { from = "actual 1" }
 """
     log = ingest.read_log(
-        recipe.parse(recipe.Source("r", text)), tmp_path / "c.txt", "c.txt", ("time_s", "temp_env_degc")
+        recipe.parse(recipe.Source("r", text)),
+        tmp_path / "c.txt",
+        "c.txt",
+        ("time_s", "temp_env_degc"),
     )
     assert log.frame["time_s"].tolist() == [0.0, 60.0, 120.0, 180.0, 240.0]
     assert log.frame["temp_env_degc"].tolist() == [-40.1, -39.1, -38.1, -37.1, -36.1]
@@ -182,7 +213,9 @@ def test_a_chamber_reply_that_is_cut_is_refused(tmp_path):
     with pytest.raises(LogFormatError, match=r"log.dat:1: found '2011-12-06"):
         read(tmp_path, cut.encode(), format="chamber")
     mixed = chamber(2) + chamber(1, 14)
-    with pytest.raises(LogFormatError, match=r"log.dat:3: 14 fields and 32 digital channels, expected 12 and 32"):
+    with pytest.raises(
+        LogFormatError, match=r"log.dat:3: 14 fields and 32 digital channels, expected 12 and 32"
+    ):
         read(tmp_path, mixed.encode(), format="chamber")
 
 
@@ -200,21 +233,35 @@ LVM = DIALECTS["LVM"].write(CLEAN).decode("cp1252")
 @pytest.mark.parametrize(
     ("change", "fragment"),
     [
-        (lambda text: text.replace("3\t23.5", "3\t2x.5"), "column 'temp_case_degc': found '2x.5', expected a number"),
-        (lambda text: "\r\n".join(text.split("\r\n")[:-3]) + "\r\n", "the segment's header says 12 samples"),
+        (
+            lambda text: text.replace("3\t23.5", "3\t2x.5"),
+            "column 'temp_case_degc': found '2x.5', expected a number",
+        ),
+        (
+            lambda text: "\r\n".join(text.split("\r\n")[:-3]) + "\r\n",
+            "the segment's header says 12 samples",
+        ),
         (lambda text: text.replace("***End_of_Header***", "", 1), "1 × '***End_of_Header***'"),
         (lambda text: text.replace("3\t23.5\t", "3\t"), "3 fields, expected 4 and a comment"),
-        (lambda text: text.replace("LabVIEW Measurement", "LabVIEW", 1), "log.lvm:1: no 'LabVIEW Measurement'"),
+        (
+            lambda text: text.replace("LabVIEW Measurement", "LabVIEW", 1),
+            "log.lvm:1: no 'LabVIEW Measurement'",
+        ),
         (lambda text: text[: text.index("X_Value")], "no names below '***End_of_Header***'"),
         (lambda text: text.replace("X_Value\t", "Y_Value\t", 1), "found 'Y_Value"),
-        (lambda text: text[: text.index("\r\n", text.index("X_Value"))] + "\r\n", "names but no rows"),
+        (
+            lambda text: text[: text.index("\r\n", text.index("X_Value"))] + "\r\n",
+            "names but no rows",
+        ),
         (lambda text: text.rstrip("\r\n"), "the last line has no end"),
         (
             lambda text: text + text[text.index("Channels") :].replace("gyro_dph", "other"),
             "a segment of other channels: temp_case_degc, temp_env_degc, other",
         ),
         (
-            lambda text: re.sub(r"(?m)^\d+\t", "\t", text).replace("X0\t0.0000000000000000E+0", "X0\tsoon"),
+            lambda text: re.sub(r"(?m)^\d+\t", "\t", text).replace(
+                "X0\t0.0000000000000000E+0", "X0\tsoon"
+            ),
             "X0 in the header above: found 'soon 0.0000000000000000E+0",
         ),
     ],
@@ -227,15 +274,23 @@ def test_a_labview_file_that_is_not_whole_is_refused(tmp_path, change, fragment)
 
 
 def test_packets_below_one_header_need_their_times(tmp_path):
-    """Twice as many rows as samples are two packets; without X values the time between them is not known."""
-    text = DIALECTS["LVM"].write(Clean([[str(k), "1.5", "2.5", "3.5"] for k in range(24)])).decode("cp1252")
+    """Twice as many rows as samples are two packets; without X values the time between them is not
+    known.
+    """
+    text = (
+        DIALECTS["LVM"]
+        .write(Clean([[str(k), "1.5", "2.5", "3.5"] for k in range(24)]))
+        .decode("cp1252")
+    )
     packets = text.replace("Samples\t24\t24\t24", "Samples\t12\t12\t12")
     assert len(read(tmp_path, packets.encode("cp1252"), "log.lvm", format="lvm").frame) == 24
     timeless = re.sub(r"(?m)^\d+\t", "\t", packets)
     with pytest.raises(LogFormatError, match="no single X0 and Delta_X for all rows"):
         read(tmp_path, timeless.encode("cp1252"), "log.lvm", format="lvm")
     with pytest.raises(LogFormatError, match="header says 24 samples"):
-        read(tmp_path, text.rsplit("\r\n", 2)[0].encode("cp1252") + b"\r\n", "log.lvm", format="lvm")
+        read(
+            tmp_path, text.rsplit("\r\n", 2)[0].encode("cp1252") + b"\r\n", "log.lvm", format="lvm"
+        )
 
 
 def test_segments_of_a_labview_file_follow_each_other(tmp_path):
@@ -253,16 +308,27 @@ def test_channels_of_a_labview_file_with_x_columns_of_their_own_share_one_time(t
     """X_Columns Multi: the X columns must agree, then they are one; a blank field has no value."""
     head, _, body = LVM.partition("X_Value")
     rows = [line.split("\t") for line in body.split("\r\n")[1:] if line]
-    names = "\t".join(part for name in ("temp_case_degc", "temp_env_degc", "gyro_dph") for part in ("X_Value", name))
+    names = "\t".join(
+        part
+        for name in ("temp_case_degc", "temp_env_degc", "gyro_dph")
+        for part in ("X_Value", name)
+    )
 
     def written(at, value):
         lines = [[part for channel in row[1:4] for part in (row[0], channel)] for row in rows]
         lines[3][at] = value
-        return (head + "\r\n".join([f"{names}\tComment", *map("\t".join, lines)]) + "\r\n").encode("cp1252")
+        return (head + "\r\n".join([f"{names}\tComment", *map("\t".join, lines)]) + "\r\n").encode(
+            "cp1252"
+        )
 
     table = read(tmp_path, written(3, ""), "log.lvm", format="lvm")
     assert list(table.frame) == ["X_Value", "temp_case_degc", "temp_env_degc", "gyro_dph"]
-    assert table.units == {"X_Value": "s", "temp_case_degc": "degC", "temp_env_degc": "degC", "gyro_dph": "deg/h"}
+    assert table.units == {
+        "X_Value": "s",
+        "temp_case_degc": "degC",
+        "temp_env_degc": "degC",
+        "gyro_dph": "deg/h",
+    }
     plain = read(tmp_path, LVM.encode("cp1252"), "plain.lvm", format="lvm").frame
     plain.iloc[3, 2] = np.nan
     np.testing.assert_array_equal(table.frame.to_numpy(), plain.to_numpy())
@@ -284,24 +350,33 @@ ULOG = DIALECTS["ULog"].write(Clean([[str(k), "1", "2", "3"] for k in range(1, 6
         (ULOG[:9], "not a ULog file"),
         (ULOG[:-3], "the file ends inside a message"),
         (ULOG + message("Z", b"123"), f"a message of unknown type 90 at byte {len(ULOG)}"),
-        (ULOG + message("D", struct.pack("<HQddd", 7, 9, 1, 2, 3)), "no subscription found for message id 7"),
+        (
+            ULOG + message("D", struct.pack("<HQddd", 7, 9, 1, 2, 3)),
+            "no subscription found for message id 7",
+        ),
         (ULOG + message("D", struct.pack("<HQ", 0, 9)), "marked as corrupt"),
     ],
 )
 def test_a_flight_log_whose_messages_do_not_add_up_is_refused(tmp_path, data, fragment):
-    """Cut, of another kind, of no topic, too short for its topic: a row less would pass for a whole log."""
+    """Cut, of another kind, of no topic, too short for its topic: a row less would pass for a whole
+    log.
+    """
     with pytest.raises(LogFormatError) as refused:
         read(tmp_path, data, "x.ulg", needed=("case", "air"))
     assert fragment in str(refused.value)
 
 
 def test_dropouts_of_a_flight_log_are_told(tmp_path):
-    """How many and how long, for rows are missing there; a topic that the log has not is refused with those it has."""
+    """How many and how long, for rows are missing there; a topic that the log has not is refused
+    with those it has.
+    """
     data = ULOG + message("O", struct.pack("<H", 250)) + message("O", struct.pack("<H", 50))
     table = read(tmp_path, data, "x.ulg", needed=("case", "air"), table="fog_run:0")
     assert table.notes == ("2 dropouts of the logger, 300 ms in all",)
     assert len(table.frame) == 5
-    with pytest.raises(LogFormatError, match=r"no single topic 'nope'; name one in .* there are: fog_run:0"):
+    with pytest.raises(
+        LogFormatError, match=r"no single topic 'nope'; name one in .* there are: fog_run:0"
+    ):
         read(tmp_path, ULOG, "x.ulg", table="nope")
 
 
@@ -320,7 +395,9 @@ def test_containers_ask_which_table_is_the_log(tmp_path):
         read(tmp_path, stream.getvalue(), "x.xlsx")
     stream = io.BytesIO()
     with nptdms.TdmsWriter(stream) as writer:
-        writer.write_segment([nptdms.ChannelObject(group, "a", np.arange(3.0)) for group in ("one", "two")])
+        writer.write_segment(
+            [nptdms.ChannelObject(group, "a", np.arange(3.0)) for group in ("one", "two")]
+        )
     with pytest.raises(LogFormatError, match="there are: 'one', 'two'"):
         read(tmp_path, stream.getvalue(), "x.tdms")
     stream = io.BytesIO()
@@ -334,7 +411,9 @@ def test_containers_ask_which_table_is_the_log(tmp_path):
 
 
 def test_cells_of_a_workbook_read_back_to_what_they_hold(tmp_path):
-    """Ticks, times of day, durations and instants; a workbook without cells, or without the sheet, is refused."""
+    """Ticks, times of day, durations and instants; a workbook without cells, or without the sheet,
+    is refused.
+    """
     import openpyxl
 
     def workbook(*rows):
@@ -345,7 +424,10 @@ def test_cells_of_a_workbook_read_back_to_what_they_hold(tmp_path):
         book.save(stream)
         return stream.getvalue()
 
-    second, midnight = dt.timedelta(seconds=1), dt.datetime(2026, 1, 1, tzinfo=dt.UTC).replace(tzinfo=None)
+    second, midnight = (
+        dt.timedelta(seconds=1),
+        dt.datetime(2026, 1, 1, tzinfo=dt.UTC).replace(tzinfo=None),
+    )
     noon = (midnight + dt.timedelta(hours=12)).time()
     for first, written in (
         (True, 1.0),
@@ -364,7 +446,9 @@ def test_cells_of_a_workbook_read_back_to_what_they_hold(tmp_path):
 
 
 def test_instants_of_a_parquet_file_are_seconds_with_and_without_a_zone(tmp_path):
-    """From the first that is there; text is no column, and two columns of one name are refused as such."""
+    """From the first that is there; text is no column, and two columns of one name are refused as
+    such.
+    """
     import pyarrow as pa
     from pyarrow import parquet as pq
 
@@ -376,7 +460,8 @@ def test_instants_of_a_parquet_file_are_seconds_with_and_without_a_zone(tmp_path
     for zone in (None, "UTC", "Asia/Shanghai"):
         for unit, ticks in (("ms", 1000), ("us", 10**6), ("ns", 10**9)):
             at = pa.array(
-                [None, 1_700_000_000 * ticks, 1_700_000_001 * ticks + ticks // 2], pa.timestamp(unit, tz=zone)
+                [None, 1_700_000_000 * ticks, 1_700_000_001 * ticks + ticks // 2],
+                pa.timestamp(unit, tz=zone),
             )
             table = pa.table({"a": at, "b": [True, None, False], "said": ["x", "y", "z"]})
             found = read(tmp_path, stored(table), "x.parquet").frame
@@ -396,7 +481,10 @@ def test_columns_of_several_rates_are_not_put_side_by_side(tmp_path):
     scipy_io.savemat(stream, {"a": np.arange(5.0), "b": np.arange(7.0), "c": np.arange(5.0)})
     with pytest.raises(LogFormatError, match="columns of several lengths: a 5, b 7"):
         read(tmp_path, stream.getvalue(), "x.mat")
-    assert list(read(tmp_path, stream.getvalue(), "x.mat", needed=("a",)).frame.columns) == ["a", "c"]
+    assert list(read(tmp_path, stream.getvalue(), "x.mat", needed=("a",)).frame.columns) == [
+        "a",
+        "c",
+    ]
 
 
 def test_units_travel_with_the_channels_of_containers(tmp_path):
@@ -422,11 +510,17 @@ def test_units_travel_with_the_channels_of_containers(tmp_path):
 
 @pytest.mark.parametrize(
     ("size", "fragment"),
-    [(61, "61 bytes behind the header, expected records of 12 bytes (5 and 1 bytes over)"), (0, "0 bytes behind")],
+    [
+        (61, "61 bytes behind the header, expected records of 12 bytes (5 and 1 bytes over)"),
+        (0, "0 bytes behind"),
+    ],
 )
 def test_binary_records_are_whole(tmp_path, size, fragment):
     """A file that is not a whole number of records is cut off, or described wrongly."""
-    spec = {"byte_order": "little", "fields": [{"name": "a", "type": "f8"}, {"name": "b", "type": "i4"}]}
+    spec = {
+        "byte_order": "little",
+        "fields": [{"name": "a", "type": "f8"}, {"name": "b", "type": "i4"}],
+    }
     with pytest.raises(LogFormatError) as refused:
         read(tmp_path, bytes(size), format="binary", binary=recipe.logs.BinarySpec(**spec))
     assert fragment in str(refused.value)
@@ -434,7 +528,10 @@ def test_binary_records_are_whole(tmp_path, size, fragment):
 
 def test_a_record_out_of_step_is_named(tmp_path):
     """A lost byte shows in the sync word of the next record."""
-    fields = [{"name": "sync", "type": "u2", "byte_order": "big"}, {"name": "a", "type": "i2", "scale": 0.0625}]
+    fields = [
+        {"name": "sync", "type": "u2", "byte_order": "big"},
+        {"name": "a", "type": "i2", "scale": 0.0625},
+    ]
     spec = recipe.logs.BinarySpec(byte_order="little", sync="AA55", fields=fields)
     data = b"".join(b"\xaa\x55" + struct.pack("<h", k) for k in range(-2, 3))
     table = read(tmp_path, data, format="binary", binary=spec)
@@ -454,7 +551,9 @@ def test_a_record_out_of_step_is_named(tmp_path):
         ("pyulog", "ulog", "ulog"),
     ],
 )
-def test_a_missing_library_is_named_with_the_command_that_installs_it(tmp_path, monkeypatch, module, name, extra):
+def test_a_missing_library_is_named_with_the_command_that_installs_it(
+    tmp_path, monkeypatch, module, name, extra
+):
     """Exit code 2 and `pip install 'calibkit[extra]'`."""
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(UsageError, match=re.escape(f"pip install 'calibkit[{extra}]'")):
@@ -472,12 +571,22 @@ def test_what_is_of_another_format_is_refused(tmp_path, name):
 
 
 def test_apply_writes_a_log_of_another_dialect_row_for_row(tmp_path, calibkit):
-    """A German log with °/s and the opposite sign: every row and column, compensated values in the log's own unit and sign."""
+    """A German log with °/s and the opposite sign: every row and column, compensated values in the
+    log's own unit and sign.
+    """
     folder = Path(__file__).resolve().parents[1] / "datasets" / "fog_thermal"
     (tmp_path / "logs").mkdir()
-    for name in ("ramp_heating_05.csv", "ramp_heating_10.csv", "ramp_cooling_05.csv", "ramp_cooling_10.csv"):
+    for name in (
+        "ramp_heating_05.csv",
+        "ramp_heating_10.csv",
+        "ramp_cooling_05.csv",
+        "ramp_cooling_10.csv",
+    ):
         log = Clean.of((folder / name).read_text())
-        rows = [";".join([r[0], "offen", *r[1:3], f"{-float(r[3]) / 3600:.12f}"]).replace(".", ",") for r in log.rows]
+        rows = [
+            ";".join([r[0], "offen", *r[1:3], f"{-float(r[3]) / 3600:.12f}"]).replace(".", ",")
+            for r in log.rows
+        ]
         head = ["Prüfstand 3", "", "Zeit (s);Tür;Gehäuse (°C);Kammer (°C);Drehrate (°/s)"]
         (tmp_path / "logs" / name).write_bytes("\r\n".join([*head, *rows, ""]).encode("cp1252"))
     (tmp_path / "r.toml").write_text(
@@ -496,24 +605,39 @@ gyro_dph = { from = "Drehrate", sign = -1 }
         encoding="utf-8",
     )
     fitted = calibkit(
-        "fit", tmp_path / "r.toml", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs"
+        "fit",
+        tmp_path / "r.toml",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
     )
     assert fitted.code == 0, fitted.err
     assert "? 4 logs: decimal = ',' (guessed); pin it in the recipe" in fitted.err
-    inputs = json.loads((tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8"))["inputs"]
+    inputs = json.loads(
+        (tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8")
+    )["inputs"]
     assert all("encoding = 'cp1252' (guessed)" in entry["reading"] for entry in inputs)
     assert "4804 lines: 2 above the header, 1 of header, 4801 rows" in inputs[1]["reading"]
     data, out = tmp_path / "logs" / "ramp_heating_05.csv", tmp_path / "out.csv"
-    assert calibkit("apply", "S", "--runs", tmp_path / "runs", "--data", data, "--out", out).code == 0
+    assert (
+        calibkit("apply", "S", "--runs", tmp_path / "runs", "--data", data, "--out", out).code == 0
+    )
     lines = out.read_text(encoding="utf-8").splitlines()
     assert lines[0] == "Zeit (s),Tür,Gehäuse (°C),Kammer (°C),Drehrate (°/s)"
     before = Clean.of((folder / "ramp_heating_05.csv").read_text())
-    assert [line.split(",")[:4] for line in lines[1:]] == [[r[0], "offen", *r[1:3]] for r in before.rows]
+    assert [line.split(",")[:4] for line in lines[1:]] == [
+        [r[0], "offen", *r[1:3]] for r in before.rows
+    ]
     moved = np.array([-3600.0 * float(line.split(",")[4]) for line in lines[1:]]) - before.column(3)
     assert 0.1 < np.ptp(moved) < 3.0  # °/h of drift taken out
 
 
-@pytest.mark.parametrize("block", re.findall(r"```toml\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL))
+@pytest.mark.parametrize(
+    "block", re.findall(r"```toml\n(.*?)```", DOCS.read_text(encoding="utf-8"), flags=re.DOTALL)
+)
 def test_every_recipe_of_the_documentation_is_one(block):
     """The blocks of docs/logs.md load as they stand, below a procedure."""
     columns = re.findall(r"(?m)^\[columns\.(\w+)\]|^(\w+) = \{ from", block)
@@ -524,7 +648,10 @@ def test_every_recipe_of_the_documentation_is_one(block):
 @pytest.mark.parametrize(
     ("logs", "fragment"),
     [
-        ('format = "csv"\ntext = { decimal = "," }', "[logs.text] says nothing about format = 'csv'"),
+        (
+            'format = "csv"\ntext = { decimal = "," }',
+            "[logs.text] says nothing about format = 'csv'",
+        ),
         ('format = "binary"', "format = 'binary' and a table [logs.binary] go together"),
         ('text = { delimiter = ",", decimal = "," }', "a comma cannot be both"),
         ('text = { delimiter = "fixed" }', "go together"),
@@ -537,7 +664,9 @@ def test_every_recipe_of_the_documentation_is_one(block):
 def test_a_description_that_cannot_be_meant_is_refused(logs, fragment):
     """Contradictions and misspellings in [logs] are faults of the recipe, with their line."""
     with pytest.raises(RecipeError) as refused:
-        recipe.parse(recipe.Source("r.toml", f'procedure = "fog_thermal"\n[logs]\nfiles = ["*"]\n{logs}\n'))
+        recipe.parse(
+            recipe.Source("r.toml", f'procedure = "fog_thermal"\n[logs]\nfiles = ["*"]\n{logs}\n')
+        )
     assert fragment in str(refused.value)
     assert "r.toml:" in str(refused.value)
 

@@ -8,7 +8,9 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import accel_k, attitude, determination, fit, fold, gram
+from calibkit.instruments.accelerometer.numeric import determination, k_factor
+from calibkit.numeric import attitude
+from calibkit.numeric.least_squares import fit, fold, gram
 
 ROWS = 30_000
 
@@ -22,7 +24,10 @@ def exact(t, y, order):
         if k <= order:
             targets.append(sum(p * v for p, v in zip(power, y, strict=True)))
         power = [p * v for p, v in zip(power, t, strict=True)]
-    rows = [[Fraction(moments[i + j]) for j in range(order + 1)] + [Fraction(targets[i])] for i in range(order + 1)]
+    rows = [
+        [Fraction(moments[i + j]) for j in range(order + 1)] + [Fraction(targets[i])]
+        for i in range(order + 1)
+    ]
     for i in range(order + 1):
         rows[i] = [v / rows[i][i] for v in rows[i]]
         for k in range(order + 1):
@@ -45,7 +50,9 @@ def test_blocks_cover_the_rows_once():
 
 
 def test_a_polynomial_has_twelve_digits_of_the_exact_one():
-    """Bias, slope and curvature of 30,000 integer readings agree with rational arithmetic to 1e-12."""
+    """Bias, slope and curvature of 30,000 integer readings agree with rational arithmetic to
+    1e-12.
+    """
     t, y = drifting()
     expected = exact(t, y, 2)
     assert fold.polynomial(t, y, 2)[1] == pytest.approx(expected, rel=1e-12)
@@ -53,7 +60,9 @@ def test_a_polynomial_has_twelve_digits_of_the_exact_one():
 
 
 def test_blocks_give_what_a_whole_factorisation_gives():
-    """Coefficients, covariance, residuals, rms and condition equal those by QR to 1e-12, weights included."""
+    """Coefficients, covariance, residuals, rms and condition equal those by QR to 1e-12, weights
+    included.
+    """
     rng = np.random.default_rng(1)
     X, w = rng.normal(size=(ROWS, 6)) + 0.5, rng.uniform(0.1, 10.0, ROWS)
     y = X @ rng.normal(size=6) + rng.normal(size=ROWS)
@@ -66,10 +75,14 @@ def test_blocks_give_what_a_whole_factorisation_gives():
         found = fit.linear(X, y, weights=weights)
         np.testing.assert_allclose(found.coefficients, beta, rtol=1e-12)
         square = np.sum((root * left) ** 2)
-        np.testing.assert_allclose(found.covariance, inverse @ inverse.T * square / (ROWS - 6), rtol=1e-11, atol=1e-18)
+        np.testing.assert_allclose(
+            found.covariance, inverse @ inverse.T * square / (ROWS - 6), rtol=1e-11, atol=1e-18
+        )
         np.testing.assert_allclose(found.residuals, left, atol=1e-13)
         assert found.residual_rms == pytest.approx(np.sqrt(square / np.sum(root**2)), rel=1e-12)
-        assert found.condition == pytest.approx(np.linalg.cond(r / np.linalg.norm(r, axis=0)), rel=1e-10)
+        assert found.condition == pytest.approx(
+            np.linalg.cond(r / np.linalg.norm(r, axis=0)), rel=1e-10
+        )
         assert (found.dof, found.rank) == (ROWS - 6, 6)
 
 
@@ -85,10 +98,15 @@ def test_blocks_give_what_a_whole_factorisation_gives():
     ],
 )
 def test_nist_sets_repeated_until_they_are_tall_keep_their_digits(real, name, order, digits):
-    """A set measured many times over has the certified coefficients, twelve digits of them on mapped powers."""
-    # In raw powers too, but for Wampler's first: its constant of 1 stands beside terms of 3 million.
+    """A set measured many times over has the certified coefficients, twelve digits of them on
+    mapped powers.
+    """
+    # In raw powers too, but for Wampler's first: its constant of 1 stands beside terms of 3
+    # million.
     folder = real / "nist_strd"
-    data = np.genfromtxt(folder / f"linear_{name}.csv", delimiter=",", names=True, encoding="utf-8-sig")
+    data = np.genfromtxt(
+        folder / f"linear_{name}.csv", delimiter=",", names=True, encoding="utf-8-sig"
+    )
     with (folder / "linear_certified_15digits.csv").open(encoding="utf-8") as opened:
         rows = [row for row in csv.DictReader(opened) if row["dataset"] == name]
     expected = np.array([float(row["estimate"]) for row in rows])
@@ -100,7 +118,9 @@ def test_nist_sets_repeated_until_they_are_tall_keep_their_digits(real, name, or
         found, raw, _ = fold.polynomial(x, y, order)
         middle, half = fit.mapping(x)
         mapped = fit.raw_powers(-middle / half, 1.0 / half, order) @ expected
-        np.testing.assert_allclose(found.coefficients, np.asarray(mapped, dtype=np.float64), rtol=1e-12)
+        np.testing.assert_allclose(
+            found.coefficients, np.asarray(mapped, dtype=np.float64), rtol=1e-12
+        )
         assert found.rank == order + 1
     np.testing.assert_allclose(raw, expected, rtol=10.0**-digits)
 
@@ -118,7 +138,9 @@ def test_a_term_that_lstsq_drops_without_a_word_is_kept():
 
 
 def test_normal_equations_of_a_static_record_are_refused():
-    """Where temperature does not vary a plain normal equation returns a wrong bias; here the columns are named."""
+    """Where temperature does not vary a plain normal equation returns a wrong bias; here the
+    columns are named.
+    """
     temperature = np.full(ROWS, 25.3)
     X = np.column_stack([np.ones(ROWS), temperature, temperature**2])
     y = 7.5 + np.random.default_rng(3).normal(0.0, 0.1, ROWS)
@@ -133,7 +155,9 @@ def test_normal_equations_of_a_static_record_are_refused():
 
 
 def test_columns_dependent_to_rounding_are_refused_not_guessed():
-    """A column that is another one but for 1e-13 of it is no information, however many rows there are."""
+    """A column that is another one but for 1e-13 of it is no information, however many rows there
+    are.
+    """
     rng = np.random.default_rng(4)
     X = rng.normal(size=(ROWS, 3))
     X[:, 2] = X[:, 0] * (1.0 + 1e-13 * rng.normal(size=ROWS))
@@ -143,7 +167,9 @@ def test_columns_dependent_to_rounding_are_refused_not_guessed():
 
 
 def test_ill_conditioned_rows_are_factorised_instead():
-    """Powers of 20 … 40 to the fifth have a condition number of 1e7; exact readings come back to 1e-7, as from the whole."""
+    """Powers of 20 … 40 to the fifth have a condition number of 1e7; exact readings come back to
+    1e-7, as from the whole.
+    """
     x = np.linspace(20.0, 40.0, ROWS)
     truth = (-0.5) ** np.arange(6)
     X = np.vander(x, 6, increasing=True)
@@ -154,18 +180,24 @@ def test_ill_conditioned_rows_are_factorised_instead():
 
 
 def test_small_residuals_under_a_large_mean_are_not_cancelled():
-    """The residual rms of 1e-3 under readings of 1e9 is right to 1e-4, though squares differ by 24 orders."""
+    """The residual rms of 1e-3 under readings of 1e9 is right to 1e-4, though squares differ by 24
+    orders.
+    """
     rng = np.random.default_rng(5)
     t = np.linspace(-1.0, 1.0, ROWS)
     noise = rng.normal(0.0, 1e-3, ROWS)
     found, _, _ = fold.polynomial(t, 1e9 + noise, 1)
     clean, _, _ = fold.polynomial(t, noise, 1)
     assert found.residual_rms == pytest.approx(clean.residual_rms, rel=1e-4)
-    assert np.sqrt(found.covariance[1, 1]) == pytest.approx(np.sqrt(clean.covariance[1, 1]), rel=1e-4)
+    assert np.sqrt(found.covariance[1, 1]) == pytest.approx(
+        np.sqrt(clean.covariance[1, 1]), rel=1e-4
+    )
 
 
 def test_a_sample_that_misleads_costs_a_pass_not_digits():
-    """Rows that differ from every evenly spread one leave the fit as it is: the first guess is only that."""
+    """Rows that differ from every evenly spread one leave the fit as it is: the first guess is only
+    that.
+    """
     step = 1 + ROWS // gram.SAMPLE_ROWS
     rng = np.random.default_rng(6)
     X = rng.normal(size=(ROWS, 3))
@@ -174,11 +206,15 @@ def test_a_sample_that_misleads_costs_a_pass_not_digits():
     for row, reading in (([1.0, 0.0, 0.0], 1e6), ([0.0, 0.0, 0.0], 0.0)):
         X[::step], y[::step] = row, reading
         q, r = np.linalg.qr(X)
-        assert fit.linear(X, y).coefficients == pytest.approx(np.linalg.solve(r, q.T @ y), rel=1e-11)
+        assert fit.linear(X, y).coefficients == pytest.approx(
+            np.linalg.solve(r, q.T @ y), rel=1e-11
+        )
 
 
 def test_a_sample_of_nothing_leaves_the_residuals_their_digits():
-    """Where the sampled rows are empty the sum of squares still is that of the noise, 1e-8 of the readings, to 1e-6."""
+    """Where the sampled rows are empty the sum of squares still is that of the noise, 1e-8 of the
+    readings, to 1e-6.
+    """
     rng = np.random.default_rng(6)
     X, noise = rng.normal(size=(ROWS, 3)), rng.normal(0.0, 1e-8, ROWS)
     y = X @ [1.0, 2.0, 3.0] + noise
@@ -195,7 +231,10 @@ def test_read_only_arrays_serve():
     for array in (t, y):
         array.flags.writeable = False
     assert (fold.polynomial(t, y, 2)[1] == expected).all()
-    assert (fit.linear(gram.powers(t, 2), y).coefficients == fit.linear(gram.powers(t.copy(), 2), y).coefficients).all()
+    assert (
+        fit.linear(gram.powers(t, 2), y).coefficients
+        == fit.linear(gram.powers(t.copy(), 2), y).coefficients
+    ).all()
 
 
 @pytest.mark.parametrize("place", [0, 1, ROWS // 2, ROWS - 1])
@@ -211,7 +250,9 @@ def test_a_value_that_is_not_finite_is_refused_wherever_it_stands(place):
 
 
 def test_memory_is_that_of_a_block():
-    """A million rows are fitted in less than 4 MiB beyond themselves, half of one of their columns."""
+    """A million rows are fitted in less than 4 MiB beyond themselves, half of one of their
+    columns.
+    """
     t, y = drifting(1_000_000)
     fold.polynomial(t[:ROWS], y[:ROWS], 2)
     tracemalloc.start()
@@ -224,20 +265,31 @@ def test_memory_is_that_of_a_block():
 def accelerometer(rows=ROWS, seed=7):
     """Indications, temperatures and references of a triad at many attitudes and temperatures."""
     rng = np.random.default_rng(seed)
-    reference = attitude.gravity_vector(rng.uniform(0.0, 180.0, rows), rng.uniform(-180.0, 180.0, rows))
+    reference = attitude.gravity_vector(
+        rng.uniform(0.0, 180.0, rows), rng.uniform(-180.0, 180.0, rows)
+    )
     temperature = rng.uniform(-20.0, 125.0, rows)
     scale = 1.01 + 1e-4 * temperature[:, None] - 1e-7 * temperature[:, None] ** 2
     return reference * scale + 0.01 + rng.normal(0.0, 1e-4, (rows, 3)), temperature, reference
 
 
 def test_k_of_many_rows_is_that_of_a_plain_solution():
-    """K0 … K9 of three axes agree with lstsq on the mapped columns to 1e-12, and so do their uncertainties."""
+    """K0 … K9 of three axes agree with lstsq on the mapped columns to 1e-12, and so do their
+    uncertainties.
+    """
     indication, temperature, reference = accelerometer()
-    for i, axis in enumerate(accel_k.fit(indication, temperature, reference)):
+    for i, axis in enumerate(k_factor.fit(indication, temperature, reference)):
         u = (temperature - axis.middle) / axis.half
         powers = np.vander(u, 4, increasing=True)
-        first, second = accel_k.CROSS[i]
-        X = np.column_stack([indication[:, i, None] * powers, -powers, -indication[:, first], -indication[:, second]])
+        first, second = k_factor.CROSS[i]
+        X = np.column_stack(
+            [
+                indication[:, i, None] * powers,
+                -powers,
+                -indication[:, first],
+                -indication[:, second],
+            ]
+        )
         plain = np.linalg.lstsq(X, reference[:, i], rcond=None)[0]
         np.testing.assert_allclose(axis.mapped_coefficients, plain, atol=1e-12)
         left = reference[:, i] - X @ plain
@@ -246,7 +298,9 @@ def test_k_of_many_rows_is_that_of_a_plain_solution():
 
 
 def test_many_rows_on_one_cone_are_refused_as_few_are():
-    """Which coefficients many dwells at one inclination leave open is said in the same words as of few."""
+    """Which coefficients many dwells at one inclination leave open is said in the same words as of
+    few.
+    """
     rng = np.random.default_rng(8)
 
     def said(rows):
@@ -254,18 +308,25 @@ def test_many_rows_on_one_cone_are_refused_as_few_are():
         reference = attitude.gravity_vector(np.full(rows, 60.0), turn)
         temperature = np.resize([-20.0, 25.0, 70.0, 125.0], rows)
         with pytest.raises(FitError) as refused:
-            accel_k.fit(reference + rng.normal(0.0, 1e-3, (rows, 3)), temperature, reference)
+            k_factor.fit(reference + rng.normal(0.0, 1e-3, (rows, 3)), temperature, reference)
         return str(refused.value).replace(f"{rows} dwells", "dwells"), refused.value.hint
 
     assert said(36 * 700) == said(36 * 4)
 
 
 def test_levels_of_many_temperatures_are_those_of_a_search():
-    """Looking levels up in cells gives what a binary search gives, also exactly on the openings and a rounding beside."""
+    """Looking levels up in cells gives what a binary search gives, also exactly on the openings and
+    a rounding beside.
+    """
     rng = np.random.default_rng(9)
     grid = np.round(rng.uniform(-40.0, 125.0, ROWS), 1)
     spread = rng.uniform(-40.0, 125.0, ROWS)
-    for temperature, step in ((grid, 1.0), (grid, 0.1), (spread, 0.7), (np.nextafter(grid, np.inf), 0.3)):
+    for temperature, step in (
+        (grid, 1.0),
+        (grid, 0.1),
+        (spread, 0.7),
+        (np.nextafter(grid, np.inf), 0.3),
+    ):
         ascending = np.sort(temperature)
         openings = [ascending[0]]
         for value in ascending:

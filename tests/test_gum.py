@@ -27,13 +27,18 @@ def test_the_gauge_block_of_the_gum_has_its_published_uncertainty():
     assert round(result.standard_uncertainty) == 32
     assert int(result.effective_dof) == 16
     assert result.coverage_factor == pytest.approx(2.92, abs=0.005)
-    assert result.expanded_uncertainty == pytest.approx(93.0, abs=0.7)  # nm; the GUM rounds u_c first
+    assert result.expanded_uncertainty == pytest.approx(
+        93.0, abs=0.7
+    )  # nm; the GUM rounds u_c first
 
 
 def impedance(inputs):
     """Resistance, reactance and impedance of JCGM 100 example H.2 from V, I and phase."""
     voltage, current, phase = np.moveaxis(np.asarray(inputs), -1, 0)
-    return np.stack([voltage / current * np.cos(phase), voltage / current * np.sin(phase), voltage / current], axis=-1)
+    return np.stack(
+        [voltage / current * np.cos(phase), voltage / current * np.sin(phase), voltage / current],
+        axis=-1,
+    )
 
 
 def impedance_inputs():
@@ -50,13 +55,19 @@ def test_the_impedance_of_the_gum_has_its_published_covariance():
     jacobian = gum.sensitivities(impedance, estimate, uncertainty)
     covariance = gum.propagate(correlation * np.outer(uncertainty, uncertainty), jacobian)
     u = np.sqrt(np.diag(covariance))
-    np.testing.assert_allclose(u, [0.071, 0.295, 0.236], atol=1.1e-3)  # Ω; the GUM's own inputs had more digits
+    np.testing.assert_allclose(
+        u, [0.071, 0.295, 0.236], atol=1.1e-3
+    )  # Ω; the GUM's own inputs had more digits
     found = covariance / np.outer(u, u)
-    np.testing.assert_allclose([found[0, 1], found[0, 2], found[1, 2]], [-0.588, -0.485, 0.993], atol=6e-3)
+    np.testing.assert_allclose(
+        [found[0, 1], found[0, 2], found[1, 2]], [-0.588, -0.485, 0.993], atol=6e-3
+    )
 
 
 def test_linear_propagation_and_monte_carlo_agree_on_the_impedance():
-    """200 000 correlated draws give the linear standard uncertainties within 0.8 %, four deviations of theirs."""
+    """200 000 correlated draws give the linear standard uncertainties within 0.8 %, four deviations
+    of theirs.
+    """
     estimate, uncertainty, correlation = impedance_inputs()
     covariance = correlation * np.outer(uncertainty, uncertainty)
     linear = gum.propagate(covariance, gum.sensitivities(impedance, estimate, uncertainty))
@@ -68,9 +79,17 @@ def test_linear_propagation_and_monte_carlo_agree_on_the_impedance():
 
 
 @settings(max_examples=60, deadline=None)
-@given(st.lists(st.tuples(st.floats(1e-9, 1e9), st.floats(-50.0, 50.0), st.floats(1.0, 200.0)), min_size=1, max_size=6))
+@given(
+    st.lists(
+        st.tuples(st.floats(1e-9, 1e9), st.floats(-50.0, 50.0), st.floats(1.0, 200.0)),
+        min_size=1,
+        max_size=6,
+    )
+)
 def test_independent_components_combine_as_in_gtc(parts):
-    """The peer finds the same standard uncertainty, effective degrees of freedom and 95 % coverage factor."""
+    """The peer finds the same standard uncertainty, effective degrees of freedom and 95 % coverage
+    factor.
+    """
     components = [Component("x", 1.0, u, "A", sensitivity=c, dof=v) for u, c, v in parts]
     peer = sum(c * GTC.ureal(1.0, u, v) for u, c, v in parts)
     if max(abs(u * c) for u, c, _ in parts) < 1e-60:  # the peer's fourth powers underflow
@@ -83,7 +102,9 @@ def test_independent_components_combine_as_in_gtc(parts):
 
 
 def test_degrees_of_freedom_do_not_depend_on_the_unit():
-    """Contributions of 1e-90 and 1e90 keep the eight effective degrees of freedom that they have in units of one."""
+    """Contributions of 1e-90 and 1e90 keep the eight effective degrees of freedom that they have in
+    units of one.
+    """
     for unit in (1e-90, 1.0, 1e90):
         parts = [Component("x", 0.0, unit, "A", dof=4.0)] * 2
         assert gum.combine(parts).effective_dof == pytest.approx(8.0, rel=1e-12)
@@ -91,7 +112,9 @@ def test_degrees_of_freedom_do_not_depend_on_the_unit():
 
 
 def test_correlated_components_combine_as_in_gtc():
-    """An ensemble of three inputs with nine degrees of freedom beside an independent one of four agrees with the peer."""
+    """An ensemble of three inputs with nine degrees of freedom beside an independent one of four
+    agrees with the peer.
+    """
     correlation = np.array([[1.0, 0.5, -0.3], [0.5, 1.0, 0.2], [-0.3, 0.2, 1.0]])
     ensemble = GTC.multiple_ureal([1.0, 2.0, 3.0], [0.1, 0.2, 0.3], 9)
     for i, j in ((0, 1), (0, 2), (1, 2)):
@@ -115,26 +138,38 @@ def test_a_common_error_adds_linearly_and_cancels_in_a_difference():
     ones = np.ones((2, 2))
     for sign, expected in ((1.0, 5.0), (-1.0, 1.0)):
         parts = [Component("a", 0.0, 3.0, "B"), Component("b", 0.0, 2.0, "B", sensitivity=sign)]
-        assert gum.combine(parts, correlation=ones).standard_uncertainty == pytest.approx(expected, rel=1e-12)
+        assert gum.combine(parts, correlation=ones).standard_uncertainty == pytest.approx(
+            expected, rel=1e-12
+        )
 
 
 def test_a_chain_of_correlations_is_one_group_with_its_fewest_degrees_of_freedom():
-    """Inputs tied one to the next share the five degrees of freedom of the worst, an independent one keeps its own."""
+    """Inputs tied one to the next share the five degrees of freedom of the worst, an independent
+    one keeps its own.
+    """
     chain = np.eye(4)
     chain[0, 2] = chain[2, 0] = chain[2, 3] = chain[3, 2] = 0.4
-    parts = [Component(str(i), 0.0, 1.0, "A", dof=dof) for i, dof in enumerate((20.0, 1e9, 5.0, 50.0))]
+    parts = [
+        Component(str(i), 0.0, 1.0, "A", dof=dof) for i, dof in enumerate((20.0, 1e9, 5.0, 50.0))
+    ]
     result = gum.combine(parts, correlation=chain)
     tied = 3.0 + 2.0 * 0.8
     assert result.standard_uncertainty**2 == pytest.approx(tied + 1.0, rel=1e-12)
-    assert result.effective_dof == pytest.approx((tied + 1.0) ** 2 / (tied**2 / 5.0 + 1.0 / 1e9), rel=1e-12)
+    assert result.effective_dof == pytest.approx(
+        (tied + 1.0) ** 2 / (tied**2 / 5.0 + 1.0 / 1e9), rel=1e-12
+    )
 
 
 def test_expanded_intervals_cover_the_truth():
-    """Two averages of 5 and 10 readings and a type B term: k u_c holds the truth in 95.45 ± 0.9 % of 4000 repetitions."""
+    """Two averages of 5 and 10 readings and a type B term: k u_c holds the truth in 95.45 ± 0.9 %
+    of 4000 repetitions.
+    """
     generator = np.random.default_rng(17)
     readings = [generator.normal(0.0, sigma, (4000, n)) for sigma, n in ((1.0, 5), (2.0, 10))]
     error = sum(part.mean(axis=1) for part in readings) + generator.normal(0.0, 0.3, 4000)
-    scatter = np.stack([part.std(axis=1, ddof=1) / np.sqrt(part.shape[1]) for part in readings], axis=1)
+    scatter = np.stack(
+        [part.std(axis=1, ddof=1) / np.sqrt(part.shape[1]) for part in readings], axis=1
+    )
     inside = 0
     for i in range(4000):
         parts = [
@@ -147,16 +182,21 @@ def test_expanded_intervals_cover_the_truth():
 
 
 @pytest.mark.parametrize(
-    ("dof", "factor"), [(1, 13.97), (2, 4.53), (3, 3.31), (4, 2.87), (5, 2.65), (8, 2.37), (10, 2.28), (20, 2.13)]
+    ("dof", "factor"),
+    [(1, 13.97), (2, 4.53), (3, 3.31), (4, 2.87), (5, 2.65), (8, 2.37), (10, 2.28), (20, 2.13)],
 )
 def test_coverage_factors_are_the_published_ones(dof, factor):
-    """JCGM 100 table G.2 and EA-4/02 annex E print these for 95.45 %; fractions of a degree of freedom are dropped."""
+    """JCGM 100 table G.2 and EA-4/02 annex E print these for 95.45 %; fractions of a degree of
+    freedom are dropped.
+    """
     assert gum.coverage_factor(float(dof)) == pytest.approx(factor, abs=0.006)
     assert gum.coverage_factor(dof + 0.9) == gum.coverage_factor(float(dof))
 
 
 def test_coverage_factor_is_two_from_thirty_degrees_of_freedom_on():
-    """The factor is 2 exactly at 30 and beyond, Student's at 29.99, and the normal quantile for another probability."""
+    """The factor is 2 exactly at 30 and beyond, Student's at 29.99, and the normal quantile for
+    another probability.
+    """
     assert gum.coverage_factor(30.0) == gum.coverage_factor(np.inf) == 2.0
     assert gum.coverage_factor(29.99) == pytest.approx(2.08997, abs=1e-5)
     assert gum.coverage_factor(np.inf, probability=0.95) == pytest.approx(1.959964, abs=1e-6)
@@ -170,7 +210,9 @@ def test_coverage_factor_is_two_from_thirty_degrees_of_freedom_on():
 
 
 def test_type_b_limits_become_standard_uncertainties():
-    """Half-width a gives a/√3, a/√6 and a/√2 for rectangular, triangular and arcsine distributions."""
+    """Half-width a gives a/√3, a/√6 and a/√2 for rectangular, triangular and arcsine
+    distributions.
+    """
     for distribution, divisor in (("rectangular", 3.0), ("triangular", 6.0), ("arcsine", 2.0)):
         part = gum.type_b("thermometer", 20.0, 0.1, distribution, sensitivity=2.0)
         assert part.standard_uncertainty == pytest.approx(0.1 / np.sqrt(divisor), rel=1e-12)
@@ -189,23 +231,32 @@ def test_draws_have_the_moments_and_limits_of_their_components():
     expected = np.array([0.2] * 4 + [0.2 * np.sqrt(10.0 / 8.0)])
     np.testing.assert_allclose(drawn.std(axis=0), expected, rtol=0.01)
     for column, square in enumerate(width.values(), start=1):
-        assert np.abs(drawn[:, column] - 5.0).max() == pytest.approx(0.2 * np.sqrt(square), rel=0.01)
+        assert np.abs(drawn[:, column] - 5.0).max() == pytest.approx(
+            0.2 * np.sqrt(square), rel=0.01
+        )
         assert np.abs(drawn[:, column] - 5.0).max() <= 0.2 * np.sqrt(square) * (1.0 + 1e-12)
 
 
 def test_four_rectangular_inputs_give_the_published_interval():
-    """JCGM 101 9.2.3: the sum of four of unit variance has u 2.00 and the 95 % interval [−3.88, 3.88]."""
+    """JCGM 101 9.2.3: the sum of four of unit variance has u 2.00 and the 95 % interval [−3.88,
+    3.88].
+    """
     parts = [Component("x", 0.0, 1.0, "B", distribution="rectangular")] * 4
     inputs = gum.draws(parts, np.random.default_rng(29), 400_000)
     found = gum.monte_carlo(lambda x: x.sum(axis=1), inputs, interval="symmetric")
     assert found.standard_uncertainty == pytest.approx(2.0, abs=0.01)
-    assert (found.low, found.high) == (pytest.approx(-3.88, abs=0.02), pytest.approx(3.88, abs=0.02))
+    assert (found.low, found.high) == (
+        pytest.approx(-3.88, abs=0.02),
+        pytest.approx(3.88, abs=0.02),
+    )
     shortest = gum.monte_carlo(lambda x: x.sum(axis=1), inputs)
     assert shortest.high - shortest.low == pytest.approx(2.0 * 3.88, abs=0.03)
 
 
 def test_one_dominant_rectangular_input_gives_the_published_interval():
-    """JCGM 101 9.2.4: with a fourth of ten times the width, u is 10.1 and the interval [−17.0, 17.0]."""
+    """JCGM 101 9.2.4: with a fourth of ten times the width, u is 10.1 and the interval [−17.0,
+    17.0].
+    """
     parts = [Component("x", 0.0, u, "B", distribution="rectangular") for u in (1.0, 1.0, 1.0, 10.0)]
     inputs = gum.draws(parts, np.random.default_rng(30), 400_000)
     found = gum.monte_carlo(lambda x: x.sum(axis=1), inputs, interval="symmetric")
@@ -214,7 +265,9 @@ def test_one_dominant_rectangular_input_gives_the_published_interval():
 
 
 def test_intervals_of_a_skewed_result_are_those_of_its_distribution():
-    """Exponential results: shortest from zero to −ln 0.05, symmetric between the 2.5 % quantiles, one-sided at 5 %."""
+    """Exponential results: shortest from zero to −ln 0.05, symmetric between the 2.5 % quantiles,
+    one-sided at 5 %.
+    """
     inputs = np.random.default_rng(31).exponential(1.0, (400_000, 1))
     bounds = {
         kind: gum.monte_carlo(lambda x: x[:, 0], inputs, interval=kind)
@@ -264,7 +317,8 @@ def test_uncertainty_along_a_log_is_the_diagonal_of_the_full_propagation():
 
 
 @pytest.mark.parametrize(
-    ("dof", "quantile"), [(1, 12.706), (2, 4.303), (5, 2.571), (10, 2.228), (30, 2.042), (120, 1.980)]
+    ("dof", "quantile"),
+    [(1, 12.706), (2, 4.303), (5, 2.571), (10, 2.228), (30, 2.042), (120, 1.980)],
 )
 def test_few_degrees_of_freedom_widen_by_students_quantile_over_the_normal_one(dof, quantile):
     """t(0.975) as tables print it over 1.960; nothing is widened that is known from many."""
@@ -274,7 +328,9 @@ def test_few_degrees_of_freedom_widen_by_students_quantile_over_the_normal_one(d
 
 def test_sensitivities_are_the_derivatives_of_a_smooth_function():
     """Central differences of a quadratic are exact, an input without uncertainty included."""
-    jacobian = gum.sensitivities(lambda x: x[0] ** 2 + 3.0 * x[1], np.array([2.0, 5.0]), np.array([0.1, 0.0]))
+    jacobian = gum.sensitivities(
+        lambda x: x[0] ** 2 + 3.0 * x[1], np.array([2.0, 5.0]), np.array([0.1, 0.0])
+    )
     np.testing.assert_allclose(jacobian, [[4.0, 3.0]], rtol=1e-8)
 
 
@@ -294,7 +350,9 @@ def test_sensitivities_are_the_derivatives_of_a_smooth_function():
     ],
 )
 def test_values_are_rounded_to_two_digits_of_their_uncertainty(value, uncertainty, expected):
-    """Two significant digits of the uncertainty, carry included, and the value to the same decimal place."""
+    """Two significant digits of the uncertainty, carry included, and the value to the same decimal
+    place.
+    """
     assert gum.rounded(value, uncertainty) == expected
 
 
@@ -316,20 +374,35 @@ def test_what_has_no_uncertainty_is_refused():
     """Impossible components, matrices, draws and roundings raise with a reason."""
     generator = np.random.default_rng(61)
     part = Component("x", 0.0, 1.0, "A")
-    for bad in ({"standard_uncertainty": -1.0}, {"estimate": np.nan}, {"dof": 0.0}, {"sensitivity": np.inf}):
+    for bad in (
+        {"standard_uncertainty": -1.0},
+        {"estimate": np.nan},
+        {"dof": 0.0},
+        {"sensitivity": np.inf},
+    ):
         with pytest.raises(FitError, match="component 'x'"):
-            Component(**({"name": "x", "estimate": 0.0, "standard_uncertainty": 1.0, "kind": "A"} | bad))
+            Component(
+                **({"name": "x", "estimate": 0.0, "standard_uncertainty": 1.0, "kind": "A"} | bad)
+            )
     with pytest.raises(FitError, match="no variance"):
         Component("x", 0.0, 1.0, "A", dof=2.0, distribution="t")
     with pytest.raises(FitError, match="no components"):
         gum.combine([])
-    for matrix in (np.eye(3), np.array([[1.0, 0.5], [0.4, 1.0]]), np.array([[1.0, 1.1], [1.1, 1.0]]), 2.0 * np.eye(2)):
+    for matrix in (
+        np.eye(3),
+        np.array([[1.0, 0.5], [0.4, 1.0]]),
+        np.array([[1.0, 1.1], [1.1, 1.0]]),
+        2.0 * np.eye(2),
+    ):
         with pytest.raises(FitError, match="not a correlation matrix"):
             gum.combine([part, part], correlation=matrix)
     with pytest.raises(FitError, match="positive semidefinite"):
         gum.normal_draws(np.zeros(2), np.array([[1.0, 2.0], [2.0, 1.0]]), generator, 10)
     with pytest.raises(FitError, match="not finite"):
-        gum.monte_carlo(lambda x: np.where(x[:, 0] > 3.0, np.nan, x[:, 0]), generator.standard_normal((10_000, 1)))
+        gum.monte_carlo(
+            lambda x: np.where(x[:, 0] > 3.0, np.nan, x[:, 0]),
+            generator.standard_normal((10_000, 1)),
+        )
     with pytest.raises(FitError, match="draw more"):
         gum.monte_carlo(lambda x: x[:, 0], generator.standard_normal((500, 1)))
     for value, uncertainty in ((1.0, 0.0), (1.0, np.nan), (np.inf, 1.0), (1.0, -2.0)):

@@ -1,12 +1,14 @@
-"""Noise of gyros at rest by the command line: figures, gaps, what is not observable, limits, logs that cannot be used."""
+"""Noise of gyros at rest by the command line: figures, gaps, what is not observable, limits, logs
+that cannot be used.
+"""
 
 import allantools
 import numpy as np
 import pytest
 
 from calibkit import store
-from calibkit.numeric import allan, allan_fit
-from calibkit.simulate import gyro_noise as simulate
+from calibkit.instruments.gyro_noise import simulate
+from calibkit.numeric.noise import allan, allan_fit
 from calibkit.simulate import noise
 
 HOURS = 2.0
@@ -39,21 +41,32 @@ def test_the_deviations_in_the_file_are_those_of_the_peer(calibkit, white, tmp_p
     folder, rate = white
     outcome, run = fitted(calibkit, folder, tmp_path)
     assert outcome.code == 0, outcome.err
-    found = {float(n.split("_")[2]): f.value for n, f in figures(run).items() if n.startswith("allan_deviation")}
-    taus, peer, _, _ = allantools.oadev(rate, rate=2.0, data_type="freq", taus=np.array(sorted(found)))
+    found = {
+        float(n.split("_")[2]): f.value
+        for n, f in figures(run).items()
+        if n.startswith("allan_deviation")
+    }
+    taus, peer, _, _ = allantools.oadev(
+        rate, rate=2.0, data_type="freq", taus=np.array(sorted(found))
+    )
     assert taus.tolist() == sorted(found)
     assert [found[tau] for tau in taus] == pytest.approx(peer, rel=1e-9)
 
 
 def test_white_noise_shows_its_angle_random_walk_and_nothing_else(calibkit, white, tmp_path):
-    """N is 0.01 °/√h within three of its standard uncertainties; B, K, R, Q are said not to be observable, without a number."""
+    """N is 0.01 °/√h within three of its standard uncertainties; B, K, R, Q are said not to be
+    observable, without a number.
+    """
     outcome, run = fitted(calibkit, white[0], tmp_path)
     found = figures(run)
     walk = found["angle_random_walk.still"]
     assert abs(walk.value - 0.01) < 3.0 * walk.standard_uncertainty < 0.0005
     for name in ("bias_instability", "rate_random_walk", "rate_ramp", "quantization"):
         assert not any(figure.startswith(name) for figure in found)
-        assert any(name in flag and "not observable" in flag for flag in run.records["gyro_noise.json"].flags)
+        assert any(
+            name in flag and "not observable" in flag
+            for flag in run.records["gyro_noise.json"].flags
+        )
     assert outcome.out.count("not observable") >= 4
 
 
@@ -62,11 +75,15 @@ def test_both_bias_stabilities_of_gjb_stand_beside_the_allan_deviation(calibkit,
     _, run = fitted(calibkit, white[0], tmp_path)
     for block_s in (10, 100):
         means = white[1].reshape(-1, block_s * 2).mean(axis=1)
-        assert figures(run)[f"bias_stability_{block_s}_s.still"].value == pytest.approx(means.std(ddof=1), rel=1e-12)
+        assert figures(run)[f"bias_stability_{block_s}_s.still"].value == pytest.approx(
+            means.std(ddof=1), rel=1e-12
+        )
 
 
 def test_a_gap_in_time_and_a_missing_rate_are_gaps(calibkit, white, tmp_path, log_writer):
-    """Rows left out, or empty, are counted and the curve is that of the record with holes; nothing is closed up."""
+    """Rows left out, or empty, are counted and the curve is that of the record with holes; nothing
+    is closed up.
+    """
     rate, time = white[1].copy(), np.arange(8000) * 0.5
     kept = np.ones(8000, dtype=bool)
     kept[3000:3100] = False
@@ -84,24 +101,38 @@ def test_a_gap_in_time_and_a_missing_rate_are_gaps(calibkit, white, tmp_path, lo
     assert any("101 of 8000 samples are missing" in flag for flag in run.document["flags"])
 
 
-def test_a_limit_on_a_term_that_is_not_observable_is_held_against_what_it_can_be_at_most(calibkit, white, tmp_path):
-    """Of white noise the rate random walk is bounded by the curve: a limit above the bound passes, one below fails."""
+def test_a_limit_on_a_term_that_is_not_observable_is_held_against_what_it_can_be_at_most(
+    calibkit, white, tmp_path
+):
+    """Of white noise the rate random walk is bounded by the curve: a limit above the bound passes,
+    one below fails.
+    """
     folder, rate = white
     bound = allan.overlapping(rate, 0.5)
     law = next(law for law in allan_fit.LAWS if law.symbol == "K")
     most = float(np.min(law.scale * bound.upper_dph / np.sqrt(bound.tau_s)))
     for limit, code in ((1.01 * most, 0), (0.99 * most, 1)):
         outcome, _ = fitted(
-            calibkit, folder, tmp_path / str(code), "--set", f"acceptance.max_rate_random_walk={limit!r}"
+            calibkit,
+            folder,
+            tmp_path / str(code),
+            "--set",
+            f"acceptance.max_rate_random_walk={limit!r}",
         )
         assert outcome.code == code
     assert "(not observable: at most)" in outcome.out
 
 
-def test_columns_of_several_gyros_in_other_units_are_told_apart(calibkit, white, tmp_path, log_writer):
-    """Two gyros in °/s and °/h in one log: figures carry the column, and the same noise gives the same N."""
+def test_columns_of_several_gyros_in_other_units_are_told_apart(
+    calibkit, white, tmp_path, log_writer
+):
+    """Two gyros in °/s and °/h in one log: figures carry the column, and the same noise gives the
+    same N.
+    """
     rate = white[1]
-    log_writer(tmp_path / "d/still.csv", time_s=np.arange(8000) * 0.5, gx=rate / 3600.0, gyro_y_dph=rate)
+    log_writer(
+        tmp_path / "d/still.csv", time_s=np.arange(8000) * 0.5, gx=rate / 3600.0, gyro_y_dph=rate
+    )
     outcome, run = fitted(
         calibkit,
         tmp_path / "d",
@@ -118,7 +149,9 @@ def test_columns_of_several_gyros_in_other_units_are_told_apart(calibkit, white,
 
 
 def test_validation_states_the_noise_of_other_records_against_the_limits(calibkit, white, tmp_path):
-    """A limit of 0.009 °/√h was not met by the fit, nor by another record of 0.01 °/√h: exit 1, with the curve in the JSON."""
+    """A limit of 0.009 °/√h was not met by the fit, nor by another record of 0.01 °/√h: exit 1,
+    with the curve in the JSON.
+    """
     from conftest import write_log
 
     limit = ("--set", "acceptance.max_angle_random_walk=0.009")
@@ -139,14 +172,25 @@ def test_validation_states_the_noise_of_other_records_against_the_limits(calibki
     )
     assert done.code == 1
     (record,) = done.json["logs"][0]["records"]
-    assert record["allan_deviation"]["deviation"] == pytest.approx(allan.overlapping(rate, 1.0).deviation_dph, rel=1e-9)
+    assert record["allan_deviation"]["deviation"] == pytest.approx(
+        allan.overlapping(rate, 1.0).deviation_dph, rel=1e-9
+    )
     assert record["wavelet_deviation"]["estimator"] == "wavelet db2"
 
 
 def test_a_noise_run_compensates_nothing(calibkit, white, tmp_path):
     """Apply of a noise run is refused with exit 2 and a word on what to apply."""
     fitted(calibkit, white[0], tmp_path)
-    done = calibkit("apply", "G", "--runs", tmp_path, "--data", white[0] / "still.csv", "--out", tmp_path / "a.csv")
+    done = calibkit(
+        "apply",
+        "G",
+        "--runs",
+        tmp_path,
+        "--data",
+        white[0] / "still.csv",
+        "--out",
+        tmp_path / "a.csv",
+    )
     assert (done.code, "nothing to compensate with" in done.err) == (2, True)
 
 
@@ -160,8 +204,12 @@ def test_a_noise_run_compensates_nothing(calibkit, white, tmp_path):
         ("infinite", "some infinite"),
     ],
 )
-def test_a_record_that_has_no_deviation_is_refused_with_its_place(calibkit, white, tmp_path, log_writer, change, said):
-    """Uneven sampling, too few rows, a rate that never changes, time that runs backwards, infinite rates: exit 3."""
+def test_a_record_that_has_no_deviation_is_refused_with_its_place(
+    calibkit, white, tmp_path, log_writer, change, said
+):
+    """Uneven sampling, too few rows, a rate that never changes, time that runs backwards, infinite
+    rates: exit 3.
+    """
     time, rate = np.arange(8000) * 0.5, white[1].copy()
     if change == "uneven":
         time[500:] += 0.2
@@ -179,18 +227,29 @@ def test_a_record_that_has_no_deviation_is_refused_with_its_place(calibkit, whit
     assert calibkit("check", "gyro_noise", "--data", tmp_path / "d").code == 3
 
 
-def test_a_record_is_checked_and_a_case_that_moved_is_flagged(calibkit, white, tmp_path, log_writer):
-    """`check` accepts the record; on a ramp of 30 °C the fit says that the case moved, and goes on."""
+def test_a_record_is_checked_and_a_case_that_moved_is_flagged(
+    calibkit, white, tmp_path, log_writer
+):
+    """`check` accepts the record; on a ramp of 30 °C the fit says that the case moved, and goes
+    on.
+    """
     assert calibkit("check", "gyro_noise", "--data", white[0]).code == 0
     case = np.linspace(10.0, 40.0, 8000)
-    log_writer(tmp_path / "d/still.csv", time_s=np.arange(8000) * 0.5, gyro_dph=white[1], temp_case_degc=case)
+    log_writer(
+        tmp_path / "d/still.csv",
+        time_s=np.arange(8000) * 0.5,
+        gyro_dph=white[1],
+        temp_case_degc=case,
+    )
     outcome, run = fitted(calibkit, tmp_path / "d", tmp_path)
     assert outcome.code == 0, outcome.err
     assert any("the case moved by 30.0 °C" in flag for flag in run.document["flags"])
 
 
 def test_the_simulated_record_shows_its_noise_terms(calibkit, tmp_path):
-    """Of the simulated gyro N and B are within three standard uncertainties of the truth, the gap notwithstanding."""
+    """Of the simulated gyro N and B are within three standard uncertainties of the truth, the gap
+    notwithstanding.
+    """
     made = simulate.campaign(3)
     path = tmp_path / "d" / "static.csv"
     path.parent.mkdir()
@@ -200,22 +259,36 @@ def test_the_simulated_record_shows_its_noise_terms(calibkit, tmp_path):
     terms = made.truth["terms"]
     for symbol, name in (("N", "angle_random_walk"), ("B", "bias_instability")):
         figure = figures(run)[f"{name}.static"]
-        assert abs(figure.value - terms[symbol]) < 3.0 * figure.standard_uncertainty < 0.3 * terms[symbol]
+        assert (
+            abs(figure.value - terms[symbol])
+            < 3.0 * figure.standard_uncertainty
+            < 0.3 * terms[symbol]
+        )
     assert (run.folder / "report.pdf").read_bytes().startswith(b"%PDF")
 
 
 @pytest.mark.parametrize(
     ("column", "factor", "said"),
-    [("gyro_dph", 1.0 / 3600.0, 'unit = "deg/s"'), ("time_s", 1000.0, 'unit = "ms"'), ("time_s", 1.0, "")],
+    [
+        ("gyro_dph", 1.0 / 3600.0, 'unit = "deg/s"'),
+        ("time_s", 1000.0, 'unit = "ms"'),
+        ("time_s", 1.0, ""),
+    ],
 )
-def test_a_record_in_another_unit_is_suspected(calibkit, tmp_path, log_writer, column, factor, said):
-    """A simulated record in °/s, or with its time in ms, names the unit; as it was made nothing is said of units."""
-    from calibkit.simulate import gyro_noise
+def test_a_record_in_another_unit_is_suspected(
+    calibkit, tmp_path, log_writer, column, factor, said
+):
+    """A simulated record in °/s, or with its time in ms, names the unit; as it was made nothing is
+    said of units.
+    """
+    from calibkit.instruments.gyro_noise import simulate as gyro_noise
 
     text = gyro_noise.campaign(5, hours=1.0).files()["static.csv"].decode().splitlines()
     data = np.array([row.split(",") for row in text[1:]], dtype=float)
     columns = dict(zip(text[0].split(","), data.T, strict=True))
     log_writer(tmp_path / "logs" / "a.csv", **columns | {column: columns[column] * factor})
     document = calibkit("check", "gyro_noise", "--data", tmp_path / "logs", "--json").json
-    found = [entry for log in document["logs"] for entry in log["findings"] if entry["name"] == "unit"]
+    found = [
+        entry for log in document["logs"] for entry in log["findings"] if entry["name"] == "unit"
+    ]
     assert [said in str(entry) for entry in found] == [True] * bool(said)

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import gyro_pair, gyro_scale, plateau_means
-from calibkit.simulate import gyro_pair as simulated
+from calibkit.instruments.gyro_scale import simulate_pair as simulated
+from calibkit.instruments.gyro_scale.numeric import pair, plateau_means, scale_factor
 from conftest import AUTHORITIES
 
 CASES = json.loads((AUTHORITIES / "gyro_orthogonality.json").read_text(encoding="utf-8"))["cases"]
@@ -16,7 +16,7 @@ CASES = json.loads((AUTHORITIES / "gyro_orthogonality.json").read_text(encoding=
 def case_pair(case, **options):
     """Pair of a worked example with independent scale factors."""
     covariance = np.diag([case["u_K_A"] ** 2, case["u_K_B"] ** 2, case["u_K_Ba"] ** 2])
-    return gyro_pair.pair(case["K_A"], case["K_B"], case["K_Ba"], covariance, **options)
+    return pair.pair(case["K_A"], case["K_B"], case["K_Ba"], covariance, **options)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"alpha {case['alpha_deg']:g}")
@@ -28,7 +28,9 @@ def test_the_worked_examples_come_out(case):
     assert found.gamma == pytest.approx(case["gamma"], rel=1e-9, abs=1e-12)
     assert found.alpha_deg == pytest.approx(case["alpha_deg"], rel=1e-9)
     u_N, _, u_gamma, u_alpha = found.standard_uncertainty
-    assert (u_N, u_gamma, u_alpha) == pytest.approx((case["u_N"], case["u_gamma"], case["u_alpha_deg"]), rel=1e-9)
+    assert (u_N, u_gamma, u_alpha) == pytest.approx(
+        (case["u_N"], case["u_gamma"], case["u_alpha_deg"]), rel=1e-9
+    )
 
 
 def test_the_side_follows_the_sign_of_gamma():
@@ -42,11 +44,13 @@ def test_the_side_follows_the_sign_of_gamma():
 
 
 def test_the_covariance_is_that_of_drawn_scale_factors():
-    """With K_A and K_Ba correlated 0.7, covariances of N, ε, γ, α agree with 200,000 draws to 2 % of the uncertainties."""
+    """With K_A and K_Ba correlated 0.7, covariances of N, ε, γ, α agree with 200,000 draws to 2 %
+    of the uncertainties.
+    """
     K_A, K_B, K_Ba = 10000.0, 9900.0, 7000.0
     u = np.array([2.0, 1.5, 1.0])
     covariance = np.outer(u, u) * np.array([[1.0, 0.0, 0.7], [0.0, 1.0, 0.0], [0.7, 0.0, 1.0]])
-    found = gyro_pair.pair(K_A, K_B, K_Ba, covariance)
+    found = pair.pair(K_A, K_B, K_Ba, covariance)
     a, b, ba = np.random.default_rng(1).multivariate_normal([K_A, K_B, K_Ba], covariance, 200_000).T
     drawn = np.cov(np.vstack((b / a, ba / a, ba / b, np.degrees(np.arccos(ba / b)))))
     size = found.standard_uncertainty
@@ -64,8 +68,10 @@ def test_gamma_does_not_depend_on_gyro_a():
 
 
 def test_noise_beyond_one_is_clamped_and_flagged():
-    """γ of 1.00002 ± 2e-5 is clamped: α 0°, interval from 0° to about half a degree, flagged, no NaN."""
-    found = gyro_pair.pair(10000.0, 10000.0, 10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
+    """γ of 1.00002 ± 2e-5 is clamped: α 0°, interval from 0° to about half a degree, flagged, no
+    NaN.
+    """
+    found = pair.pair(10000.0, 10000.0, 10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
     assert found.clamped
     assert (found.gamma, found.alpha_deg) == (1.0, 0.0)
     assert found.gamma_indicated == pytest.approx(1.00002)
@@ -79,7 +85,7 @@ def test_noise_beyond_one_is_clamped_and_flagged():
 
 def test_noise_beyond_minus_one_is_clamped_to_the_opposite_side():
     """γ of −1.00002 gives α 180°, an interval that ends there, and the opposite side."""
-    found = gyro_pair.pair(10000.0, 10000.0, -10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
+    found = pair.pair(10000.0, 10000.0, -10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
     assert found.alpha_deg == 180.0
     assert found.alpha_interval_deg[1] == 180.0
     assert 179.4 < found.alpha_interval_deg[0] < 179.8
@@ -87,36 +93,40 @@ def test_noise_beyond_minus_one_is_clamped_to_the_opposite_side():
 
 
 def test_an_excess_that_noise_cannot_explain_is_named():
-    """γ of 1.0002 ± 1.4e-6 is no noise: flagged with its size; 1.06 is refused as logs of other axes."""
-    found = gyro_pair.pair(10000.0, 10000.0, 10002.0, np.diag([0.01, 0.01, 0.01]) ** 2)
+    """γ of 1.0002 ± 1.4e-6 is no noise: flagged with its size; 1.06 is refused as logs of other
+    axes.
+    """
+    found = pair.pair(10000.0, 10000.0, 10002.0, np.diag([0.01, 0.01, 0.01]) ** 2)
     assert any("200 ppm" in flag and "more than noise" in flag for flag in found.flags)
     with pytest.raises(FitError, match="far beyond 1"):
-        gyro_pair.pair(10000.0, 10000.0, 10600.0, np.diag([0.01, 0.01, 0.01]) ** 2)
+        pair.pair(10000.0, 10000.0, 10600.0, np.diag([0.01, 0.01, 0.01]) ** 2)
 
 
 def test_scale_factors_that_cannot_give_ratios_are_refused():
     """A zero or a NaN is refused."""
     for K_A, K_B, K_Ba in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, np.nan)):
         with pytest.raises(FitError, match="cannot give ratios"):
-            gyro_pair.pair(K_A, K_B, K_Ba, np.eye(3))
+            pair.pair(K_A, K_B, K_Ba, np.eye(3))
 
 
 def test_no_uncertainty_at_all_leaves_the_limit():
     """γ of exactly one without uncertainty: α 0° and an interval of nothing."""
-    found = gyro_pair.pair(1.0, 1.0, 1.0, np.zeros((3, 3)))
+    found = pair.pair(1.0, 1.0, 1.0, np.zeros((3, 3)))
     assert found.alpha_deg == 0.0
     assert found.alpha_interval_deg == pytest.approx((0.0, 0.0), abs=1e-6)
 
 
 @pytest.mark.parametrize("alpha_deg", [0.0, 0.2, 0.5, 0.8, 1.5, 3.0, 179.6])
 def test_the_interval_of_alpha_covers_the_truth_also_near_one(alpha_deg):
-    """Noise of 2e-5 in γ, 400 draws: 95 % intervals of α cover in at least 93 % of them, all along the approach to 0°."""
+    """Noise of 2e-5 in γ, 400 draws: 95 % intervals of α cover in at least 93 % of them, all along
+    the approach to 0°.
+    """
     rng = np.random.default_rng(int(alpha_deg * 10))
     u = 10000.0 * np.array([1.4e-5, 1.4e-5, 1.4e-5])
     true = np.array([10000.0, 10000.0, 10000.0 * np.cos(np.radians(alpha_deg))])
     covered = []
     for _ in range(400):
-        found = gyro_pair.pair(*(true + u * rng.normal(size=3)), np.diag(u**2), draws=4000)
+        found = pair.pair(*(true + u * rng.normal(size=3)), np.diag(u**2), draws=4000)
         low, high = found.alpha_interval_deg
         covered.append(low <= alpha_deg + 1e-12 and alpha_deg - 1e-12 <= high)
     assert np.mean(covered) > 0.93
@@ -125,18 +135,18 @@ def test_the_interval_of_alpha_covers_the_truth_also_near_one(alpha_deg):
 def test_the_monte_carlo_is_repeatable():
     """The same seed gives the same interval, bit for bit."""
     args = (10000.0, 10000.0, 9999.9, np.diag([0.1, 0.1, 0.1]) ** 2)
-    assert gyro_pair.pair(*args).alpha_interval_deg == gyro_pair.pair(*args).alpha_interval_deg
+    assert pair.pair(*args).alpha_interval_deg == pair.pair(*args).alpha_interval_deg
 
 
 def test_the_second_gamma_agrees_or_is_flagged():
     """K_Ab of the same cosine passes; one that is 1e-3 off is named."""
     found = case_pair(CASES[2])
     covariance = np.diag([0.2, 0.2]) ** 2
-    gamma, u, flags = gyro_pair.cross_check(found, 10000.0, 10000.0 * CASES[2]["gamma"], covariance)
+    gamma, u, flags = pair.cross_check(found, 10000.0, 10000.0 * CASES[2]["gamma"], covariance)
     assert gamma == pytest.approx(CASES[2]["gamma"])
     assert u == pytest.approx(2e-5 * np.sqrt(1.5), rel=1e-3)
     assert flags == ()
-    assert gyro_pair.cross_check(found, 10000.0, 7081.0, covariance)[2]
+    assert pair.cross_check(found, 10000.0, 7081.0, covariance)[2]
 
 
 def run_of(log):
@@ -147,34 +157,46 @@ def run_of(log):
         np.column_stack((log["gyro_a_lsb"], log["gyro_b_lsb"])),
         table_angle_deg=log["table_angle_deg"],
     )
-    return gyro_scale.of_run(found)
+    return scale_factor.of_run(found)
 
 
-@pytest.mark.parametrize(("seed", "alpha_deg"), [(1, 89.6), (2, 45.0), (3, 120.0), (4, 90.0), (5, 3.0)])
+@pytest.mark.parametrize(
+    ("seed", "alpha_deg"), [(1, 89.6), (2, 45.0), (3, 120.0), (4, 90.0), (5, 3.0)]
+)
 def test_the_angle_of_a_simulated_pair_is_within_four_standard_uncertainties(seed, alpha_deg):
-    """From the two logs to γ and α, straight-line gyros; and real ones within 4 u or 5 ppm of nonlinearity."""
+    """From the two logs to γ and α, straight-line gyros; and real ones within 4 u or 5 ppm of
+    nonlinearity.
+    """
     for ideal, extra in ((True, 0.0), (False, 5e-6)):
         logs = simulated.campaign(seed, alpha_deg=alpha_deg, ideal=ideal)
         about_a, about_b = (run_of(logs.logs[f"table_axis_{axis}.csv"]) for axis in "ab")
-        found = gyro_pair.from_runs(about_a, about_b)
+        found = pair.from_runs(about_a, about_b)
         u_gamma, u_alpha = found.standard_uncertainty[2:]
         assert abs(found.gamma - logs.truth["gamma"]) < 4.0 * u_gamma + extra
-        assert abs(found.alpha_deg - alpha_deg) < 4.0 * u_alpha + np.degrees(extra / np.sin(np.radians(alpha_deg)))
+        assert abs(found.alpha_deg - alpha_deg) < 4.0 * u_alpha + np.degrees(
+            extra / np.sin(np.radians(alpha_deg))
+        )
         assert found.side == logs.truth["side"] or alpha_deg == 90.0
         assert abs(found.N / logs.truth["N"] - 1.0) < 5e-6
 
 
 def test_the_runs_of_a_pair_keep_what_they_share_and_check_each_other():
-    """K_A and K_Ba keep their covariance, K_B is independent; a second γ that differs is flagged; one gyro is refused."""
+    """K_A and K_Ba keep their covariance, K_B is independent; a second γ that differs is flagged;
+    one gyro is refused.
+    """
     log = simulated.campaign(1, alpha_deg=45.0, ideal=True).logs
     about_a, about_b = (run_of(log[f"table_axis_{axis}.csv"]) for axis in "ab")
     shared = np.array([[4.0, 1.8], [1.8, 1.0]]) * 1e-4
-    about_a, about_b = (gyro_scale.RunScales(run.gyros, run.K, shared) for run in (about_a, about_b))
-    found = gyro_pair.from_runs(about_a, about_b)
+    about_a, about_b = (
+        scale_factor.RunScales(run.gyros, run.K, shared) for run in (about_a, about_b)
+    )
+    found = pair.from_runs(about_a, about_b)
     full = np.array([[4.0, 0.0, 1.8], [0.0, 1.0, 0.0], [1.8, 0.0, 1.0]]) * 1e-4
-    expected = gyro_pair.pair(about_a.K[0], about_b.K[1], about_a.K[1], full)
+    expected = pair.pair(about_a.K[0], about_b.K[1], about_a.K[1], full)
     assert found.covariance == pytest.approx(expected.covariance, rel=1e-12)
-    tilted = gyro_scale.RunScales(about_b.gyros, about_b.K * [1.01, 1.0], shared)
-    assert any("differs by" in flag for flag in gyro_pair.from_runs(about_a, tilted).flags)
+    tilted = scale_factor.RunScales(about_b.gyros, about_b.K * [1.01, 1.0], shared)
+    assert any("differs by" in flag for flag in pair.from_runs(about_a, tilted).flags)
     with pytest.raises(FitError, match="two columns"):
-        gyro_pair.from_runs(gyro_scale.RunScales(about_a.gyros[:1], about_a.K[:1], shared[:1, :1]), about_b)
+        pair.from_runs(
+            scale_factor.RunScales(about_a.gyros[:1], about_a.K[:1], shared[:1, :1]), about_b
+        )

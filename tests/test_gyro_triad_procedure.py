@@ -1,4 +1,6 @@
-"""Gyros over three table axes end to end: sensitivities, angles and misalignment over temperature, rates about the base."""
+"""Gyros over three table axes end to end: sensitivities, angles and misalignment over temperature,
+rates about the base.
+"""
 
 import json
 
@@ -6,17 +8,19 @@ import numpy as np
 import pytest
 
 from calibkit import recipe, store
-from calibkit.procedures import gyro_triad as procedure
+from calibkit.instruments.gyro_scale import simulate_triad
+from calibkit.instruments.gyro_scale import triad as procedure
 from calibkit.procedures import silent
 from calibkit.report import figures as drawing
-from calibkit.simulate import gyro_triad
 
 LATITUDE = "site.latitude_deg=34.2"
 VERTICAL_DPS = 15.041067 / 3600.0 * np.sin(np.radians(34.2))
 RATES = (5.0, 20.0, 60.0, 100.0, -5.0, -20.0, -60.0, -100.0)
 HELD = 30
 """Rows of a held rate in the hand-made logs, one a second."""
-TETRAD = np.array([[1.0, 0.01, -0.02], [0.0, 1.1, 0.03], [0.02, 0.0, 0.9], [0.58, 0.57, 0.59]]) * 1e4
+TETRAD = (
+    np.array([[1.0, 0.01, -0.02], [0.0, 1.1, 0.03], [0.02, 0.0, 0.9], [0.58, 0.57, 0.59]]) * 1e4
+)
 BIAS = np.array([12.0, -7.0, 3.0, 20.0])
 GYROS = ("p", "q", "r", "s")
 
@@ -29,8 +33,12 @@ def write(folder, campaign):
     return json.loads((folder / "truth.json").read_text(encoding="utf-8"))
 
 
-def exact(folder, log_writer, sensitivity, bias, gyros, *, skew=0.0, name="about_{}.csv", degc=None):
-    """Noise-free logs about three axes; a tenth of a millionth of a count of dither keeps no column constant."""
+def exact(
+    folder, log_writer, sensitivity, bias, gyros, *, skew=0.0, name="about_{}.csv", degc=None
+):
+    """Noise-free logs about three axes; a tenth of a millionth of a count of dither keeps no column
+    constant.
+    """
     rate = np.repeat(np.array(RATES), HELD)
     dither = 1e-7 * (-1.0) ** np.arange(rate.size)
     for axis, letter in enumerate("xyz"):
@@ -38,9 +46,15 @@ def exact(folder, log_writer, sensitivity, bias, gyros, *, skew=0.0, name="about
         turning[:, axis] = rate + VERTICAL_DPS
         counts = turning @ (sensitivity + skew).T + bias
         columns = {f"gyro_{g}_lsb": counts[:, k] + dither for k, g in enumerate(gyros)}
-        temperature = {} if degc is None else {"temp_case_degc": np.full(rate.size, degc) + 1e-3 * dither * 1e7}
+        temperature = (
+            {}
+            if degc is None
+            else {"temp_case_degc": np.full(rate.size, degc) + 1e-3 * dither * 1e7}
+        )
         time = np.arange(rate.size) * 1.0
-        log_writer(folder / name.format(letter), time_s=time, table_rate_dps=rate, **temperature, **columns)
+        log_writer(
+            folder / name.format(letter), time_s=time, table_rate_dps=rate, **temperature, **columns
+        )
     return folder
 
 
@@ -53,16 +67,20 @@ def undrawn(monkeypatch):
 def fit(calibkit, folder, out, *settings, code=0):
     """Fit the shipped recipe and return the run."""
     arguments = [part for setting in settings for part in ("--set", setting)]
-    outcome = calibkit("fit", "gyro_triad", "--data", folder, "--serial", "G", "--out", out, *arguments)
+    outcome = calibkit(
+        "fit", "gyro_triad", "--data", folder, "--serial", "G", "--out", out, *arguments
+    )
     assert outcome.code == code, outcome.err
     return store.load(store.find("G", out)) if code in {0, 1} else outcome
 
 
 @pytest.fixture(scope="module")
 def campaign(tmp_path_factory):
-    """Return folder and truth of simulated gyros (seed 1) at four temperatures, and withheld at a fifth."""
+    """Return folder and truth of simulated gyros (seed 1) at four temperatures, and withheld at a
+    fifth.
+    """
     folder = tmp_path_factory.mktemp("triad")
-    return folder, write(folder, gyro_triad.campaign(1))
+    return folder, write(folder, simulate_triad.campaign(1))
 
 
 @pytest.fixture(scope="module")
@@ -71,12 +89,16 @@ def fitted(campaign, tmp_path_factory):
     from calibkit import pipeline
 
     out = tmp_path_factory.mktemp("runs")
-    pipeline.fit(recipe.find("gyro_triad", (LATITUDE,)), campaign[0], "G", out, "2026-11-21", silent)
+    pipeline.fit(
+        recipe.find("gyro_triad", (LATITUDE,)), campaign[0], "G", out, "2026-11-21", silent
+    )
     return out
 
 
 def test_sensitivities_and_angles_are_the_simulated_ones_at_every_temperature(campaign, fitted):
-    """Four temperatures: own scale factors within 3 ppm, angles within 4 standard uncertainties and 0.2 millidegrees."""
+    """Four temperatures: own scale factors within 3 ppm, angles within 4 standard uncertainties and
+    0.2 millidegrees.
+    """
     record = store.load(store.find("G", fitted)).records["gyro_orthogonality.json"]
     figures = {figure.name: figure for figure in record.figures}
     for degc, truth in campaign[1]["at"].items():
@@ -85,7 +107,9 @@ def test_sensitivities_and_angles_are_the_simulated_ones_at_every_temperature(ca
         suffix = "" if degc == "25" else f".at_{degc}"
         model = record.model(f"triad{suffix}")
         for g, gyro in enumerate("xyz"):
-            assert model.value(f"S_{gyro}{gyro}") == pytest.approx(truth["sensitivity"][g][g], rel=3e-6)
+            assert model.value(f"S_{gyro}{gyro}") == pytest.approx(
+                truth["sensitivity"][g][g], rel=3e-6
+            )
             for h in range(g + 1, 3):
                 angle = figures[f"angle_deg.{gyro}_{'xyz'[h]}{suffix}"]
                 error = angle.value - truth["angles_deg"][g][h]
@@ -94,17 +118,21 @@ def test_sensitivities_and_angles_are_the_simulated_ones_at_every_temperature(ca
 
 
 def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tmp_path):
-    """12 campaigns at one temperature, 36 angles and 108 sensitivities: normalised errors have a rms of 0.7 to 1.25."""
+    """12 campaigns at one temperature, 36 angles and 108 sensitivities: normalised errors have a
+    rms of 0.7 to 1.25.
+    """
     spec = recipe.parse(recipe.find("gyro_triad", (LATITUDE,)))
     angles, entries = [], []
     for seed in range(100, 112):
-        simulated = gyro_triad.campaign(seed, temperatures_degc=(25.0,), withheld_degc=())
+        simulated = simulate_triad.campaign(seed, temperatures_degc=(25.0,), withheld_degc=())
         truth = write(tmp_path / str(seed), simulated)["at"]["25"]
         found = procedure.fit(spec, tmp_path / str(seed), sorted(simulated.logs), silent).results[1]
         for figure in found.figures:
             if figure.name.startswith("angle_deg"):
                 g, h = ("xyz".index(letter) for letter in figure.name[-3::2])
-                angles.append((figure.value - truth["angles_deg"][g][h]) / figure.standard_uncertainty)
+                angles.append(
+                    (figure.value - truth["angles_deg"][g][h]) / figure.standard_uncertainty
+                )
         for c in found.models[0].coefficients[:9]:
             g, axis = "xyz".index(c.name[2]), "xyz".index(c.name[3])
             entries.append((c.value - truth["sensitivity"][g][axis]) / c.standard_uncertainty)
@@ -114,9 +142,18 @@ def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tm
 
 
 def test_unseen_runs_at_an_unseen_temperature_come_out_right(calibkit, campaign, fitted, tmp_path):
-    """Withheld at 40 °C: along and across the turned axis within 10 ppm of full scale, uncompensated 1000."""
+    """Withheld at 40 °C: along and across the turned axis within 10 ppm of full scale,
+    uncompensated 1000.
+    """
     outcome = calibkit(
-        "validate", "G", "--runs", fitted, "--data", campaign[0] / "withheld", "--out", tmp_path / "v.json"
+        "validate",
+        "G",
+        "--runs",
+        fitted,
+        "--data",
+        campaign[0] / "withheld",
+        "--out",
+        tmp_path / "v.json",
     )
     assert outcome.code == 0, outcome.err
     for log in json.loads((tmp_path / "v.json").read_text(encoding="utf-8"))["logs"]:
@@ -127,7 +164,9 @@ def test_unseen_runs_at_an_unseen_temperature_come_out_right(calibkit, campaign,
 
 
 def test_a_compensated_log_holds_the_rates_about_the_base(calibkit, campaign, fitted, tmp_path):
-    """Every row and column stays; held rates come out along y with the earth's, nothing along x and z, to 1 millidegree/s."""
+    """Every row and column stays; held rates come out along y with the earth's, nothing along x and
+    z, to 1 millidegree/s.
+    """
     log = campaign[0] / "withheld" / "about_y_40.csv"
     outcome = calibkit("apply", "G", "--runs", fitted, "--data", log, "--out", tmp_path / "o.csv")
     assert outcome.code == 0, outcome.err
@@ -144,7 +183,9 @@ def test_a_compensated_log_holds_the_rates_about_the_base(calibkit, campaign, fi
 
 @pytest.mark.usefixtures("undrawn")
 def test_four_gyros_in_skewed_axes_are_solved_exactly(calibkit, tmp_path, log_writer):
-    """Without noise: sensitivities to 1e-9, biases to 1e-6 counts/s, rates about the base to 1e-8 °/s."""
+    """Without noise: sensitivities to 1e-9, biases to 1e-6 counts/s, rates about the base to 1e-8
+    °/s.
+    """
     (tmp_path / "logs").mkdir()
     exact(tmp_path / "logs", log_writer, TETRAD, BIAS, GYROS)
     run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, "gyros=['p','q','r','s']")
@@ -162,7 +203,9 @@ def test_four_gyros_in_skewed_axes_are_solved_exactly(calibkit, tmp_path, log_wr
 
 @pytest.mark.usefixtures("undrawn")
 def test_two_gyros_have_an_angle_but_no_rates(calibkit, tmp_path, log_writer):
-    """Their angle is that of the vectors; `apply` is refused because two gyros do not sense three axes."""
+    """Their angle is that of the vectors; `apply` is refused because two gyros do not sense three
+    axes.
+    """
     (tmp_path / "logs").mkdir()
     exact(tmp_path / "logs", log_writer, TETRAD[[0, 3]], BIAS[:2], ("a", "b"))
     run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, "gyros=['a','b']")
@@ -170,7 +213,9 @@ def test_two_gyros_have_an_angle_but_no_rates(calibkit, tmp_path, log_writer):
     figures = {f.name: f.value for f in run.records["gyro_orthogonality.json"].figures}
     assert figures["angle_deg.a_b"] == pytest.approx(np.degrees(np.arccos(a @ b)), abs=1e-8)
     log = tmp_path / "logs" / "about_z.csv"
-    outcome = calibkit("apply", "G", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv")
+    outcome = calibkit(
+        "apply", "G", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv"
+    )
     assert outcome.code == 4
     assert "do not sense three axes" in outcome.err
     assert not (tmp_path / "o.csv").exists()
@@ -184,18 +229,30 @@ def test_without_a_latitude_no_rate_is_given(calibkit, tmp_path, log_writer):
     run = fit(calibkit, tmp_path / "logs", tmp_path / "runs")
     assert any("latitude is not known" in flag for flag in run.records["gyro_scale.json"].flags)
     log = tmp_path / "logs" / "about_z.csv"
-    outcome = calibkit("apply", "G", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv")
+    outcome = calibkit(
+        "apply", "G", "--runs", tmp_path / "runs", "--data", log, "--out", tmp_path / "o.csv"
+    )
     assert outcome.code == 4
     assert "fit with [site] latitude_deg" in outcome.err
 
 
 @pytest.mark.usefixtures("undrawn")
 def test_repeated_runs_are_averaged_and_their_scatter_is_kept(calibkit, tmp_path, log_writer):
-    """Two runs about each axis that differ by 0.4 counts: the mean, with the scatter of the mean for its uncertainty."""
+    """Two runs about each axis that differ by 0.4 counts: the mean, with the scatter of the mean
+    for its uncertainty.
+    """
     (tmp_path / "logs").mkdir()
     for k, skew in enumerate((-0.2, 0.2)):
         name = f"about_{{}}_{k}.csv"
-        exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"), skew=skew, name=name)
+        exact(
+            tmp_path / "logs",
+            log_writer,
+            TETRAD[:3],
+            BIAS[:3],
+            ("x", "y", "z"),
+            skew=skew,
+            name=name,
+        )
     run = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE)
     entry = run.records["gyro_orthogonality.json"].model("triad").coefficients[0]
     assert entry.value == pytest.approx(TETRAD[0, 0], abs=1e-6)
@@ -223,12 +280,23 @@ def test_limits_on_angles_reject_a_base(calibkit, tmp_path, log_writer):
         ("response='auto'", "response"),
     ],
 )
-def test_logs_that_are_not_of_three_axes_are_refused_by_name(calibkit, tmp_path, log_writer, setting, named):
+def test_logs_that_are_not_of_three_axes_are_refused_by_name(
+    calibkit, tmp_path, log_writer, setting, named
+):
     """One line, a usage or data exit code, nothing written."""
     (tmp_path / "logs").mkdir()
     exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"))
     outcome = calibkit(
-        "fit", "gyro_triad", "--data", tmp_path / "logs", "--serial", "G", "--out", tmp_path / "r", "--set", setting
+        "fit",
+        "gyro_triad",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "G",
+        "--out",
+        tmp_path / "r",
+        "--set",
+        setting,
     )
     assert outcome.code in {2, 3}
     assert named in outcome.err
@@ -237,10 +305,18 @@ def test_logs_that_are_not_of_three_axes_are_refused_by_name(calibkit, tmp_path,
 
 @pytest.mark.usefixtures("undrawn")
 def test_exchanged_logs_are_refused_in_fit_and_in_validation(calibkit, tmp_path, log_writer):
-    """About x and about y under each other's names: gyro x senses axis y most; in `validate` the rate is not the table's."""
+    """About x and about y under each other's names: gyro x senses axis y most; in `validate` the
+    rate is not the table's.
+    """
     for name in ("good", "exchanged", "new"):
         (tmp_path / name).mkdir()
-        exact(tmp_path / name, log_writer, TETRAD[:3] * (1.0 if name != "new" else 1.001), BIAS[:3], ("x", "y", "z"))
+        exact(
+            tmp_path / name,
+            log_writer,
+            TETRAD[:3] * (1.0 if name != "new" else 1.001),
+            BIAS[:3],
+            ("x", "y", "z"),
+        )
     for name in ("exchanged", "new"):
         x, y = (tmp_path / name / f"about_{axis}.csv" for axis in "xy")
         first, second = x.read_bytes(), y.read_bytes()
@@ -250,7 +326,14 @@ def test_exchanged_logs_are_refused_in_fit_and_in_validation(calibkit, tmp_path,
     assert "gyro x senses table axis y most" in outcome.err
     fit(calibkit, tmp_path / "good", tmp_path / "runs", LATITUDE)
     outcome = calibkit(
-        "validate", "G", "--runs", tmp_path / "runs", "--data", tmp_path / "new", "--out", tmp_path / "v.json"
+        "validate",
+        "G",
+        "--runs",
+        tmp_path / "runs",
+        "--data",
+        tmp_path / "new",
+        "--out",
+        tmp_path / "v.json",
     )
     assert outcome.code == 3
     assert "the rate about x comes out" in outcome.err
@@ -258,18 +341,30 @@ def test_exchanged_logs_are_refused_in_fit_and_in_validation(calibkit, tmp_path,
 
 
 def test_two_gyros_without_one_along_an_axis_are_checked_without_a_word(calibkit, campaign):
-    """Gyros x and y while the table turns about z: their misalignment has either sign, no sign is suspected."""
+    """Gyros x and y while the table turns about z: their misalignment has either sign, no sign is
+    suspected.
+    """
     outcome = calibkit("check", "gyro_triad", "--data", campaign[0], "--set", "gyros=['x','y']")
     assert outcome.code == 0, outcome.out
     assert "sign = -1" not in outcome.out
 
 
 def test_a_temperature_without_a_run_about_each_axis_is_refused(calibkit, tmp_path, log_writer):
-    """Three axes at 25 °C and two of them at 60 °C: the missing one is named with its temperature."""
+    """Three axes at 25 °C and two of them at 60 °C: the missing one is named with its
+    temperature.
+    """
     (tmp_path / "logs").mkdir()
     for degc in (25.0, 60.0):
         name = f"about_{{}}_{degc:.0f}.csv"
-        exact(tmp_path / "logs", log_writer, TETRAD[:3], BIAS[:3], ("x", "y", "z"), name=name, degc=degc)
+        exact(
+            tmp_path / "logs",
+            log_writer,
+            TETRAD[:3],
+            BIAS[:3],
+            ("x", "y", "z"),
+            name=name,
+            degc=degc,
+        )
     (tmp_path / "logs" / "about_y_60.csv").unlink()
     outcome = fit(calibkit, tmp_path / "logs", tmp_path / "runs", LATITUDE, code=3)
     assert "no log about table axis y near 60.0 °C" in outcome.err

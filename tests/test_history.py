@@ -1,4 +1,6 @@
-"""Records over time: what moved and by how much of its uncertainty, which run holds when, whether the chain is whole."""
+"""Records over time: what moved and by how much of its uncertainty, which run holds when, whether
+the chain is whole.
+"""
 
 import csv
 import io
@@ -24,7 +26,9 @@ def runs_of(tmp_path, *units):
 
 def between(tmp_path, old, new, **unit):
     """Difference of two runs of one model each."""
-    return difference.between(*runs_of(tmp_path, {"models": [old], **unit}, {"models": [new], **unit}))
+    return difference.between(
+        *runs_of(tmp_path, {"models": [old], **unit}, {"models": [new], **unit})
+    )
 
 
 def test_a_difference_is_stated_in_units_and_in_its_standard_uncertainty(tmp_path):
@@ -52,10 +56,16 @@ def test_the_other_way_round_only_the_sign_changes(tmp_path):
 
 
 def test_the_verdict_names_models_that_are_in_one_run_only(tmp_path):
-    """A model that is gone was "0 of 1 moved"; now the sentence begins with it, and with what a kept model lost."""
+    """A model that is gone was "0 of 1 moved"; now the sentence begins with it, and with what a
+    kept model lost.
+    """
     K = {"K": (10.0, "1/deg", 0.3)}
     kept, more = model(K, name="kept"), model({**K, "F0": (1.0, "1/s", 0.3)}, name="kept")
-    old, new = runs_of(tmp_path, {"models": [more, model(K, name="lost")]}, {"models": [kept, model(K, name="new")]})
+    old, new = runs_of(
+        tmp_path,
+        {"models": [more, model(K, name="lost")]},
+        {"models": [kept, model(K, name="new")]},
+    )
     verdict = said.verdict(difference.between(old, new))
     assert verdict.startswith(
         f"model lost only in {old.name}; 1 coefficient more only in {old.name}; model new only in "
@@ -66,11 +76,21 @@ def test_the_verdict_names_models_that_are_in_one_run_only(tmp_path):
 
 def test_what_cannot_be_judged_is_not_judged(tmp_path):
     """Without an uncertainty, in another unit, or in one run only, a number gets no 2 u verdict."""
-    old = model({"a": (1.0, "1", 0.0), "b": (1.0, "1", 0.1), "c": (1.0, "1", 0.1), "e": (5.0, "1", 0.0)})
-    new = model({"a": (2.0, "1", 0.0), "b": (9.0, "ppm", 0.1), "d": (1.0, "1", 0.1), "e": (5.0, "1", 0.0)})
+    old = model(
+        {"a": (1.0, "1", 0.0), "b": (1.0, "1", 0.1), "c": (1.0, "1", 0.1), "e": (5.0, "1", 0.0)}
+    )
+    new = model(
+        {"a": (2.0, "1", 0.0), "b": (9.0, "ppm", 0.1), "d": (1.0, "1", 0.1), "e": (5.0, "1", 0.0)}
+    )
     found = between(tmp_path, old, new)
     verdicts = {entry.name: entry.verdict for entry in found.models[0].changes}
-    expected = {"a": "no uncertainty", "b": "not comparable", "c": "gone", "e": "equal", "d": "appeared"}
+    expected = {
+        "a": "no uncertainty",
+        "b": "not comparable",
+        "c": "gone",
+        "e": "equal",
+        "d": "appeared",
+    }
     assert verdicts == expected
     assert found.models[0].joint is None
     assert "no coefficient could be compared" in said.verdict(found)
@@ -79,7 +99,11 @@ def test_what_cannot_be_judged_is_not_judged(tmp_path):
 @pytest.mark.parametrize(
     ("old", "new", "note"),
     [
-        ({"form": "gyro-scale/1"}, {"form": "polynomial/1"}, "form gyro-scale/1 became polynomial/1"),
+        (
+            {"form": "gyro-scale/1"},
+            {"form": "polynomial/1"},
+            "form gyro-scale/1 became polynomial/1",
+        ),
         (
             {"form": "accel-q/1", "parameters": [("temperature", 25.0, "degC")]},
             {"form": "accel-q/1", "parameters": [("temperature", 20.0, "degC")]},
@@ -93,7 +117,9 @@ def test_what_cannot_be_judged_is_not_judged(tmp_path):
     ],
 )
 def test_another_equation_or_another_chosen_parameter_is_another_quantity(tmp_path, old, new, note):
-    """Coefficients of another form, or per another interval, are listed but not held against each other."""
+    """Coefficients of another form, or per another interval, are listed but not held against each
+    other.
+    """
     values = {"K": (10.0, "1", 0.1), "L": (10.0, "1", 0.1)}
     found = between(tmp_path, model(values, **old), model(values, **new))
     assert note in found.models[0].notes[0]
@@ -102,29 +128,40 @@ def test_another_equation_or_another_chosen_parameter_is_another_quantity(tmp_pa
 
 
 def test_a_scale_factor_at_another_temperature_says_so(tmp_path):
-    """K found half a degree warmer may differ by its temperature coefficient alone; a millidegree is not worth a word."""
+    """K found half a degree warmer may differ by its temperature coefficient alone; a millidegree
+    is not worth a word.
+    """
     at = [
-        model({"K": (10.0, "1", 0.1)}, parameters=[("temp_case", celsius, "degC")]) for celsius in (25.0, 25.5, 25.501)
+        model({"K": (10.0, "1", 0.1)}, parameters=[("temp_case", celsius, "degC")])
+        for celsius in (25.0, 25.5, 25.501)
     ]
     first, second, third = runs_of(tmp_path, *({"models": [entry]} for entry in at))
-    assert "measured at temp_case 25 and 25.5" in difference.between(first, second).models[0].notes[0]
+    assert (
+        "measured at temp_case 25 and 25.5" in difference.between(first, second).models[0].notes[0]
+    )
     assert difference.between(second, third).models[0].notes == ()
 
 
 def test_coefficients_that_hold_one_by_one_can_have_moved_together(tmp_path):
-    """Two coefficients correlated by 0.999 move by 1 u each in opposite senses: together that is far outside."""
+    """Two coefficients correlated by 0.999 move by 1 u each in opposite senses: together that is
+    far outside.
+    """
     covariance = [[1.0, 0.999], [0.999, 1.0]]
     u = 1.0
     old = model({"p0": (0.0, "1", u), "p1": (0.0, "1", u)}, covariance=covariance)
     new = model({"p0": (1.4, "1", u), "p1": (-1.4, "1", u)}, covariance=covariance)
     found = between(tmp_path, old, new)
     assert found.count("held") == 2
-    assert found.models[0].joint.distance2 == pytest.approx(1960.0, rel=1e-9)  # 2 · 1.4² / (2 · (1 − 0.999))
+    assert found.models[0].joint.distance2 == pytest.approx(
+        1960.0, rel=1e-9
+    )  # 2 · 1.4² / (2 · (1 − 0.999))
     assert found.models[0].joint.probability < 1e-9
 
 
 def test_the_chance_of_a_joint_distance_is_uniform_when_nothing_moved():
-    """Differences of two fits of one truth, each covariance estimated with 20 degrees of freedom: p is uniform (KS test)."""
+    """Differences of two fits of one truth, each covariance estimated with 20 degrees of freedom: p
+    is uniform (KS test).
+    """
     generator = np.random.default_rng(3)
     spread = np.array([[2.0, 0.0], [1.5, 0.2]])
     truth = spread @ spread.T
@@ -148,7 +185,9 @@ def test_coefficients_that_determine_each_other_count_once():
 
 
 def test_a_sum_of_two_coefficients_is_no_third_piece_of_evidence():
-    """Rounding leaves a singular covariance an eigenvalue of 1e-16: that direction is left out, not divided by."""
+    """Rounding leaves a singular covariance an eigenvalue of 1e-16: that direction is left out, not
+    divided by.
+    """
     generator = np.random.default_rng(2)
     for _ in range(20):
         made = np.vstack([np.eye(2), generator.standard_normal((3, 2))])
@@ -167,10 +206,17 @@ def test_a_covariance_that_says_nothing_gives_no_joint_distance(covariance):
 
 
 def test_how_many_would_move_by_chance_is_said(tmp_path):
-    """Of 200 coefficients that did not change about 4.6 % lie beyond 2 u, and the verdict says that number."""
+    """Of 200 coefficients that did not change about 4.6 % lie beyond 2 u, and the verdict says that
+    number.
+    """
     generator = np.random.default_rng(8)
     old, new = (
-        model({f"c{k}": (float(value), "1", 1.0) for k, value in enumerate(generator.standard_normal(200))})
+        model(
+            {
+                f"c{k}": (float(value), "1", 1.0)
+                for k, value in enumerate(generator.standard_normal(200))
+            }
+        )
         for _ in range(2)
     )
     found = between(tmp_path, old, new)
@@ -181,7 +227,9 @@ def test_how_many_would_move_by_chance_is_said(tmp_path):
 def test_shared_logs_two_instruments_and_a_rejected_run_are_flagged(tmp_path):
     """What keeps a difference from being a change of the instrument stands above the numbers."""
     first = store.load(keep(tmp_path, model({"K": (1.0, "1", 0.1)}), logs=("aa", "bb")))
-    second = store.load(keep(tmp_path, model({"K": (1.0, "1", 0.1)}), logs=("bb", "cc"), accepted=False))
+    second = store.load(
+        keep(tmp_path, model({"K": (1.0, "1", 0.1)}), logs=("bb", "cc"), accepted=False)
+    )
     other = store.load(keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="S-2"))
     flags = difference.between(first, second).flags
     assert flags[0].startswith("1 of 3 logs are in both runs")
@@ -215,17 +263,27 @@ def three_years(tmp_path):
 
 @pytest.mark.parametrize(
     ("date", "expected"),
-    [("2022-01-01", "r001"), ("2022-12-31", "r001"), ("2023-01-01", "r002"), ("2099-01-01", "r003")],
+    [
+        ("2022-01-01", "r001"),
+        ("2022-12-31", "r001"),
+        ("2023-01-01", "r002"),
+        ("2099-01-01", "r003"),
+    ],
 )
 def test_a_serial_at_a_date_is_the_run_in_force_then(three_years, date, expected):
-    """The newest effective date that has come decides, on the day itself too, however the date is given."""
+    """The newest effective date that has come decides, on the day itself too, however the date is
+    given.
+    """
     assert store.find("S-1", three_years, date).name == expected
     assert store.find(f"S-1@{date}", three_years).name == expected
 
 
 def test_before_the_first_run_nothing_is_in_force(three_years):
     """A date before the first effective date is refused with that date."""
-    with pytest.raises(UsageError, match="no accepted run that holds on 2021-12-31; the first holds from 2022-01-01"):
+    with pytest.raises(
+        UsageError,
+        match="no accepted run that holds on 2021-12-31; the first holds from 2022-01-01",
+    ):
         store.find("S-1", three_years, "2021-12-31")
 
 
@@ -253,7 +311,10 @@ def test_a_revision_that_holds_from_before_the_one_it_supersedes_is_flagged(tmp_
     keep(tmp_path, values, date="2024-01-01")
     keep(tmp_path, values, date="2023-01-01")
     assert store.find("S-1", tmp_path, "2024-06-01").name == "r001"
-    assert any("S-1@r002 holds from 2023-01-01, before" in flag for flag in timeline.of("S-1", tmp_path).flags)
+    assert any(
+        "S-1@r002 holds from 2023-01-01, before" in flag
+        for flag in timeline.of("S-1", tmp_path).flags
+    )
 
 
 def test_a_whole_chain_is_sound(three_years):
@@ -268,7 +329,9 @@ def test_a_whole_chain_is_sound(three_years):
 
 
 def test_a_missing_revision_breaks_the_chain(three_years, calibkit):
-    """With r002 gone its place is named, what r003 supersedes cannot be checked, and the exit code is 4."""
+    """With r002 gone its place is named, what r003 supersedes cannot be checked, and the exit code
+    is 4.
+    """
     shutil.rmtree(three_years / "S-1" / "r002")
     found = timeline.of("S-1", three_years)
     assert not found.sound
@@ -280,8 +343,12 @@ def test_a_missing_revision_breaks_the_chain(three_years, calibkit):
 
 
 def test_an_exchanged_revision_breaks_the_chain(three_years, tmp_path_factory):
-    """r001 replaced by another whole run of the same serial and number no longer is what r002 supersedes."""
-    other = keep(tmp_path_factory.mktemp("other"), model({"K": (7.0, "1/deg", 0.02)}), date="2022-01-01")
+    """r001 replaced by another whole run of the same serial and number no longer is what r002
+    supersedes.
+    """
+    other = keep(
+        tmp_path_factory.mktemp("other"), model({"K": (7.0, "1/deg", 0.02)}), date="2022-01-01"
+    )
     shutil.rmtree(three_years / "S-1" / "r001")
     shutil.copytree(other, three_years / "S-1" / "r001")
     (fault,) = timeline.of("S-1", three_years).breaks
@@ -290,18 +357,24 @@ def test_an_exchanged_revision_breaks_the_chain(three_years, tmp_path_factory):
 
 
 def test_a_damaged_revision_is_named_and_the_others_are_still_listed(three_years, calibkit):
-    """One changed byte in r001: it is refused by name, r002 and r003 are shown, the exit code is 4."""
+    """One changed byte in r001: it is refused by name, r002 and r003 are shown, the exit code
+    is 4.
+    """
     path = three_years / "S-1" / "r001" / "gyro_scale.json"
     path.write_bytes(path.read_bytes().replace(b"10.0", b"10.1"))
     outcome = calibkit("history", "S-1", "--runs", three_years, "--json")
     assert outcome.code == 4
     assert outcome.json["ok"] is False
     assert [entry["revision"] for entry in outcome.json["revisions"]] == [2, 3]
-    assert "gyro_scale.json: not the file that run.json lists" in outcome.json["refused"][0]["reason"]
+    assert (
+        "gyro_scale.json: not the file that run.json lists" in outcome.json["refused"][0]["reason"]
+    )
 
 
 def test_the_run_of_another_unit_under_a_serial_is_refused(three_years, calibkit):
-    """A whole run folder of S-2 moved in as S-1's newest revision is not used as S-1's coefficients."""
+    """A whole run folder of S-2 moved in as S-1's newest revision is not used as S-1's
+    coefficients.
+    """
     moved = keep(three_years, model({"K": (5.0, "1/deg", 0.02)}), serial="S-2")
     moved.rename(three_years / "S-1" / "r004")
     with pytest.raises(CoefficientError, match="says S-2 r1, expected S-1 r004"):
@@ -328,13 +401,17 @@ def test_a_series_follows_a_quantity_with_its_slope(three_years):
 
 
 def test_the_slope_is_that_of_weighted_least_squares():
-    """Slope and uncertainty agree with numpy's weighted polynomial fit, the latter widened by scatter, never narrowed."""
+    """Slope and uncertainty agree with numpy's weighted polynomial fit, the latter widened by
+    scatter, never narrowed.
+    """
     years = np.array([2020.0, 2021.5, 2022.1, 2024.0])
     u = np.array([0.1, 0.2, 0.1, 0.3])
     values = np.array([1.0, 1.4, 1.3, 2.2])
     for size in (0.01, 10.0):
         found = change.trend(years, size * values, u)
-        coefficients, covariance = np.polyfit(years - 2022.0, size * values, 1, w=1 / u, cov="unscaled")
+        coefficients, covariance = np.polyfit(
+            years - 2022.0, size * values, 1, w=1 / u, cov="unscaled"
+        )
         left = (size * values - np.polyval(coefficients, years - 2022.0)) / u
         birge = math.sqrt(float(left @ left) / 2)
         assert found.slope == pytest.approx(coefficients[0], rel=1e-9)
@@ -358,7 +435,10 @@ def test_runs_that_share_logs_are_one_determination(tmp_path):
         keep(tmp_path, model({"K": (K, "1/deg", 0.02)}), date=f"202{revision}-01-01", logs=logs)
     found = timeline.of("S-1", tmp_path)
     assert found.flags == (
-        "S-1@r003 was fitted to logs of S-1@r002 as well: one determination, not two; slopes take the newer",
+        (
+            "S-1@r003 was fitted to logs of S-1@r002 as well: one determination, not two; slopes"
+            " take the newer"
+        ),
     )
     years = np.array([2021.0, 2023.0, 2024.0])
     slope = np.polyfit(years, [10.0, 9.8, 9.7], 1)[0]
@@ -366,7 +446,9 @@ def test_runs_that_share_logs_are_one_determination(tmp_path):
 
 
 def test_the_figure_is_a_picture_and_the_same_bytes_twice(three_years, calibkit, tmp_path):
-    """The figure of `history` is a PDF or PNG, the same for the same runs, and never over another file."""
+    """The figure of `history` is a PDF or PNG, the same for the same runs, and never over another
+    file.
+    """
     found = timeline.of("S-1", three_years)
     assert figure.render(found, ".png").startswith(b"\x89PNG")
     assert figure.render(found, ".pdf") == figure.render(found, ".pdf")
@@ -374,7 +456,10 @@ def test_the_figure_is_a_picture_and_the_same_bytes_twice(three_years, calibkit,
     assert calibkit("history", "S-1", "--runs", three_years, "--figure", out).code == 0
     assert out.read_bytes().startswith(b"%PDF")
     assert calibkit("history", "S-1", "--runs", three_years, "--figure", out).code == 4
-    assert calibkit("history", "S-1", "--runs", three_years, "--figure", tmp_path / "drift.bmp").code == 2
+    assert (
+        calibkit("history", "S-1", "--runs", three_years, "--figure", tmp_path / "drift.bmp").code
+        == 2
+    )
 
 
 def test_a_single_run_has_a_history_without_series(tmp_path, calibkit):
@@ -406,7 +491,11 @@ def test_csv_numbers_read_back_to_the_same_values(three_years, calibkit):
         assert float(by_name[entry.name]["value"]) == entry.value
         assert float(by_name[entry.name]["standard_uncertainty"]) == entry.standard_uncertainty
     changed = rows(calibkit("diff", "S-1@r001", "S-1", "--runs", three_years, "--csv").out)
-    assert [(row["name"], row["verdict"]) for row in changed] == [("K", "moved"), ("F0", "held"), ("N", "held")]
+    assert [(row["name"], row["verdict"]) for row in changed] == [
+        ("K", "moved"),
+        ("F0", "held"),
+        ("N", "held"),
+    ]
     followed = rows(calibkit("history", "S-1", "--runs", three_years, "--csv").out)
     assert [float(row["value"]) for row in followed if row["name"] == "K"] == [10.0, 9.9, 9.8]
 
@@ -417,7 +506,9 @@ def rows(text):
 
 
 def test_json_of_a_difference_is_strict_and_complete(tmp_path, calibkit):
-    """No NaN in the document; what appeared has null where the older run has nothing; what moved is listed by name."""
+    """No NaN in the document; what appeared has null where the older run has nothing; what moved is
+    listed by name.
+    """
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
     keep(tmp_path, model({"K": (2.0, "1", 0.1), "L": (1.0, "1", 0.1)}))
     outcome = calibkit("diff", "S-1@r001", "S-1@r002", "--runs", tmp_path, "--json")
@@ -432,8 +523,15 @@ def test_the_summaries_say_what_moved_in_words(three_years, calibkit):
     """A person reads the same verdicts: moved coefficients are marked, the chain is spoken of."""
     outcome = calibkit("diff", "S-1@r001", "S-1@r003", "--runs", three_years)
     assert "1 of 2 coefficients moved by more than 2 u" in outcome.out
-    assert next(line for line in outcome.out.splitlines() if line.startswith(" K ")).rstrip().endswith("moved")
-    assert "each revision supersedes the one before" in calibkit("history", "S-1", "--runs", three_years).out
+    assert (
+        next(line for line in outcome.out.splitlines() if line.startswith(" K "))
+        .rstrip()
+        .endswith("moved")
+    )
+    assert (
+        "each revision supersedes the one before"
+        in calibkit("history", "S-1", "--runs", three_years).out
+    )
 
 
 @pytest.mark.parametrize("arguments", [("diff", "S-1", "S-1"), ("show", "S-1"), ("history", "S-1")])

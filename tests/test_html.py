@@ -1,4 +1,6 @@
-"""The run's page: whole HTML that loads nothing, with every text escaped and every number the coefficient file's."""
+"""The run's page: whole HTML that loads nothing, with every text escaped and every number the
+coefficient file's.
+"""
 
 import base64
 import dataclasses
@@ -13,7 +15,15 @@ import pytest
 from matplotlib.lines import Line2D
 
 from calibkit import store
-from calibkit.coefficients import Coefficient, Condition, Criterion, Identity, Input, StageResult, record
+from calibkit.coefficients import (
+    Coefficient,
+    Condition,
+    Criterion,
+    Identity,
+    Input,
+    StageResult,
+    record,
+)
 from calibkit.report import figures, html, svg
 from calibkit.report.documents import Drawn, printed
 from calibkit.report.summary import Summary, SummaryTable
@@ -23,7 +33,8 @@ from kept import model
 pytestmark = pytest.mark.drawn
 
 HOSTILE = (
-    "<script>alert(1)</script> & \"x\" 'y' ]]> --> </style><img src=x onerror=alert(2)> $_$ 温 \u202e\x00\x1b\ud800"
+    "<script>alert(1)</script> & \"x\" 'y' ]]> --> </style><img src=x onerror=alert(2)> $_$ 温"
+    " \u202e\x00\x1b\ud800"
 )
 """What a log, a flag or a recipe may hold and a page must only show."""
 SHOWN = (
@@ -50,13 +61,23 @@ def figure(title=NAME):
 def made(text=HOSTILE, *, accepted=True, drawings=(), excluded=()):
     """Page of a made-up run whose every text is the same."""
     found = model(
-        {text: (0.1 + 0.2, text, 1.0 / 3.0), "K1": (-1e-300, "1", 0.0)}, name=text, parameters=[(text, 5.0, text)]
+        {text: (0.1 + 0.2, text, 1.0 / 3.0), "K1": (-1e-300, "1", 0.0)},
+        name=text,
+        parameters=[(text, 5.0, text)],
     )
     result = StageResult(
-        "gyro_scale", (found,), (Coefficient(text, 2.0 / 3.0, text, 0.0),), (text,), (Condition(text, 1.5, text),)
+        "gyro_scale",
+        (found,),
+        (Coefficient(text, 2.0 / 3.0, text, 0.0),),
+        (text,),
+        (Condition(text, 1.5, text),),
     )
     inputs = (Input(text, "ab" * 32, 7, (text,)),)
-    records = {"gyro_scale.json": record(result, Identity("S-1", 1, "2026-11-21", text, "00", inputs), text)}
+    records = {
+        "gyro_scale.json": record(
+            result, Identity("S-1", 1, "2026-11-21", text, "00", inputs), text
+        )
+    }
     document = {
         "serial": "S-1",
         "revision": 1,
@@ -71,13 +92,19 @@ def made(text=HOSTILE, *, accepted=True, drawings=(), excluded=()):
         "corrections": [{"certificate": text}],
         "type_b": [{"name": text}],
         "accepted": accepted,
-        "acceptance": [{"name": text, "value": 2.0, "limit": 1.0, "unit": text, "passed": accepted}],
-        "uncertainty": [{"result": text, "unit": text, "value": 1.0, "components": [], "effective_dof": None}],
+        "acceptance": [
+            {"name": text, "value": 2.0, "limit": 1.0, "unit": text, "passed": accepted}
+        ],
+        "uncertainty": [
+            {"result": text, "unit": text, "value": 1.0, "components": [], "effective_dof": None}
+        ],
         "flags": [text],
         "files": [{"name": "gyro_scale.json", "sha256": "cd" * 32}],
     }
     criteria = (Criterion(text, 2.0, 1.0, text, accepted),)
-    summary = Summary(text, (SummaryTable(text, (text, text, "u"), ((text, text),)),), (text,), criteria)
+    summary = Summary(
+        text, (SummaryTable(text, (text, text, "u"), ((text, text),)),), (text,), criteria
+    )
     return html.page(document, records, Drawn(tuple(drawings), summary))
 
 
@@ -93,7 +120,9 @@ def words(element):
 
 @pytest.fixture(scope="module")
 def fitted(tmp_path_factory):
-    """Fit the sample record of noise twice, under a hostile name and with a limit that fails; return both run folders."""
+    """Fit the sample record of noise twice, under a hostile name and with a limit that fails;
+    return both run folders.
+    """
     from calibkit import pipeline, recipe
     from calibkit.procedures import silent
 
@@ -103,13 +132,16 @@ def fitted(tmp_path_factory):
     (folder / name).write_bytes(content)
     source = recipe.find("gyro_noise", ("acceptance.max_angle_random_walk=1e-5",))
     return [
-        pipeline.fit(source, folder, "S-1", folder / runs, "2026-11-21", silent).folder for runs in ("first", "second")
+        pipeline.fit(source, folder, "S-1", folder / runs, "2026-11-21", silent).folder
+        for runs in ("first", "second")
     ]
 
 
 @pytest.mark.parametrize("accepted", [True, False])
 def test_a_page_of_hostile_texts_is_whole_html_and_runs_nothing_but_its_own_script(accepted):
-    """Every text of a run is a script, a closing tag, a control character: all are shown, none is a tag."""
+    """Every text of a run is a script, a closing tag, a control character: all are shown, none is a
+    tag.
+    """
     drawn = figure()
     printed(Drawn((drawn,), Summary("", (), (), ())))
     page = tree(made(accepted=accepted, drawings=(drawn,), excluded=True))
@@ -118,22 +150,32 @@ def test_a_page_of_hostile_texts_is_whole_html_and_runs_nothing_but_its_own_scri
     assert words(page.find(".//pre")) == SHOWN
     assert words(page).count(SHOWN) > 30
     assert [
-        name for element in page.iter() for name in element.attrib if name.startswith("on") or name == "style"
+        name
+        for element in page.iter()
+        for name in element.attrib
+        if name.startswith("on") or name == "style"
     ] == []
 
 
 def test_a_page_asks_nothing_of_any_network():
-    """The policy allows the page's own style and script by their digests and nothing else; no address stands in it."""
+    """The policy allows the page's own style and script by their digests and nothing else; no
+    address stands in it.
+    """
     text = made("plain", drawings=(figure("plain"),)).decode()
     page = tree(text.encode())
     policy = page.find(".//meta[@http-equiv='Content-Security-Policy']").attrib["content"]
     for tag in ("style", "script"):
-        digest = base64.b64encode(hashlib.sha256(words(page.find(f".//{tag}")).encode()).digest()).decode()
+        digest = base64.b64encode(
+            hashlib.sha256(words(page.find(f".//{tag}")).encode()).digest()
+        ).decode()
         assert f"{tag}-src 'sha256-{digest}';" in policy
     assert policy.startswith("default-src 'none';")
     assert re.findall(r"https?:|//[a-z]|@import|javascript:|data:[a-z]", text) == []
     links = [
-        value for element in page.iter() for name, value in element.attrib.items() if name.endswith(("href", "src"))
+        value
+        for element in page.iter()
+        for name, value in element.attrib.items()
+        if name.endswith(("href", "src"))
     ]
     assert links
     assert all(link.startswith("#") for link in links)
@@ -152,15 +194,26 @@ def test_every_reference_of_a_page_has_its_one_target():
 
 
 def test_the_page_is_made_for_those_who_do_not_see_it():
-    """Headings go down by one, tables have captions and scoped heads, figures have names, sections have headings."""
+    """Headings go down by one, tables have captions and scoped heads, figures have names, sections
+    have headings.
+    """
     page = tree(made("plain", drawings=(figure("a curve"),)))
-    levels = [int(element.tag[1]) for element in page.iter() if re.fullmatch("h[1-6]", str(element.tag))]
+    levels = [
+        int(element.tag[1]) for element in page.iter() if re.fullmatch("h[1-6]", str(element.tag))
+    ]
     assert levels[0] == 1
     assert all(after - before <= 1 for before, after in itertools.pairwise(levels))
     for table in page.findall(".//table"):
         assert words(table.find("caption")).strip()
-        assert {element.attrib.get("scope") for element in table.findall(".//th")} <= {"col", "row", "rowgroup"}
-        rows = [sum(int(cell.attrib.get("colspan", 1)) for cell in row) for row in table.findall(".//tr")]
+        assert {element.attrib.get("scope") for element in table.findall(".//th")} <= {
+            "col",
+            "row",
+            "rowgroup",
+        }
+        rows = [
+            sum(int(cell.attrib.get("colspan", 1)) for cell in row)
+            for row in table.findall(".//tr")
+        ]
         assert len(set(rows)) == 1
     frame = page.find(".//div[@class='frame']")
     assert "a curve" in frame.attrib["aria-label"]
@@ -183,47 +236,73 @@ def test_a_rejected_run_says_so_first_and_everywhere():
 
 def numbers(page, caption):
     """Exact numbers of a table's rows: name → value and standard uncertainty."""
-    table = next(table for table in page.findall(".//table") if words(table.find("caption")) == caption)
+    table = next(
+        table for table in page.findall(".//table") if words(table.find("caption")) == caption
+    )
     rows = [row for row in table.findall("./tbody/tr") if len(row) == 4]
     return [
-        (words(row[0]), *(float(cell.find("data").attrib["value"]) for cell in row[1:3]), words(row[3])) for row in rows
+        (
+            words(row[0]),
+            *(float(cell.find("data").attrib["value"]) for cell in row[1:3]),
+            words(row[3]),
+        )
+        for row in rows
     ]
 
 
 def test_every_number_of_the_tables_is_that_of_the_coefficient_file(fitted):
-    """Coefficients, figures and conditions to the last bit, in the file's units; values are printed with every digit."""
+    """Coefficients, figures and conditions to the last bit, in the file's units; values are printed
+    with every digit.
+    """
     run = store.load(fitted[0])
     page = tree((fitted[0] / "report.html").read_bytes())
     assert run.records
     for name, found in run.records.items():
         held = [entry for each in found.models for entry in each.coefficients]
-        for caption, entries in ((f"Coefficients of {name}", held), (f"Figures of {name}", found.figures)):
+        for caption, entries in (
+            (f"Coefficients of {name}", held),
+            (f"Figures of {name}", found.figures),
+        ):
             if entries:
                 assert numbers(page, caption) == [
-                    (*dataclasses.astuple(entry)[:2], entry.standard_uncertainty, entry.unit) for entry in entries
+                    (*dataclasses.astuple(entry)[:2], entry.standard_uncertainty, entry.unit)
+                    for entry in entries
                 ]
-    for value in page.findall(".//section[@aria-labelledby='coefficients']//td[@class='number']/data"):
+    for value in page.findall(
+        ".//section[@aria-labelledby='coefficients']//td[@class='number']/data"
+    ):
         shown, exact = words(value), float(value.attrib["value"])
-        assert float(shown) == pytest.approx(exact, rel=5e-3) if shown != "not stated" else exact == 0.0
+        assert (
+            float(shown) == pytest.approx(exact, rel=5e-3)
+            if shown != "not stated"
+            else exact == 0.0
+        )
     digests = words(page.find(".//section[@aria-labelledby='logs']"))
     assert run.document["inputs"][0]["sha256"] in digests
     assert str(run.document["inputs"][0]["rows"]) in digests
 
 
 def test_a_made_up_coefficient_keeps_its_last_bit():
-    """0.1 + 0.2 is printed 0.30000000000000004, with its uncertainty's every bit beside the three digits."""
+    """0.1 + 0.2 is printed 0.30000000000000004, with its uncertainty's every bit beside the three
+    digits.
+    """
     found = numbers(tree(made("plain")), "Coefficients of gyro_scale.json")
     assert found == [("plain", 0.1 + 0.2, 1.0 / 3.0, "plain"), ("K1", -1e-300, 0.0, "1")]
     assert ">0.30000000000000004</data>" in made("plain").decode()
 
 
 def test_the_same_logs_give_the_same_page_and_verify_covers_it(fitted, calibkit):
-    """Two fits write the same bytes, those of the PDF too; run.json lists the page, and a changed page is no run any more."""
+    """Two fits write the same bytes, those of the PDF too; run.json lists the page, and a changed
+    page is no run any more.
+    """
     first, second = (folder / "report.html" for folder in fitted)
     assert first.read_bytes() == second.read_bytes()
     assert first.with_name("report.pdf").read_bytes() == second.with_name("report.pdf").read_bytes()
     assert str(fitted[0].parents[2]).encode() not in first.read_bytes()
-    listed = {entry["name"] for entry in json.loads((fitted[1] / "run.json").read_text(encoding="utf-8"))["files"]}
+    listed = {
+        entry["name"]
+        for entry in json.loads((fitted[1] / "run.json").read_text(encoding="utf-8"))["files"]
+    }
     assert {"report.html", "report.pdf", "report.txt"} < listed
     assert calibkit("verify", fitted[1]).code == 0
     second.write_bytes(second.read_bytes().replace(b"REJECTED", b"accepted"))
@@ -238,7 +317,9 @@ def test_a_log_name_with_two_dollars_is_no_formula(fitted):
 
 
 def test_a_chinese_name_is_drawn_without_a_word_on_the_console(capfd):
-    """Page and PDF of a log called 温度: no warning about letters, fonts or weights; the page holds the name as text."""
+    """Page and PDF of a log called 温度: no warning about letters, fonts or weights; the page holds
+    the name as text.
+    """
     drawn = figure("温度 ±5")
     printed(Drawn((drawn,), Summary("", (), (), ())))
     assert "温度 ±5" in svg.inline((drawn,))[0][0]
@@ -246,7 +327,9 @@ def test_a_chinese_name_is_drawn_without_a_word_on_the_console(capfd):
 
 
 def test_long_curves_keep_their_extremes_and_their_gaps():
-    """A spike of one point in a million, the ends, and a gap are there after thinning; a short curve is drawn whole."""
+    """A spike of one point in a million, the ends, and a gap are there after thinning; a short
+    curve is drawn whole.
+    """
     rng = np.random.default_rng(1)
     x, y = np.arange(1e6), rng.normal(size=1_000_000)
     y[123_456], y[777_777] = 60.0, -50.0
@@ -262,7 +345,9 @@ def test_long_curves_keep_their_extremes_and_their_gaps():
 
 
 def test_a_report_of_long_records_stays_below_three_megabytes():
-    """24 curves of 20,000 points and 4 clouds of 20,000: the page says that it was thinned, and how large it may get."""
+    """24 curves of 20,000 points and 4 clouds of 20,000: the page says that it was thinned, and how
+    large it may get.
+    """
     rng = np.random.default_rng(2)
     drawings = []
     for _ in range(4):
@@ -281,7 +366,9 @@ def test_a_report_of_long_records_stays_below_three_megabytes():
 
 
 def test_what_a_panel_spans_stands_beside_it():
-    """Linear, log and symlog axes carry scale and limits; an axis that counts names carries none."""
+    """Linear, log and symlog axes carry scale and limits; an axis that counts names carries
+    none.
+    """
     made_figure, axes = figures.page(1, 3, title="spans")
     axes[0].plot([1.0, 2.0], [3.0, 4.0])
     axes[1].loglog([1.0, 10.0], [1.0, 100.0])
@@ -300,7 +387,9 @@ def test_what_a_panel_spans_stands_beside_it():
 
 
 def test_every_style_of_the_figures_is_said_by_attributes_or_by_the_page():
-    """What matplotlib says in styles and the page drops is only what the page's own style sheet says."""
+    """What matplotlib says in styles and the page drops is only what the page's own style sheet
+    says.
+    """
     dropped = set()
     given = svg._styled
     said = re.compile(r"([\w-]+):")

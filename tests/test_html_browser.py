@@ -1,4 +1,6 @@
-"""The run's page in a headless Chromium: nothing is asked of a network, nothing complains, figures zoom and read."""
+"""The run's page in a headless Chromium: nothing is asked of a network, nothing complains, figures
+zoom and read.
+"""
 
 import itertools
 import re
@@ -12,7 +14,10 @@ from calibkit.report import figures
 from conftest import ROOT
 from test_html import figure, made
 
-pytestmark = [pytest.mark.drawn, pytest.mark.skipif(found() is None, reason="no Chromium on this machine")]
+pytestmark = [
+    pytest.mark.drawn,
+    pytest.mark.skipif(found() is None, reason="no Chromium on this machine"),
+]
 
 SAMPLES = sorted((ROOT / "reports").glob("*.html"))
 VIEW = "document.querySelector('.frame svg').getAttribute('viewBox').split(' ').map(Number)"
@@ -35,14 +40,18 @@ def chromium():
 
 
 def spans():
-    """A figure whose three panels have a linear, a logarithmic and a symmetric logarithmic axis, with a point in each."""
+    """A figure whose three panels have a linear, a logarithmic and a symmetric logarithmic axis,
+    with a point in each.
+    """
     with figures.styled():
         drawn, axes = figures.page(1, 3, title="spans", height=4.0)
         for ax, scale in zip(axes, ("linear", "log", "symlog"), strict=True):
             ax.plot([1.0, 40.0, 1000.0], [0.5, 7.0, 900.0], "o")
             ax.set(xlabel="x", ylabel="y")
             for side in ("x", "y"):
-                getattr(ax, f"set_{side}scale")(scale, **({"linthresh": 2.0} if scale == "symlog" else {}))
+                getattr(ax, f"set_{side}scale")(
+                    scale, **({"linthresh": 2.0} if scale == "symlog" else {})
+                )
     return drawn
 
 
@@ -57,14 +66,17 @@ def opened(chromium, tmp_path, page, **options):
 
 @pytest.mark.parametrize("path", SAMPLES, ids=lambda path: path.stem)
 def test_a_sample_report_opens_without_a_word_and_without_a_network(chromium, path):
-    """Wide, narrow and dark: no error, no warning, no request, every figure seen, nothing wider than the window."""
+    """Wide, narrow and dark: no error, no warning, no request, every figure seen, nothing wider
+    than the window.
+    """
     for options in ({}, {"width": 390, "height": 844, "phone": True}, {"dark": True}):
         chromium.open(path, **options)
         assert chromium.said() == []
         assert chromium.requests() == [path.resolve().as_uri()]
         assert chromium.value("document.documentElement.scrollWidth <= innerWidth")
         sizes = chromium.value(
-            "[...document.querySelectorAll('.frame svg')].map((svg) => svg.getBBox().width * svg.clientHeight)"
+            "[...document.querySelectorAll('.frame svg')].map((svg) => svg.getBBox().width *"
+            " svg.clientHeight)"
         )
         assert sizes
         assert min(sizes) > 1e4
@@ -79,22 +91,37 @@ def test_texts_that_are_scripts_are_not_run(chromium, tmp_path):
 
 
 def test_the_policy_of_the_page_stops_what_was_put_into_it(chromium, tmp_path):
-    """A script, a style, a handler and an image that someone adds to a page do nothing, and the browser says why."""
-    added = '<script>window.mine=1</script><p style="color:red" onclick="1">x</p><img src="http://192.0.2.1/x.png">'
-    opened(chromium, tmp_path, made("plain", drawings=(figure("a"),)).replace(b"</main>", f"</main>{added}".encode()))
+    """A script, a style, a handler and an image that someone adds to a page do nothing, and the
+    browser says why.
+    """
+    added = (
+        '<script>window.mine=1</script><p style="color:red" onclick="1">x</p><img'
+        ' src="http://192.0.2.1/x.png">'
+    )
+    opened(
+        chromium,
+        tmp_path,
+        made("plain", drawings=(figure("a"),)).replace(b"</main>", f"</main>{added}".encode()),
+    )
     assert chromium.value("window.mine === undefined")
     assert len(chromium.said()) >= 3
-    assert not any("finished" in str(event) for event in chromium.events if "192.0.2.1" in str(event))
+    assert not any(
+        "finished" in str(event) for event in chromium.events if "192.0.2.1" in str(event)
+    )
 
 
 def test_figures_zoom_by_wheel_button_and_key_and_come_back(chromium, tmp_path):
-    """The point under the pointer stays there; drag moves; double click fills a panel and gives the whole back."""
+    """The point under the pointer stays there; drag moves; double click fills a panel and gives the
+    whole back.
+    """
     opened(chromium, tmp_path, made("plain", drawings=(spans(),)))
     whole = chromium.value(VIEW)
     left, top, width, height = chromium.value(FRAME)
     x, y = left + 0.3 * width, top + 0.4 * height
     chromium.mouse("mouseWheel", x, y, deltaX=0, deltaY=-120)
-    assert chromium.value(VIEW) == whole  # the wheel scrolls the page until the figure has the focus
+    assert (
+        chromium.value(VIEW) == whole
+    )  # the wheel scrolls the page until the figure has the focus
     chromium.value("document.querySelector('.frame').focus()")
     chromium.value("document.querySelector('.frame').scrollIntoView({block: 'center'})")
     left, top, width, height = chromium.value(FRAME)
@@ -124,13 +151,19 @@ def test_figures_zoom_by_wheel_button_and_key_and_come_back(chromium, tmp_path):
 
 
 def test_the_strongest_zoom_has_an_end_and_stays_inside(chromium, tmp_path):
-    """A hundred times + and every arrow: a fortieth of the figure is shown, and no more than the figure."""
+    """A hundred times + and every arrow: a fortieth of the figure is shown, and no more than the
+    figure.
+    """
     opened(chromium, tmp_path, made("plain", drawings=(figure("a"),)))
     whole = chromium.value(VIEW)
     chromium.value("document.querySelector('.frame').focus()")
-    keys = "[...Array(20).fill('+'), ...Array(200).fill('ArrowRight'), ...Array(200).fill('ArrowDown')]"
+    keys = (
+        "[...Array(20).fill('+'), ...Array(200).fill('ArrowRight'),"
+        " ...Array(200).fill('ArrowDown')]"
+    )
     chromium.value(
-        f"{keys}.forEach((key) => document.activeElement.dispatchEvent(new KeyboardEvent('keydown', {{key}})))"
+        f"{keys}.forEach((key) => document.activeElement.dispatchEvent(new KeyboardEvent('keydown',"
+        " {key})))"
     )
     x, y, width, height = chromium.value(VIEW)
     assert width == pytest.approx(whole[2] / 40.0, rel=1e-3)
@@ -139,7 +172,9 @@ def test_the_strongest_zoom_has_an_end_and_stays_inside(chromium, tmp_path):
 
 
 def test_the_reading_at_the_pointer_is_that_of_the_axes(chromium, tmp_path):
-    """On each point of three panels the page reads its coordinates to a pixel: 1 % of a decade, 0.3 % of a linear axis."""
+    """On each point of three panels the page reads its coordinates to a pixel: 1 % of a decade, 0.3
+    % of a linear axis.
+    """
     opened(chromium, tmp_path, made("plain", drawings=(spans(),)))
     dots = [point for point in chromium.value(MARKERS) if point[2] > 5.0]
     assert len(dots) == 9
@@ -157,7 +192,9 @@ def test_the_reading_at_the_pointer_is_that_of_the_axes(chromium, tmp_path):
 
 def test_two_fingers_zoom_and_one_moves_on_a_touch_screen(chromium, tmp_path):
     """Two fingers twice as far apart show half of the figure."""
-    opened(chromium, tmp_path, made("plain", drawings=(spans(),)), width=390, height=844, phone=True)
+    opened(
+        chromium, tmp_path, made("plain", drawings=(spans(),)), width=390, height=844, phone=True
+    )
     whole = chromium.value(VIEW)
     left, top, width, height = chromium.value(FRAME)
     x, y = left + width / 2, top + height / 2
@@ -187,7 +224,9 @@ def test_a_rejected_run_says_so_on_every_printed_sheet(chromium, tmp_path):
     opened(
         chromium,
         tmp_path,
-        made("plain", accepted=False, drawings=(figure("a"),)).replace(b"<pre>plain", f"<pre>{text}".encode()),
+        made("plain", accepted=False, drawings=(figure("a"),)).replace(
+            b"<pre>plain", f"<pre>{text}".encode()
+        ),
     )
     printed = tmp_path / "page.pdf"
     printed.write_bytes(chromium.pdf())
@@ -202,15 +241,20 @@ def test_a_rejected_run_says_so_on_every_printed_sheet(chromium, tmp_path):
 
 
 def test_dark_and_light_letters_can_be_read(chromium, tmp_path):
-    """Text has a contrast of at least 4.5 to its ground, in both themes, in tables, bands and figures."""
+    """Text has a contrast of at least 4.5 to its ground, in both themes, in tables, bands and
+    figures.
+    """
     from_page = (
-        "[...document.querySelectorAll('p, td, th, h1, h2, a, li, caption, figcaption, button, svg text')].map((e) => {"
-        "let g = e; while (g && /rgba\\(0, 0, 0, 0\\)/.test(getComputedStyle(g).backgroundColor)) g = g.parentElement;"
-        "const s = getComputedStyle(e);"
-        "return [e.tagName === 'text' ? s.fill : s.color, getComputedStyle(g || document.body).backgroundColor, e.tagName]})"
+        "[...document.querySelectorAll('p, td, th, h1, h2, a, li, caption, figcaption, button, svg"
+        " text')].map((e) => {let g = e; while (g && /rgba\\(0, 0, 0,"
+        " 0\\)/.test(getComputedStyle(g).backgroundColor)) g = g.parentElement;const s ="
+        " getComputedStyle(e);return [e.tagName === 'text' ? s.fill : s.color, getComputedStyle(g"
+        " || document.body).backgroundColor, e.tagName]})"
     )
     for dark, accepted in itertools.product((False, True), (False, True)):
-        opened(chromium, tmp_path, made("plain", accepted=accepted, drawings=(figure("a"),)), dark=dark)
+        opened(
+            chromium, tmp_path, made("plain", accepted=accepted, drawings=(figure("a"),)), dark=dark
+        )
         for ink, ground, tag in chromium.value(from_page):
             first, second = sorted((luminance(ink), luminance(ground)))
             assert (second + 0.05) / (first + 0.05) >= 4.5, (tag, ink, ground, dark)

@@ -12,13 +12,17 @@ READINGS = ("accel_x_g", "accel_y_g", "gyro_x_dph", "gyro_y_dph")
 
 
 def continuous(stations, seed, *, gyro_noise=0.0, moved=False):
-    """Return a log at 1 Hz of a row-a-position log; while the tool turns it reads what no attitude has."""
+    """Return a log at 1 Hz of a row-a-position log; while the tool turns it reads what no attitude
+    has.
+    """
     rng = np.random.default_rng(seed)
     parts, clock = [], 0.0
     for row in stations.itertuples():
         stand = pd.DataFrame([row._asdict()] * STANDS_S).drop(columns="Index")
         turn = stand.iloc[:TURNS_S].copy()
-        turn["position_deg"] = (row.position_deg + 90.0 * (np.arange(TURNS_S) + 1.0) / (TURNS_S + 1.0)) % 360.0
+        turn["position_deg"] = (
+            row.position_deg + 90.0 * (np.arange(TURNS_S) + 1.0) / (TURNS_S + 1.0)
+        ) % 360.0
         turn[["gyro_x_dph", "gyro_y_dph"]] = 5e2
         part = pd.concat([stand, turn], ignore_index=True)
         part["time_s"] = clock + np.arange(len(part))
@@ -48,7 +52,17 @@ def written(folder, frame):
 def scale(calibkit, data, out, *extra):
     """Fit a folder and return the record of s(T)."""
     outcome = calibkit(
-        "fit", "inclinometer", "--data", data, "--serial", "I", "--out", out, "--date", "2026-11-21", *extra
+        "fit",
+        "inclinometer",
+        "--data",
+        data,
+        "--serial",
+        "I",
+        "--out",
+        out,
+        "--date",
+        "2026-11-21",
+        *extra,
     )
     assert outcome.code == 0, outcome.err
     return store.load(out / "I" / "r001").records["inclinometer_scale.json"]
@@ -56,7 +70,9 @@ def scale(calibkit, data, out, *extra):
 
 @pytest.mark.parametrize("numbered", [True, False])
 def test_a_continuous_log_gives_the_s_of_its_rows(numbered, rows, tmp_path, calibkit):
-    """Every position a minute long, without noise, gives s(T) of the log with one row a position to 1e-9, named or not."""
+    """Every position a minute long, without noise, gives s(T) of the log with one row a position to
+    1e-9, named or not.
+    """
     log = continuous(rows, 1)
     log = log if numbered else log.drop(columns="station")
     # the clock of the stations is another: their drift in time is not what is compared
@@ -69,7 +85,9 @@ def test_a_continuous_log_gives_the_s_of_its_rows(numbered, rows, tmp_path, cali
 
 
 def test_stations_and_dwells_are_told_by_check(rows, tmp_path, calibkit):
-    """`check` names each station and each dwell with its position, rows of settling and of turning left out."""
+    """`check` names each station and each dwell with its position, rows of settling and of turning
+    left out.
+    """
     data = written(tmp_path / "d", continuous(rows.iloc[:8], 1).drop(columns="station"))
     held = calibkit("check", "inclinometer", "--data", data, "--json").json["logs"][0]["held"]
     stations = [part for part in held if part["kind"] == "station"]
@@ -80,12 +98,16 @@ def test_stations_and_dwells_are_told_by_check(rows, tmp_path, calibkit):
 
 
 def test_apply_turns_no_angle_into_a_turning_tool(rows, tmp_path, calibkit):
-    """Rates of all rows are corrected; azimuths stand beside the rows of dwells alone, the same over a station."""
+    """Rates of all rows are corrected; azimuths stand beside the rows of dwells alone, the same
+    over a station.
+    """
     log = continuous(rows.iloc[:40], 2, gyro_noise=0.02).drop(columns="station")
     data = written(tmp_path / "d", log)
     scale(calibkit, data, tmp_path / "runs")
     out = tmp_path / "out.csv"
-    outcome = calibkit("apply", tmp_path / "runs" / "I" / "r001", "--data", data / "stations.csv", "--out", out)
+    outcome = calibkit(
+        "apply", tmp_path / "runs" / "I" / "r001", "--data", data / "stations.csv", "--out", out
+    )
     assert outcome.code == 0, outcome.err
     found = pd.read_csv(out)
     assert len(found) == len(log)
@@ -98,9 +120,15 @@ def test_apply_turns_no_angle_into_a_turning_tool(rows, tmp_path, calibkit):
 
 
 def test_dwells_of_two_attitudes_are_no_station(rows, tmp_path, calibkit):
-    """A log that begins in the middle of a station would make every four of two attitudes: it is refused, and says why."""
-    data = written(tmp_path / "d", continuous(rows.iloc[:24], 3, moved=True).drop(columns="station"))
-    outcome = calibkit("fit", "inclinometer", "--data", data, "--serial", "I", "--out", tmp_path / "runs")
+    """A log that begins in the middle of a station would make every four of two attitudes: it is
+    refused, and says why.
+    """
+    data = written(
+        tmp_path / "d", continuous(rows.iloc[:24], 3, moved=True).drop(columns="station")
+    )
+    outcome = calibkit(
+        "fit", "inclinometer", "--data", data, "--serial", "I", "--out", tmp_path / "runs"
+    )
     assert outcome.code == 3
     assert "moved between these dwells" in outcome.err
     assert not (tmp_path / "runs").exists()
@@ -119,7 +147,9 @@ def test_a_sequence_of_any_positions_needs_station_numbers(rows, tmp_path, calib
     """With least squares nothing but a column tells where a station ends."""
     data = written(tmp_path / "d", continuous(rows.iloc[:24], 1).drop(columns="station"))
     settings = ("--set", "stations.method=least_squares")
-    outcome = calibkit("fit", "inclinometer", "--data", data, "--serial", "I", "--out", tmp_path / "r", *settings)
+    outcome = calibkit(
+        "fit", "inclinometer", "--data", data, "--serial", "I", "--out", tmp_path / "r", *settings
+    )
     assert outcome.code == 3
     assert "column 'station' is missing" in outcome.err
 

@@ -1,4 +1,6 @@
-"""A wrong latitude, a wild reading, a log that the correction makes worse: each is named, and does not pass for noise."""
+"""A wrong latitude, a wild reading, a log that the correction makes worse: each is named, and does
+not pass for noise.
+"""
 
 import json
 
@@ -9,7 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit import procedures, recipe
-from calibkit.numeric import northseek_closure
+from calibkit.instruments.inclinometer.numeric import closure
 from conftest import ROOT
 
 DATA = ROOT / "datasets" / "inclinometer"
@@ -30,7 +32,9 @@ def healthy():
 
 @pytest.mark.parametrize("off", [0.2, -0.2])
 def test_a_wrong_latitude_is_flagged_and_the_right_one_named(off, healthy):
-    """0.2° off: both gyros scatter by several times what their readings explain, and fit the true 34.2° to 0.1°."""
+    """0.2° off: both gyros scatter by several times what their readings explain, and fit the true
+    34.2° to 0.1°.
+    """
     assert healthy[1] == ()
     _, flags = fitted(DATA, f"site.latitude_deg={34.2 + off}")
     named = [flag for flag in flags if "the stations fit a latitude of" in flag]
@@ -50,21 +54,33 @@ def test_a_wrong_latitude_is_flagged_and_the_right_one_named(off, healthy):
     ],
 )
 @pytest.mark.parametrize("method", ["four_differences", "least_squares"])
-def test_one_wild_reading_is_refused_and_is_no_noise_of_the_others(column, add, said, method, healthy, tmp_path):
-    """s0 stays within a standard uncertainty of the fit without it; the noise was 0.167 °/h for 0.008 before."""
+def test_one_wild_reading_is_refused_and_is_no_noise_of_the_others(
+    column, add, said, method, healthy, tmp_path
+):
+    """s0 stays within a standard uncertainty of the fit without it; the noise was 0.167 °/h for
+    0.008 before.
+    """
     frame = pd.read_csv(DATA / "stations.csv")
     frame.loc[41, column] += add
     frame.to_csv(tmp_path / "stations.csv", index=False)
     models, flags = fitted(tmp_path, f"stations.method={method}")
-    assert [flag for flag in flags if flag.startswith("station 11: x not used: a wild reading") and said in flag]
+    assert [
+        flag
+        for flag in flags
+        if flag.startswith("station 11: x not used: a wild reading") and said in flag
+    ]
     clean = healthy[0]["x"]
-    assert models["x"].value("s0") == pytest.approx(clean.value("s0"), abs=clean.coefficients[0].standard_uncertainty)
+    assert models["x"].value("s0") == pytest.approx(
+        clean.value("s0"), abs=clean.coefficients[0].standard_uncertainty
+    )
     assert models["x"].value("gyro_noise") == pytest.approx(clean.value("gyro_noise"), rel=0.1)
     assert models["y"].value("s0") == pytest.approx(healthy[0]["y"].value("s0"), rel=1e-9)
 
 
 def test_a_validation_that_came_out_worse_is_flagged(tmp_path, calibkit):
-    """Logs that were corrected before: the azimuths are worse after than before, and the validation says by how much."""
+    """Logs that were corrected before: the azimuths are worse after than before, and the validation
+    says by how much.
+    """
     runs = tmp_path / "runs"
     calibkit("fit", "inclinometer", "--data", DATA, "--serial", "S", "--out", runs)
     (path,) = (DATA / "withheld").glob("*.csv")
@@ -82,16 +98,18 @@ def test_a_validation_that_came_out_worse_is_flagged(tmp_path, calibkit):
 
 
 @settings(deadline=None, max_examples=40)
-@given(st.integers(0, 2**32), st.integers(northseek_closure.FEWEST, 40), st.sampled_from([1, 2, 5]))
+@given(st.integers(0, 2**32), st.integers(closure.FEWEST, 40), st.sampled_from([1, 2, 5]))
 def test_noise_alone_is_seldom_wild_and_a_wild_station_does_not_move_the_usual(seed, count, dof):
-    """Of normal noise none is found (one in a thousand campaigns may have one); a hundredfold station is, alone."""
+    """Of normal noise none is found (one in a thousand campaigns may have one); a hundredfold
+    station is, alone.
+    """
     rng = np.random.default_rng(seed)
     squares, dofs = rng.chisquare(dof, count), np.full(count, dof)
-    clean = northseek_closure.wild(squares, dofs, 0.0)
+    clean = closure.wild(squares, dofs, 0.0)
     assert clean.sum() <= 1
     wild = squares.copy()
-    wild[0] = dof * 1e4 * northseek_closure.usual(squares, dofs)
-    found = northseek_closure.wild(wild, dofs, 0.0)
+    wild[0] = dof * 1e4 * closure.usual(squares, dofs)
+    found = closure.wild(wild, dofs, 0.0)
     assert found[0]
     assert found[1:].sum() <= clean[1:].sum() + 1
 
@@ -99,7 +117,7 @@ def test_noise_alone_is_seldom_wild_and_a_wild_station_does_not_move_the_usual(s
 def test_few_stations_and_the_last_digit_make_nobody_wild():
     """Seven stations have no majority; closures of a last digit or two are the last digit's."""
     squares = np.array([1.0] * 6 + [1e6])
-    assert not northseek_closure.wild(squares, np.ones(7, dtype=np.int64), 0.0).any()
+    assert not closure.wild(squares, np.ones(7, dtype=np.int64), 0.0).any()
     digits = np.array([0.0] * 11 + [1.0])
-    assert not northseek_closure.wild(digits, np.ones(12, dtype=np.int64), 1.0 / 12.0 * 1.2).any()
-    assert np.isnan(northseek_closure.usual(digits, np.zeros(12, dtype=np.int64)))
+    assert not closure.wild(digits, np.ones(12, dtype=np.int64), 1.0 / 12.0 * 1.2).any()
+    assert np.isnan(closure.usual(digits, np.zeros(12, dtype=np.int64)))

@@ -1,4 +1,6 @@
-"""The inclinometer procedure end to end: station logs in, s(T) out, applied at any latitude, validated."""
+"""The inclinometer procedure end to end: station logs in, s(T) out, applied at any latitude,
+validated.
+"""
 
 import csv
 import json
@@ -7,10 +9,10 @@ import numpy as np
 import pytest
 
 from calibkit import recipe, store
-from calibkit.procedures import inclinometer, silent
-from calibkit.simulate import inclinometer as simulator
+from calibkit.instruments.inclinometer import instrument, stations
+from calibkit.instruments.inclinometer import simulate as simulator
+from calibkit.procedures import silent
 from calibkit.simulate.campaign import csv_text
-from calibkit.stages import inclinometer_stations
 from conftest import AUTHORITIES, ROOT
 
 VECTORS = json.loads((AUTHORITIES / "four_position.json").read_text(encoding="utf-8"))["stations"]
@@ -50,7 +52,9 @@ def read_rows(path):
 
 
 def simulated(folder, seed, *, part=slice(None), references=True, **options):
-    """Write stations.csv of a simulated tool, every part-th station, with the true angles as reference; return them."""
+    """Write stations.csv of a simulated tool, every part-th station, with the true angles as
+    reference; return them.
+    """
     campaign = simulator.campaign(seed, **options)
     columns = {name: np.asarray(values) for name, values in campaign.logs["stations.csv"].items()}
     truth = campaign.truth["stations"]
@@ -60,7 +64,8 @@ def simulated(folder, seed, *, part=slice(None), references=True, **options):
     keep = np.isin(columns["station"], chosen)
     folder.mkdir(parents=True, exist_ok=True)
     text = csv_text(
-        {name: values[keep] for name, values in columns.items()}, {**campaign.decimals, **dict.fromkeys(ANGLES, 9)}
+        {name: values[keep] for name, values in columns.items()},
+        {**campaign.decimals, **dict.fromkeys(ANGLES, 9)},
     )
     (folder / "stations.csv").write_text(text, encoding="utf-8")
     return {name: np.asarray(values)[chosen - 1] for name, values in truth.items()}
@@ -88,7 +93,9 @@ def command(calibkit, tmp_path):
 
         def validate(self, data, name="validation.json", runs="runs"):
             out = tmp_path / name
-            outcome = calibkit("validate", "I", "--runs", tmp_path / runs, "--data", data, "--out", out)
+            outcome = calibkit(
+                "validate", "I", "--runs", tmp_path / runs, "--data", data, "--out", out
+            )
             return outcome, (json.loads(out.read_text(encoding="utf-8")) if out.is_file() else None)
 
         def check(self, data, *settings):
@@ -98,16 +105,25 @@ def command(calibkit, tmp_path):
 
 
 def compare(rows, vectors):
-    """Hold applied rows against the worked examples to 1e-9 (angles modulo 360°), s by the corrected rates too."""
+    """Hold applied rows against the worked examples to 1e-9 (angles modulo 360°), s by the
+    corrected rates too.
+    """
     for number, vector in enumerate(vectors, start=1):
         own = [row for row in rows if float(row["station"]) == number]
         assert len(own) == 4
         for row in own:
             for name in ANGLES:
-                assert abs(wrapped(float(row[name]) - vector["expected"][name])) < 1e-9, (number, name)
-            raw = next(r for r in vector["readings"] if r["position_deg"] == float(row["position_deg"]))
+                assert abs(wrapped(float(row[name]) - vector["expected"][name])) < 1e-9, (
+                    number,
+                    name,
+                )
+            raw = next(
+                r for r in vector["readings"] if r["position_deg"] == float(row["position_deg"])
+            )
             for name in READINGS[2:]:
-                assert float(row[name]) == pytest.approx(vector["expected"]["s"] * raw[name], abs=1e-7)
+                assert float(row[name]) == pytest.approx(
+                    vector["expected"]["s"] * raw[name], abs=1e-7
+                )
 
 
 WAYS = {
@@ -124,10 +140,14 @@ CASES = [("as published", k) for k in range(len(VECTORS))] + [(way, 8) for way i
 
 @pytest.mark.parametrize(("way", "k"), CASES, ids=str)
 def test_each_worked_example_comes_out_of_fit_and_apply_at_its_latitude(tmp_path, command, way, k):
-    """One station fitted and applied alone gives θ, φ, ψ to 1e-9° and its s, by either convention, order and method."""
+    """One station fitted and applied alone gives θ, φ, ψ to 1e-9° and its s, by either convention,
+    order and method.
+    """
     options = WAYS[way]
     vector, settings = VECTORS[k], options.get("settings", ())
-    rows = vector_rows([vector], sign=options.get("sign", 1.0), order=options.get("order", (0, 1, 2, 3)))
+    rows = vector_rows(
+        [vector], sign=options.get("sign", 1.0), order=options.get("order", (0, 1, 2, 3))
+    )
     log = write_rows(tmp_path / "logs" / "stations.csv", rows)
     place = f"site.latitude_deg={vector['latitude_deg']}"
     outcome, run = command.fit(tmp_path / "logs", place, *settings)
@@ -137,13 +157,21 @@ def test_each_worked_example_comes_out_of_fit_and_apply_at_its_latitude(tmp_path
     outcome, written = command.apply(log, "out.csv")
     assert outcome.code == 0, outcome.err
     if options.get("pairs") == "x":
-        assert all(abs(wrapped(float(row[n]) - vector["expected"][n])) < 1e-9 for row in written for n in ANGLES)
+        assert all(
+            abs(wrapped(float(row[n]) - vector["expected"][n])) < 1e-9
+            for row in written
+            for n in ANGLES
+        )
     else:
         compare(written, [vector])
 
 
-def test_the_worked_examples_of_a_run_of_34_degrees_come_out_at_their_own_latitudes(tmp_path, command):
-    """Fitted on the five stations of 34.2° together, every other latitude is applied with --set and comes out to 1e-9°."""
+def test_the_worked_examples_of_a_run_of_34_degrees_come_out_at_their_own_latitudes(
+    tmp_path, command
+):
+    """Fitted on the five stations of 34.2° together, every other latitude is applied with --set and
+    comes out to 1e-9°.
+    """
     latitudes = sorted({vector["latitude_deg"] for vector in VECTORS})
     groups = {a: [v for v in VECTORS if v["latitude_deg"] == a] for a in latitudes}
     for latitude, vectors in groups.items():
@@ -152,13 +180,17 @@ def test_the_worked_examples_of_a_run_of_34_degrees_come_out_at_their_own_latitu
     assert outcome.code == 0, outcome.err
     for latitude, vectors in groups.items():
         place = f"site.latitude_deg={latitude}"
-        outcome, written = command.apply(tmp_path / f"{latitude}" / "stations.csv", f"out{latitude}.csv", place)
+        outcome, written = command.apply(
+            tmp_path / f"{latitude}" / "stations.csv", f"out{latitude}.csv", place
+        )
         assert outcome.code == 0, outcome.err
         compare(written, vectors)
 
 
 def test_a_run_of_noisy_stations_with_temperatures_does_not_blur_exact_ones(tmp_path, command):
-    """After a calibration at 0.01 °/h, noise-free stations without temperature come out to 1e-9°: their closures say so."""
+    """After a calibration at 0.01 °/h, noise-free stations without temperature come out to 1e-9°:
+    their closures say so.
+    """
     simulated(tmp_path / "logs", 3)
     command.fit(tmp_path / "logs")
     vectors = [vector for vector in VECTORS if vector["latitude_deg"] == 34.2]
@@ -169,21 +201,31 @@ def test_a_run_of_noisy_stations_with_temperatures_does_not_blur_exact_ones(tmp_
 
 
 def test_the_run_holds_s_over_temperature_of_both_gyros(tmp_path, command):
-    """One model a gyro of the contract's form, covariance and scatter; within 4 standard uncertainties of the truth."""
+    """One model a gyro of the contract's form, covariance and scatter; within 4 standard
+    uncertainties of the truth.
+    """
     truth = simulated(tmp_path / "logs", 5, count=60)
     outcome, run = command.fit(tmp_path / "logs")
     assert outcome.code == 0, outcome.err
     record = run.records["inclinometer_scale.json"]
     assert [model.name for model in record.models] == ["x", "y"]
-    assert {figure.name for figure in record.figures} >= {"azimuth_rms_before", "azimuth_rms_after", "stations_refused"}
+    assert {figure.name for figure in record.figures} >= {
+        "azimuth_rms_before",
+        "azimuth_rms_after",
+        "stations_refused",
+    }
     assert record.conditions[0].name == "latitude"
     degc = truth["temp_case_degc"]
     for model in record.models:
         assert model.form == "inclinometer-scale/1"
-        assert [c.name for c in model.coefficients] == [f"s{k}" for k in range(len(model.coefficients))]
+        assert [c.name for c in model.coefficients] == [
+            f"s{k}" for k in range(len(model.coefficients))
+        ]
         covariance = np.array(model.covariance)
         powers = np.vander(degc, len(covariance), increasing=True)
-        u = np.sqrt(np.einsum("ti,ij,tj->t", powers, covariance, powers) + model.value("scatter") ** 2)
+        u = np.sqrt(
+            np.einsum("ti,ij,tj->t", powers, covariance, powers) + model.value("scatter") ** 2
+        )
         s = powers @ [c.value for c in model.coefficients]
         # 2e-4: the simulated s is a line and a wave of 1e-4, which a polynomial does not follow
         assert (np.abs(s - truth[f"s_{model.name}"]) < 4.0 * u + 2e-4).all()
@@ -206,14 +248,20 @@ def test_a_log_without_temperature_gives_s0_alone(tmp_path, command):
     assert outcome.code == 0
 
 
-def test_random_stations_are_within_five_hundredths_of_a_degree_on_the_command_line(tmp_path, command):
-    """θ 5–50°, 34.2°, 0.01 °/h, unseen stations: rms ≤ 0.05°, 90–99 % in U, none worse than s = 1 by more than U (k = 2)."""
+def test_random_stations_are_within_five_hundredths_of_a_degree_on_the_command_line(
+    tmp_path, command
+):
+    """θ 5–50°, 34.2°, 0.01 °/h, unseen stations: rms ≤ 0.05°, 90–99 % in U, none worse than s = 1
+    by more than U (k = 2).
+    """
     before, after, stated = [], [], []
     for seed in range(2):
         simulated(tmp_path / f"{seed}" / "fit", seed, part=slice(0, None, 2), count=120)
         simulated(tmp_path / f"{seed}" / "new", seed, part=slice(1, None, 2), count=120)
         assert command.fit(tmp_path / f"{seed}" / "fit", runs=f"runs{seed}")[0].code == 0
-        outcome, document = command.validate(tmp_path / f"{seed}" / "new", f"v{seed}.json", runs=f"runs{seed}")
+        outcome, document = command.validate(
+            tmp_path / f"{seed}" / "new", f"v{seed}.json", runs=f"runs{seed}"
+        )
         assert outcome.code == 0, outcome.err
         log = document["logs"][0]
         assert log["after"]["azimuth_rms_deg"] < 0.05
@@ -231,23 +279,29 @@ def test_random_stations_are_within_five_hundredths_of_a_degree_on_the_command_l
 
 
 def test_a_single_station_states_an_interval_that_holds(tmp_path):
-    """Noise known from one degree of freedom: of 40 tools with one station each at least 34 azimuths are within the U printed."""
+    """Noise known from one degree of freedom: of 40 tools with one station each at least 34
+    azimuths are within the U printed.
+    """
     spec, inside = recipe.parse(recipe.find("inclinometer")), 0
     for seed in range(3000, 3040):
         truth = simulated(tmp_path / str(seed), seed, count=1, references=False)
-        fitted = inclinometer.fit(spec, tmp_path / str(seed), ["stations.csv"], silent)
+        fitted = instrument.fit(spec, tmp_path / str(seed), ["stations.csv"], silent)
         row = next(table for table in fitted.summary.tables if "before" in table.title).rows[0]
         inside += abs(wrapped(float(row[4]) - truth["azimuth_deg"][0])) < float(row[5])
     assert inside >= 34
 
 
 def test_the_well_is_not_the_laboratory(tmp_path, command):
-    """The same tool at 58.9° is right with --set site.latitude_deg, and says loudly that something is wrong without it."""
+    """The same tool at 58.9° is right with --set site.latitude_deg, and says loudly that something
+    is wrong without it.
+    """
     tool = {"count": 72, "gyro_noise_dph": 0.003}
     simulated(tmp_path / "lab", 6, part=slice(0, None, 2), **tool)
     truth = simulated(tmp_path / "well", 6, part=slice(1, None, 2), latitude_deg=58.9, **tool)
     command.fit(tmp_path / "lab")
-    outcome, rows = command.apply(tmp_path / "well" / "stations.csv", "out.csv", "site.latitude_deg=58.9")
+    outcome, rows = command.apply(
+        tmp_path / "well" / "stations.csv", "out.csv", "site.latitude_deg=58.9"
+    )
     assert outcome.code == 0
     error = wrapped([float(row["azimuth_deg"]) for row in rows[::4]] - truth["azimuth_deg"])
     assert np.sqrt(np.mean(error**2)) < 0.05
@@ -276,7 +330,9 @@ def test_rates_in_another_unit_are_refused_rather_than_given_an_azimuth(tmp_path
 
 @pytest.mark.parametrize("choice", ["history", "heading"])
 def test_beyond_90_degrees_the_calibration_or_a_heading_chooses_the_root(tmp_path, command, choice):
-    """At 60° and inclinations of 35 to 70° both roots are often positive; the right one is taken at every station."""
+    """At 60° and inclinations of 35 to 70° both roots are often positive; the right one is taken at
+    every station.
+    """
     tool = {"count": 60, "gyro_noise_dph": 0.002}
     simulated(tmp_path / "lab", 7, part=slice(0, None, 2), **tool)
     steep = {**tool, "latitude_deg": 60.0, "inclination_deg": (35.0, 70.0)}
@@ -291,10 +347,15 @@ def test_beyond_90_degrees_the_calibration_or_a_heading_chooses_the_root(tmp_pat
 
 
 def test_apply_keeps_rows_and_columns_and_renames_references(tmp_path, command):
-    """Every row and column in order, an unread column as it was; reference angles renamed, a station's result on its rows."""
+    """Every row and column in order, an unread column as it was; reference angles renamed, a
+    station's result on its rows.
+    """
     simulated(tmp_path / "logs", 8, count=12)
     command.fit(tmp_path / "logs")
-    rows = [{"note": f"n{k}", **row} for k, row in enumerate(read_rows(tmp_path / "logs" / "stations.csv"))]
+    rows = [
+        {"note": f"n{k}", **row}
+        for k, row in enumerate(read_rows(tmp_path / "logs" / "stations.csv"))
+    ]
     log = write_rows(tmp_path / "field.csv", rows)
     _, written = command.apply(log, "out.csv")
     names = [f"reference_{name}" if name in ANGLES else name for name in rows[0]]
@@ -302,7 +363,9 @@ def test_apply_keeps_rows_and_columns_and_renames_references(tmp_path, command):
     assert [row["note"] for row in written] == [row["note"] for row in rows]
     assert [row["accel_x_g"] for row in written] == [row["accel_x_g"] for row in rows]
     assert [row["reference_azimuth_deg"] for row in written] == [row["azimuth_deg"] for row in rows]
-    ratio = [float(a["gyro_x_dph"]) / float(b["gyro_x_dph"]) for a, b in zip(written, rows, strict=True)]
+    ratio = [
+        float(a["gyro_x_dph"]) / float(b["gyro_x_dph"]) for a, b in zip(written, rows, strict=True)
+    ]
     for start in range(0, len(rows), 4):
         assert len({row["azimuth_deg"] for row in written[start : start + 4]}) == 1
         assert ratio[start : start + 4] == pytest.approx([ratio[start]] * 4, rel=1e-12)
@@ -312,7 +375,9 @@ def test_apply_keeps_rows_and_columns_and_renames_references(tmp_path, command):
 
 
 def test_a_log_in_other_units_and_signs_is_corrected_in_its_own(tmp_path, command):
-    """Rates in °/s of opposite sign and accelerations in m/s² give the same azimuths to 1e-6°, rates stay in °/s."""
+    """Rates in °/s of opposite sign and accelerations in m/s² give the same azimuths to 1e-6°,
+    rates stay in °/s.
+    """
     simulated(tmp_path / "logs", 9, count=12)
     _, first = command.fit(tmp_path / "logs")
     _, plain = command.apply(tmp_path / "logs" / "stations.csv", "plain.csv")
@@ -329,7 +394,10 @@ def test_a_log_in_other_units_and_signs_is_corrected_in_its_own(tmp_path, comman
     outcome, second = command.fit(tmp_path / "other", runs="b", source=path)
     assert outcome.code == 0, outcome.err
     for axis in "xy":
-        one, two = (run.records["inclinometer_scale.json"].model(axis).value("s0") for run in (first, second))
+        one, two = (
+            run.records["inclinometer_scale.json"].model(axis).value("s0")
+            for run in (first, second)
+        )
         assert one == pytest.approx(two, abs=1e-7)
     _, other = command.apply(tmp_path / "other" / "stations.csv", "other.csv", runs="b")
     for a, b in zip(plain, other, strict=True):
@@ -338,14 +406,16 @@ def test_a_log_in_other_units_and_signs_is_corrected_in_its_own(tmp_path, comman
 
 
 def test_the_last_digit_of_a_log_is_found_in_its_own_unit():
-    """Two decimals of °/h are 0.01 °/h, four of °/s 0.36 °/h; a single station's closure of zero is no proof of no noise."""
+    """Two decimals of °/h are 0.01 °/h, four of °/s 0.36 °/h; a single station's closure of zero is
+    no proof of no noise.
+    """
     source = recipe.find("inclinometer")
     data = np.array([8.25, -3.5, np.nan, 12.0])
-    assert inclinometer_stations.resolution(data, "gyro_x_dph", recipe.parse(source)) == pytest.approx(0.01)
+    assert stations.resolution(data, "gyro_x_dph", recipe.parse(source)) == pytest.approx(0.01)
     mapped = source.text + '[columns]\ngyro_x_dph = { from = "wx", unit = "deg/s" }\n'
     spec = recipe.parse(recipe.Source("mapped", mapped))
     data = 3600.0 * np.array([0.0023, -0.0011, 0.004])
-    assert inclinometer_stations.resolution(data, "gyro_x_dph", spec) == pytest.approx(0.36)
+    assert stations.resolution(data, "gyro_x_dph", spec) == pytest.approx(0.36)
 
 
 def spoilt(rows, how):
@@ -366,7 +436,10 @@ def spoilt(rows, how):
 
 
 REFUSALS = {
-    "missing": ("station 2: no row at position 90°", "expected one row at each of 0°, 90°, 180°, 270°"),
+    "missing": (
+        "station 2: no row at position 90°",
+        "expected one row at each of 0°, 90°, 180°, 270°",
+    ),
     "twice": ("stations.csv:7: station 2: position 0° stands 2 times", "least_squares"),
     "odd": ("stations.csv:7: station 2: position 45° is no multiple of 90°", "least_squares"),
     "nan": ("stations.csv:7: column 'gyro_x_dph': 1 missing", "a number in every row"),
@@ -379,7 +452,10 @@ REFUSALS = {
 def test_a_spoilt_station_is_refused_with_place_and_next_step(tmp_path, command, how):
     """`fit` and `check` leave with 3 and one line: file, place, found, expected, what to do."""
     simulated(tmp_path / "good", 10, count=6, references=False)
-    write_rows(tmp_path / "bad" / "stations.csv", spoilt(read_rows(tmp_path / "good" / "stations.csv"), how))
+    write_rows(
+        tmp_path / "bad" / "stations.csv",
+        spoilt(read_rows(tmp_path / "good" / "stations.csv"), how),
+    )
     outcome, _ = command.fit(tmp_path / "bad")
     assert outcome.code == 3
     checked = command.check(tmp_path / "bad")
@@ -392,29 +468,42 @@ def test_a_spoilt_station_is_refused_with_place_and_next_step(tmp_path, command,
 
 
 def test_apply_leaves_a_spoilt_station_empty_and_solves_the_others(tmp_path, command):
-    """Derived fields of station 2 are empty and its reason is said; the others' azimuths stay as they were."""
+    """Derived fields of station 2 are empty and its reason is said; the others' azimuths stay as
+    they were.
+    """
     simulated(tmp_path / "good", 10, count=12, references=False)
     command.fit(tmp_path / "good")
     _, whole = command.apply(tmp_path / "good" / "stations.csv", "whole.csv")
     for how in ("missing", "twice", "odd"):
-        bad = write_rows(tmp_path / f"{how}.csv", spoilt(read_rows(tmp_path / "good" / "stations.csv"), how))
+        bad = write_rows(
+            tmp_path / f"{how}.csv", spoilt(read_rows(tmp_path / "good" / "stations.csv"), how)
+        )
         outcome, rows = command.apply(bad, f"out_{how}.csv")
         assert outcome.code == 0
         assert "station 2: refused: " in outcome.err
         for row in rows:
-            assert (row["azimuth_deg"] == "") == (row["inclination_deg"] == "") == (row["station"] == "2")
+            assert (
+                (row["azimuth_deg"] == "")
+                == (row["inclination_deg"] == "")
+                == (row["station"] == "2")
+            )
         for number in ("1", "7"):
             one, two = (
-                next(float(r["azimuth_deg"]) for r in table if r["station"] == number) for table in (whole, rows)
+                next(float(r["azimuth_deg"]) for r in table if r["station"] == number)
+                for table in (whole, rows)
             )
             assert abs(wrapped(one - two)) < 0.02
 
 
 def test_a_pair_that_lost_a_reading_leaves_the_station_to_the_other(tmp_path, command):
-    """A NaN of the x gyro: the azimuth is the y pair's, the flag says so, the missing field stays missing."""
+    """A NaN of the x gyro: the azimuth is the y pair's, the flag says so, the missing field stays
+    missing.
+    """
     simulated(tmp_path / "good", 10, count=12, references=False)
     command.fit(tmp_path / "good")
-    bad = write_rows(tmp_path / "bad.csv", spoilt(read_rows(tmp_path / "good" / "stations.csv"), "nan"))
+    bad = write_rows(
+        tmp_path / "bad.csv", spoilt(read_rows(tmp_path / "good" / "stations.csv"), "nan")
+    )
     outcome, rows = command.apply(bad, "out.csv")
     assert "station 2: x not used: an indication is not finite" in outcome.err
     assert rows[5]["gyro_x_dph"] == ""
@@ -423,7 +512,9 @@ def test_a_pair_that_lost_a_reading_leaves_the_station_to_the_other(tmp_path, co
 
 
 def test_a_wrong_unit_or_no_usable_station_is_refused(tmp_path, command):
-    """Rates in °/s give no s that a gyro can have; a vertical tool gives no azimuth; both leave with 3 and say why."""
+    """Rates in °/s give no s that a gyro can have; a vertical tool gives no azimuth; both leave
+    with 3 and say why.
+    """
     simulated(tmp_path / "good", 11, count=8, references=False)
     rows = read_rows(tmp_path / "good" / "stations.csv")
     for row in rows:
@@ -443,7 +534,9 @@ def test_a_wrong_unit_or_no_usable_station_is_refused(tmp_path, command):
 
 
 def test_degenerate_stations_are_left_out_of_the_fit_with_their_reasons(tmp_path, command):
-    """A vertical station among good ones is refused by name, counted, and empty after apply; the fit goes on."""
+    """A vertical station among good ones is refused by name, counted, and empty after apply; the
+    fit goes on.
+    """
     simulated(tmp_path / "good", 12, count=12, references=False)
     simulated(tmp_path / "vertical", 12, count=12, references=False, inclination_deg=(0.1, 0.3))
     rows, flat = (read_rows(tmp_path / name / "stations.csv") for name in ("good", "vertical"))
@@ -453,33 +546,57 @@ def test_degenerate_stations_are_left_out_of_the_fit_with_their_reasons(tmp_path
     assert outcome.code == 0, outcome.err
     record = run.records["inclinometer_scale.json"]
     assert {f.name: f.value for f in record.figures}["stations_refused"] == 1.0
-    assert any(flag.startswith("station 3: refused: ") and "not separable" in flag for flag in record.flags)
+    assert any(
+        flag.startswith("station 3: refused: ") and "not separable" in flag for flag in record.flags
+    )
     _, written = command.apply(log, "out.csv")
-    assert [row["azimuth_deg"] == "" for row in written[6:14]] == [False, False, True, True, True, True, False, False]
+    assert [row["azimuth_deg"] == "" for row in written[6:14]] == [
+        False,
+        False,
+        True,
+        True,
+        True,
+        True,
+        False,
+        False,
+    ]
 
 
 def test_a_recipe_without_a_latitude_is_refused(tmp_path, calibkit):
-    """No [site], or none with a latitude, is an error of the recipe that names site.latitude_deg."""
+    """No [site], or none with a latitude, is an error of the recipe that names
+    site.latitude_deg.
+    """
     for site in ("", "[site]\nheight_m = 100.0\n"):
         path = tmp_path / "recipe.toml"
-        path.write_text(f'procedure = "inclinometer"\n[logs]\nfiles = ["stations.csv"]\n{site}', encoding="utf-8")
+        path.write_text(
+            f'procedure = "inclinometer"\n[logs]\nfiles = ["stations.csv"]\n{site}',
+            encoding="utf-8",
+        )
         outcome = calibkit("check", path, "--data", tmp_path)
         assert outcome.code == 2
         assert "site.latitude_deg" in outcome.err
 
 
 def test_least_squares_takes_any_sequence_and_removes_a_bias_ramp(tmp_path, command):
-    """Six positions while both biases drift by 0.05 °/h a minute: with gyro_ramp the azimuth is right to 0.05°, without not."""
+    """Six positions while both biases drift by 0.05 °/h a minute: with gyro_ramp the azimuth is
+    right to 0.05°, without not.
+    """
     rng = np.random.default_rng(1)
     rows, truth = [], []
     sequence = (0, 90, 180, 270, 0, 135)
     for station in range(12):
-        theta, phi, psi = rng.uniform(10.0, 45.0), rng.uniform(-180.0, 180.0), rng.uniform(0.0, 360.0)
+        theta, phi, psi = (
+            rng.uniform(10.0, 45.0),
+            rng.uniform(-180.0, 180.0),
+            rng.uniform(0.0, 360.0),
+        )
         truth.append(psi)
         attitude = simulator.Attitudes(*(np.full(6, v) for v in (theta, phi, psi)))
         latitude = np.radians(34.2)
         gravity = simulator.rotated(attitude, np.array([0.0, 0.0, 1.0]))
-        rate = simulator.rotated(attitude, 15.041067 * np.array([np.cos(latitude), 0.0, -np.sin(latitude)]))
+        rate = simulator.rotated(
+            attitude, 15.041067 * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
+        )
         for k, turn in enumerate(sequence):
             c, s = np.cos(np.radians(turn)), np.sin(np.radians(turn))
             row = {"station": station, "position_deg": turn, "time_s": 600.0 * station + 60.0 * k}
@@ -487,8 +604,12 @@ def test_least_squares_takes_any_sequence_and_removes_a_bias_ramp(tmp_path, comm
                 ramp = 0.05 * k if name == "gyro" else 0.0
                 unit = "dph" if name == "gyro" else "g"
                 noise = rng.normal(0.0, 1e-3 if name == "gyro" else 1e-6, 2)
-                row[f"{name}_x_{unit}"] = repr(float((vector[0] * c + vector[1] * s) / scale + ramp + noise[0]))
-                row[f"{name}_y_{unit}"] = repr(float((vector[1] * c - vector[0] * s) / scale + ramp + noise[1]))
+                row[f"{name}_x_{unit}"] = repr(
+                    float((vector[0] * c + vector[1] * s) / scale + ramp + noise[0])
+                )
+                row[f"{name}_y_{unit}"] = repr(
+                    float((vector[1] * c - vector[0] * s) / scale + ramp + noise[1])
+                )
             rows.append(row)
     log = write_rows(tmp_path / "logs" / "stations.csv", rows)
     assert command.fit(tmp_path / "logs")[0].code == 3
@@ -498,13 +619,17 @@ def test_least_squares_takes_any_sequence_and_removes_a_bias_ramp(tmp_path, comm
         outcome, _ = command.fit(tmp_path / "logs", *settings, runs=ramp)
         assert outcome.code == 0, outcome.err
         _, written = command.apply(log, f"{ramp}.csv", runs=ramp)
-        errors[ramp] = np.abs(wrapped([float(row["azimuth_deg"]) for row in written[::6]] - np.array(truth)))
+        errors[ramp] = np.abs(
+            wrapped([float(row["azimuth_deg"]) for row in written[::6]] - np.array(truth))
+        )
     assert errors["true"].max() < 0.05
     assert errors["false"].max() > 0.1
 
 
 def test_validation_needs_a_reference_azimuth(tmp_path, command):
-    """Unseen stations without azimuth_deg are refused with what to add; with it a limit of the recipe decides."""
+    """Unseen stations without azimuth_deg are refused with what to add; with it a limit of the
+    recipe decides.
+    """
     simulated(tmp_path / "fit", 13, part=slice(0, None, 2))
     simulated(tmp_path / "blind", 13, part=slice(1, None, 2), references=False)
     simulated(tmp_path / "new", 13, part=slice(1, None, 2))
@@ -520,18 +645,35 @@ def test_validation_needs_a_reference_azimuth(tmp_path, command):
 
 
 def test_the_sample_stations_go_through_every_command(tmp_path, calibkit, command, monkeypatch):
-    """The shipped logs and recipe: check, fit, show, apply, verify; the same input and date give the same bytes."""
+    """The shipped logs and recipe: check, fit, show, apply, verify; the same input and date give
+    the same bytes.
+    """
     monkeypatch.undo()
     data = ROOT / "datasets" / "inclinometer"
     assert command.check(data).code == 0
     for runs in ("a", "b"):
         outcome = calibkit(
-            "fit", "inclinometer", "--data", data, "--serial", "I", "--out", tmp_path / runs, "--date", "2026-11-21"
+            "fit",
+            "inclinometer",
+            "--data",
+            data,
+            "--serial",
+            "I",
+            "--out",
+            tmp_path / runs,
+            "--date",
+            "2026-11-21",
         )
         assert outcome.code == 0, outcome.err
         assert "Stations before (s = 1) and after" in outcome.out
     names = sorted(path.name for path in (tmp_path / "a" / "I" / "r001").iterdir())
-    assert names == ["inclinometer_scale.json", "report.html", "report.pdf", "report.txt", "run.json"]
+    assert names == [
+        "inclinometer_scale.json",
+        "report.html",
+        "report.pdf",
+        "report.txt",
+        "run.json",
+    ]
     for name in names:
         one, two = ((tmp_path / runs / "I" / "r001" / name).read_bytes() for runs in "ab")
         assert one == two, name

@@ -10,7 +10,15 @@ from calibkit import procedures, recipe
 from calibkit.simulate import campaigns
 from conftest import ROOT
 
-SHIPPED = ("accelerometer", "fog_thermal", "gyro_noise", "gyro_pair", "gyro_triad", "inclinometer", "rate_table")
+SHIPPED = (
+    "accelerometer",
+    "fog_thermal",
+    "gyro_noise",
+    "gyro_pair",
+    "gyro_triad",
+    "inclinometer",
+    "rate_table",
+)
 READ = (
     "semicolons and decimal commas",
     "Windows-1252 and German units",
@@ -62,16 +70,23 @@ def clean(tmp_path_factory):
     folder = tmp_path_factory.mktemp("clean")
     (folder / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
     spec = recipe.parse(recipe.find("fog_thermal"))
-    return dialects.Clean.of("\n".join(lines)), procedures.of(spec).read(spec, folder, "a.csv").frame
+    return (
+        dialects.Clean.of("\n".join(lines)),
+        procedures.of(spec).read(spec, folder, "a.csv").frame,
+    )
 
 
 @pytest.mark.parametrize("name", READ)
 def test_a_proposed_recipe_reads_the_log_as_it_is(name, clean, tmp_path, calibkit):
-    """Written in each dialect that names its columns, a log gives the numbers of the clean one without a word of recipe."""
+    """Written in each dialect that names its columns, a log gives the numbers of the clean one
+    without a word of recipe.
+    """
     fields, frame = clean
     dialect = dialects.DIALECTS[name]
     written = dialect.write(fields)
-    for file, content in (written if isinstance(written, dict) else {f"a{dialect.suffix}": written}).items():
+    for file, content in (
+        written if isinstance(written, dict) else {f"a{dialect.suffix}": written}
+    ).items():
         (tmp_path / file).write_bytes(content)
     text = proposed(calibkit, tmp_path)
     spec = recipe.parse(recipe.Source("proposed.toml", text))
@@ -86,10 +101,14 @@ def test_a_proposed_recipe_reads_the_log_as_it_is(name, clean, tmp_path, calibki
 
 
 def test_units_by_name_are_stated_and_findings_are_comments(tmp_path, calibkit, log_writer):
-    """Names that end in a unit get it; what check finds stands above the recipe, each line a comment."""
+    """Names that end in a unit get it; what check finds stands above the recipe, each line a
+    comment.
+    """
     time = np.arange(0.0, 600.0, 0.01)
     rng = np.random.default_rng(1)
-    axes = {f"a{axis}_mps2": 9.81 * (axis == "z") + rng.normal(0, 0.01, time.size) for axis in "xyz"}
+    axes = {
+        f"a{axis}_mps2": 9.81 * (axis == "z") + rng.normal(0, 0.01, time.size) for axis in "xyz"
+    }
     log_writer(tmp_path / "a.csv", t_s=time, **axes)
     spec = tomllib.loads(proposed(calibkit, tmp_path))
     assert spec["columns"]["accel_z_g"] == {"from": "az_mps2", "unit": "m/s^2"}
@@ -97,7 +116,9 @@ def test_units_by_name_are_stated_and_findings_are_comments(tmp_path, calibkit, 
 
 
 def test_headers_without_units_are_said_aloud_and_in_the_recipe(tmp_path, calibkit, log_writer):
-    """Columns that are recognised by name alone: which, what they would be taken in, and the key that states it."""
+    """Columns that are recognised by name alone: which, what they would be taken in, and the key
+    that states it.
+    """
     time = np.arange(0.0, 3600.0, 1.0)
     ramp = np.interp(time, [600.0, 3000.0], [-20.0, 60.0])
     rates = np.random.default_rng(1).normal(0.0, 0.5, time.size) + 10.0
@@ -110,12 +131,17 @@ def test_headers_without_units_are_said_aloud_and_in_the_recipe(tmp_path, calibk
     )
     assert f"? {said}\n" in outcome.err
     assert f"# {said}\n" in outcome.out
-    assert '[columns.gyro_dph] # no unit in the log: taken in deg/h, or state unit = "…"' in outcome.out
+    assert (
+        '[columns.gyro_dph] # no unit in the log: taken in deg/h, or state unit = "…"'
+        in outcome.out
+    )
     assert "No unit" not in calibkit("init", "--from", ROOT / "datasets" / "fog_thermal").err
 
 
 def test_where_nothing_is_proposed_missing_units_are_named_and_stdout_is_empty(tmp_path, calibkit):
-    """Names that say nothing, of which some state no unit: exit code 3, and those are told with what to do."""
+    """Names that say nothing, of which some state no unit: exit code 3, and those are told with
+    what to do.
+    """
     (tmp_path / "a.csv").write_text("Ch 1;Ch 2 [V]\n" + "1,5;2,5\n" * 50, encoding="utf-8")
     outcome = calibkit("init", "--from", tmp_path)
     assert (outcome.code, outcome.out) == (3, "")
@@ -124,7 +150,9 @@ def test_where_nothing_is_proposed_missing_units_are_named_and_stdout_is_empty(t
 
 
 def test_nothing_is_proposed_where_the_columns_say_nothing(tmp_path, calibkit):
-    """No log, a log without names, and names that mean nothing: an error with exit code 3 that shows what is there."""
+    """No log, a log without names, and names that mean nothing: an error with exit code 3 that
+    shows what is there.
+    """
     assert calibkit("init", "--from", tmp_path / "none").code == 2
     assert calibkit("init", "--from", tmp_path).code == 3
     (tmp_path / "a.csv").write_text("foo,bar\n1,2\n3,4\n5,6\n", encoding="utf-8")
@@ -137,13 +165,26 @@ def test_nothing_is_proposed_where_the_columns_say_nothing(tmp_path, calibkit):
     assert "names" in outcome.err
 
 
-def test_two_temperatures_without_a_word_are_told_from_each_other_aloud(tmp_path, calibkit, log_writer):
-    """Of two columns that could be the case both are mapped, and a comment says what else could be."""
+def test_two_temperatures_without_a_word_are_told_from_each_other_aloud(
+    tmp_path, calibkit, log_writer
+):
+    """Of two columns that could be the case both are mapped, and a comment says what else could
+    be.
+    """
     time = np.arange(100.0)
-    log_writer(tmp_path / "a.csv", time=time, T1=20.0 + time / 10, T2=20.0 + time / 9, gyro=1.0 + 0.1 * np.sin(time))
+    log_writer(
+        tmp_path / "a.csv",
+        time=time,
+        T1=20.0 + time / 10,
+        T2=20.0 + time / 9,
+        gyro=1.0 + 0.1 * np.sin(time),
+    )
     text = proposed(calibkit, tmp_path)
     spec = tomllib.loads(text)
-    assert {spec["columns"][name]["from"] for name in ("temp_case_degc", "temp_env_degc")} == {"T1", "T2"}
+    assert {spec["columns"][name]["from"] for name in ("temp_case_degc", "temp_env_degc")} == {
+        "T1",
+        "T2",
+    }
     assert "Check every unit, sign and column" in text
 
 
@@ -151,14 +192,26 @@ def triad_log(write, path, **names):
     """Write a table run of three gyros with other axis names."""
     rate = np.repeat([0.0, 2.0, -2.0, 5.0, -5.0], 20)
     noise = np.random.default_rng(len(path.name)).normal(0.0, 3.0, (3, rate.size))
-    gyros = {name: gain * rate + row for (name, gain), row in zip(names.items(), noise, strict=True)}
+    gyros = {
+        name: gain * rate + row for (name, gain), row in zip(names.items(), noise, strict=True)
+    }
     write(path, time_s=np.arange(1.0, rate.size + 1.0), table_rate_dps=rate, **gyros)
 
 
-def test_gyros_over_three_named_table_axes_are_a_triad_with_its_axes(tmp_path, calibkit, log_writer):
-    """The letter in a log's name is its table axis; without one in each name the logs are runs of a rate table."""
+def test_gyros_over_three_named_table_axes_are_a_triad_with_its_axes(
+    tmp_path, calibkit, log_writer
+):
+    """The letter in a log's name is its table axis; without one in each name the logs are runs of a
+    rate table.
+    """
     for name in ("run1_X", "run2_X", "run1_Y", "run1_Z"):
-        triad_log(log_writer, tmp_path / f"{name}.csv", gyro_a_lsb=9000.0, gyro_b_lsb=20.0, gyro_c_lsb=-30.0)
+        triad_log(
+            log_writer,
+            tmp_path / f"{name}.csv",
+            gyro_a_lsb=9000.0,
+            gyro_b_lsb=20.0,
+            gyro_c_lsb=-30.0,
+        )
     spec = tomllib.loads(proposed(calibkit, tmp_path))
     assert spec["procedure"] == "gyro_triad"
     assert spec["gyros"] == ["a", "b", "c"]
@@ -179,7 +232,9 @@ def test_gyros_over_three_named_table_axes_are_a_triad_with_its_axes(tmp_path, c
 def test_a_long_record_at_one_temperature_is_one_of_noise(
     rows, step_s, moved_degc, procedure, tmp_path, calibkit, log_writer
 ):
-    """Rows and minutes enough within two degrees are noise; a ramp, a short record and ten quick seconds are not."""
+    """Rows and minutes enough within two degrees are noise; a ramp, a short record and ten quick
+    seconds are not.
+    """
     rng = np.random.default_rng(4)
     case = 25.0 + moved_degc * np.linspace(0.0, 1.0, rows)
     rate = {f"gyro_{axis}_dph": 8.0 + rng.normal(0.0, 0.2, rows) for axis in "xy"}
@@ -193,8 +248,14 @@ def test_a_long_record_at_one_temperature_is_one_of_noise(
 
 
 def test_rates_beside_a_chamber_log_are_no_record_at_rest(tmp_path, calibkit, log_writer):
-    """Where only another logger has the temperature, nothing is proposed: nothing says that it stood still."""
+    """Where only another logger has the temperature, nothing is proposed: nothing says that it
+    stood still.
+    """
     time = np.arange(2000.0)
-    log_writer(tmp_path / "gyro.csv", time_s=time, gyro_dph=8.0 + np.random.default_rng(4).normal(0.0, 0.2, time.size))
+    log_writer(
+        tmp_path / "gyro.csv",
+        time_s=time,
+        gyro_dph=8.0 + np.random.default_rng(4).normal(0.0, 0.2, time.size),
+    )
     log_writer(tmp_path / "chamber.csv", time_s=time, temp_env_degc=25.0 + time / 100.0)
     assert calibkit("init", "--from", tmp_path).code == 3

@@ -1,4 +1,6 @@
-"""The lagged model: coil temperatures by exact lags, time constants by variable projection, evaluation at run time."""
+"""The lagged model: coil temperatures by exact lags, time constants by variable projection,
+evaluation at run time.
+"""
 
 import numpy as np
 import pytest
@@ -7,10 +9,10 @@ from hypothesis import strategies as st
 from scipy.linalg import expm
 
 from calibkit.errors import FitError
-from calibkit.numeric import coil, lagged, level, thermal_drift, thermal_fit
-from calibkit.numeric.lagged import LAGGED_TERMS
-from calibkit.numeric.thermal_fit import ThermalLog
-from calibkit.numeric.thermal_terms import TERMS, raw_design
+from calibkit.instruments.fog_thermal.numeric import coil, evaluate, lagged, level, pooled_fit
+from calibkit.instruments.fog_thermal.numeric.lagged import LAGGED_TERMS
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS, raw_design
 
 LAGS = (210.0, 120.0)
 TRUE = np.array([8.0, 9e-3, -3e-4, 2e-6, 0.12, -0.03, 4e-4, 1.3e-4, 0.0])
@@ -18,10 +20,14 @@ TRUE = np.array([8.0, 9e-3, -3e-4, 2e-6, 0.12, -0.03, 4e-4, 1.3e-4, 0.0])
 
 
 def case_of(rate, seconds, step=10.0, lag=250.0):
-    """Return time [s] and case temperature [°C] of a ramp between soaks, behind the air by a lag."""
+    """Return time [s] and case temperature [°C] of a ramp between soaks, behind the air by a
+    lag.
+    """
     time = np.arange(0.0, seconds, step)
     ends = (-40.0, 60.0) if rate > 0 else (60.0, -40.0)
-    air = np.clip(ends[0] + rate / 60.0 * np.maximum(time - 600.0, 0.0), -40.0, 60.0) + 0.3 * np.sin(time / 400.0)
+    air = np.clip(
+        ends[0] + rate / 60.0 * np.maximum(time - 600.0, 0.0), -40.0, 60.0
+    ) + 0.3 * np.sin(time / 400.0)
     case = np.empty_like(air)
     case[0] = air[0]
     for k in range(1, time.size):
@@ -41,17 +47,29 @@ def campaign(*, noise=0.0, seed=0, coefficients=TRUE, lags=LAGS):
     logs = []
     for k, rate in enumerate((1.0, -1.0, 5.0, -5.0, 10.0, -10.0)):
         time, case = case_of(rate, 9000.0 if abs(rate) < 2.0 else 4500.0)
-        seen = drift_of(time, case, coefficients, lags) + 0.03 * (-1.0) ** k + rng.normal(0.0, 1.0, time.size) * noise
-        logs.append(ThermalLog(f"ramp {rate:+g}", time, case, case - 2.0, seen, np.zeros(time.size, dtype=np.int64)))
+        seen = (
+            drift_of(time, case, coefficients, lags)
+            + 0.03 * (-1.0) ** k
+            + rng.normal(0.0, 1.0, time.size) * noise
+        )
+        logs.append(
+            ThermalLog(
+                f"ramp {rate:+g}", time, case, case - 2.0, seen, np.zeros(time.size, dtype=np.int64)
+            )
+        )
     return logs
 
 
 # coil temperatures
 
 
-@pytest.mark.parametrize("lags", [(210.0, 120.0), (120.0, 210.0), (150.0, 150.0), (20.0, 3600.0), (3600.0, 20.0)])
+@pytest.mark.parametrize(
+    "lags", [(210.0, 120.0), (120.0, 210.0), (150.0, 150.0), (20.0, 3600.0), (3600.0, 20.0)]
+)
 def test_the_coil_follows_the_matrix_exponential_on_any_sampling(lags):
-    """On irregular samples, straight between them, both temperatures agree with the exact solution to 1e-9 °C."""
+    """On irregular samples, straight between them, both temperatures agree with the exact solution
+    to 1e-9 °C.
+    """
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(1.0, 40.0, 200))
     time[120:] += 5000.0
@@ -74,11 +92,15 @@ def test_the_coil_follows_the_matrix_exponential_on_any_sampling(lags):
 @settings(max_examples=25, deadline=None)
 @given(outer=st.floats(20.0, 3600.0), inner=st.floats(20.0, 3600.0), finer=st.integers(2, 10))
 def test_the_sampling_makes_no_difference(outer, inner, finer):
-    """A case that is straight between samples gives the same coil at the common instants of a finer sampling."""
+    """A case that is straight between samples gives the same coil at the common instants of a finer
+    sampling.
+    """
     rng = np.random.default_rng(finer)
     time = np.cumsum(rng.uniform(5.0, 20.0, 60))
     case = np.cumsum(rng.normal(0.0, 1.0, 60))
-    fine = np.sort(np.concatenate([time, *(time[:-1] + np.diff(time) * k / finer for k in range(1, finer))]))
+    fine = np.sort(
+        np.concatenate([time, *(time[:-1] + np.diff(time) * k / finer for k in range(1, finer))])
+    )
     coarse = coil.temperatures(coil.path([(time, case)]), outer, inner)
     finely = coil.temperatures(coil.path([(fine, np.interp(fine, time, case))]), outer, inner)
     for a, b in zip(coarse, finely, strict=True):
@@ -86,7 +108,9 @@ def test_the_sampling_makes_no_difference(outer, inner, finer):
 
 
 def test_on_a_long_ramp_each_temperature_is_behind_by_rate_times_lag():
-    """Outer = case − r τ_o, inner = outer − r τ_i, and both rates are the ramp's; without overflow over 300,000 s."""
+    """Outer = case − r τ_o, inner = outer − r τ_i, and both rates are the ramp's; without overflow
+    over 300,000 s.
+    """
     time = np.arange(0.0, 300_000.0, 10.0)
     drivers = coil.drivers(coil.path([(time, 0.001 * time)]), 200.0, 100.0)
     assert 0.001 * time[-1] - drivers.temperature[-1] == pytest.approx(0.2, abs=1e-9)  # °C
@@ -98,7 +122,9 @@ def test_on_a_long_ramp_each_temperature_is_behind_by_rate_times_lag():
 def test_a_gap_of_days_leaves_the_coil_where_the_case_is():
     """After a gap a thousand lags long the coil is behind its case by slope times lag."""
     time = np.array([0.0, 10.0, 20.0, 1e6, 1e6 + 10.0])
-    outer, inner, _ = coil.temperatures(coil.path([(time, np.array([0.0, 1.0, 2.0, 30.0, 30.0]))]), 150.0, 80.0)
+    outer, inner, _ = coil.temperatures(
+        coil.path([(time, np.array([0.0, 1.0, 2.0, 30.0, 30.0]))]), 150.0, 80.0
+    )
     slope = 28.0 / (1e6 - 20.0)
     assert outer[3] == pytest.approx(30.0 - slope * 150.0, abs=1e-9)  # °C
     assert inner[3] == pytest.approx(30.0 - slope * 230.0, abs=1e-9)  # °C
@@ -117,14 +143,20 @@ def test_logs_side_by_side_are_logs_one_by_one():
 def test_a_single_sample_is_at_rest():
     """One instant tells of no motion."""
     drivers = coil.drivers(coil.path([(np.array([5.0]), np.array([31.0]))]), 100.0, 50.0)
-    assert [float(x[0]) for x in (drivers.temperature, drivers.rate, drivers.gradient)] == [31.0, 0.0, 0.0]
+    assert [float(x[0]) for x in (drivers.temperature, drivers.rate, drivers.gradient)] == [
+        31.0,
+        0.0,
+        0.0,
+    ]
 
 
 # fit
 
 
 def test_a_drift_of_the_family_is_found_again():
-    """Without noise both lags come back within 0.01 s and the coefficients to 1e-4 of themselves."""
+    """Without noise both lags come back within 0.01 s and the coefficients to 1e-4 of
+    themselves.
+    """
     model = lagged.fit(campaign())
     assert model.lags == pytest.approx(LAGS, abs=0.01)  # s
     assert model.coefficients == pytest.approx(TRUE, rel=1e-4, abs=1e-12)
@@ -133,7 +165,9 @@ def test_a_drift_of_the_family_is_found_again():
 
 
 def test_a_coil_of_one_mass_has_one_lag():
-    """Without a gradient among the terms only tau_outer is fitted, and the gradient terms are zero."""
+    """Without a gradient among the terms only tau_outer is fitted, and the gradient terms are
+    zero.
+    """
     terms = ("b0", "b1", "b2", "b3", "s_rate")
     true = TRUE * np.isin(TERMS, terms)
     model = lagged.fit(campaign(coefficients=true, lags=(260.0,)), terms)
@@ -143,15 +177,21 @@ def test_a_coil_of_one_mass_has_one_lag():
 
 
 def test_the_lags_are_those_of_an_exhaustive_search():
-    """In noise no pair of lags on a fine grid fits better, and the best on the grid is next to the fit."""
+    """In noise no pair of lags on a fine grid fits better, and the best on the grid is next to the
+    fit.
+    """
     logs = campaign(noise=0.02, seed=3)
-    stacked = thermal_fit.stack(logs)
+    stacked = pooled_fit.stack(logs)
     surveyed = lagged.survey(stacked)
     solution = lagged.solve(surveyed, LAGGED_TERMS)
     everything = np.ones(len(stacked.ramps), dtype=bool)
     problem = lagged.Problem(surveyed, np.arange(1, 8), solution.weights, everything)
     outer, inner = np.exp(solution.log_lags)
-    grid = [(a, b) for a in outer * np.geomspace(0.9, 1.1, 21) for b in inner * np.geomspace(0.8, 1.25, 21)]
+    grid = [
+        (a, b)
+        for a in outer * np.geomspace(0.9, 1.1, 21)
+        for b in inner * np.geomspace(0.8, 1.25, 21)
+    ]
     squares = [_square(problem, np.log(point)) for point in grid]
     least = _square(problem, solution.log_lags)
     assert least <= min(squares) * (1.0 + 1e-9)
@@ -174,7 +214,9 @@ def test_the_order_of_the_logs_does_not_matter():
 
 
 def test_uncertainties_of_lags_and_coefficients_hold():
-    """Of 12 gyros with white noise the errors are 0.6 to 1.4 of the stated uncertainties (rms), no one beyond 4."""
+    """Of 12 gyros with white noise the errors are 0.6 to 1.4 of the stated uncertainties (rms), no
+    one beyond 4.
+    """
     errors = []
     for seed in range(12):
         model = lagged.fit(campaign(noise=0.01, seed=seed))
@@ -182,26 +224,39 @@ def test_uncertainties_of_lags_and_coefficients_hold():
         expected = np.concatenate([TRUE, LAGS])
         stated = model.standard_uncertainty
         known = stated > 0.0
-        errors.append((np.concatenate([model.coefficients, model.lags]) - expected)[known] / stated[known])
+        errors.append(
+            (np.concatenate([model.coefficients, model.lags]) - expected)[known] / stated[known]
+        )
     assert 0.6 < np.sqrt(np.mean(np.square(errors))) < 1.4
     assert np.max(np.abs(errors)) < 4.0
 
 
 def test_lags_that_leave_no_trace_are_said_to_be_undetermined():
-    """Where the drift is a function of the case alone the outer lag is on its bound, flagged, and no uncertainty is stated."""
+    """Where the drift is a function of the case alone the outer lag is on its bound, flagged, and
+    no uncertainty is stated.
+    """
     logs = []
     for log in campaign(noise=0.02):
-        seen = 9e-3 * log.case + np.random.default_rng(len(log.name)).normal(0.0, 0.02, log.case.size)
+        seen = 9e-3 * log.case + np.random.default_rng(len(log.name)).normal(
+            0.0, 0.02, log.case.size
+        )
         logs.append(ThermalLog(log.name, log.time, log.case, log.env, seen, log.part))
     model = lagged.fit(logs)
-    assert any("the logs do not determine it" in flag or "hardly determined" in flag for flag in model.flags)
+    assert any(
+        "the logs do not determine it" in flag or "hardly determined" in flag
+        for flag in model.flags
+    )
     assert {"tau_outer", "s_rate"} <= set(model.entangled)
 
 
 def test_a_lag_known_to_a_third_only_is_flagged_with_the_terms_it_is_one_with():
-    """In strong noise the inner lag is hardly determined: its interval and those of rate and gradient do not stand alone."""
+    """In strong noise the inner lag is hardly determined: its interval and those of rate and
+    gradient do not stand alone.
+    """
     model = lagged.fit(campaign(noise=0.2))
-    assert model.flags == ("tau_inner is 155 s with a relative standard uncertainty of 0.6: hardly determined",)
+    assert model.flags == (
+        "tau_inner is 155 s with a relative standard uncertainty of 0.6: hardly determined",
+    )
     assert model.entangled == ("tau_inner", "s_rate", "s_grad", "s_grad2")
 
 
@@ -214,7 +269,9 @@ def test_the_rate_of_the_gradient_is_refused_as_a_term():
 def test_a_case_that_never_moves_is_refused():
     """Constant temperature determines nothing."""
     still = [
-        ThermalLog(log.name, log.time, np.full(log.time.size, 20.0), log.env, log.indication, log.part)
+        ThermalLog(
+            log.name, log.time, np.full(log.time.size, 20.0), log.env, log.indication, log.part
+        )
         for log in campaign(noise=0.02)
     ]
     with pytest.raises(FitError, match="cannot determine"):
@@ -225,16 +282,20 @@ def test_a_case_that_never_moves_is_refused():
 
 
 def test_leaving_out_a_ramp_is_fitting_the_others():
-    """One Gauss-Newton step from the fit to all ramps predicts the left-out one as the full fit to the others does."""
+    """One Gauss-Newton step from the fit to all ramps predicts the left-out one as the full fit to
+    the others does.
+    """
     logs = campaign(noise=0.05, seed=9)
-    stacked = thermal_fit.stack(logs)
+    stacked = pooled_fit.stack(logs)
     surveyed = lagged.survey(stacked)
     solution = lagged.solve(surveyed, LAGGED_TERMS)
     everything = np.ones(len(stacked.ramps), dtype=bool)
     problem = lagged.Problem(surveyed, np.arange(1, 8), solution.weights, everything)
     near = lagged.tangent(problem, solution.log_lags)
     for ramp, rows in enumerate(stacked.ramps):
-        others = lagged.Problem(surveyed, np.arange(1, 8), solution.weights, np.arange(len(logs)) != ramp)
+        others = lagged.Problem(
+            surveyed, np.arange(1, 8), solution.weights, np.arange(len(logs)) != ramp
+        )
         full = lagged.projected(others, solution.log_lags)
         expected = (others.design(full.log_lags) @ full.coefficients)[rows]
         found = lagged.without(near, ramp)[1][rows]
@@ -250,7 +311,7 @@ def test_a_known_log_is_compensated_exactly():
     """On a ramp that was not fitted the drift of a known coil is taken off to 1e-4 °/h."""
     model = lagged.fit(campaign())
     time, case = case_of(3.0, 7000.0)
-    found = thermal_drift.evaluate(model, time, case, case)
+    found = evaluate.evaluate(model, time, case, case)
     true = drift_of(time, case)
     assert np.std(true - found.drift) < 1e-4  # °/h, of 0.4
     rest = drift_of(np.arange(3.0), np.full(3, 25.0))[0]
@@ -262,8 +323,8 @@ def test_evaluation_at_1_hz_agrees_with_evaluation_on_blocks():
     model = lagged.fit(campaign())
     time, case = case_of(6.0, 4000.0)
     fine = np.arange(0.0, time[-1] + 0.5)
-    slow = thermal_drift.evaluate(model, time, case, case).drift
-    fast = thermal_drift.evaluate(model, fine, np.interp(fine, time, case), np.zeros(fine.size)).drift
+    slow = evaluate.evaluate(model, time, case, case).drift
+    fast = evaluate.evaluate(model, fine, np.interp(fine, time, case), np.zeros(fine.size)).drift
     assert fast[::10] == pytest.approx(slow, abs=1e-9)  # °/h
 
 
@@ -272,7 +333,7 @@ def test_the_drift_knows_no_future():
     model = lagged.fit(campaign())
     time, case = case_of(6.0, 4000.0)
     other = np.where(time > 2000.0, case + 5.0, case)
-    a, b = (thermal_drift.evaluate(model, time, x, x).drift for x in (case, other))
+    a, b = (evaluate.evaluate(model, time, x, x).drift for x in (case, other))
     assert np.array_equal(a[time <= 2000.0], b[time <= 2000.0])
 
 
@@ -282,17 +343,22 @@ def test_sensitivities_are_the_derivatives_of_the_drift():
 
     model = lagged.fit(campaign(noise=0.01))
     time, case = case_of(6.0, 4000.0)
-    found = thermal_drift.evaluate(model, time, case, case)
+    found = evaluate.evaluate(model, time, case, case)
     for k, lag in enumerate(model.lags):
         lags = tuple(value * (1.0 + 1e-6 * (j == k)) for j, value in enumerate(model.lags))
         wide = replace(model, lags=lags)
-        moved = (thermal_drift.evaluate(wide, time, case, case).drift - found.drift) / (lag * 1e-6)
-        assert found.sensitivities[:, 9 + k] == pytest.approx(moved, abs=2e-3 * np.max(np.abs(moved)))
+        moved = (evaluate.evaluate(wide, time, case, case).drift - found.drift) / (lag * 1e-6)
+        assert found.sensitivities[:, 9 + k] == pytest.approx(
+            moved, abs=2e-3 * np.max(np.abs(moved))
+        )
     for k in range(1, 8):
         step = 1e-6 * abs(model.coefficients[k])
         coefficients = model.coefficients.copy()
         coefficients[k] += step
-        moved = thermal_drift.evaluate(replace(model, coefficients=coefficients), time, case, case).drift - found.drift
+        moved = (
+            evaluate.evaluate(replace(model, coefficients=coefficients), time, case, case).drift
+            - found.drift
+        )
         assert found.sensitivities[:, k] == pytest.approx(
             moved / step, rel=1e-5, abs=1e-6 * np.max(np.abs(moved / step))
         )
@@ -302,8 +368,8 @@ def test_a_ramp_faster_than_any_fitted_is_clamped_and_flagged():
     """At 30 °C/min rate and gradient are held at the fitted bounds, and the masks say where."""
     model = lagged.fit(campaign())
     time, case = case_of(30.0, 4000.0, lag=60.0)
-    found = thermal_drift.evaluate(model, time, case, case)
-    drivers = thermal_drift.drivers(model, time, case, case)
+    found = evaluate.evaluate(model, time, case, case)
+    drivers = evaluate.drivers(model, time, case, case)
     assert np.array_equal(found.rate_clamped, drivers.rate > model.valid.rate[1])
     assert np.array_equal(found.gradient_clamped, drivers.gradient > model.valid.gradient[1])
     assert found.rate_clamped.any()
@@ -313,4 +379,7 @@ def test_a_ramp_faster_than_any_fitted_is_clamped_and_flagged():
 def test_a_lagged_truth_is_beyond_a_level_model():
     """The level model leaves more than five times what the lagged one leaves of a lagged drift."""
     logs = campaign(noise=0.01)
-    assert level.fit(logs, ("b0", "b1", "b2", "b3", "s_rate")).residual_rms > 5.0 * lagged.fit(logs).residual_rms
+    assert (
+        level.fit(logs, ("b0", "b1", "b2", "b3", "s_rate")).residual_rms
+        > 5.0 * lagged.fit(logs).residual_rms
+    )

@@ -1,4 +1,6 @@
-"""The level model: causal rates without delay, one robust fit over all logs, coefficients in raw units."""
+"""The level model: causal rates without delay, one robust fit over all logs, coefficients in raw
+units.
+"""
 
 import numpy as np
 import pytest
@@ -6,16 +8,20 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric import level, thermal_drift, thermal_fit, thermal_noise, thermal_terms
-from calibkit.numeric.thermal_fit import ThermalLog
-from calibkit.numeric.thermal_terms import TERMS, Drivers, Scales, Valid, raw_design
+from calibkit.instruments.fog_thermal.numeric import evaluate, level, pooled_fit
+from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
+from calibkit.instruments.fog_thermal.numeric import terms as thermal_terms
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS, Drivers, Scales, Valid, raw_design
 
 TRUE = np.array([8.0, 9e-3, -3e-4, 2e-6, -0.18, -0.05, 4e-4, 1.3e-3, 0.015])
 """A drift of about 1 °/h over −40 … 60 °C."""
 
 
 def temperatures(rate, seconds=9000.0, step=10.0, lag=300.0):
-    """Return time [s], case and chamber temperature [°C] of a ramp between soaks, the case behind by a lag."""
+    """Return time [s], case and chamber temperature [°C] of a ramp between soaks, the case behind
+    by a lag.
+    """
     time = np.arange(0.0, seconds, step)
     ends = (-40.0, 60.0) if rate > 0 else (60.0, -40.0)
     start = 900.0
@@ -58,7 +64,9 @@ def campaign(*, noise=0.0, turn_on=0.0, seed=0, coefficients=TRUE):
 
 
 def test_the_rate_of_a_parabola_is_exact_at_every_instant_on_any_sampling():
-    """No delay: T = 3 + 0.02 t − 1e-5 t² has the rate 0.02 − 2e-5 t at once, sampled irregularly, across a gap too."""
+    """No delay: T = 3 + 0.02 t − 1e-5 t² has the rate 0.02 − 2e-5 t at once, sampled irregularly,
+    across a gap too.
+    """
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(2.0, 12.0, 300))
     time[150:] += 60.0
@@ -90,7 +98,9 @@ def test_the_rate_knows_no_future():
 
 
 def test_a_quantised_thermometer_shows_no_steps_in_the_rate():
-    """At 1 °C/min, read to 0.0625 °C with 0.02 °C noise at 1 Hz and averaged over 10 s, the rate is off by < 0.1 °C/min."""
+    """At 1 °C/min, read to 0.0625 °C with 0.02 °C noise at 1 Hz and averaged over 10 s, the rate is
+    off by < 0.1 °C/min.
+    """
     rng = np.random.default_rng(3)
     true = np.arange(6000) / 60.0
     read = np.round((true + rng.normal(0.0, 0.02, 6000)) / 0.0625) * 0.0625
@@ -124,7 +134,9 @@ def test_scaled_coefficients_mean_the_same_drift_in_raw_units(seed):
     scales = Scales(rng.uniform(-20.0, 20.0), rng.uniform(10.0, 60.0), *rng.uniform(1.0, 20.0, 3))
     beta = rng.normal(0.0, 1.0, 9)
     expected = thermal_terms.scaled_design(drivers, scales) @ beta
-    assert raw_design(drivers) @ (thermal_terms.to_raw(scales) @ beta) == pytest.approx(expected, rel=1e-9, abs=1e-9)
+    assert raw_design(drivers) @ (thermal_terms.to_raw(scales) @ beta) == pytest.approx(
+        expected, rel=1e-9, abs=1e-9
+    )
 
 
 @pytest.mark.parametrize(
@@ -146,7 +158,9 @@ def test_a_term_set_that_means_nothing_is_refused(terms, message):
 
 
 def test_a_drift_of_the_family_is_found_again():
-    """Without noise all nine coefficients come back to 1e-7 of themselves, and the turn-on biases of the logs."""
+    """Without noise all nine coefficients come back to 1e-7 of themselves, and the turn-on biases
+    of the logs.
+    """
     model = level.fit(campaign(turn_on=0.05))
     assert model.coefficients == pytest.approx(TRUE, rel=1e-7)
     assert model.turn_on == pytest.approx(0.05 * np.array([1.0, -1.0] * 4), abs=1e-9)  # °/h
@@ -155,7 +169,9 @@ def test_a_drift_of_the_family_is_found_again():
 
 
 def test_b0_is_known_no_better_than_the_turn_on_bias_lets_it_be():
-    """Eight logs whose bias scatters by 0.5 °/h give their mean to 0.19 °/h, the other coefficients as without."""
+    """Eight logs whose bias scatters by 0.5 °/h give their mean to 0.19 °/h, the other coefficients
+    as without.
+    """
     quiet, loud = level.fit(campaign(noise=0.1)), level.fit(campaign(noise=0.1, turn_on=0.5))
     expected = 0.5 * np.sqrt(8.0 / 7.0) / np.sqrt(8.0)
     assert loud.standard_uncertainty[0] == pytest.approx(expected, rel=0.02)  # °/h
@@ -163,15 +179,19 @@ def test_b0_is_known_no_better_than_the_turn_on_bias_lets_it_be():
 
 
 def test_block_means_of_a_log_are_free_of_spikes_and_keep_their_ramp():
-    """A log at 1 Hz with spikes gives the block means of the clean one within noise; the ramp is that of the first sample."""
+    """A log at 1 Hz with spikes gives the block means of the clean one within noise; the ramp is
+    that of the first sample.
+    """
     rng = np.random.default_rng(6)
     time = np.arange(1000.0)
     case, env = 0.01 * time, 0.02 * time
     clean = rng.normal(8.0, 0.5, 1000)
     spiked = clean + 40.0 * (rng.random(1000) < 0.01)
     second = int(np.searchsorted(time, 605.0))
-    log = thermal_fit.thermal_log("log", time, case, env, spiked, 10.0, [second])
-    assert log.indication == pytest.approx(clean.reshape(100, 10).mean(axis=1), abs=0.5)  # °/h, of 4
+    log = pooled_fit.thermal_log("log", time, case, env, spiked, 10.0, [second])
+    assert log.indication == pytest.approx(
+        clean.reshape(100, 10).mean(axis=1), abs=0.5
+    )  # °/h, of 4
     assert log.case == pytest.approx(case.reshape(100, 10).mean(axis=1), abs=1e-12)
     assert log.env == pytest.approx(env.reshape(100, 10).mean(axis=1), abs=1e-12)
     assert log.part.tolist() == [0] * 61 + [1] * 39
@@ -181,11 +201,15 @@ def test_the_order_of_the_logs_does_not_matter():
     """Reversed logs give the same coefficients to 1e-6 of their standard uncertainty."""
     logs = campaign(noise=0.1)
     there, back = level.fit(logs), level.fit(logs[::-1])
-    assert np.max(np.abs(there.coefficients - back.coefficients) / there.standard_uncertainty) < 1e-6
+    assert (
+        np.max(np.abs(there.coefficients - back.coefficients) / there.standard_uncertainty) < 1e-6
+    )
 
 
 def test_spikes_that_survive_averaging_have_no_say():
-    """With 1 % of the blocks off by 30 standard deviations the coefficients move by less than half of their uncertainty."""
+    """With 1 % of the blocks off by 30 standard deviations the coefficients move by less than half
+    of their uncertainty.
+    """
     clean = campaign(noise=0.1, seed=4)
     rng = np.random.default_rng(5)
     spiked = []
@@ -200,11 +224,13 @@ def test_spikes_that_survive_averaging_have_no_say():
 
 
 def test_a_lasting_misfit_keeps_its_say():
-    """Where the static model misses every transient by ten times the noise, no transient is thrown out as an outlier."""
+    """Where the static model misses every transient by ten times the noise, no transient is thrown
+    out as an outlier.
+    """
     logs = campaign(noise=0.01)
-    stacked = thermal_fit.stack(logs)
+    stacked = pooled_fit.stack(logs)
     basis = level.basis(stacked)
-    trust = thermal_fit.trust(basis.design[:, 1:4], stacked)
+    trust = pooled_fit.trust(basis.design[:, 1:4], stacked)
     missed = np.abs(basis.drivers.rate) > 3.0
     assert np.mean(trust[missed]) > 0.8
 
@@ -234,7 +260,9 @@ def test_unusable_logs_are_refused(logs, message):
 
 
 def test_stated_uncertainties_hold_in_flicker_noise_and_those_of_white_noise_do_not():
-    """Of 16 gyros the errors are 0.65 to 1.1 of the stated uncertainties (rms), 1.3 times those of ordinary least squares."""
+    """Of 16 gyros the errors are 0.65 to 1.1 of the stated uncertainties (rms), 1.3 times those of
+    ordinary least squares.
+    """
     stated, naive = [], []
     # the factor of a shorter log is the corner of that of a longer one
     root = np.linalg.cholesky(thermal_noise.flicker_kernel(900))
@@ -254,18 +282,24 @@ def test_stated_uncertainties_hold_in_flicker_noise_and_those_of_white_noise_do_
 
 
 def _white_uncertainty(logs):
-    """Return ordinary least-squares uncertainties [8] of the coefficients beyond b0 by a plain fit with a dummy a log."""
+    """Return ordinary least-squares uncertainties [8] of the coefficients beyond b0 by a plain fit
+    with a dummy a log.
+    """
     columns, indication = [], np.concatenate([log.indication for log in logs])
     for number, log in enumerate(logs):
         dummy = np.zeros((log.time.size, len(logs)))
         dummy[:, number] = 1.0
-        columns.append(np.hstack([dummy, raw_design(level.drivers(log.time, log.case, log.env))[:, 1:]]))
+        columns.append(
+            np.hstack([dummy, raw_design(level.drivers(log.time, log.case, log.env))[:, 1:]])
+        )
     design = np.vstack(columns)
     found, square, *_ = np.linalg.lstsq(design, indication)
     variance = float(square[0]) / (len(indication) - len(found))
     scale = np.linalg.norm(design, axis=0)
     return (
-        np.sqrt(np.diag(np.linalg.inv((design / scale).T @ (design / scale))) * variance)[len(logs) :]
+        np.sqrt(np.diag(np.linalg.inv((design / scale).T @ (design / scale))) * variance)[
+            len(logs) :
+        ]
         / scale[len(logs) :]
     )
 
@@ -277,25 +311,31 @@ def test_drift_is_zero_at_rest_at_the_reference_temperature_and_keeps_the_mean_r
     """b0 is no drift; at 25 °C at rest nothing is taken off, at 60 °C what the polynomial says."""
     model = level.fit(campaign())
     still = np.arange(30) * 10.0
-    rest = thermal_drift.evaluate(model, still, np.full(30, 25.0), np.full(30, 25.0))
+    rest = evaluate.evaluate(model, still, np.full(30, 25.0), np.full(30, 25.0))
     assert rest.drift == pytest.approx(np.zeros(30), abs=1e-9)  # °/h
-    warm = thermal_drift.evaluate(model, still, np.full(30, 50.0), np.full(30, 50.0)).drift
+    warm = evaluate.evaluate(model, still, np.full(30, 50.0), np.full(30, 50.0)).drift
     powers = np.array([[25.0**k, 50.0**k] for k in range(1, 4)])
-    assert warm == pytest.approx(np.full(30, TRUE[1:4] @ (powers[:, 1] - powers[:, 0])), abs=1e-6)  # °/h
+    assert warm == pytest.approx(
+        np.full(30, TRUE[1:4] @ (powers[:, 1] - powers[:, 0])), abs=1e-6
+    )  # °/h
 
 
 def test_outside_the_fitted_ranges_the_drift_is_held_and_flagged():
-    """At 80 °C the drift is that of the hottest fitted case, and the mask says so; what was taken off is known."""
+    """At 80 °C the drift is that of the hottest fitted case, and the mask says so; what was taken
+    off is known.
+    """
     model = level.fit(campaign())
     time = np.arange(40) * 10.0
-    hot = thermal_drift.evaluate(model, time, np.full(40, 80.0), np.full(40, 80.0))
+    hot = evaluate.evaluate(model, time, np.full(40, 80.0), np.full(40, 80.0))
     edge = np.full(40, model.valid.temperature[1])
-    assert hot.drift == pytest.approx(thermal_drift.evaluate(model, time, edge, edge).drift, abs=1e-12)  # °/h
+    assert hot.drift == pytest.approx(
+        evaluate.evaluate(model, time, edge, edge).drift, abs=1e-12
+    )  # °/h
     assert hot.temperature_clamped.all()
     assert not hot.rate_clamped.any()
     assert not hot.gradient_clamped.any()
     assert np.all(np.abs(hot.beyond) > 0.05)  # °/h
-    away = thermal_drift.evaluate(model, time, np.full(40, 20.0), np.full(40, 90.0))
+    away = evaluate.evaluate(model, time, np.full(40, 20.0), np.full(40, 90.0))
     assert away.gradient_clamped.all()
     assert np.array_equal(away.clamped, away.gradient_clamped)
 
@@ -304,7 +344,7 @@ def test_a_driver_that_no_term_uses_is_not_clamped():
     """A static model does not mind rates and gradients that it has not seen."""
     model = level.fit(campaign(), ("b0", "b1", "b2"))
     time = np.arange(40) * 10.0
-    found = thermal_drift.evaluate(model, time, 0.5 * time - 40.0, np.full(40, 200.0))
+    found = evaluate.evaluate(model, time, 0.5 * time - 40.0, np.full(40, 200.0))
     assert not found.rate_clamped.any()
     assert not found.gradient_clamped.any()
 

@@ -1,4 +1,6 @@
-"""The oldest libraries that pyproject.toml admits against those installed here; slow, so only where it is asked for."""
+"""The oldest libraries that pyproject.toml admits against those installed here; slow, so only where
+it is asked for.
+"""
 
 import json
 import os
@@ -15,7 +17,9 @@ from firmware_runs import UNITS, cached, warmed_up
 
 ASKED = "CALIBKIT_OLDEST_LIBRARIES"
 
-pytestmark = pytest.mark.skipif(not os.environ.get(ASKED), reason=f"installs a second environment; set {ASKED}=1")
+pytestmark = pytest.mark.skipif(
+    not os.environ.get(ASKED), reason=f"installs a second environment; set {ASKED}=1"
+)
 
 EXPORTS = [
     *((run, "c", number) for run in ("lagged", "kq") for number in ("f32", "f64", "q31")),
@@ -35,7 +39,9 @@ EXPORTS = [
 
 
 def oldest():
-    """Return a requirement at its lower bound for every library of the core and of the blob's record formats."""
+    """Return a requirement at its lower bound for every library of the core and of the blob's
+    record formats.
+    """
     project = tomllib.loads((ROOT / "pyproject.toml").read_text(encoding="utf-8"))["project"]
     wanted = [*project["dependencies"], *project["optional-dependencies"]["hex"]]
     bounds = [re.fullmatch(r"([\w.-]+)>=([\w.]+),<[\w.]+", requirement) for requirement in wanted]
@@ -66,17 +72,28 @@ def same_bytes(run, target, number, old_python, folder):
     """Export a run under both environments and compare every file."""
     for python, out in ((sys.executable, folder / "new"), (old_python, folder / "old")):
         typed(python, "export", run, "--target", target, "--number", number, "--out", out)
-    new, old = ({path.name: path.read_bytes() for path in (folder / side).iterdir()} for side in ("new", "old"))
+    new, old = (
+        {path.name: path.read_bytes() for path in (folder / side).iterdir()}
+        for side in ("new", "old")
+    )
     assert new
     assert new == old
 
 
 def test_the_environment_holds_the_lower_bounds(old_python):
-    """What was installed is what pyproject.toml names, so that nothing newer is tested by accident."""
-    listed = subprocess.run([old_python, "-m", "pip", "list", "--format=json"], check=True, capture_output=True)
+    """What was installed is what pyproject.toml names, so that nothing newer is tested by
+    accident.
+    """
+    listed = subprocess.run(
+        [old_python, "-m", "pip", "list", "--format=json"], check=True, capture_output=True
+    )
     versions = {entry["name"].lower(): entry["version"] for entry in json.loads(listed.stdout)}
     for name, version in (requirement.lower().split("==") for requirement in oldest()):
-        assert re.match(rf"{re.escape(version)}(\.0)*$", versions[name]), (name, version, versions[name])
+        assert re.match(rf"{re.escape(version)}(\.0)*$", versions[name]), (
+            name,
+            version,
+            versions[name],
+        )
 
 
 @pytest.mark.parametrize(("run", "target", "number"), EXPORTS)
@@ -87,7 +104,9 @@ def test_an_export_is_the_same_bytes_with_the_oldest_libraries(
     same_bytes(cached(run, tmp_path_factory).run.folder, target, number, old_python, tmp_path)
 
 
-def test_parameters_of_autopilots_are_the_same_bytes_with_the_oldest_libraries(old_python, tmp_path):
+def test_parameters_of_autopilots_are_the_same_bytes_with_the_oldest_libraries(
+    old_python, tmp_path
+):
     """So are the texts that PX4 and ArduPilot load."""
     run = warmed_up(tmp_path) / UNITS[0] / "r001"
     for target in ("px4", "ardupilot"):
@@ -95,13 +114,32 @@ def test_parameters_of_autopilots_are_the_same_bytes_with_the_oldest_libraries(o
 
 
 @pytest.mark.parametrize("procedure", ["fog_thermal", "accelerometer"])
-def test_a_fit_finds_the_same_coefficients_with_the_oldest_libraries(procedure, old_python, tmp_path):
-    """Coefficients agree within a millionth of their standard uncertainty: other libraries round, they do not decide."""
+def test_a_fit_finds_the_same_coefficients_with_the_oldest_libraries(
+    procedure, old_python, tmp_path
+):
+    """Coefficients agree within a millionth of their standard uncertainty: other libraries round,
+    they do not decide.
+    """
     for python, out in ((sys.executable, tmp_path / "new"), (old_python, tmp_path / "old")):
-        typed(python, "fit", procedure, "--data", ROOT / "datasets" / procedure, "--serial", "S", "--out", out)
+        typed(
+            python,
+            "fit",
+            procedure,
+            "--data",
+            ROOT / "datasets" / procedure,
+            "--serial",
+            "S",
+            "--out",
+            out,
+        )
     new, old = (store.load(tmp_path / side / "S" / "r001").records for side in ("new", "old"))
     assert new.keys() == old.keys()
     for name, record in new.items():
         for one, other in zip(record.models, old[name].models, strict=True):
             for a, b in zip(one.coefficients, other.coefficients, strict=True):
-                assert abs(a.value - b.value) <= 1e-6 * a.standard_uncertainty, (name, one.name, a, b)
+                assert abs(a.value - b.value) <= 1e-6 * a.standard_uncertainty, (
+                    name,
+                    one.name,
+                    a,
+                    b,
+                )

@@ -1,4 +1,6 @@
-"""The compiled lifting steps against those of arrays: the same bits for every scheme, length, extension and rule."""
+"""The compiled lifting steps against those of arrays: the same bits for every scheme, length,
+extension and rule.
+"""
 
 from __future__ import annotations
 
@@ -11,11 +13,12 @@ from hypothesis import example, given, settings
 from hypothesis import strategies as st
 
 from calibkit import native
-from calibkit.numeric import compiled, lifting
-from calibkit.numeric.denoise import causal, denoise
-from calibkit.numeric.factor import Scheme, Step
-from calibkit.numeric.lifting import EXTENSIONS, forward, inverse, scheme
-from calibkit.numeric.shrinkage import RULES, Shrinkage
+from calibkit.numeric import compiled
+from calibkit.numeric.wavelet import lifting
+from calibkit.numeric.wavelet.denoise import causal, denoise
+from calibkit.numeric.wavelet.factor import Scheme, Step
+from calibkit.numeric.wavelet.lifting import EXTENSIONS, forward, inverse, scheme
+from calibkit.numeric.wavelet.shrinkage import RULES, Shrinkage
 
 pytestmark = pytest.mark.skipif(native.kernels() is None, reason="no compiled kernels")
 
@@ -52,9 +55,17 @@ MADE_UP = st.builds(
     st.integers(-3, 3),
 )
 THREE_EQUAL = Scheme(
-    "three equal taps", (Step("detail", -1, (0.3, 0.3, 0.3)), Step("approximation", 0, (0.5,))), 1.1, 0.9
+    "three equal taps",
+    (Step("detail", -1, (0.3, 0.3, 0.3)), Step("approximation", 0, (0.5,))),
+    1.1,
+    0.9,
 )
-FAR_APART = Scheme("wider than a block's room", (Step("detail", -150, (0.3,)), Step("detail", 150, (0.2,))), 1.1, 0.9)
+FAR_APART = Scheme(
+    "wider than a block's room",
+    (Step("detail", -150, (0.3,)), Step("detail", 150, (0.2,))),
+    1.1,
+    0.9,
+)
 
 
 @contextlib.contextmanager
@@ -102,8 +113,12 @@ def kind_of_signal(kind, size, seed):
 @example(FAR_APART, 5000, 2, "symmetric", "soft", 1 << 18, "noise", 1)
 @example(THREE_EQUAL, 5000, 2, "trend", "firm", 1 << 18, "noise", 1)
 @settings(max_examples=150, deadline=None)
-def test_compiled_steps_give_the_bits_of_arrays(which, size, levels, extension, rule, chunk, kind, seed):
-    """Both ways give the same approximation, details, signal and shrunk signal, whatever the chunks are."""
+def test_compiled_steps_give_the_bits_of_arrays(
+    which, size, levels, extension, rule, chunk, kind, seed
+):
+    """Both ways give the same approximation, details, signal and shrunk signal, whatever the chunks
+    are.
+    """
     signal = kind_of_signal(kind, size, seed)
     thresholds = np.abs(np.random.default_rng(seed).normal(size=levels)).round(1)  # some are zero
     with pytest.MonkeyPatch.context() as patch:
@@ -118,9 +133,13 @@ def test_compiled_steps_give_the_bits_of_arrays(which, size, levels, extension, 
 @pytest.mark.parametrize("rule", sorted(RULES))
 @pytest.mark.parametrize("threshold", [0.0, 5e-324, 1.0, 3.0e150, np.inf, np.nan])
 def test_every_rule_gives_the_bits_of_arrays_at_its_corners(rule, threshold):
-    """Details at, beside and far from the threshold, zeros of both signs, the smallest and the largest, infinite ones, NaN."""
+    """Details at, beside and far from the threshold, zeros of both signs, the smallest and the
+    largest, infinite ones, NaN.
+    """
     near = np.nextafter(threshold, [-np.inf, np.inf])
-    corners = np.array([0.0, 5e-324, 1e-310, 1.0, threshold, *near, 2.0 * threshold, 1.7e308, np.inf, np.nan])
+    corners = np.array(
+        [0.0, 5e-324, 1e-310, 1.0, threshold, *near, 2.0 * threshold, 1.7e308, np.inf, np.nan]
+    )
     detail = np.tile(np.concatenate([corners, -corners]), 3)
     parts = forward(np.zeros(2 * detail.size), scheme("haar"), 1, extension="symmetric")
     parts = dataclasses.replace(parts, details=(detail[: parts.details[0].size],))
@@ -147,8 +166,12 @@ def test_what_is_not_finite_spreads_over_the_same_coefficients(name, bad):
 
 
 def test_details_of_another_type_or_spacing_are_used_as_arrays_use_them():
-    """Details in single precision, in the other byte order, spread out, at an odd address, or shrunk by any function."""
-    parts = forward(np.random.default_rng(5).normal(size=3000), scheme("cdf97"), 2, extension="trend")
+    """Details in single precision, in the other byte order, spread out, at an odd address, or
+    shrunk by any function.
+    """
+    parts = forward(
+        np.random.default_rng(5).normal(size=3000), scheme("cdf97"), 2, extension="trend"
+    )
     given_ = {
         "single": parts.details[0].astype(np.float32),
         "swapped": parts.details[0].astype(">f8"),
@@ -182,7 +205,7 @@ def test_the_compiled_steps_are_what_runs(monkeypatch):
     def refused(*_args):
         raise AssertionError("lifted by arrays")
 
-    monkeypatch.setattr("calibkit.numeric.lifting_level._lifted", refused)
+    monkeypatch.setattr("calibkit.numeric.wavelet.level._lifted", refused)
     denoise(np.random.default_rng(7).normal(size=5000))
     with arrays_only(), pytest.raises(AssertionError, match="by arrays"):
         denoise(np.zeros(5000))

@@ -1,4 +1,6 @@
-"""Chamber log and gyro log of one run: joined by their clocks, and refused where nothing relates them."""
+"""Chamber log and gyro log of one run: joined by their clocks, and refused where nothing relates
+them.
+"""
 
 import json
 
@@ -7,7 +9,7 @@ import pytest
 
 import calibkit as calibkit_api
 from calibkit import coefficients, procedures, recipe
-from calibkit.simulate import fog_thermal
+from calibkit.instruments.fog_thermal import simulate
 
 OFFSET_S = 17.3
 CHAMBER = """
@@ -19,18 +21,25 @@ provides = ["temp_env_degc"]
 time_s = { from = "Time" }
 temp_env_degc = { from = "PV", unit = "degC" }
 """
-ESTIMATE = 'clock = "estimate"\nshared = "temp_env_degc"\nlog_column = { from = "air probe", unit = "degC" }'
+ESTIMATE = (
+    'clock = "estimate"\nshared = "temp_env_degc"\nlog_column = { from = "air probe", unit ='
+    ' "degC" }'
+)
 LOG = "ramp_heating_05"
 
 
 @pytest.fixture(scope="module")
 def columns():
     """Return the columns of one simulated ramp."""
-    return {name: np.asarray(values) for name, values in fog_thermal.campaign(3).logs[f"{LOG}.csv"].items()}
+    return {
+        name: np.asarray(values) for name, values in simulate.campaign(3).logs[f"{LOG}.csv"].items()
+    }
 
 
 def write(folder, columns, log_writer, *, keep=slice(None, None, 5), probe=True):
-    """Write a gyro log with its own air probe and a chamber log of every fifth row on a clock 17.3 s behind."""
+    """Write a gyro log with its own air probe and a chamber log of every fifth row on a clock 17.3
+    s behind.
+    """
     rng = np.random.default_rng(1)
     air = columns["temp_env_degc"]
     own = {name: columns[name].astype(float) for name in ("time_s", "temp_case_degc", "gyro_dph")}
@@ -38,12 +47,17 @@ def write(folder, columns, log_writer, *, keep=slice(None, None, 5), probe=True)
         own["air probe"] = np.round(air + rng.normal(0.0, 0.05, air.size) + 0.4, 2)
     log_writer(folder / f"{LOG}.csv", **own)
     time = columns["time_s"].astype(float)
-    log_writer(folder / f"chamber_{LOG}.csv", Time=(time - OFFSET_S)[keep], PV=air[keep].astype(float))
+    log_writer(
+        folder / f"chamber_{LOG}.csv", Time=(time - OFFSET_S)[keep], PV=air[keep].astype(float)
+    )
 
 
 def text(table):
     """Return the shipped recipe's text with a chamber table behind it."""
-    return recipe.find("fog_thermal").text.replace('files = ["*.csv"]', 'files = ["ramp*.csv"]') + CHAMBER % table
+    return (
+        recipe.find("fog_thermal").text.replace('files = ["*.csv"]', 'files = ["ramp*.csv"]')
+        + CHAMBER % table
+    )
 
 
 def joined(folder, table=ESTIMATE):
@@ -53,7 +67,9 @@ def joined(folder, table=ESTIMATE):
 
 
 def test_a_chamber_log_is_joined_on_the_estimated_clock(tmp_path, columns, log_writer):
-    """The air on the log's rows is that of one logger within the thermometer's 0.1 °C steps; offset within 3 u of 17.3 s."""
+    """The air on the log's rows is that of one logger within the thermometer's 0.1 °C steps; offset
+    within 3 u of 17.3 s.
+    """
     write(tmp_path, columns, log_writer)
     log = joined(tmp_path)
     clock = next(line for line in log.reading if line.startswith("clock of"))
@@ -72,10 +88,19 @@ def test_a_fit_records_the_clock(tmp_path, columns, log_writer, calibkit):
     write(tmp_path / "logs", columns, log_writer)
     (tmp_path / "r.toml").write_text(text(ESTIMATE), encoding="utf-8")
     made = calibkit(
-        "fit", tmp_path / "r.toml", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path / "runs"
+        "fit",
+        tmp_path / "r.toml",
+        "--data",
+        tmp_path / "logs",
+        "--serial",
+        "S",
+        "--out",
+        tmp_path / "runs",
     )
     assert made.code in (0, 1), made.err
-    document = json.loads((tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8"))
+    document = json.loads(
+        (tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8")
+    )
     assert "clock of chamber" in json.dumps(document["inputs"])
     clock = next(line for line in document["inputs"][0]["reading"] if line.startswith("clock of"))
     paths = sorted((tmp_path / "runs" / "S" / "r001").glob("d*.json"))
@@ -98,8 +123,12 @@ def test_a_fit_records_the_clock(tmp_path, columns, log_writer, calibkit):
         ('clock = "same"', None),
     ],
 )
-def test_a_stated_clock_is_a_condition_and_one_clock_is_none(table, expected, tmp_path, columns, log_writer):
-    """What the recipe states of the clock goes with the log; where there is only one clock there is nothing to state."""
+def test_a_stated_clock_is_a_condition_and_one_clock_is_none(
+    table, expected, tmp_path, columns, log_writer
+):
+    """What the recipe states of the clock goes with the log; where there is only one clock there is
+    nothing to state.
+    """
     write(tmp_path, columns, log_writer, probe=False)
     log = joined(tmp_path, table)
     assert log.clock == expected
@@ -120,7 +149,10 @@ def test_a_gap_of_the_chamber_log_stays_a_gap(tmp_path, columns, log_writer):
     log = procedure.read(spec, tmp_path, f"{LOG}.csv")
     assert any("in its gaps" in note for note in log.notes)
     assert np.diff(log.frame["time_s"]).max() == pytest.approx(104.0, abs=2.0)  # s
-    assert any(finding.name == "gap" and finding.refused for finding in procedure.examine(spec, log).findings)
+    assert any(
+        finding.name == "gap" and finding.refused
+        for finding in procedure.examine(spec, log).findings
+    )
 
 
 def test_a_stated_clock_is_used_as_it_is(tmp_path, columns, log_writer):

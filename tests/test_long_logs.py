@@ -8,11 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibkit import recipe, scratch
+from calibkit import recipe
 from calibkit.errors import OutputError, RecipeError, UsageError
-from calibkit.numeric import anomalies, denoise, intervals, lifting, occupancy, segments, spans
+from calibkit.ingest import logs, long_logs, pieces, scratch
+from calibkit.instruments.fog_thermal import ramps
+from calibkit.instruments.fog_thermal.numeric import occupancy
+from calibkit.numeric import anomalies, intervals, segments, spans
+from calibkit.numeric.wavelet import denoise, lifting
 from calibkit.simulate import campaigns
-from calibkit.stages import fog_ramps, ingest, long_logs, pieces
 
 FILE = "ramp_heating_05.csv"
 RNG = np.random.default_rng(11)
@@ -37,8 +40,8 @@ def on_disk(monkeypatch):
 def prepared(folder, overrides=()):
     """Read and prepare the log; returns both."""
     spec = recipe.parse(recipe.find("fog_thermal", overrides))
-    log = ingest.read_log(spec, folder / FILE, FILE, fog_ramps.COLUMNS)
-    return log, fog_ramps.prepare(log, spec, fog_ramps.findings(log, spec))
+    log = logs.read_log(spec, folder / FILE, FILE, ramps.COLUMNS)
+    return log, ramps.prepare(log, spec, ramps.findings(log, spec))
 
 
 def same(one, other, rtol=0.0):
@@ -47,15 +50,21 @@ def same(one, other, rtol=0.0):
         for field in ("time", "case", "gradient", "indication", "rate"):
             a, b = (getattr(getattr(part, name), field) for part in (one, other))
             # sums over a minute at 1 Hz are some 1e-9 °C/min off wherever spans begin
-            np.testing.assert_allclose(a, b, rtol=rtol, atol=(1e-8 if field == "rate" else 1e-12) * bool(rtol))
+            np.testing.assert_allclose(
+                a, b, rtol=rtol, atol=(1e-8 if field == "rate" else 1e-12) * bool(rtol)
+            )
     np.testing.assert_allclose(one.thermal.indication, other.thermal.indication, rtol=rtol)
     assert [(r.start, r.stop) for r in one.ramps] == [(r.start, r.stop) for r in other.ramps]
-    np.testing.assert_allclose([r.rate for r in one.ramps], [r.rate for r in other.ramps], rtol=10.0 * rtol)
+    np.testing.assert_allclose(
+        [r.rate for r in one.ramps], [r.rate for r in other.ramps], rtol=10.0 * rtol
+    )
     assert one.source == other.source
 
 
 def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monkeypatch):
-    """Block means, denoised indication, ramps and digests are equal; the columns do lie in mapped files."""
+    """Block means, denoised indication, ramps and digests are equal; the columns do lie in mapped
+    files.
+    """
     log, there = prepared(folder)
     assert log.on_disk
     monkeypatch.setenv(long_logs.SETTING, "1000")
@@ -67,7 +76,9 @@ def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monke
 
 
 def test_the_length_of_spans_does_not_matter(folder, on_disk, monkeypatch):
-    """Spans of 257 rows and chunks of 512 samples, that cut windows, intervals and wavelets anywhere: the same to 1e-10."""
+    """Spans of 257 rows and chunks of 512 samples, that cut windows, intervals and wavelets
+    anywhere: the same to 1e-10.
+    """
     _, usual = prepared(folder)
     monkeypatch.setattr(spans, "ROWS", 257)
     monkeypatch.setattr(spans, "KEPT", 100)
@@ -79,14 +90,18 @@ def test_the_length_of_spans_does_not_matter(folder, on_disk, monkeypatch):
     same(usual, cut, rtol=1e-10)
 
 
-def test_a_fit_from_disk_has_the_coefficients_of_one_in_memory(folder, on_disk, calibkit, monkeypatch, tmp_path):
+def test_a_fit_from_disk_has_the_coefficients_of_one_in_memory(
+    folder, on_disk, calibkit, monkeypatch, tmp_path
+):
     """The command line gives the same coefficient files, byte for byte."""
     for name, setting in (("disk", "0"), ("memory", "1000")):
         monkeypatch.setenv(long_logs.SETTING, setting)
         options = ("--serial", "S", "--date", "2026-01-01", "--out", tmp_path / name)
         assert calibkit("fit", "fog_thermal", "--data", folder, *options).code in (0, 1)
     for stage in ("denoise.json", "drift.json", "drift_rate.json"):
-        disk, memory = ((tmp_path / name / "S" / "r001" / stage).read_bytes() for name in ("disk", "memory"))
+        disk, memory = (
+            (tmp_path / name / "S" / "r001" / stage).read_bytes() for name in ("disk", "memory")
+        )
         assert disk == memory
 
 
@@ -105,12 +120,16 @@ def test_ranges_are_left_out_of_a_log_on_disk_too(folder, on_disk, monkeypatch):
 
 
 def test_a_fault_in_a_log_on_disk_stops_the_fit(folder, on_disk, calibkit, tmp_path):
-    """A clock that runs backwards in a later piece is refused with its line, and leaves no scratch file."""
+    """A clock that runs backwards in a later piece is refused with its line, and leaves no scratch
+    file.
+    """
     lines = (folder / FILE).read_text("utf-8").splitlines()
     lines[3000], lines[3001] = lines[3001], lines[3000]
     (tmp_path / FILE).write_text("\n".join(lines) + "\n", encoding="utf-8")
     before = set(Path(tempfile.gettempdir()).glob("calibkit-*"))
-    outcome = calibkit("fit", "fog_thermal", "--data", tmp_path, "--serial", "S", "--out", tmp_path / "runs")
+    outcome = calibkit(
+        "fit", "fog_thermal", "--data", tmp_path, "--serial", "S", "--out", tmp_path / "runs"
+    )
     assert outcome.code != 0
     assert f"{FILE}:3002: column 'time_s': time runs backwards" in outcome.err
     assert set(Path(tempfile.gettempdir()).glob("calibkit-*")) == before
@@ -132,7 +151,9 @@ def test_a_setting_that_is_no_number_is_refused(folder, monkeypatch):
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
 @pytest.mark.parametrize("row", [0, spans.ROWS - 1, spans.ROWS, spans.ROWS + 6])
 def test_one_value_that_is_not_finite_is_seen_in_any_span(bad, row):
-    """First, last and over the edge of a span; infinities of both signs, and sums that overflow, do not hide or feign one."""
+    """First, last and over the edge of a span; infinities of both signs, and sums that overflow, do
+    not hide or feign one.
+    """
     column = np.ones(spans.ROWS + 7)
     assert spans.finite(column)
     assert spans.finite(np.full(spans.ROWS + 7, 1e308))
@@ -143,10 +164,15 @@ def test_one_value_that_is_not_finite_is_seen_in_any_span(bad, row):
     assert spans.finite(column[:0])
 
 
-@given(st.lists(st.floats(-5.0, 5.0).map(lambda x: round(x, 1)), min_size=1, max_size=300), st.integers(1, 40))
+@given(
+    st.lists(st.floats(-5.0, 5.0).map(lambda x: round(x, 1)), min_size=1, max_size=300),
+    st.integers(1, 40),
+)
 @settings(max_examples=150, deadline=None)
 def test_the_median_in_spans_is_that_of_numpy(values, rows):
-    """Ties, even and odd numbers, spans and samples of any length: the same number to the last bit."""
+    """Ties, even and odd numbers, spans and samples of any length: the same number to the last
+    bit.
+    """
     with pytest.MonkeyPatch.context() as patch:
         patch.setattr(spans, "ROWS", rows)
         patch.setattr(spans, "KEPT", 7)
@@ -154,7 +180,9 @@ def test_the_median_in_spans_is_that_of_numpy(values, rows):
         assert spans.median(np.array(values)) == np.median(values)
 
 
-@given(st.lists(st.integers(0, 2), min_size=1, max_size=120), st.integers(2, 14), st.integers(1, 50))
+@given(
+    st.lists(st.integers(0, 2), min_size=1, max_size=120), st.integers(2, 14), st.integers(1, 50)
+)
 @settings(max_examples=150, deadline=None)
 def test_equal_runs_are_those_of_a_loop(values, shortest, rows):
     """Every run of at least so many equal values, and nothing else, wherever spans cut them."""

@@ -1,4 +1,6 @@
-"""The median of many magnitudes: exactly that of numpy, whatever the values are and however a sample of them misleads."""
+"""The median of many magnitudes: exactly that of numpy, whatever the values are and however a
+sample of them misleads.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,8 @@ from hypothesis import strategies as st
 
 from calibkit import native
 from calibkit.errors import FitError
-from calibkit.numeric import medians, shrinkage, spans
+from calibkit.numeric import spans
+from calibkit.numeric.wavelet import medians, shrinkage
 
 MANY = medians.MANY
 
@@ -23,7 +26,9 @@ def way(request, monkeypatch):
 
 
 def cases(n):
-    """Values of many kinds: smooth, quantised, constant, mostly zero, of two heaps, drifting, far from zero."""
+    """Values of many kinds: smooth, quantised, constant, mostly zero, of two heaps, drifting, far
+    from zero.
+    """
     rng = np.random.default_rng(0)
     white = rng.normal(size=n)
     return {
@@ -49,7 +54,9 @@ def test_it_is_the_median_of_numpy_to_the_last_bit(n):
 
 
 def test_a_sample_that_misleads_leaves_the_median_as_it_is():
-    """Where every sampled value is an outlier the bracket misses the median, and another is looked for."""
+    """Where every sampled value is an outlier the bracket misses the median, and another is looked
+    for.
+    """
     values = np.random.default_rng(1).normal(size=4 * MANY)
     for step in range(16, 20):
         values[::step] += 1e3
@@ -58,7 +65,9 @@ def test_a_sample_that_misleads_leaves_the_median_as_it_is():
 
 @pytest.mark.parametrize("period", [2, 10, 60, 200, 1000])
 def test_values_of_another_kind_at_regular_places_do_not_mislead_the_sample(period):
-    """Where one value in `period` is an outlier the bracket still holds the median: no other is looked for."""
+    """Where one value in `period` is an outlier the bracket still holds the median: no other is
+    looked for.
+    """
     values = np.random.default_rng(4).normal(size=610 * medians.SAMPLE // 20)
     values[::period] += 50.0
     low, high = medians._bracket(values, 0.0)
@@ -96,7 +105,9 @@ def test_one_value_that_is_not_finite_is_refused(n, bad):
 
 
 def test_the_compiled_pass_finds_it_or_leaves_it_to_the_search(way, monkeypatch):
-    """Noise is bracketed by its sample; a constant, and more within the bracket than there is room for, are searched for."""
+    """Noise is bracketed by its sample; a constant, and more within the bracket than there is room
+    for, are searched for.
+    """
     found = medians._compiled(np.linspace(-1.0, 2.0, MANY), 0.0, (0.6, 0.9))
     assert found == (pytest.approx(0.75, abs=1e-4) if way == "compiled" else None)
     assert medians._compiled(np.full(MANY, 2.0), 0.0, (2.0, 2.0)) is None

@@ -29,9 +29,15 @@ print(resident() - before)
 
 @pytest.mark.skipif(sys.platform != "linux", reason="a setting of glibc")
 def test_columns_that_were_let_go_are_not_kept():
-    """Of 100 MB of columns 20 MB or less stay; a bound that none of them reaches would keep nearly all."""
+    """Of 100 MB of columns 20 MB or less stay; a bound that none of them reaches would keep nearly
+    all.
+    """
     kept, other = (
-        float(subprocess.run([sys.executable, "-c", FREED, size], capture_output=True, text=True, check=True).stdout)
+        float(
+            subprocess.run(
+                [sys.executable, "-c", FREED, size], capture_output=True, text=True, check=True
+            ).stdout
+        )
         for size in (str(1 << 24), str(1 << 25))
     )
     assert kept < 20.0

@@ -1,4 +1,6 @@
-"""Compiled kernels: there where a compiler is, of the sources that stand there, and without influence on a single bit."""
+"""Compiled kernels: there where a compiler is, of the sources that stand there, and without
+influence on a single bit.
+"""
 
 import os
 import shutil
@@ -24,17 +26,28 @@ def sources(tmp_path):
 
 @pytest.mark.skipif(not COMPILER, reason="no C compiler")
 def test_where_there_is_a_compiler_the_kernels_are_in_use():
-    """An installation with a compiler has kernels of its own sources (otherwise: python -m calibkit.native)."""
+    """An installation with a compiler has kernels of its own sources (otherwise: python -m
+    calibkit.native).
+    """
     environment = {name: value for name, value in os.environ.items() if name != "CALIBKIT_NATIVE"}
     command = [sys.executable, "-c", "from calibkit import native; print(native.state())"]
-    assert subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout == "in use\n"
+    assert (
+        subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+        == "in use\n"
+    )
 
 
 def test_kernels_can_be_turned_off():
     """With CALIBKIT_NATIVE=off there are none."""
-    command = [sys.executable, "-c", "from calibkit import native; print(native.kernels(), native.state())"]
+    command = [
+        sys.executable,
+        "-c",
+        "from calibkit import native; print(native.kernels(), native.state())",
+    ]
     environment = {**os.environ, "CALIBKIT_NATIVE": "off"}
-    out = subprocess.run(command, env=environment, capture_output=True, text=True, check=True).stdout
+    out = subprocess.run(
+        command, env=environment, capture_output=True, text=True, check=True
+    ).stdout
     assert out == "None turned off by CALIBKIT_NATIVE\n"
 
 
@@ -67,7 +80,9 @@ def test_the_kernels_compile_without_a_warning():
     """All warnings, on every source, are errors."""
     for source in sorted(native.FOLDER.glob("*.c")):
         flags = ["-std=c11", "-O2", "-Wall", "-Wextra", "-Werror", "-fsyntax-only"]
-        done = subprocess.run(["cc", *flags, str(source)], capture_output=True, text=True, check=False)
+        done = subprocess.run(
+            ["cc", *flags, str(source)], capture_output=True, text=True, check=False
+        )
         assert done.returncode == 0, done.stderr
 
 
@@ -80,7 +95,18 @@ def test_a_fit_without_kernels_writes_the_same_bytes(tmp_path):
         environment = {**os.environ, "CALIBKIT_NATIVE": native_}
         for arguments in (
             ["simulate", "fog_thermal", "--out", logs, "--seed", "3"],
-            ["fit", "fog_thermal", "--data", logs, "--serial", "N1", "--date", "2026-01-01", "--out", out],
+            [
+                "fit",
+                "fog_thermal",
+                "--data",
+                logs,
+                "--serial",
+                "N1",
+                "--date",
+                "2026-01-01",
+                "--out",
+                out,
+            ],
         ):
             command = [sys.executable, "-m", "calibkit", *map(str, arguments)]
             subprocess.run(command, env=environment, check=True, capture_output=True)

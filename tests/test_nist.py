@@ -1,4 +1,6 @@
-"""NIST StRD regression sets: the linear core to nine digits, the nonlinear solvers to seven, standard deviations too."""
+"""NIST StRD regression sets: the linear core to nine digits, the nonlinear solvers to seven,
+standard deviations too.
+"""
 
 import csv
 import re
@@ -8,7 +10,8 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import fit, gauss_newton, magnitude
+from calibkit.instruments.accelerometer.numeric import magnitude
+from calibkit.numeric.least_squares import fit, gauss_newton
 
 LINEAR = {
     "norris": (0, 1),
@@ -45,7 +48,9 @@ CASES = [(name, start) for name in NONLINEAR for start in (0, 1)]
 
 
 def certified(real, name):
-    """Starts [2, p], certified parameters and standard deviations, response, predictors of a nonlinear set."""
+    """Starts [2, p], certified parameters and standard deviations, response, predictors of a
+    nonlinear set.
+    """
     lines = (real / "nist_strd" / f"nonlinear_{name}.dat").read_text().splitlines()
     rows = [re.match(r"\s*b\d+\s*=\s*(.*)", line) for line in lines[:60]]
     table = np.array([[float(v) for v in row[1].split()] for row in rows if row])
@@ -67,16 +72,21 @@ def slopes(model, b, x):
 
 @pytest.mark.parametrize("name", LINEAR)
 def test_linear_sets_come_out_to_nine_digits(real, name):
-    """Estimates and standard errors of the certified sets are reproduced, the exact ones exactly."""
+    """Estimates and standard errors of the certified sets are reproduced, the exact ones
+    exactly.
+    """
     folder = real / "nist_strd"
-    data = np.genfromtxt(folder / f"linear_{name}.csv", delimiter=",", names=True, encoding="utf-8-sig")
+    data = np.genfromtxt(
+        folder / f"linear_{name}.csv", delimiter=",", names=True, encoding="utf-8-sig"
+    )
     with (folder / "linear_certified_15digits.csv").open(encoding="utf-8") as opened:
         rows = [row for row in csv.DictReader(opened) if row["dataset"] == name]
     expected = np.array([[float(row["estimate"]), float(row["std_err"])] for row in rows])
     design = np.column_stack([data["x"] ** power for power in LINEAR[name]])
     fitted = fit.linear(design, data["y"])
     np.testing.assert_allclose(fitted.coefficients, expected[:, 0], rtol=1e-9)
-    # Wampler's polynomials are exact: their standard errors are zero, and rounding must stay far below the estimates
+    # Wampler's polynomials are exact: their standard errors are zero, and rounding must stay far
+    # below the estimates
     np.testing.assert_allclose(fitted.standard_uncertainty, expected[:, 1], rtol=1e-9, atol=1e-12)
     assert fitted.dof == int(rows[0]["dof"])
 
@@ -97,7 +107,9 @@ def test_gauss_newton_gives_nine_digits_from_both_starts(real, name, start):
 
 
 def test_gauss_newton_refuses_rather_than_guess(real):
-    """From Nelson's far start the guarded steps find no minimum: that is said, no number is given."""
+    """From Nelson's far start the guarded steps find no minimum: that is said, no number is
+    given.
+    """
     starts, _, _, y, x = certified(real, "Nelson")
     model = NONLINEAR["Nelson"]
 
@@ -111,12 +123,19 @@ def test_gauss_newton_refuses_rather_than_guess(real):
 
 @pytest.mark.parametrize("name", NONLINEAR)
 def test_lmfit_as_the_magnitude_fit_calls_it_gives_seven_digits(real, name):
-    """With exact derivatives and the magnitude fit's tolerances, bounded lmfit gives seven digits and more."""
+    """With exact derivatives and the magnitude fit's tolerances, bounded lmfit gives seven digits
+    and more.
+    """
     starts, parameters, deviations, y, x = certified(real, name)
     model = NONLINEAR[name]
     named = lmfit.Parameters()
     for j, value in enumerate(starts[1]):
-        named.add(f"b{j}", value=value, min=min(0.2 * value, 5.0 * value), max=max(0.2 * value, 5.0 * value))
+        named.add(
+            f"b{j}",
+            value=value,
+            min=min(0.2 * value, 5.0 * value),
+            max=max(0.2 * value, 5.0 * value),
+        )
 
     def values(p):
         return np.array([p[f"b{j}"].value for j in range(len(parameters))])
@@ -127,6 +146,10 @@ def test_lmfit_as_the_magnitude_fit_calls_it_gives_seven_digits(real, name):
     found = np.array([result.params[f"b{j}"].value for j in range(len(parameters))])
     np.testing.assert_allclose(found, parameters, rtol=1e-7)
     inverse = np.linalg.inv(np.linalg.qr(slopes(model, found, x), mode="r"))
-    spread = np.sqrt(np.sum(inverse**2, axis=1) * np.sum(result.residual**2) / (y.size - len(parameters)))
+    spread = np.sqrt(
+        np.sum(inverse**2, axis=1) * np.sum(result.residual**2) / (y.size - len(parameters))
+    )
     np.testing.assert_allclose(spread, deviations, rtol=2e-7)
-    np.testing.assert_allclose([result.params[f"b{j}"].stderr for j in range(len(parameters))], deviations, rtol=1e-6)
+    np.testing.assert_allclose(
+        [result.params[f"b{j}"].stderr for j in range(len(parameters))], deviations, rtol=1e-6
+    )

@@ -1,4 +1,6 @@
-"""The published four-position scheme: worked examples, an independent forward model, conventions, degenerate attitudes."""
+"""The published four-position scheme: worked examples, an independent forward model, conventions,
+degenerate attitudes.
+"""
 
 import json
 
@@ -8,7 +10,8 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric import earth, northseek, northseek_closure
+from calibkit.instruments.inclinometer.numeric import closure, published
+from calibkit.numeric import earth
 from conftest import AUTHORITIES
 
 STATIONS = json.loads((AUTHORITIES / "four_position.json").read_text(encoding="utf-8"))["stations"]
@@ -39,24 +42,34 @@ def vector_components(station, sensor):
         np.array([[reading[f"{kind}_{sensor}_{unit}"] for reading in station["readings"]]])
         for kind, unit in (("accel", "g"), ("gyro", "dph"))
     )
-    return northseek.components(accel, gyro, sensor, accel_noise_g=0.0, gyro_noise_dph=0.0)
+    return published.components(accel, gyro, sensor, accel_noise_g=0.0, gyro_noise_dph=0.0)
 
 
 @pytest.mark.parametrize("sensor", ["x", "y"])
-@pytest.mark.parametrize("station", STATIONS, ids=lambda station: f"theta {station['expected']['inclination_deg']:g}")
+@pytest.mark.parametrize(
+    "station", STATIONS, ids=lambda station: f"theta {station['expected']['inclination_deg']:g}"
+)
 def test_the_worked_examples_come_out_by_either_sensor(station, sensor):
-    """θ, φ, both roots, ψ and C to 1e-9 (angles modulo 360°), from the x sensor alone and from the y sensor alone."""
+    """θ, φ, both roots, ψ and C to 1e-9 (angles modulo 360°), from the x sensor alone and from the
+    y sensor alone.
+    """
     expected, latitude = station["expected"], station["latitude_deg"]
     parts = vector_components(station, sensor)
-    found = northseek.attitude(parts.accel_x, parts.accel_y)
-    roots = northseek.scale_roots(parts.gyro_x, parts.gyro_y, found, latitude)
+    found = published.attitude(parts.accel_x, parts.accel_y)
+    roots = published.scale_roots(parts.gyro_x, parts.gyro_y, found, latitude)
     s = expected["s"]
-    psi = northseek.azimuth(parts.accel_x, parts.accel_y, s * parts.gyro_x, s * parts.gyro_y, latitude)
+    psi = published.azimuth(
+        parts.accel_x, parts.accel_y, s * parts.gyro_x, s * parts.gyro_y, latitude
+    )
     assert np.degrees(found.inclination[0]) == pytest.approx(expected["inclination_deg"], abs=1e-9)
     assert abs(wrapped(np.degrees(found.toolface[0]) - expected["toolface_deg"])) < 1e-9
     assert abs(wrapped(np.degrees(psi[0]) - expected["azimuth_deg"])) < 1e-9
-    assert (roots.plus[0], roots.minus[0]) == pytest.approx((expected["root_plus"], expected["root_minus"]), abs=1e-9)
-    assert northseek.label(found.inclination, psi, latitude)[0] == pytest.approx(expected["C"], abs=1e-9)
+    assert (roots.plus[0], roots.minus[0]) == pytest.approx(
+        (expected["root_plus"], expected["root_minus"]), abs=1e-9
+    )
+    assert published.label(found.inclination, psi, latitude)[0] == pytest.approx(
+        expected["C"], abs=1e-9
+    )
     assert (min(roots.plus[0], roots.minus[0]) > 0.0) == expected["both_roots_positive"]
 
 
@@ -72,20 +85,22 @@ ATTITUDES = st.tuples(
 @given(ATTITUDES)
 @settings(max_examples=200, deadline=None)
 def test_any_attitude_comes_back_through_the_root_that_c_labels(attitude):
-    """θ, φ to 1e-6°, and s, ψ from the root of the sign of C as exactly as C allows, from readings made by matrices."""
+    """θ, φ to 1e-6°, and s, ψ from the root of the sign of C as exactly as C allows, from readings
+    made by matrices.
+    """
     theta, phi, psi, latitude, s = attitude
     gravity, rate = forward(theta, phi, psi, latitude, s)
     x, y = (np.array([v]) for v in gravity[:2])
-    found = northseek.attitude(x, y)
+    found = published.attitude(x, y)
     assert np.degrees(found.inclination[0]) == pytest.approx(theta, abs=1e-6)
     assert abs(wrapped(np.degrees(found.toolface[0]) - phi)) < 1e-6
-    C = northseek.label(np.radians([theta]), np.radians([psi]), latitude)[0]
+    C = published.label(np.radians([theta]), np.radians([psi]), latitude)[0]
     if abs(C) < 0.01:
         return
-    roots = northseek.scale_roots(rate[:1], rate[1:2], found, latitude)
+    roots = published.scale_roots(rate[:1], rate[1:2], found, latitude)
     root = (roots.plus if C > 0.0 else roots.minus)[0]
     assert root == pytest.approx(s, abs=1e-9 / abs(C))
-    back = northseek.azimuth(x, y, root * rate[:1], root * rate[1:2], latitude)
+    back = published.azimuth(x, y, root * rate[:1], root * rate[1:2], latitude)
     assert abs(wrapped(np.degrees(back[0]) - psi)) < 1e-6 / abs(C)
 
 
@@ -95,8 +110,8 @@ def test_the_rate_along_the_tool_follows_from_the_other_two(attitude):
     """(s A sin θ − sin α)/cos θ is the third component of the earth's rate, to 1e-9 °/h."""
     theta, phi, psi, latitude, _ = attitude
     gravity, rate = forward(theta, phi, psi, latitude)
-    found = northseek.attitude(gravity[:1], gravity[1:2])
-    third = northseek.axial_rate(rate[:1], rate[1:2], found, latitude)[0]
+    found = published.attitude(gravity[:1], gravity[1:2])
+    third = published.axial_rate(rate[:1], rate[1:2], found, latitude)[0]
     assert third == pytest.approx(rate[2], abs=1e-9 / np.cos(np.radians(theta)) ** 2)
 
 
@@ -107,13 +122,13 @@ def test_a_computed_azimuth_agrees_with_the_root_it_came_from(attitude):
     theta, phi, psi, latitude, s = attitude
     gravity, rate = forward(theta, phi, psi, latitude, s)
     x, y = gravity[:1], gravity[1:2]
-    found = northseek.attitude(x, y)
-    roots = northseek.scale_roots(rate[:1], rate[1:2], found, latitude)
+    found = published.attitude(x, y)
+    roots = published.scale_roots(rate[:1], rate[1:2], found, latitude)
     for root, sign in ((roots.plus, 1.0), (roots.minus, -1.0)):
         if roots.half_difference[0] < 1e-3 or root[0] <= 0.0:
             continue
-        own = northseek.azimuth(x, y, root * rate[:1], root * rate[1:2], latitude)
-        assert sign * northseek.label(found.inclination, own, latitude)[0] > -1e-9
+        own = published.azimuth(x, y, root * rate[:1], root * rate[1:2], latitude)
+        assert sign * published.label(found.inclination, own, latitude)[0] > -1e-9
 
 
 @given(ATTITUDES)
@@ -124,29 +139,35 @@ def test_both_roots_are_positive_exactly_beyond_the_complement_of_the_latitude(a
     if abs(abs(latitude) + theta - 90.0) < 0.1:
         return
     gravity, rate = forward(theta, phi, psi, latitude, s)
-    found = northseek.attitude(gravity[:1], gravity[1:2])
-    roots = northseek.scale_roots(rate[:1], rate[1:2], found, latitude)
+    found = published.attitude(gravity[:1], gravity[1:2])
+    roots = published.scale_roots(rate[:1], rate[1:2], found, latitude)
     assert max(roots.plus[0], roots.minus[0]) > 0.0
     assert (min(roots.plus[0], roots.minus[0]) > 0.0) == (abs(latitude) + theta > 90.0)
 
 
 @pytest.mark.parametrize("sensor", ["x", "y"])
 def test_four_differences_cancel_a_constant_bias(sensor):
-    """Readings of one sensor in four positions, by matrices, with a bias: the components of the start frame to 1e-15."""
+    """Readings of one sensor in four positions, by matrices, with a bias: the components of the
+    start frame to 1e-15.
+    """
     axis = 0 if sensor == "x" else 1
-    readings = np.array([[forward(30.0, 40.0, 70.0, 34.2, position=p)[1][axis] + 0.3 for p in (0, 90, 180, 270)]])
-    x, y = northseek.four_differences(readings, sensor)
+    readings = np.array(
+        [[forward(30.0, 40.0, 70.0, 34.2, position=p)[1][axis] + 0.3 for p in (0, 90, 180, 270)]]
+    )
+    x, y = published.four_differences(readings, sensor)
     assert (x[0], y[0]) == pytest.approx(tuple(forward(30.0, 40.0, 70.0, 34.2)[1][:2]), abs=1e-12)
 
 
 def test_specific_force_readings_give_the_same_angles():
-    """The same station with the sign of the accelerometers turned, and the convention stated: bit-equal attitude."""
+    """The same station with the sign of the accelerometers turned, and the convention stated:
+    bit-equal attitude.
+    """
     station = STATIONS[0]
     accel = np.array([[reading["accel_x_g"] for reading in station["readings"]]])
-    force = northseek.along_gravity(-accel, "specific_force")
-    assert (force == northseek.along_gravity(accel, "gravity")).all()
+    force = published.along_gravity(-accel, "specific_force")
+    assert (force == published.along_gravity(accel, "gravity")).all()
     with pytest.raises(FitError, match="specific_force"):
-        northseek.along_gravity(accel, "up")
+        published.along_gravity(accel, "up")
 
 
 def rows(stations=(7, 3), positions=(0, 90, 180, 270)):
@@ -160,7 +181,9 @@ def test_rows_in_any_order_become_stations_in_order_of_appearance():
     """Shuffled rows and positions plus 360° give each station's four readings in order."""
     station, position, indication = rows()
     shuffle = np.random.default_rng(0).permutation(8)
-    found = northseek.arrange(station[shuffle], position[shuffle] + 360.0 * (shuffle % 2), indication[shuffle])
+    found = published.arrange(
+        station[shuffle], position[shuffle] + 360.0 * (shuffle % 2), indication[shuffle]
+    )
     first = station[shuffle][0]
     assert found.station[0] == first
     assert found.indication[0, :, 0] == pytest.approx(100.0 * first + np.array([0, 90, 180, 270]))
@@ -170,7 +193,7 @@ def test_rows_in_any_order_become_stations_in_order_of_appearance():
 def test_repeated_positions_are_averaged():
     """A closing reading at 360° is averaged with that at 0°."""
     station, position, _ = rows((1,), (0, 90, 180, 270, 360))
-    found = northseek.arrange(station, position, np.array([[1.0], [2.0], [3.0], [4.0], [5.0]]))
+    found = published.arrange(station, position, np.array([[1.0], [2.0], [3.0], [4.0], [5.0]]))
     assert found.indication[0, :, 0] == pytest.approx([3.0, 2.0, 3.0, 4.0])
 
 
@@ -180,7 +203,7 @@ def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
     position[6] = 185.0
     indication[9] = np.nan
     keep = np.arange(16) != 13
-    found = northseek.arrange(station[keep], position[keep], indication[keep])
+    found = published.arrange(station[keep], position[keep], indication[keep])
     assert found.status[0] == ""
     assert "185° is none of" in found.status[1]
     assert "N-position" in found.status[1]
@@ -191,36 +214,44 @@ def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
 def test_a_position_a_hair_off_is_accepted():
     """Positions of 89.95° and 359.96° are those of 90° and 0°; 90.2° is not."""
     station, _, indication = rows((1,))
-    assert northseek.arrange(station, np.array([359.96, 89.95, 180.0, 270.0]), indication).status == ("",)
-    assert northseek.arrange(station, np.array([0.0, 90.2, 180.0, 270.0]), indication).status != ("",)
+    assert published.arrange(
+        station, np.array([359.96, 89.95, 180.0, 270.0]), indication
+    ).status == ("",)
+    assert published.arrange(station, np.array([0.0, 90.2, 180.0, 270.0]), indication).status != (
+        "",
+    )
 
 
 def test_the_closure_of_four_positions_tells_the_noise():
-    """5000 stations of noise 0.01 on any signal and bias: 0.01 to 3 %; a constant bias is not in it."""
+    """5000 stations of noise 0.01 on any signal and bias: 0.01 to 3 %; a constant bias is not in
+    it.
+    """
     rng = np.random.default_rng(1)
     x, y, bias = rng.normal(size=(3, 5000))
     readings = np.column_stack((x, y, -x, -y)) + bias[:, None] + 0.01 * rng.normal(size=(5000, 4))
-    squares = northseek.closures(readings) ** 2
-    assert northseek_closure.noise(squares, np.ones(5000, dtype=np.int64)) == pytest.approx(0.01, rel=0.03)
-    assert northseek_closure.noise(np.zeros(2), np.zeros(2, dtype=np.int64)) == 0.0
+    squares = published.closures(readings) ** 2
+    assert closure.noise(squares, np.ones(5000, dtype=np.int64)) == pytest.approx(0.01, rel=0.03)
+    assert closure.noise(np.zeros(2), np.zeros(2, dtype=np.int64)) == 0.0
 
 
 def test_accelerations_beyond_gravity_are_clamped_and_marked():
-    """√(g_x² + g_y²) of 1.001 is 90° of inclination, marked, with a finite azimuth and no warning."""
+    """√(g_x² + g_y²) of 1.001 is 90° of inclination, marked, with a finite azimuth and no
+    warning.
+    """
     x, y = np.array([-1.0009, 0.1]), np.array([0.05, 0.0])
-    found = northseek.attitude(x, y)
+    found = published.attitude(x, y)
     assert found.clamped.tolist() == [True, False]
     assert np.degrees(found.inclination[0]) == 90.0
-    assert np.isfinite(northseek.azimuth(x, y, np.ones(2), np.ones(2), 34.2)).all()
+    assert np.isfinite(published.azimuth(x, y, np.ones(2), np.ones(2), 34.2)).all()
 
 
 def test_a_negative_discriminant_is_clamped_and_marked():
     """Noise that turns the discriminant negative gives a double root, marked, never a NaN."""
     gravity, _ = forward(80.0, 20.0, 90.0, 34.2)
-    found = northseek.attitude(gravity[:1], gravity[1:2])
+    found = published.attitude(gravity[:1], gravity[1:2])
     B = np.array([10.0])
     phi = found.toolface
-    roots = northseek.scale_roots(B * np.sin(phi), B * np.cos(phi), found, 34.2)
+    roots = published.scale_roots(B * np.sin(phi), B * np.cos(phi), found, 34.2)
     assert roots.clamped[0]
     assert roots.plus[0] == roots.minus[0]
     assert np.isfinite(roots.plus[0])
@@ -228,8 +259,8 @@ def test_a_negative_discriminant_is_clamped_and_marked():
 
 def test_no_rate_at_all_has_no_root():
     """Gyros that show exactly zero leave s undefined, without a warning."""
-    found = northseek.attitude(np.array([-0.5]), np.array([0.1]))
-    roots = northseek.scale_roots(np.zeros(1), np.zeros(1), found, 34.2)
+    found = published.attitude(np.array([-0.5]), np.array([0.1]))
+    roots = published.scale_roots(np.zeros(1), np.zeros(1), found, 34.2)
     assert np.isnan(roots.plus[0])
 
 
@@ -237,37 +268,50 @@ def test_no_rate_at_all_has_no_root():
 def test_a_vertical_tool_shows_the_sum_of_toolface_and_azimuth(toolface, azimuth):
     """At θ = 0 neither angle is defined and their sum is, to 1e-9°."""
     _, rate = forward(0.0, toolface, azimuth, 34.2)
-    found = np.degrees(northseek.toolface_plus_azimuth(rate[:1], rate[1:2]))[0]
+    found = np.degrees(published.toolface_plus_azimuth(rate[:1], rate[1:2]))[0]
     assert abs(wrapped(found - toolface - azimuth)) < 1e-9
 
 
 def test_angles_lie_in_their_circles():
-    """Azimuth in [0, 360), toolface in (−180, 180], for directions a rounding error on the wrong side too."""
+    """Azimuth in [0, 360), toolface in (−180, 180], for directions a rounding error on the wrong
+    side too.
+    """
     x = np.array([0.5, 0.5, 0.5])
     y = np.array([0.0, -0.0, 0.0])
-    found = northseek.attitude(x, y)
+    found = published.attitude(x, y)
     assert np.degrees(found.toolface) == pytest.approx([180.0, 180.0, 180.0])
     rates = np.array([10.0, 10.0, 10.0]), np.array([1e-17, -1e-17, -0.0])
-    psi = northseek.azimuth(-x, np.zeros(3), rates[0], rates[1], 0.0)
+    psi = published.azimuth(-x, np.zeros(3), rates[0], rates[1], 0.0)
     assert (psi >= 0.0).all()
     assert (psi < 2.0 * np.pi).all()
 
 
 def test_the_azimuth_error_of_a_wrong_scale_factor_is_as_published():
-    """An excess e of s ω errs by −e tan α tan θ sin ψ to first order: 1e-4 at four attitudes, to 1 % of the largest."""
+    """An excess e of s ω errs by −e tan α tan θ sin ψ to first order: 1e-4 at four attitudes, to 1
+    % of the largest.
+    """
     e = 1e-4
     for theta, psi in ((10.0, 30.0), (40.0, 90.0), (60.0, 250.0), (30.0, 180.0)):
         gravity, rate = forward(theta, 25.0, psi, 34.2)
         x, y = gravity[:1], gravity[1:2]
-        found = northseek.azimuth(x, y, (1.0 + e) * rate[:1], (1.0 + e) * rate[1:2], 34.2)[0]
-        expected = -e * np.tan(np.radians(34.2)) * np.tan(np.radians(theta)) * np.sin(np.radians(psi))
+        found = published.azimuth(x, y, (1.0 + e) * rate[:1], (1.0 + e) * rate[1:2], 34.2)[0]
+        expected = (
+            -e * np.tan(np.radians(34.2)) * np.tan(np.radians(theta)) * np.sin(np.radians(psi))
+        )
         assert np.radians(wrapped(np.degrees(found) - psi)) == pytest.approx(expected, abs=2e-6)
 
 
 def test_the_earths_rate_has_the_components_of_the_latitude():
     """Vertical rate of the published table to 1e-9 °/h; horizontal and vertical make the whole."""
-    for latitude, value in ((0.0, 0.0), (34.2, 8.454333745860213), (51.0784, 11.702045738052043), (90.0, 15.041067)):
+    for latitude, value in (
+        (0.0, 0.0),
+        (34.2, 8.454333745860213),
+        (51.0784, 11.702045738052043),
+        (90.0, 15.041067),
+    ):
         assert float(earth.vertical_rate(latitude)) == pytest.approx(value, abs=1e-9)
         whole = np.hypot(earth.vertical_rate(latitude), earth.horizontal_rate(latitude))
         assert float(whole) == pytest.approx(15.041067, abs=1e-12)
-    assert np.degrees(earth.EARTH_RATE_RADPS) * 3600.0 == pytest.approx(earth.EARTH_RATE_DPH, rel=2e-8)
+    assert np.degrees(earth.EARTH_RATE_RADPS) * 3600.0 == pytest.approx(
+        earth.EARTH_RATE_DPH, rel=2e-8
+    )

@@ -1,4 +1,6 @@
-"""Which root, how far trusted, with what uncertainty: history, headings, priors, gates, refusals, two sensor pairs."""
+"""Which root, how far trusted, with what uncertainty: history, headings, priors, gates, refusals,
+two sensor pairs.
+"""
 
 import json
 from dataclasses import replace
@@ -7,15 +9,15 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import (
-    northseek,
-    northseek_choice,
-    northseek_closure,
-    northseek_covariance,
-    northseek_pairs,
-    northseek_prior,
+from calibkit.instruments.inclinometer import simulate
+from calibkit.instruments.inclinometer.numeric import (
+    closure,
+    published,
+    root_choice,
+    scale_prior,
+    sensor_pairs,
 )
-from calibkit.simulate import inclinometer
+from calibkit.instruments.inclinometer.numeric import covariance as northseek_covariance
 from conftest import AUTHORITIES
 from test_northseek import forward, vector_components, wrapped
 
@@ -25,38 +27,48 @@ NOISE = np.diag([2e-5, 2e-5, 0.01, 0.01]) ** 2 / 2.0
 
 def parts_of(theta, phi, psi, latitude, s=1.0, noise=NOISE):
     """Exact components of stations of given attitudes, and their noise."""
-    theta, phi, psi, s = np.broadcast_arrays(*(np.atleast_1d(np.asarray(v, dtype=float)) for v in (theta, phi, psi, s)))
+    theta, phi, psi, s = np.broadcast_arrays(
+        *(np.atleast_1d(np.asarray(v, dtype=float)) for v in (theta, phi, psi, s))
+    )
     made = [forward(*row[:3], latitude, row[3]) for row in zip(theta, phi, psi, s, strict=True)]
     gravity, rate = (np.array([pair[k] for pair in made]) for k in (0, 1))
     covariance = np.broadcast_to(noise, (theta.size, 4, 4)).copy()
-    return northseek.Components(gravity[:, 0], gravity[:, 1], rate[:, 0], rate[:, 1], covariance)
+    return published.Components(gravity[:, 0], gravity[:, 1], rate[:, 0], rate[:, 1], covariance)
 
 
 def closed(readings):
     """Noise of a reading, from how the four positions [n, 4] close."""
-    squares = northseek.closures(readings) ** 2
-    return northseek_closure.noise(squares, np.ones(squares.size, dtype=np.int64))
+    squares = published.closures(readings) ** 2
+    return closure.noise(squares, np.ones(squares.size, dtype=np.int64))
 
 
 def shaken(parts, rng):
     """Components with noise of their own covariance."""
     values = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y))
     noise = np.array([rng.multivariate_normal(np.zeros(4), c) for c in parts.covariance[:1]])
-    noise = rng.multivariate_normal(np.zeros(4), parts.covariance[0], len(values)) if len(values) > 1 else noise
-    return northseek.Components(*(values + noise).T, parts.covariance)
+    noise = (
+        rng.multivariate_normal(np.zeros(4), parts.covariance[0], len(values))
+        if len(values) > 1
+        else noise
+    )
+    return published.Components(*(values + noise).T, parts.covariance)
 
 
 def prior_of(count, s=1.0, u=0.01):
     """Prior, the same at all stations."""
-    return northseek_choice.Prior(np.full(count, s), np.full(count, u))
+    return root_choice.Prior(np.full(count, s), np.full(count, u))
 
 
 @pytest.mark.parametrize("sensor", ["x", "y"])
-@pytest.mark.parametrize("station", STATIONS, ids=lambda station: f"theta {station['expected']['inclination_deg']:g}")
+@pytest.mark.parametrize(
+    "station", STATIONS, ids=lambda station: f"theta {station['expected']['inclination_deg']:g}"
+)
 def test_the_worked_examples_are_solved_without_being_told_the_root(station, sensor):
-    """From a prior of 1 ± 0.01 the right root is chosen; without noise s and ψ come back to 1e-9."""
+    """From a prior of 1 ± 0.01 the right root is chosen; without noise s and ψ come back to
+    1e-9.
+    """
     parts = replace(vector_components(station, sensor), covariance=np.full((1, 4, 4), 0.0))
-    found = northseek_choice.solve(parts, station["latitude_deg"], prior_of(1))
+    found = root_choice.solve(parts, station["latitude_deg"], prior_of(1))
     expected = station["expected"]
     assert found.status == ("",)
     assert found.s[0] == pytest.approx(expected["s"], abs=1e-9)
@@ -71,8 +83,8 @@ def test_of_two_positive_roots_the_prior_chooses():
     """The station of roots 3.32 and 1.003: a prior of 1 takes the −, a prior of 3.3 the + root."""
     station = STATIONS[8]
     parts = replace(vector_components(station, "x"), covariance=NOISE[None])
-    low = northseek_choice.solve(parts, 34.2, prior_of(1))
-    high = northseek_choice.solve(parts, 34.2, prior_of(1, 3.3, 0.05))
+    low = root_choice.solve(parts, 34.2, prior_of(1))
+    high = root_choice.solve(parts, 34.2, prior_of(1, 3.3, 0.05))
     assert (low.root[0], high.root[0]) == (-1, 1)
     assert low.s_root[0] == pytest.approx(1.003, abs=1e-9)
     assert high.s_root[0] == pytest.approx(station["expected"]["root_plus"], abs=1e-9)
@@ -80,13 +92,15 @@ def test_of_two_positive_roots_the_prior_chooses():
 
 
 def test_an_outside_heading_chooses_against_the_prior():
-    """With a compass within 20° of the truth the right root is taken though the prior is nearer the other."""
+    """With a compass within 20° of the truth the right root is taken though the prior is nearer the
+    other.
+    """
     station = STATIONS[8]
     parts = replace(vector_components(station, "x"), covariance=NOISE[None])
     misled = prior_of(1, 3.2, 0.05)
-    found = northseek_choice.solve(parts, 34.2, misled, heading_deg=np.array([165.0]))
+    found = root_choice.solve(parts, 34.2, misled, heading_deg=np.array([165.0]))
     assert found.s_root[0] == pytest.approx(1.003, abs=1e-9)
-    without = northseek_choice.solve(parts, 34.2, misled, heading_deg=np.array([np.nan]))
+    without = root_choice.solve(parts, 34.2, misled, heading_deg=np.array([np.nan]))
     assert without.root[0] == 1
 
 
@@ -95,7 +109,7 @@ def test_roots_that_are_as_likely_are_not_used():
     station = STATIONS[5]
     parts = replace(vector_components(station, "x"), covariance=NOISE[None])
     middle = 0.5 * (station["expected"]["root_plus"] + station["expected"]["root_minus"])
-    found = northseek_choice.solve(parts, 60.0, prior_of(1, middle, 0.1))
+    found = root_choice.solve(parts, 60.0, prior_of(1, middle, 0.1))
     assert found.weight[0] == 0.0
     assert found.s[0] == pytest.approx(middle)
     assert any("as likely" in flag for flag in found.flags[0])
@@ -104,7 +118,7 @@ def test_roots_that_are_as_likely_are_not_used():
 def test_the_root_is_shrunk_to_its_prior_by_inverse_variance():
     """S = (s_root/u² + s_prior/u_p²)/(1/u² + 1/u_p²), its uncertainty that of the weighted mean."""
     parts = parts_of(30.0, 40.0, 70.0, 34.2, 1.004)
-    found = northseek_choice.solve(parts, 34.2, prior_of(1, 1.0, 1e-3))
+    found = root_choice.solve(parts, 34.2, prior_of(1, 1.0, 1e-3))
     u = found.s_root_uncertainty[0]
     expected = (1.004 / u**2 + 1.0 / 1e-6) / (1.0 / u**2 + 1.0 / 1e-6)
     assert found.s[0] == pytest.approx(expected, abs=1e-12)
@@ -112,11 +126,13 @@ def test_the_root_is_shrunk_to_its_prior_by_inverse_variance():
 
 
 def test_the_uncertainty_of_s_grows_as_one_over_c():
-    """f_s = 2 cos α cos θ C/s: u(s) C is the same within a factor of two while C goes from 0.1 to 0.9."""
+    """f_s = 2 cos α cos θ C/s: u(s) C is the same within a factor of two while C goes from 0.1 to
+    0.9.
+    """
     latitude, theta = 34.2, 50.0
     psi = np.linspace(0.0, 150.0, 16)
-    found = northseek_choice.estimates(parts_of(theta, 10.0, psi, latitude), latitude)
-    C = northseek.label(np.radians(np.full(psi.size, theta)), np.radians(psi), latitude)
+    found = root_choice.estimates(parts_of(theta, 10.0, psi, latitude), latitude)
+    C = published.label(np.radians(np.full(psi.size, theta)), np.radians(psi), latitude)
     product = found.uncertainty[C > 0.1, 0] * C[C > 0.1]
     assert product.max() / product.min() < 2.0
 
@@ -127,9 +143,11 @@ def test_near_c_zero_s_is_its_prior_and_azimuth_is_not_made_worse():
     latitude, theta = 60.0, 60.0
     psi = float(np.degrees(np.arccos(-1.0 / 3.0 + 0.005)))
     parts = shaken(parts_of(np.full(400, theta), 20.0, psi, latitude, 1.001), rng)
-    found = northseek_choice.solve(parts, latitude, prior_of(400))
+    found = root_choice.solve(parts, latitude, prior_of(400))
     assert np.mean(found.weight == 0.0) > 0.95
-    error, plain = (np.sqrt(np.mean(wrapped(a - psi) ** 2)) for a in (found.azimuth_deg, found.uncorrected_deg))
+    error, plain = (
+        np.sqrt(np.mean(wrapped(a - psi) ** 2)) for a in (found.azimuth_deg, found.uncorrected_deg)
+    )
     assert error <= 1.02 * plain
     gated = int(np.flatnonzero(found.weight == 0.0)[0])
     assert found.flags[gated]
@@ -137,14 +155,21 @@ def test_near_c_zero_s_is_its_prior_and_azimuth_is_not_made_worse():
 
 @pytest.mark.parametrize("used", [True, False])
 def test_the_covariance_is_that_of_drawn_readings(used):
-    """20,000 draws at six attitudes: covariances of θ, φ, s, ψ agree to 5 % of the uncertainties, prior included."""
+    """20,000 draws at six attitudes: covariances of θ, φ, s, ψ agree to 5 % of the uncertainties,
+    prior included.
+    """
     rng = np.random.default_rng(3)
     latitude = 34.2
-    limits = northseek_choice.Limits() if used else northseek_choice.Limits(s_uncertainty=0.0)
-    for theta, phi, psi in ((10.0, 20.0, 50.0), (30.0, -120.0, 200.0), (50.0, 170.0, 100.0), (45.0, 0.0, 330.0)):
+    limits = root_choice.Limits() if used else root_choice.Limits(s_uncertainty=0.0)
+    for theta, phi, psi in (
+        (10.0, 20.0, 50.0),
+        (30.0, -120.0, 200.0),
+        (50.0, 170.0, 100.0),
+        (45.0, 0.0, 330.0),
+    ):
         exact = parts_of(np.full(20_000, theta), phi, psi, latitude, 1.002)
-        priors = northseek_choice.Prior(1.002 + 1e-3 * rng.normal(size=20_000), np.full(20_000, 1e-3))
-        found = northseek_choice.solve(shaken(exact, rng), latitude, priors, limits=limits)
+        priors = root_choice.Prior(1.002 + 1e-3 * rng.normal(size=20_000), np.full(20_000, 1e-3))
+        found = root_choice.solve(shaken(exact, rng), latitude, priors, limits=limits)
         assert (found.weight > 0.0).all() == used
         drawn = np.cov(
             np.vstack(
@@ -162,21 +187,27 @@ def test_the_covariance_is_that_of_drawn_readings(used):
 
 
 def test_derivatives_are_those_of_differences():
-    """Gradients of root and azimuth by every input equal central differences to 1e-6 of their largest."""
+    """Gradients of root and azimuth by every input equal central differences to 1e-6 of their
+    largest.
+    """
     latitude = np.array([34.2])
     parts = parts_of(40.0, 70.0, 120.0, 34.2, 1.003)
-    values = np.array([parts.accel_x[0], parts.accel_y[0], parts.gyro_x[0], parts.gyro_y[0], np.radians(34.2)])
+    values = np.array(
+        [parts.accel_x[0], parts.accel_y[0], parts.gyro_x[0], parts.gyro_y[0], np.radians(34.2)]
+    )
 
     def both(inputs, s=None):
-        moved = northseek.Components(*(np.array([v]) for v in inputs[:4]), parts.covariance)
+        moved = published.Components(*(np.array([v]) for v in inputs[:4]), parts.covariance)
         degrees = np.degrees(inputs[4])
-        found = northseek.attitude(moved.accel_x, moved.accel_y)
-        root = northseek.scale_roots(moved.gyro_x, moved.gyro_y, found, degrees).plus
+        found = published.attitude(moved.accel_x, moved.accel_y)
+        root = published.scale_roots(moved.gyro_x, moved.gyro_y, found, degrees).plus
         fixed = root if s is None else np.array([s])
-        psi = northseek.azimuth(moved.accel_x, moved.accel_y, fixed * moved.gyro_x, fixed * moved.gyro_y, degrees)
+        psi = published.azimuth(
+            moved.accel_x, moved.accel_y, fixed * moved.gyro_x, fixed * moved.gyro_y, degrees
+        )
         return root[0], psi[0]
 
-    found = northseek.attitude(parts.accel_x, parts.accel_y)
+    found = published.attitude(parts.accel_x, parts.accel_y)
     s = np.array([both(values)[0]])
     by_root = northseek_covariance.root_gradient(parts, found, latitude, s)[0]
     by_psi, by_s = northseek_covariance.azimuth_gradient(parts, found, latitude, s)
@@ -197,17 +228,19 @@ def test_an_uncertain_latitude_is_in_the_azimuth():
     """0.1° of latitude adds what moving it by 0.1° does, to 1 %."""
     parts = parts_of(40.0, 70.0, 120.0, 34.2, noise=np.zeros((4, 4)))
     prior = prior_of(1, 1.0, 0.0)
-    found = northseek_choice.solve(parts, 34.2, prior, latitude_uncertainty_deg=0.1)
-    moved = [northseek_choice.solve(parts, 34.2 + d, prior).azimuth_deg[0] for d in (-0.05, 0.05)]
+    found = root_choice.solve(parts, 34.2, prior, latitude_uncertainty_deg=0.1)
+    moved = [root_choice.solve(parts, 34.2 + d, prior).azimuth_deg[0] for d in (-0.05, 0.05)]
     assert found.standard_uncertainty[0, 3] == pytest.approx(abs(moved[1] - moved[0]), rel=0.01)
 
 
 def test_degenerate_stations_are_refused_with_reasons_and_the_others_solved():
-    """θ = 0, θ near 90°, NaN and no rate are refused, each with its reason; the good station is solved; no warning."""
+    """θ = 0, θ near 90°, NaN and no rate are refused, each with its reason; the good station is
+    solved; no warning.
+    """
     good = parts_of([30.0, 0.001, 88.0, 30.0, 30.0], 40.0, 70.0, 34.2)
     good.gyro_x[3] = np.nan
     good.gyro_x[4] = good.gyro_y[4] = 0.0
-    found = northseek_choice.solve(good, 34.2, prior_of(5))
+    found = root_choice.solve(good, 34.2, prior_of(5))
     reasons = found.status
     assert reasons[0] == ""
     assert "their sum is 110.00" in reasons[1]
@@ -220,31 +253,38 @@ def test_degenerate_stations_are_refused_with_reasons_and_the_others_solved():
     assert (found.root[1:] == 0).all()
 
 
-@pytest.mark.parametrize(("latitude", "refused"), [(79.0, False), (80.5, True), (-85.0, True), (90.0, True)])
+@pytest.mark.parametrize(
+    ("latitude", "refused"), [(79.0, False), (80.5, True), (-85.0, True), (90.0, True)]
+)
 def test_high_latitudes_are_refused(latitude, refused):
     """Beyond 80° of either sign there is no azimuth, and the reason names the latitude."""
-    found = northseek_choice.solve(parts_of(10.0, 40.0, 70.0, latitude), latitude, prior_of(1))
+    found = root_choice.solve(parts_of(10.0, 40.0, 70.0, latitude), latitude, prior_of(1))
     assert bool(found.status[0]) == refused
     assert not refused or "latitude" in found.status[0]
 
 
 def test_a_reason_known_before_is_kept():
     """A station that could not be read keeps that reason, whatever its numbers."""
-    found = northseek_choice.solve(
-        parts_of([30.0, 31.0], 40.0, 70.0, 34.2), 34.2, prior_of(2), refused=("", "position 90° missing")
+    found = root_choice.solve(
+        parts_of([30.0, 31.0], 40.0, 70.0, 34.2),
+        34.2,
+        prior_of(2),
+        refused=("", "position 90° missing"),
     )
     assert found.status == ("", "position 90° missing")
     with pytest.raises(FitError, match="1 reasons"):
-        northseek_choice.estimates(parts_of([30.0, 31.0], 40.0, 70.0, 34.2), 34.2, refused=("a",))
+        root_choice.estimates(parts_of([30.0, 31.0], 40.0, 70.0, 34.2), 34.2, refused=("a",))
 
 
 def test_noise_beyond_gravity_and_negative_discriminants_are_flagged():
-    """Near the horizontal noise gives both: each station has a finite result or a reason, and a flag for each clamp."""
+    """Near the horizontal noise gives both: each station has a finite result or a reason, and a
+    flag for each clamp.
+    """
     rng = np.random.default_rng(5)
-    limits = northseek_choice.Limits(horizontal_deg=89.9)
+    limits = root_choice.Limits(horizontal_deg=89.9)
     loud = np.diag([1e-3, 1e-3, 2.0, 2.0]) ** 2
     parts = shaken(parts_of(np.full(500, 88.0), 30.0, 85.0, 34.2, noise=loud), rng)
-    found = northseek_choice.solve(parts, 34.2, prior_of(500), limits=limits)
+    found = root_choice.solve(parts, 34.2, prior_of(500), limits=limits)
     flags = [flag for station in found.flags for flag in station]
     assert any("exceed gravity" in flag for flag in flags)
     assert any("negative discriminant" in flag for flag in flags)
@@ -254,18 +294,26 @@ def test_noise_beyond_gravity_and_negative_discriminants_are_flagged():
 
 
 def test_a_root_too_uncertain_is_not_used():
-    """At 1 °/h of noise a root is known to 0.05: beyond the limit of 0.02 its weight is zero, though C is 0.8."""
-    found = northseek_choice.solve(parts_of(30.0, 40.0, 70.0, 34.2, noise=NOISE * 1e4), 34.2, prior_of(1, u=0.5))
+    """At 1 °/h of noise a root is known to 0.05: beyond the limit of 0.02 its weight is zero,
+    though C is 0.8.
+    """
+    found = root_choice.solve(
+        parts_of(30.0, 40.0, 70.0, 34.2, noise=NOISE * 1e4), 34.2, prior_of(1, u=0.5)
+    )
     assert found.C[0] > 0.5
     assert 0.02 < found.s_root_uncertainty[0] < 0.1
     assert found.weight[0] == 0.0
 
 
 def test_no_positive_root_leaves_the_prior():
-    """Beyond the complement of the latitude noise can make both roots negative: s is its prior, flagged."""
+    """Beyond the complement of the latitude noise can make both roots negative: s is its prior,
+    flagged.
+    """
     parts = parts_of(75.0, 0.0, 45.0, 60.0)
-    turned = northseek.Components(parts.accel_x, parts.accel_y, -parts.gyro_x, -parts.gyro_y, parts.covariance)
-    found = northseek_choice.solve(turned, 60.0, prior_of(1))
+    turned = published.Components(
+        parts.accel_x, parts.accel_y, -parts.gyro_x, -parts.gyro_y, parts.covariance
+    )
+    found = root_choice.solve(turned, 60.0, prior_of(1))
     assert found.root[0] == 0
     assert found.s[0] == 1.0
     assert any("no positive root" in flag for flag in found.flags[0])
@@ -273,29 +321,33 @@ def test_no_positive_root_leaves_the_prior():
 
 def test_a_root_far_from_its_prior_is_flagged():
     """A root of 1.05 under a prior of 1 ± 0.001 is named with both values."""
-    found = northseek_choice.solve(parts_of(30.0, 40.0, 70.0, 34.2, 1.05), 34.2, prior_of(1, 1.0, 1e-3))
+    found = root_choice.solve(parts_of(30.0, 40.0, 70.0, 34.2, 1.05), 34.2, prior_of(1, 1.0, 1e-3))
     assert any("1.05" in flag and "standard uncertainties" in flag for flag in found.flags[0])
 
 
 @pytest.mark.parametrize(("s", "u"), [(0.0, 0.01), (np.nan, 0.01), (1.0, -1.0)])
 def test_a_prior_that_cannot_be_is_refused(s, u):
-    """Zero, NaN and negative uncertainties are refused; so is a prior of another number of stations."""
+    """Zero, NaN and negative uncertainties are refused; so is a prior of another number of
+    stations.
+    """
     with pytest.raises(FitError):
-        northseek_choice.solve(parts_of(30.0, 40.0, 70.0, 34.2), 34.2, prior_of(1, s, u))
+        root_choice.solve(parts_of(30.0, 40.0, 70.0, 34.2), 34.2, prior_of(1, s, u))
     with pytest.raises(FitError, match="2 priors"):
-        northseek_choice.solve(parts_of(30.0, 40.0, 70.0, 34.2), 34.2, prior_of(2))
+        root_choice.solve(parts_of(30.0, 40.0, 70.0, 34.2), 34.2, prior_of(2))
 
 
 def test_history_decides_where_both_roots_are_positive():
-    """At latitude 60° and θ 35 to 70° s drifts from 1 to 1.06 over 60 stations: history follows it, every root right."""
+    """At latitude 60° and θ 35 to 70° s drifts from 1 to 1.06 over 60 stations: history follows it,
+    every root right.
+    """
     rng = np.random.default_rng(2)
     count, latitude = 60, 60.0
     s = 1.0 + 0.06 * np.linspace(0.0, 1.0, count) ** 1.5
     psi, theta = rng.uniform(0.0, 360.0, count), rng.uniform(35.0, 70.0, count)
     parts = shaken(parts_of(theta, rng.uniform(-180.0, 180.0, count), psi, latitude, s), rng)
-    start = northseek_prior.History(rate_uncertainty=5e-3, rate_walk=5e-3)
-    found = northseek_prior.in_sequence(parts, latitude, np.arange(count) / 6.0, start=start)
-    C = northseek.label(np.radians(theta), np.radians(psi), latitude)
+    start = scale_prior.History(rate_uncertainty=5e-3, rate_walk=5e-3)
+    found = scale_prior.in_sequence(parts, latitude, np.arange(count) / 6.0, start=start)
+    C = published.label(np.radians(theta), np.radians(psi), latitude)
     trusted = found.weight > 0.0
     assert trusted.sum() > 40
     assert (found.root[trusted] == np.sign(C[trusted])).all()
@@ -309,12 +361,14 @@ def test_history_decides_where_both_roots_are_positive():
 
 
 def test_history_predicts_with_value_and_rate():
-    """After 20 exact stations of s rising 5e-4 an hour the next prior is on the line to 1e-4, not on the last value."""
+    """After 20 exact stations of s rising 5e-4 an hour the next prior is on the line to 1e-4, not
+    on the last value.
+    """
     hours = np.append(np.arange(20.0), 24.0)
     s = 1.0 + 5e-4 * hours
     parts = parts_of(np.full(21, 20.0), 40.0, 70.0, 34.2, s, noise=NOISE * 1e-4)
-    start = northseek_prior.History(rate_walk=1e-5)
-    prior = northseek_prior.history_prior(northseek_choice.estimates(parts, 34.2), hours, start=start)
+    start = scale_prior.History(rate_walk=1e-5)
+    prior = scale_prior.history_prior(root_choice.estimates(parts, 34.2), hours, start=start)
     assert prior.s[-1] == pytest.approx(s[-1], abs=1e-4)
     assert prior.s[0] == 1.0
     assert prior.standard_uncertainty[0] == 0.01
@@ -322,36 +376,48 @@ def test_history_predicts_with_value_and_rate():
 
 
 def test_refused_stations_do_not_disturb_the_history():
-    """A vertical and a NaN station in between leave the others' priors as if a longer wait had passed."""
+    """A vertical and a NaN station in between leave the others' priors as if a longer wait had
+    passed.
+    """
     theta = np.array([20.0, 0.1, 20.0, 20.0, 20.0])
     parts = parts_of(theta, 40.0, 70.0, 34.2, np.array([1.003, 1.03, 1.003, 1.003, 1.003]))
     parts.gyro_x[2] = np.nan
     hours = np.arange(5.0)
-    prior = northseek_prior.history_prior(northseek_choice.estimates(parts, 34.2), hours)
+    prior = scale_prior.history_prior(root_choice.estimates(parts, 34.2), hours)
     assert np.isfinite(prior.s).all()
     assert prior.s[4] == pytest.approx(1.003, abs=1e-3)
     with pytest.raises(FitError, match="sort the stations"):
-        northseek_prior.history_prior(northseek_choice.estimates(parts, 34.2), hours[::-1])
+        scale_prior.history_prior(root_choice.estimates(parts, 34.2), hours[::-1])
 
 
 def fitted(seed, **options):
-    """Components of the x pair of a simulated tool, its solution by history, temperatures, truth."""
-    logs = inclinometer.campaign(seed, **options)
+    """Components of the x pair of a simulated tool, its solution by history, temperatures,
+    truth.
+    """
+    logs = simulate.campaign(seed, **options)
     log = logs.logs["stations.csv"]
-    readings = northseek.arrange(
-        log["station"], log["position_deg"].astype(float), np.column_stack((log["accel_x_g"], log["gyro_x_dph"]))
+    readings = published.arrange(
+        log["station"],
+        log["position_deg"].astype(float),
+        np.column_stack((log["accel_x_g"], log["gyro_x_dph"])),
     ).indication
-    parts = northseek.components(
-        readings[:, :, 0], readings[:, :, 1], "x", accel_noise_g=2e-5, gyro_noise_dph=options.get("noise", 0.01)
+    parts = published.components(
+        readings[:, :, 0],
+        readings[:, :, 1],
+        "x",
+        accel_noise_g=2e-5,
+        gyro_noise_dph=options.get("noise", 0.01),
     )
-    found = northseek_prior.in_sequence(parts, logs.truth["latitude_deg"], log["time_s"][::4] / 3600.0)
+    found = scale_prior.in_sequence(parts, logs.truth["latitude_deg"], log["time_s"][::4] / 3600.0)
     return parts, found, log["temp_case_degc"][::4], logs.truth["stations"]
 
 
 def test_s_over_temperature_follows_the_truth():
-    """The polynomial is within 3 standard uncertainties and 4e-4 of the simulated s, which is no polynomial."""
+    """The polynomial is within 3 standard uncertainties and 4e-4 of the simulated s, which is no
+    polynomial.
+    """
     _, found, temperature, truth = fitted(4, count=120)
-    over = northseek_prior.over_temperature(found, temperature)
+    over = scale_prior.over_temperature(found, temperature)
     prior = over.prior(temperature)
     error = prior.s - np.array(truth["s_x"])
     assert np.abs(error).max() < 4e-4
@@ -361,11 +427,13 @@ def test_s_over_temperature_follows_the_truth():
 
 
 def test_s_over_temperature_has_honest_uncertainty():
-    """Ideal tools, 60 of them: the line's value at 60 °C is within 1.96 standard uncertainties in 88 to 100 %."""
+    """Ideal tools, 60 of them: the line's value at 60 °C is within 1.96 standard uncertainties in
+    88 to 100 %.
+    """
     z = []
     for seed in range(60):
         _, found, temperature, truth = fitted(seed, ideal=True)
-        over = northseek_prior.over_temperature(found, temperature, order=1)
+        over = scale_prior.over_temperature(found, temperature, order=1)
         prior = over.prior(60.0)
         z.append((prior.s[0] - truth["s_x"][0]) / prior.standard_uncertainty[0])
     assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
@@ -375,32 +443,40 @@ def test_s_over_temperature_has_honest_uncertainty():
 def test_a_station_is_left_out_of_its_own_prior():
     """The closed form of s(T) without station k equals a refit without it, to 1e-9."""
     _, found, temperature, _ = fitted(8, ideal=True, count=12)
-    over = northseek_prior.over_temperature(found, temperature, order=1)
+    over = scale_prior.over_temperature(found, temperature, order=1)
     # with another scatter the refit would have other weights
     assert over.scatter == 0.0
     u = found.s_root_uncertainty
     for k in np.flatnonzero(over.used)[:4]:
         others = over.used & (np.arange(12) != k)
-        slope, intercept = np.polyfit(temperature[others], found.s_root[others], 1, w=1.0 / u[others])
+        slope, intercept = np.polyfit(
+            temperature[others], found.s_root[others], 1, w=1.0 / u[others]
+        )
         clamped = np.clip(temperature[k], *over.valid_degc)
         assert over.left_out.s[k] == pytest.approx(slope * clamped + intercept, abs=1e-9)
 
 
 def test_scatter_beyond_noise_is_in_the_prior():
-    """S that scatters 1e-3 from station to station has a scatter of 0.7 to 1.3e-3, and the prior is no surer than it."""
+    """S that scatters 1e-3 from station to station has a scatter of 0.7 to 1.3e-3, and the prior is
+    no surer than it.
+    """
     rng = np.random.default_rng(6)
     s = 1.0 + 1e-3 * rng.normal(size=80)
-    parts = parts_of(np.full(80, 20.0), 40.0, rng.uniform(0.0, 360.0, 80), 34.2, s, noise=NOISE * 1e-2)
-    found = northseek_choice.solve(parts, 34.2, prior_of(80))
-    over = northseek_prior.over_temperature(found, np.linspace(20.0, 120.0, 80))
+    parts = parts_of(
+        np.full(80, 20.0), 40.0, rng.uniform(0.0, 360.0, 80), 34.2, s, noise=NOISE * 1e-2
+    )
+    found = root_choice.solve(parts, 34.2, prior_of(80))
+    over = scale_prior.over_temperature(found, np.linspace(20.0, 120.0, 80))
     assert over.scatter == pytest.approx(1e-3, rel=0.3)
     assert over.prior(60.0).standard_uncertainty[0] > over.scatter
 
 
 def test_beyond_its_temperatures_the_prior_is_clamped_and_less_sure():
-    """s(T) of slope 1e-4 over 20 to 120 °C: at 150 °C the value of 120 °C, its uncertainty wider by 3e-3."""
+    """s(T) of slope 1e-4 over 20 to 120 °C: at 150 °C the value of 120 °C, its uncertainty wider by
+    3e-3.
+    """
     inside, edge, outside = (
-        northseek_prior.prior_of(np.array([1.0, 1e-4]), np.diag([1e-8, 0.0]), 2e-4, (20.0, 120.0), degc)
+        scale_prior.prior_of(np.array([1.0, 1e-4]), np.diag([1e-8, 0.0]), 2e-4, (20.0, 120.0), degc)
         for degc in (70.0, 120.0, 150.0)
     )
     assert inside.s[0] == pytest.approx(1.007)
@@ -411,74 +487,88 @@ def test_beyond_its_temperatures_the_prior_is_clamped_and_less_sure():
 
 def test_s_over_temperature_needs_stations_and_temperatures():
     """One usable station, or one temperature for a slope, are refused."""
-    found = northseek_choice.solve(parts_of([30.0, 0.1], 40.0, 70.0, 34.2), 34.2, prior_of(2))
+    found = root_choice.solve(parts_of([30.0, 0.1], 40.0, 70.0, 34.2), 34.2, prior_of(2))
     with pytest.raises(FitError, match="1 usable"):
-        northseek_prior.over_temperature(found, np.array([20.0, 30.0]))
-    found = northseek_choice.solve(parts_of([30.0, 20.0, 25.0], 40.0, 70.0, 34.2), 34.2, prior_of(3))
+        scale_prior.over_temperature(found, np.array([20.0, 30.0]))
+    found = root_choice.solve(parts_of([30.0, 20.0, 25.0], 40.0, 70.0, 34.2), 34.2, prior_of(3))
     with pytest.raises(FitError, match="one temperature"):
-        northseek_prior.over_temperature(found, np.full(3, 20.0), order=1)
-    assert northseek_prior.over_temperature(found, np.full(3, 20.0)).coefficients.size == 1
+        scale_prior.over_temperature(found, np.full(3, 20.0), order=1)
+    assert scale_prior.over_temperature(found, np.full(3, 20.0)).coefficients.size == 1
 
 
 def test_two_sensor_pairs_are_combined_by_inverse_variance_around_the_circle():
-    """359.9° and 0.3° of equal weight combine to 0.1°; three times the noise has a ninth of the weight."""
-    x = northseek_choice.solve(parts_of(20.0, 40.0, 359.9, 34.2), 34.2, prior_of(1))
-    y = northseek_choice.solve(parts_of(20.0, 40.0, 0.3, 34.2), 34.2, prior_of(1))
-    found = northseek_pairs.combine(x, y)
+    """359.9° and 0.3° of equal weight combine to 0.1°; three times the noise has a ninth of the
+    weight.
+    """
+    x = root_choice.solve(parts_of(20.0, 40.0, 359.9, 34.2), 34.2, prior_of(1))
+    y = root_choice.solve(parts_of(20.0, 40.0, 0.3, 34.2), 34.2, prior_of(1))
+    found = sensor_pairs.combine(x, y)
     assert abs(wrapped(found.azimuth_deg[0] - 0.1)) < 0.01
-    loud = northseek_choice.solve(parts_of(20.0, 40.0, 0.3, 34.2, noise=9.0 * NOISE), 34.2, prior_of(1, u=0.03))
-    found = northseek_pairs.combine(x, loud)
+    loud = root_choice.solve(
+        parts_of(20.0, 40.0, 0.3, 34.2, noise=9.0 * NOISE), 34.2, prior_of(1, u=0.03)
+    )
+    found = sensor_pairs.combine(x, loud)
     assert abs(wrapped(found.azimuth_deg[0] + 0.06)) < 0.005
     assert found.standard_uncertainty[0, 2] < x.standard_uncertainty[0, 3]
 
 
 def test_a_pair_that_is_refused_leaves_the_other():
-    """Where one pair has no result the other's is taken whole and the flag names the lost one; both lost is refused."""
-    x = northseek_choice.solve(parts_of([20.0, 20.0], 40.0, 70.0, 34.2), 34.2, prior_of(2), refused=("", "broken"))
-    y = northseek_choice.solve(parts_of([20.0, 20.0], 40.0, 70.1, 34.2), 34.2, prior_of(2), refused=("lost", "lost"))
-    found = northseek_pairs.combine(x, y)
+    """Where one pair has no result the other's is taken whole and the flag names the lost one; both
+    lost is refused.
+    """
+    x = root_choice.solve(
+        parts_of([20.0, 20.0], 40.0, 70.0, 34.2), 34.2, prior_of(2), refused=("", "broken")
+    )
+    y = root_choice.solve(
+        parts_of([20.0, 20.0], 40.0, 70.1, 34.2), 34.2, prior_of(2), refused=("lost", "lost")
+    )
+    found = sensor_pairs.combine(x, y)
     assert found.azimuth_deg[0] == pytest.approx(x.azimuth_deg[0], abs=1e-9)
     assert found.covariance[0, 2, 2] == pytest.approx(x.covariance[0, 3, 3])
     assert "y not used: lost" in found.flags[0]
     assert found.status == ("", "x: broken; y: lost")
     assert np.isnan(found.azimuth_deg[1])
-    other = northseek_pairs.combine(y, x)
+    other = sensor_pairs.combine(y, x)
     assert other.azimuth_deg[0] == pytest.approx(x.azimuth_deg[0], abs=1e-9)
     assert other.uncorrected_deg[0] == pytest.approx(x.uncorrected_deg[0], abs=1e-9)
 
 
 def test_pairs_that_disagree_are_flagged():
     """Two degrees between the pairs is no noise."""
-    x = northseek_choice.solve(parts_of(20.0, 40.0, 70.0, 34.2), 34.2, prior_of(1, u=1e-3))
-    y = northseek_choice.solve(parts_of(20.0, 40.0, 72.0, 34.2), 34.2, prior_of(1, u=1e-3))
-    assert any("differ by 2.0" in flag for flag in northseek_pairs.combine(x, y).flags[0])
+    x = root_choice.solve(parts_of(20.0, 40.0, 70.0, 34.2), 34.2, prior_of(1, u=1e-3))
+    y = root_choice.solve(parts_of(20.0, 40.0, 72.0, 34.2), 34.2, prior_of(1, u=1e-3))
+    assert any("differ by 2.0" in flag for flag in sensor_pairs.combine(x, y).flags[0])
 
 
 @pytest.mark.parametrize("way", ["history", "other run"])
 def test_the_azimuth_of_random_stations_is_within_five_hundredths_of_a_degree(way):
-    """θ 5–50°, latitude 34.2°, 0.01 °/h: rms ≤ 0.05°, 92–98 % within 1.96 u, and none worse than s = 1 by 4 u."""
+    """θ 5–50°, latitude 34.2°, 0.01 °/h: rms ≤ 0.05°, 92–98 % within 1.96 u, and none worse than s
+    = 1 by 4 u.
+    """
     errors, plain, stated = [], [], []
     for seed in range(6):
         solutions = []
         for axis in "xy":
-            logs = inclinometer.campaign(seed)
+            logs = simulate.campaign(seed)
             log = logs.logs["stations.csv"]
             columns = np.column_stack((log[f"accel_{axis}_g"], log[f"gyro_{axis}_dph"]))
-            readings = northseek.arrange(log["station"], log["position_deg"].astype(float), columns).indication
+            readings = published.arrange(
+                log["station"], log["position_deg"].astype(float), columns
+            ).indication
             accel, gyro = readings[:, :, 0], readings[:, :, 1]
-            parts = northseek.components(
+            parts = published.components(
                 accel,
                 gyro,
                 axis,
                 accel_noise_g=closed(accel),
                 gyro_noise_dph=closed(gyro),
             )
-            found = northseek_prior.in_sequence(parts, 34.2, log["time_s"][::4] / 3600.0)
+            found = scale_prior.in_sequence(parts, 34.2, log["time_s"][::4] / 3600.0)
             if way == "other run":
-                over = northseek_prior.over_temperature(found, log["temp_case_degc"][::4])
-                found = northseek_choice.solve(parts, 34.2, over.left_out)
+                over = scale_prior.over_temperature(found, log["temp_case_degc"][::4])
+                found = root_choice.solve(parts, 34.2, over.left_out)
             solutions.append(found)
-        both = northseek_pairs.combine(*solutions)
+        both = sensor_pairs.combine(*solutions)
         true = np.array(logs.truth["stations"]["azimuth_deg"])
         errors.append(wrapped(both.azimuth_deg - true))
         plain.append(wrapped(both.uncorrected_deg - true))

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import northseek, northseek_choice, northseek_fit
+from calibkit.instruments.inclinometer.numeric import published, root_choice, sinusoid_fit
 from test_northseek import forward, wrapped
 
 ATTITUDE = (30.0, 40.0, 70.0)
@@ -12,20 +12,37 @@ LATITUDE = 34.2
 FOUR = (0.0, 90.0, 180.0, 270.0)
 
 
-def log_of(positions, *, attitude=ATTITUDE, ramp_per_dwell=0.0, gyro_bias=0.3, accel_bias=1e-3, dwell_s=60.0, number=1):
-    """Columns of one station: both sensors in a sequence of positions, made by rotation matrices."""
+def log_of(
+    positions,
+    *,
+    attitude=ATTITUDE,
+    ramp_per_dwell=0.0,
+    gyro_bias=0.3,
+    accel_bias=1e-3,
+    dwell_s=60.0,
+    number=1,
+):
+    """Columns of one station: both sensors in a sequence of positions, made by rotation
+    matrices.
+    """
     readings = [forward(*attitude, LATITUDE, position=position) for position in positions]
     steps = np.arange(len(positions))
-    columns = {"station": np.full(steps.size, float(number)), "position": np.array(positions), "time": steps * dwell_s}
+    columns = {
+        "station": np.full(steps.size, float(number)),
+        "position": np.array(positions),
+        "time": steps * dwell_s,
+    }
     for k, axis in enumerate("xy"):
         columns[f"accel_{axis}"] = np.array([gravity[k] for gravity, _ in readings]) + accel_bias
-        columns[f"gyro_{axis}"] = np.array([rate[k] for _, rate in readings]) + gyro_bias + ramp_per_dwell * steps
+        columns[f"gyro_{axis}"] = (
+            np.array([rate[k] for _, rate in readings]) + gyro_bias + ramp_per_dwell * steps
+        )
     return columns
 
 
 def fit(columns, sensor="x", **options):
     """Fitted stations of one sensor pair."""
-    return northseek_fit.stations(
+    return sinusoid_fit.stations(
         columns["station"],
         columns["position"],
         columns[f"accel_{sensor}"],
@@ -39,13 +56,16 @@ def fit(columns, sensor="x", **options):
 def azimuth_of(components):
     """Azimuth [°] of components with s = 1."""
     return np.degrees(
-        northseek.azimuth(components.accel_x, components.accel_y, components.gyro_x, components.gyro_y, LATITUDE)
+        published.azimuth(
+            components.accel_x, components.accel_y, components.gyro_x, components.gyro_y, LATITUDE
+        )
     )
 
 
 @pytest.mark.parametrize("sensor", ["x", "y"])
 @pytest.mark.parametrize(
-    "positions", [FOUR, (0.0, 120.0, 240.0), (10.0, 55.0, 200.0, 305.0, 120.0), tuple(range(0, 360, 30))]
+    "positions",
+    [FOUR, (0.0, 120.0, 240.0), (10.0, 55.0, 200.0, 305.0, 120.0), tuple(range(0, 360, 30))],
 )
 def test_any_sequence_of_positions_gives_the_components_of_the_start_frame(positions, sensor):
     """Components to 1e-12 and bias to 1e-12, whatever the positions, from either sensor."""
@@ -61,13 +81,15 @@ def test_any_sequence_of_positions_gives_the_components_of_the_start_frame(posit
 
 @pytest.mark.parametrize("sensor", ["x", "y"])
 def test_four_positions_are_the_four_differences(sensor):
-    """At 0°, 90°, 180°, 270° least squares without a ramp and halved differences agree, covariance included."""
+    """At 0°, 90°, 180°, 270° least squares without a ramp and halved differences agree, covariance
+    included.
+    """
     columns = log_of(FOUR)
     noise = np.random.default_rng(0).normal(size=(2, 4))
     columns[f"gyro_{sensor}"] += 0.01 * noise[0]
     columns[f"accel_{sensor}"] += 2e-5 * noise[1]
     found = fit(columns, sensor).components
-    other = northseek.components(
+    other = published.components(
         columns[f"accel_{sensor}"][None],
         columns[f"gyro_{sensor}"][None],
         sensor,
@@ -79,7 +101,9 @@ def test_four_positions_are_the_four_differences(sensor):
 
 
 def test_a_bias_ramp_costs_four_positions_what_is_published():
-    """0.05 °/h a dwell costs up to 0.32° at 34° for θ → 0 and 0.51° at θ = 50°, over all azimuths and toolfaces."""
+    """0.05 °/h a dwell costs up to 0.32° at 34° for θ → 0 and 0.51° at θ = 50°, over all azimuths
+    and toolfaces.
+    """
     worst = {}
     for theta in (1.0, 50.0):
         errors = []
@@ -94,20 +118,31 @@ def test_a_bias_ramp_costs_four_positions_what_is_published():
 
 @pytest.mark.parametrize("positions", [(*FOUR, 0.0), (*FOUR, 270.0, 180.0, 90.0, 0.0), FOUR])
 def test_a_fitted_ramp_leaves_no_error(positions):
-    """The same ramp, fitted: azimuth to 1e-9° and the ramp of 3 °/h² to 1e-9, with five, eight and even four positions."""
+    """The same ramp, fitted: azimuth to 1e-9° and the ramp of 3 °/h² to 1e-9, with five, eight and
+    even four positions.
+    """
     columns = log_of(positions, ramp_per_dwell=0.05)
     found = fit(columns, gyro_ramp=True)
     assert abs(wrapped(azimuth_of(found.components)[0] - ATTITUDE[2])) < 1e-9
     assert found.gyro_ramp_dph_per_h[0] == pytest.approx(0.05 * 60.0, abs=1e-9)
-    assert abs(wrapped(azimuth_of(fit(columns).components)[0] - ATTITUDE[2])) > 1e-6 or len(positions) == 8
+    assert (
+        abs(wrapped(azimuth_of(fit(columns).components)[0] - ATTITUDE[2])) > 1e-6
+        or len(positions) == 8
+    )
 
 
 def test_the_ramp_is_paid_for_in_noise():
-    """Four positions with a ramp have a larger covariance than without; eight there and back hardly one."""
+    """Four positions with a ramp have a larger covariance than without; eight there and back hardly
+    one.
+    """
     four, eight = log_of(FOUR), log_of((*FOUR, *FOUR[::-1]))
-    with_ramp, without = (fit(four, gyro_ramp=ramp).components.covariance[0, 2:, 2:] for ramp in (True, False))
+    with_ramp, without = (
+        fit(four, gyro_ramp=ramp).components.covariance[0, 2:, 2:] for ramp in (True, False)
+    )
     assert np.trace(with_ramp) > 1.5 * np.trace(without)
-    with_ramp, without = (fit(eight, gyro_ramp=ramp).components.covariance[0, 2:, 2:] for ramp in (True, False))
+    with_ramp, without = (
+        fit(eight, gyro_ramp=ramp).components.covariance[0, 2:, 2:] for ramp in (True, False)
+    )
     assert np.trace(with_ramp) < 1.01 * np.trace(without)
 
 
@@ -121,7 +156,9 @@ def many(count, positions, rng, noise=0.01):
 
 
 def test_the_noise_comes_from_the_residuals_of_all_stations():
-    """100 stations of six positions: the standard deviation of a reading to 10 %, and it is in the covariance."""
+    """100 stations of six positions: the standard deviation of a reading to 10 %, and it is in the
+    covariance.
+    """
     columns = many(100, (*FOUR, 45.0, 135.0), np.random.default_rng(1))
     found = fit(columns, accel_noise_g=None, gyro_noise_dph=None)
     assert found.gyro_noise_dph == pytest.approx(0.01, rel=0.1)
@@ -130,7 +167,9 @@ def test_the_noise_comes_from_the_residuals_of_all_stations():
 
 
 def test_the_covariance_is_the_scatter_of_the_stations():
-    """1000 stations of five unequal positions with a ramp: covariance of the rates agrees to 10 % of the variances."""
+    """1000 stations of five unequal positions with a ramp: covariance of the rates agrees to 10 %
+    of the variances.
+    """
     columns = many(1000, (0.0, 60.0, 150.0, 200.0, 310.0), np.random.default_rng(2))
     found = fit(columns, gyro_ramp=True).components
     drawn = np.cov(np.vstack((found.gyro_x, found.gyro_y)))
@@ -140,7 +179,9 @@ def test_the_covariance_is_the_scatter_of_the_stations():
 
 
 def test_a_station_that_cannot_be_fitted_has_its_reason_and_the_others_are_solved():
-    """Two readings, two positions, a NaN and a ramp hidden by the positions are named; the good station is solved."""
+    """Two readings, two positions, a NaN and a ramp hidden by the positions are named; the good
+    station is solved.
+    """
     logs = [
         log_of(FOUR, number=5),
         log_of((0.0, 90.0), number=4),
@@ -156,8 +197,8 @@ def test_a_station_that_cannot_be_fitted_has_its_reason_and_the_others_are_solve
     assert "cannot determine" in found.status[2]
     assert "not finite" in found.status[3]
     assert np.isnan(found.components.gyro_x[1:]).all()
-    prior = northseek_choice.Prior(np.ones(4), np.full(4, 0.01))
-    solved = northseek_choice.solve(found.components, LATITUDE, prior, refused=found.status)
+    prior = root_choice.Prior(np.ones(4), np.full(4, 0.01))
+    solved = root_choice.solve(found.components, LATITUDE, prior, refused=found.status)
     assert solved.status == found.status
     assert abs(wrapped(solved.azimuth_deg[0] - ATTITUDE[2])) < 1e-6
 
@@ -170,4 +211,4 @@ def test_what_cannot_be_fitted_at_all_is_refused():
     with pytest.raises(FitError, match="none of 1 stations"):
         fit(log_of((0.0, 90.0)))
     with pytest.raises(FitError, match="without times"):
-        northseek_fit.harmonics(columns["position"], columns["gyro_x"], "x", ramp=True)
+        sinusoid_fit.harmonics(columns["position"], columns["gyro_x"], "x", ramp=True)

@@ -5,7 +5,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibkit.numeric import intervals, occupancy
+from calibkit.instruments.fog_thermal.numeric import occupancy
+from calibkit.numeric import intervals
 
 RNG = np.random.default_rng(1)
 
@@ -16,7 +17,9 @@ def blocks_of(size, count):
 
 
 def test_spikes_are_found_and_normal_noise_is_not():
-    """Of 100,000 normal samples at most 0.1 % are called spikes, of 500 spikes of 20 standard deviations all."""
+    """Of 100,000 normal samples at most 0.1 % are called spikes, of 500 spikes of 20 standard
+    deviations all.
+    """
     held = blocks_of(10, 10_000)
     noise = RNG.normal(0.0, 0.6, 100_000)
     assert occupancy.spikes(noise, held).size < 1e-3 * noise.size
@@ -28,7 +31,9 @@ def test_spikes_are_found_and_normal_noise_is_not():
 
 
 def test_a_spike_does_not_move_the_mean_of_its_block():
-    """The mean of a block with a spike of 50 °/h is that of its other samples, and the other blocks do not change."""
+    """The mean of a block with a spike of 50 °/h is that of its other samples, and the other blocks
+    do not change.
+    """
     clean = RNG.normal(5.0, 0.6, 1000)
     dirty = clean.copy()
     dirty[123] += 50.0
@@ -40,7 +45,9 @@ def test_a_spike_does_not_move_the_mean_of_its_block():
 
 
 def test_an_indication_that_moves_within_its_blocks_has_no_spikes():
-    """A fast drift after a long quiet time is a drift, though its blocks deviate far more than the quiet ones."""
+    """A fast drift after a long quiet time is a drift, though its blocks deviate far more than the
+    quiet ones.
+    """
     held = blocks_of(10, 200)
     quiet = RNG.normal(0.0, 0.01, 1500)
     moving = np.arange(500) * 0.05 + RNG.normal(0.0, 0.01, 500)
@@ -69,8 +76,12 @@ def test_block_means_are_those_of_a_loop_and_leave_empty_intervals_out():
     values = RNG.normal(0.0, 1.0, time.size)
     held = intervals.of(time, 25.0)
     middle, means = held.means(time), held.means(values)
-    numbers = [int(np.floor(t / 25.0 + 0.5 * min(np.median(np.diff(time)) / 25.0, 1.0))) for t in time]
-    expected = [[values[i] for i in range(time.size) if numbers[i] == k] for k in sorted(set(numbers))]
+    numbers = [
+        int(np.floor(t / 25.0 + 0.5 * min(np.median(np.diff(time)) / 25.0, 1.0))) for t in time
+    ]
+    expected = [
+        [values[i] for i in range(time.size) if numbers[i] == k] for k in sorted(set(numbers))
+    ]
     assert means == pytest.approx([float(np.mean(block)) for block in expected], abs=1e-12)
     assert np.all(np.diff(middle) > 0.0)
 
@@ -84,13 +95,18 @@ def test_a_block_of_spikes_alone_keeps_its_mean():
 def test_counts_are_those_of_a_loop():
     """Each block is told how many blocks share its bin of temperature."""
     temperature = RNG.uniform(-40.0, 60.0, 200)
-    expected = [sum(int(np.floor(a / 2.5)) == int(np.floor(b / 2.5)) for b in temperature) for a in temperature]
+    expected = [
+        sum(int(np.floor(a / 2.5)) == int(np.floor(b / 2.5)) for b in temperature)
+        for a in temperature
+    ]
     assert occupancy.counts(temperature).tolist() == expected
 
 
 def test_without_misfit_all_blocks_count_alike():
     """White noise alone asks for equal weights."""
-    assert occupancy.weights(np.array([1.0, 5.0, 400.0]), 0.2, 0.0) == pytest.approx([1.0, 1.0, 1.0])
+    assert occupancy.weights(np.array([1.0, 5.0, 400.0]), 0.2, 0.0) == pytest.approx(
+        [1.0, 1.0, 1.0]
+    )
 
 
 def test_without_noise_all_temperatures_count_alike():
@@ -108,7 +124,9 @@ def test_without_noise_all_temperatures_count_alike():
     misfit=st.floats(0.0, 10.0),
 )
 def test_weights_are_one_on_average_and_fall_with_occupancy(counts, noise, misfit):
-    """Whatever noise and misfit: positive, mean 1, never larger for a temperature that was dwelt at for longer."""
+    """Whatever noise and misfit: positive, mean 1, never larger for a temperature that was dwelt at
+    for longer.
+    """
     occupied = np.sort(np.array(counts, dtype=np.float64))
     weights = occupancy.weights(occupied, noise, misfit)
     assert np.mean(weights) == pytest.approx(1.0, rel=1e-9)
@@ -117,7 +135,9 @@ def test_weights_are_one_on_average_and_fall_with_occupancy(counts, noise, misfi
 
 
 def test_misfit_is_what_lasts_and_not_white_noise():
-    """A slow wave of rms 0.01 °/h is found in white noise of 0.02 °/h within 15 %; white noise alone is below 0.003."""
+    """A slow wave of rms 0.01 °/h is found in white noise of 0.02 °/h within 15 %; white noise
+    alone is below 0.003.
+    """
     noise = RNG.normal(0.0, 0.02, 20_000)
     wave = 0.01 * np.sqrt(2.0) * np.sin(np.arange(20_000) / 100.0)
     trust = np.ones(20_000)

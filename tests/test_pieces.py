@@ -4,8 +4,9 @@ import numpy as np
 import pytest
 
 from calibkit import procedures, recipe
+from calibkit.check import examination
+from calibkit.ingest import pieces
 from calibkit.simulate import campaigns
-from calibkit.stages import examination, pieces
 
 FILE = "ramp_heating_05.csv"
 
@@ -21,7 +22,10 @@ def both(folder, overrides=()):
     """Return what is said of the log read whole, and in pieces."""
     spec = recipe.parse(recipe.find("fog_thermal", overrides))
     procedure = procedures.of(spec)
-    return [examination.of(procedure, spec, folder, FILE, largest=largest).report for largest in (1 << 40, 0)]
+    return [
+        examination.of(procedure, spec, folder, FILE, largest=largest).report
+        for largest in (1 << 40, 0)
+    ]
 
 
 def planted(folder, changes):
@@ -35,17 +39,23 @@ def planted(folder, changes):
 
 
 def test_a_healthy_log_says_nothing_in_pieces_either(small, tmp_path):
-    """Facts and digest agree exactly, the ramp's rate within 1 %, and no piece gives a false alarm."""
+    """Facts and digest agree exactly, the ramp's rate within 1 %, and no piece gives a false
+    alarm.
+    """
     planted(tmp_path, [])
     whole, pieced = both(tmp_path)
     assert pieced.findings == whole.findings == ()
     assert pieced.sha256 == whole.sha256
     for name in ("rows", "duration_s", "rate_hz", "gaps"):
         assert getattr(pieced.facts, name) == pytest.approx(getattr(whole.facts, name), rel=1e-12)
-    assert [(c.low, c.high) for c in pieced.facts.columns] == [(c.low, c.high) for c in whole.facts.columns]
+    assert [(c.low, c.high) for c in pieced.facts.columns] == [
+        (c.low, c.high) for c in whole.facts.columns
+    ]
     for a, b in zip(pieced.facts.occupancy, whole.facts.occupancy, strict=True):
         assert a.share == pytest.approx(b.share, abs=1e-12)
-    rates = [[held.level for held in report.held if held.kind == "ramp"] for report in (pieced, whole)]
+    rates = [
+        [held.level for held in report.held if held.kind == "ramp"] for report in (pieced, whole)
+    ]
     np.testing.assert_allclose(*rates, rtol=0.01)
     assert any("looked at in pieces" in note for note in pieced.notes)
 
@@ -60,7 +70,9 @@ def test_a_healthy_log_says_nothing_in_pieces_either(small, tmp_path):
     ],
 )
 def test_faults_are_found_at_their_line_in_any_piece(changes, name, line, small, tmp_path):
-    """A fault in a later piece, or where two pieces meet, is found at its own line as in the whole log."""
+    """A fault in a later piece, or where two pieces meet, is found at its own line as in the whole
+    log.
+    """
     planted(tmp_path, changes)
     for report in both(tmp_path):
         named = [finding for finding in report.findings if finding.name == name]

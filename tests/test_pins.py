@@ -18,8 +18,12 @@ def examined(procedure, file, pins, folder):
 
 
 def test_a_pinned_ramp_has_the_rate_measured_in_it(tmp_path):
-    """A ramp pinned from 700 s to 1700 s is one ramp of 5 °C/min within 1 %, all else is soak, and both say pinned."""
-    found = examined("fog_thermal", "ramp_heating_05.csv", [("ramp_heating_05", "ramp", 700.0, 1700.0)], tmp_path)
+    """A ramp pinned from 700 s to 1700 s is one ramp of 5 °C/min within 1 %, all else is soak, and
+    both say pinned.
+    """
+    found = examined(
+        "fog_thermal", "ramp_heating_05.csv", [("ramp_heating_05", "ramp", 700.0, 1700.0)], tmp_path
+    )
     assert [(part.kind, part.start, part.stop) for part in found.held] == [
         ("soak", 0, 700), ("ramp", 700, 1701), ("soak", 1701, 5401),
     ]  # fmt: skip
@@ -30,28 +34,47 @@ def test_a_pinned_ramp_has_the_rate_measured_in_it(tmp_path):
 def test_pinned_rates_are_the_plateaus(tmp_path):
     """Three pinned stretches of a table run are its held rates, and nothing else is."""
     spans = [(20.0, 80.0), (120.0, 180.0), (380.0, 500.0)]
-    found = examined("rate_table", "room_1.csv", [("room_1.csv", "rate", *span) for span in spans], tmp_path)
+    found = examined(
+        "rate_table", "room_1.csv", [("room_1.csv", "rate", *span) for span in spans], tmp_path
+    )
     assert [part.kind for part in found.held] == ["rate"] * len(found.held)
     assert {part.start for part in found.held} <= {19, 119, 379}
 
 
 def test_a_segment_of_the_wrong_kind_or_place_is_refused(tmp_path):
     """A dwell in a chamber log, a segment behind the log's end: named with what was expected."""
-    found = examined("fog_thermal", "ramp_heating_05.csv", [("ramp_heating_05", "dwell", 700.0, 1700.0)], tmp_path)
+    found = examined(
+        "fog_thermal",
+        "ramp_heating_05.csv",
+        [("ramp_heating_05", "dwell", 700.0, 1700.0)],
+        tmp_path,
+    )
     assert any("expected 'soak' or 'ramp'" in str(finding) for finding in found.findings)
-    found = examined("fog_thermal", "ramp_heating_05.csv", [("ramp_heating_05", "ramp", 9000.0, 9100.0)], tmp_path)
+    found = examined(
+        "fog_thermal",
+        "ramp_heating_05.csv",
+        [("ramp_heating_05", "ramp", 9000.0, 9100.0)],
+        tmp_path,
+    )
     assert any("the log goes from 0 s to 5400 s" in str(finding) for finding in found.findings)
 
 
 def test_overlapping_segments_and_unknown_logs_are_recipe_errors(tmp_path, calibkit):
     """Two segments that overlap, and a segment of a log that is not there: exit 2."""
-    (tmp_path / "ramp_heating_05.csv").write_bytes(campaigns.of("fog_thermal")(3).files()["ramp_heating_05.csv"])
+    (tmp_path / "ramp_heating_05.csv").write_bytes(
+        campaigns.of("fog_thermal")(3).files()["ramp_heating_05.csv"]
+    )
     base = recipe.find("fog_thermal").text
     for pins, words in (
-        ([("ramp_heating_05", "ramp", 1.0, 9.0), ("ramp_heating_05", "soak", 5.0, 20.0)], "overlap"),
+        (
+            [("ramp_heating_05", "ramp", 1.0, 9.0), ("ramp_heating_05", "soak", 5.0, 20.0)],
+            "overlap",
+        ),
         ([("ramp_heating_50", "ramp", 1.0, 9.0)], "no such log"),
     ):
-        (tmp_path / "r.toml").write_text(base + "".join(PIN % pin for pin in pins), encoding="utf-8")
+        (tmp_path / "r.toml").write_text(
+            base + "".join(PIN % pin for pin in pins), encoding="utf-8"
+        )
         outcome = calibkit("check", tmp_path / "r.toml", "--data", tmp_path)
         assert outcome.code == 2
         assert words in outcome.err

@@ -6,8 +6,8 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import plateau_means, plateaus
-from calibkit.simulate import rate_table
+from calibkit.instruments.gyro_scale import simulate_rate_table
+from calibkit.instruments.gyro_scale.numeric import plateau_means, plateaus
 
 LEVEL_DPS = 15.041067 / 3600.0 * np.cos(np.radians(34.2))
 K = 10000.0
@@ -16,9 +16,9 @@ K = 10000.0
 def table_log(rates, *, axis=(0.0, 0.0, 1.0), noise=3.0, seed=1, **table):
     """Log of a straight-line gyro without bias on the simulated table, and the motion."""
     rng = np.random.default_rng(seed)
-    gyro = rate_table.RateGyro(K, axis, 0.0, 0.0, 50.0, 0.0, 0.0, 0.0, noise, 0.05)
-    stand = rate_table.Table(warming_degc=0.0, **table)
-    return rate_table.run({"gyro_x_lsb": gyro}, stand, rates, 25.0, rng)
+    gyro = simulate_rate_table.RateGyro(K, axis, 0.0, 0.0, 50.0, 0.0, 0.0, 0.0, noise, 0.05)
+    stand = simulate_rate_table.Table(warming_degc=0.0, **table)
+    return simulate_rate_table.run({"gyro_x_lsb": gyro}, stand, rates, 25.0, rng)
 
 
 def averaged(log, *, angle=True, rules=plateaus.DEFAULT_RULES):
@@ -41,13 +41,17 @@ def staircase(levels, held=40, slope=5, interval=0.1):
 
 
 def test_every_held_rate_is_found_once():
-    """The 22 rates of the simulated table come back in order, within 2 ppm of what was set, whatever the unevenness."""
-    found = averaged(table_log(rate_table.both_ways()))
-    assert found.rate_dps == pytest.approx(np.array(rate_table.both_ways()), rel=2e-6)
+    """The 22 rates of the simulated table come back in order, within 2 ppm of what was set,
+    whatever the unevenness.
+    """
+    found = averaged(table_log(simulate_rate_table.both_ways()))
+    assert found.rate_dps == pytest.approx(np.array(simulate_rate_table.both_ways()), rel=2e-6)
 
 
 def test_no_sample_of_an_acceleration_is_used():
-    """Every used row has the held rate to 0.1 %, and the row before it too: its interval holds no acceleration."""
+    """Every used row has the held rate to 0.1 %, and the row before it too: its interval holds no
+    acceleration.
+    """
     time, rate = staircase([10.0, 20.0, -20.0, 0.5, 0.502])
     spans = plateaus.find(time, rate)
     assert len(spans) == 5
@@ -56,7 +60,9 @@ def test_no_sample_of_an_acceleration_is_used():
 
 
 def test_the_intervals_beside_an_acceleration_are_not_used():
-    """Without settling time the rows before the first and after the last used one still have the held rate."""
+    """Without settling time the rows before the first and after the last used one still have the
+    held rate.
+    """
     time, rate = staircase([10.0, 20.0])
     spans = plateaus.find(time, rate, rules=plateaus.Rules(settle_s=0.0))
     for (first, stop), level in zip(spans, (10.0, 20.0), strict=True):
@@ -82,7 +88,9 @@ def test_noise_of_the_rate_does_not_hide_plateaus():
 
 
 def test_a_flickering_resolution_does_not_hide_plateaus():
-    """A rate logged to 0.01 °/s that flickers by one or two digits at 0.305 °/s leaves two plateaus; steps stay steps."""
+    """A rate logged to 0.01 °/s that flickers by one or two digits at 0.305 °/s leaves two
+    plateaus; steps stay steps.
+    """
     time, rate = staircase([0.305, 5.0], held=300)
     flickering = np.round(rate + np.random.default_rng(0).normal(0.0, 0.004, rate.size), 2)
     assert len(plateaus.find(time, flickering)) == 2
@@ -109,7 +117,9 @@ def test_a_gap_in_the_log_ends_a_plateau():
 
 
 def test_the_angle_shows_an_acceleration_that_the_commanded_rate_hides():
-    """A commanded rate steps at once: with the angle logged, 10 s of acceleration are dropped all the same."""
+    """A commanded rate steps at once: with the angle logged, 10 s of acceleration are dropped all
+    the same.
+    """
     log = table_log((50.0, 100.0), acceleration_dps2=5.0)
     measured = log["table_rate_dps"]
     commanded = np.select([measured < 0.01, measured < 50.01], [0.0, 50.0], 100.0)
@@ -119,7 +129,9 @@ def test_the_angle_shows_an_acceleration_that_the_commanded_rate_hides():
 
 
 def test_whole_revolutions_average_the_horizontal_earth_rate_away():
-    """A gyro across the axis sees no rate to 0.2 counts over whole revolutions, and 124 counts peak within them."""
+    """A gyro across the axis sees no rate to 0.2 counts over whole revolutions, and 124 counts peak
+    within them.
+    """
     log = table_log((5.0, -5.0), axis=(1.0, 0.0, 0.0), noise=0.3, unevenness=0.0)
     found = averaged(log)
     assert (found.revolutions == 1).all()
@@ -128,16 +140,23 @@ def test_whole_revolutions_average_the_horizontal_earth_rate_away():
 
 @pytest.mark.parametrize("angle", [True, False])
 def test_whole_revolutions_are_cut_to_a_fraction_of_a_sample(angle):
-    """At 47 °/s and 2 Hz, 23.5° a sample, 100 counts of modulation average to 0.3 counts, which whole samples miss."""
+    """At 47 °/s and 2 Hz, 23.5° a sample, 100 counts of modulation average to 0.3 counts, which
+    whole samples miss.
+    """
     interval, rate = 0.5, 47.0
     count = 40
     time = np.arange(1, count + 1) * interval
     # mean of 100 cos over each interval, exactly
     modulated = (
-        100.0 * np.diff(np.sin(np.radians(rate * np.arange(count + 1) * interval))) / np.radians(rate * interval)
+        100.0
+        * np.diff(np.sin(np.radians(rate * np.arange(count + 1) * interval)))
+        / np.radians(rate * interval)
     )
     found = plateau_means.means(
-        time, np.full(count, rate), modulated, table_angle_deg=(rate * time) % 360.0 if angle else None
+        time,
+        np.full(count, rate),
+        modulated,
+        table_angle_deg=(rate * time) % 360.0 if angle else None,
     )
     first, stop = found.span[0]
     assert found.revolutions[0] == 2
@@ -145,7 +164,9 @@ def test_whole_revolutions_are_cut_to_a_fraction_of_a_sample(angle):
 
 
 def test_the_correction_of_a_partial_turn_is_in_its_uncertainty():
-    """60 logs with one plateau at rest: its error scatters by its stated uncertainty to 25 %, ten times its own noise."""
+    """60 logs with one plateau at rest: its error scatters by its stated uncertainty to 25 %, ten
+    times its own noise.
+    """
     errors, stated = [], []
     for seed in range(60):
         log = table_log((20.0, -20.0), axis=(0.6, 0.0, 0.8), noise=3.0, seed=seed, unevenness=0.0)
@@ -164,15 +185,19 @@ def test_the_correction_of_a_partial_turn_is_in_its_uncertainty():
 
 
 def test_the_tables_own_unevenness_is_no_noise_of_the_gyro():
-    """A table uneven by 2e-5, 20 counts at 100 °/s, leaves the stated noise of 3 counts a sample to 20 %."""
+    """A table uneven by 2e-5, 20 counts at 100 °/s, leaves the stated noise of 3 counts a sample to
+    20 %.
+    """
     found = averaged(table_log((50.0, 100.0, -100.0), unevenness=2e-5))
     assert found.standard_uncertainty[:, 0] == pytest.approx(3.0 / np.sqrt(found.samples), rel=0.2)
 
 
 def test_less_than_a_revolution_is_corrected_where_the_angle_is_logged():
-    """Plateaus of a quarter turn have the horizontal earth rate taken out to 4 of their standard uncertainties."""
+    """Plateaus of a quarter turn have the horizontal earth rate taken out to 4 of their standard
+    uncertainties.
+    """
     rates = (0.5, 1.0, 2.0, 5.0, 20.0, -0.5, -1.0, -2.0, -5.0, -20.0)
-    log = table_log(rates, axis=rate_table.tilted(60.0, 30.0), noise=0.5)
+    log = table_log(rates, axis=simulate_rate_table.tilted(60.0, 30.0), noise=0.5)
     short = {name: values[: np.searchsorted(log["time_s"], 900.0)] for name, values in log.items()}
     found = averaged(short)
     partial = found.revolutions == 0
@@ -184,7 +209,9 @@ def test_less_than_a_revolution_is_corrected_where_the_angle_is_logged():
 
 
 def test_less_than_a_revolution_without_an_angle_is_flagged():
-    """Nobody can correct a partial turn without an angle: the plateau is kept and the flag says so."""
+    """Nobody can correct a partial turn without an angle: the plateau is kept and the flag says
+    so.
+    """
     log = table_log((1.0, 20.0))
     cut = {name: np.concatenate([v[:60], v[-200:]]) for name, v in log.items()}
     cut["time_s"] = np.arange(cut["time_s"].size) * 0.5
@@ -194,11 +221,15 @@ def test_less_than_a_revolution_without_an_angle_is_flagged():
 
 
 def test_plateaus_at_rest_without_an_angle_are_left_out():
-    """At rest the share of the earth's horizontal rate is unknown: kept and corrected with the angle, else left out."""
+    """At rest the share of the earth's horizontal rate is unknown: kept and corrected with the
+    angle, else left out.
+    """
     log = table_log((5.0, 20.0, -5.0, -20.0))
     still = {name: np.concatenate([np.repeat(v[:1], 40), v]) for name, v in log.items()}
     still["time_s"] = np.arange(still["time_s"].size) * 0.5
-    still["gyro_x_lsb"] = still["gyro_x_lsb"] + np.random.default_rng(0).normal(0.0, 1.0, still["time_s"].size)
+    still["gyro_x_lsb"] = still["gyro_x_lsb"] + np.random.default_rng(0).normal(
+        0.0, 1.0, still["time_s"].size
+    )
     assert np.abs(averaged(still).rate_dps).min() < 1e-3
     without = averaged(still, angle=False)
     assert np.abs(without.rate_dps).min() > 1.0
@@ -206,7 +237,9 @@ def test_plateaus_at_rest_without_an_angle_are_left_out():
 
 
 def test_a_table_that_turns_faster_than_half_a_revolution_a_sample_is_unwrapped():
-    """At 400 °/s and 2 Hz the angle advances 200° a sample; its rate agrees with the table's to 1 ppm."""
+    """At 400 °/s and 2 Hz the angle advances 200° a sample; its rate agrees with the table's to 1
+    ppm.
+    """
     found = averaged(table_log((400.0, -400.0)))
     assert found.angle_rate_dps == pytest.approx(found.rate_dps, rel=1e-6)
 
@@ -220,18 +253,24 @@ def test_an_angle_that_disagrees_with_the_rate_is_flagged():
 
 
 def test_the_stated_noise_of_the_means_covers_their_errors():
-    """Over 880 plateaus of white noise 93 to 97 % of the errors are within 1.96 standard uncertainties."""
+    """Over 880 plateaus of white noise 93 to 97 % of the errors are within 1.96 standard
+    uncertainties.
+    """
     errors = []
-    rates = rate_table.both_ways()
+    rates = simulate_rate_table.both_ways()
     for seed in range(40):
-        found = averaged(table_log(rates, seed=seed, interval_s=1.0, shortest_hold_s=20.0, unevenness=0.0))
+        found = averaged(
+            table_log(rates, seed=seed, interval_s=1.0, shortest_hold_s=20.0, unevenness=0.0)
+        )
         expected = K * (found.rate_dps + 15.041067 / 3600.0 * np.sin(np.radians(34.2)))
         errors.append((found.indication[:, 0] - expected) / found.standard_uncertainty[:, 0])
     assert 0.93 < np.mean(np.abs(np.concatenate(errors)) < 1.96) < 0.97
 
 
 def test_autocorrelated_noise_raises_the_uncertainty_and_is_flagged():
-    """First-order noise of correlation 0.9 has 19 times the variance of white noise in long means: found to a third."""
+    """First-order noise of correlation 0.9 has 19 times the variance of white noise in long means:
+    found to a third.
+    """
     rng = np.random.default_rng(3)
     noise = np.zeros(8000)
     for k in range(1, noise.size):
@@ -245,14 +284,18 @@ def test_autocorrelated_noise_raises_the_uncertainty_and_is_flagged():
 
 
 def test_a_gyro_that_has_not_settled_is_flagged():
-    """An output filter of 10 s after each rate step is named; the simulated gyro's 0.05 s is not."""
+    """An output filter of 10 s after each rate step is named; the simulated gyro's 0.05 s is
+    not.
+    """
     time, rate = staircase([10.0, 20.0], held=600)
     slow = np.zeros_like(rate)
     for k in range(1, rate.size):
         slow[k] = slow[k - 1] + 0.01 * (rate[k] - slow[k - 1])
     noise = np.random.default_rng(0).normal(0.0, 3.0, rate.size)
     assert any("settl" in flag for flag in plateau_means.means(time, rate, K * slow + noise).flags)
-    assert not any("settl" in flag for flag in plateau_means.means(time, rate, K * rate + noise).flags)
+    assert not any(
+        "settl" in flag for flag in plateau_means.means(time, rate, K * rate + noise).flags
+    )
 
 
 def test_gyros_of_one_log_share_their_covariance():
@@ -271,7 +314,9 @@ def test_gyros_of_one_log_share_their_covariance():
 def test_temperature_is_averaged_over_the_same_samples():
     """A temperature that rises with time has each plateau's mean, to rounding."""
     log = table_log((20.0, 50.0))
-    found = plateau_means.means(log["time_s"], log["table_rate_dps"], log["gyro_x_lsb"], temp_degc=log["time_s"])
+    found = plateau_means.means(
+        log["time_s"], log["table_rate_dps"], log["gyro_x_lsb"], temp_degc=log["time_s"]
+    )
     for (first, stop), mean in zip(found.span, found.temp_degc, strict=True):
         assert log["time_s"][first] < mean < log["time_s"][stop - 1]
 
@@ -289,18 +334,27 @@ def test_temperature_is_averaged_over_the_same_samples():
 )
 def test_what_cannot_be_averaged_is_refused(change, words):
     """Each fault is a FitError that says what is wrong."""
-    log = {"time_s": np.arange(100) * 0.5, "table_rate_dps": np.full(100, 10.0), "gyro_x_lsb": np.full(100, 1e5)}
+    log = {
+        "time_s": np.arange(100) * 0.5,
+        "table_rate_dps": np.full(100, 10.0),
+        "gyro_x_lsb": np.full(100, 1e5),
+    }
     log["table_angle_deg"] = None
     log |= change
     with pytest.raises(FitError, match=words):
         plateau_means.means(
-            log["time_s"], log["table_rate_dps"], log["gyro_x_lsb"], table_angle_deg=log["table_angle_deg"]
+            log["time_s"],
+            log["table_rate_dps"],
+            log["gyro_x_lsb"],
+            table_angle_deg=log["table_angle_deg"],
         )
 
 
 def test_plateaus_too_short_are_refused_and_never_joined():
-    """Plateaus of three samples at 22 rates are no held rate; two rates are never averaged into one."""
-    rate = np.repeat(rate_table.both_ways(), 3)
+    """Plateaus of three samples at 22 rates are no held rate; two rates are never averaged into
+    one.
+    """
+    rate = np.repeat(simulate_rate_table.both_ways(), 3)
     with pytest.raises(FitError, match="no held rate"):
         plateaus.find(np.arange(rate.size) * 2.0, rate)
 

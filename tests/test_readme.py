@@ -45,7 +45,9 @@ def fresh(tmp_path):
 def typed(shell, folder, **environment):
     """Run a command as a user would type it, outside of this test's virtual environment."""
     clean = {
-        key: value for key, value in os.environ.items() if key not in ("VIRTUAL_ENV", "PYTHONPATH", "PYTEST_ADDOPTS")
+        key: value
+        for key, value in os.environ.items()
+        if key not in ("VIRTUAL_ENV", "PYTHONPATH", "PYTEST_ADDOPTS")
     }
     clean["PATH"] = os.pathsep.join(p for p in clean["PATH"].split(os.pathsep) if ".venv" not in p)
     return subprocess.run(
@@ -65,12 +67,20 @@ def test_the_fit_command_works_in_a_fresh_copy(fresh):
     assert done.returncode == 0, done.stdout + done.stderr
     assert (fresh / "runs" / "FOG-0001" / "r001" / "run.json").is_file()
     assert "rate gain" in done.stdout
-    named = typed("../.venv/bin/calibkit check fog_thermal --data ../datasets/fog_thermal", fresh / "docs")
-    assert named.returncode == 0, named.stderr  # the recipe is found by name in the installed package
+    named = typed(
+        "../.venv/bin/calibkit check fog_thermal --data ../datasets/fog_thermal", fresh / "docs"
+    )
+    assert named.returncode == 0, (
+        named.stderr
+    )  # the recipe is found by name in the installed package
 
 
 def test_the_test_command_works_in_a_fresh_copy(fresh):
-    """The second command installs the test tools and runs pytest, here on one module so that the suite does not call itself."""
-    done = typed(command("test"), fresh, **{GUARD: "inside", "PYTEST_ADDOPTS": "tests/test_units.py"})
+    """The second command installs the test tools and runs pytest, here on one module so that the
+    suite does not call itself.
+    """
+    done = typed(
+        command("test"), fresh, **{GUARD: "inside", "PYTEST_ADDOPTS": "tests/test_units.py"}
+    )
     assert done.returncode == 0, done.stdout + done.stderr
     assert re.search(r"\d+ passed", done.stdout)

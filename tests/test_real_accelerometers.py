@@ -1,4 +1,6 @@
-"""Real triads: the figures that others published come out of their own logs, and a poor set is called poor."""
+"""Real triads: the figures that others published come out of their own logs, and a poor set is
+called poor.
+"""
 
 import json
 from pathlib import Path
@@ -6,7 +8,9 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibkit.numeric import accel_affine, accel_q, attitude, dwells, magnitude
+from calibkit.instruments.accelerometer.numeric import affine as accel_affine
+from calibkit.instruments.accelerometer.numeric import magnitude, q_factor
+from calibkit.numeric import attitude, dwells
 
 
 @pytest.fixture(scope="module")
@@ -23,7 +27,9 @@ def ten_positions(real):
     """Means and standard errors of the ten hand-held positions, in the published intervals."""
     folder = real / "mpu6050_ten_positions"
     log = np.loadtxt(folder / "example_data_calibration.csv", delimiter=",", skiprows=5)[:, :3]
-    intervals = np.loadtxt(folder / "published_static_intervals.csv", delimiter=",").astype(np.int64).T
+    intervals = (
+        np.loadtxt(folder / "published_static_intervals.csv", delimiter=",").astype(np.int64).T
+    )
     return dwells.averages(log, intervals + np.array([0, 1]))
 
 
@@ -33,8 +39,12 @@ def test_xsens_tumble_gives_the_factory_values(real):
     held = dwells.averages(log, dwells.still(log, 100))
     assert len(held.mean) == 38
     fitted = magnitude.fit(held.mean, 9.81744)
-    np.testing.assert_allclose(fitted.parameters[:3], [414.5, 412.0, 414.6], atol=0.15)  # counts/(m/s²)
-    np.testing.assert_allclose(fitted.parameters[3:6], [33123.8, 33275.1, 32364.5], atol=0.1)  # counts
+    np.testing.assert_allclose(
+        fitted.parameters[:3], [414.5, 412.0, 414.6], atol=0.15
+    )  # counts/(m/s²)
+    np.testing.assert_allclose(
+        fitted.parameters[3:6], [33123.8, 33275.1, 32364.5], atol=0.1
+    )  # counts
     np.testing.assert_allclose(fitted.parameters[:3], [415.0, 413.0, 415.0], rtol=0.0025)  # factory
     np.testing.assert_allclose(
         fitted.parameters[3:6], [33123, 33276, 32360], atol=5.0
@@ -44,7 +54,9 @@ def test_xsens_tumble_gives_the_factory_values(real):
 
 
 def test_both_solvers_agree_on_the_xsens_log(real):
-    """Bounded lmfit and the blocked solver agree to 1e-6 uncertainties, and the profile intervals hold the estimates."""
+    """Bounded lmfit and the blocked solver agree to 1e-6 uncertainties, and the profile intervals
+    hold the estimates.
+    """
     log = np.loadtxt(real / "xsens_tumble" / "xsens_acc.mat")[:, 1:]
     means = dwells.averages(log, dwells.still(log, 100)).mean
     fast = magnitude.fit(means, 9.81744)
@@ -56,7 +68,9 @@ def test_both_solvers_agree_on_the_xsens_log(real):
 
 @pytest.mark.parametrize("unit", [0, 1, 2])
 def test_mpu9150_logs_give_the_published_table(real, unit):
-    """Scale within 0.06 %, non-orthogonality within 0.03°, bias within 0.003 m/s² of the published table."""
+    """Scale within 0.06 %, non-orthogonality within 0.03°, bias within 0.003 m/s² of the published
+    table.
+    """
     folder = real / "mpu9150_multiposition"
     log = np.loadtxt(folder / f"imu{unit}.log")[:, :3]
     rows = [line.split(",") for line in (folder / "published_table.csv").read_text().split()]
@@ -67,18 +81,26 @@ def test_mpu9150_logs_give_the_published_table(real, unit):
     scale = 100.0 * (fitted.parameters[:3] - 1.0)
     np.testing.assert_allclose(scale, [table[f"s{a}_pct"] for a in "xyz"], atol=0.06)  # %
     angles = -np.degrees(fitted.parameters[6:9])
-    np.testing.assert_allclose(angles, [table[f"m_{pair}_deg"] for pair in ("yz", "xz", "xy")], atol=0.03)  # °
-    np.testing.assert_allclose(fitted.parameters[3:6], [table[f"b_{a}"] for a in "xyz"], atol=0.003)  # m/s²
+    np.testing.assert_allclose(
+        angles, [table[f"m_{pair}_deg"] for pair in ("yz", "xz", "xy")], atol=0.03
+    )  # °
+    np.testing.assert_allclose(
+        fitted.parameters[3:6], [table[f"b_{a}"] for a in "xyz"], atol=0.003
+    )  # m/s²
     assert fitted.flags == ()
 
 
 @pytest.mark.parametrize("name", ["BB", "CF", "HC"])
 def test_cave_inclinometers_keep_their_inclination_when_rolled(real, name):
-    """Roll scatter of the inclination falls from 1–2° to 0.07–0.26°, as with the instrument's own calibration."""
+    """Roll scatter of the inclination falls from 1–2° to 0.07–0.26°, as with the instrument's own
+    calibration.
+    """
     folder = real / "cave_inclinometer"
     own = json.loads((folder / f"SAP6_{name}.cfg.json").read_text())["calib"]["grav"]
     logged = np.array(json.loads((folder / f"SAP6_{name}.json").read_text())["grav"])
-    signs = [(1.0 if own["axes"][k] == "+" else -1.0, "XYZ".index(own["axes"][k + 1])) for k in (0, 2, 4)]
+    signs = [
+        (1.0 if own["axes"][k] == "+" else -1.0, "XYZ".index(own["axes"][k + 1])) for k in (0, 2, 4)
+    ]
     indicated = np.column_stack([sign * logged[:, column] for sign, column in signs])
     roll_set = np.repeat([0, 1], 8)
     fitted = magnitude.fit(indicated)
@@ -95,12 +117,15 @@ def test_cave_inclinometers_keep_their_inclination_when_rolled(real, name):
     assert np.all((before > 0.9) & (before < 2.0))  # °
     assert np.all((after > 0.06) & (after < 0.27))  # °
     np.testing.assert_allclose(after, theirs, atol=0.012)  # °
-    # 0.2 to 0.4 % of scatter in 24 readings leave the angles of the axes poorly known, and that is said
+    # 0.2 to 0.4 % of scatter in 24 readings leave the angles of the axes poorly known, and that is
+    # said
     assert any(flag.startswith("Q") for flag in fitted.flags)
 
 
 def test_ferraris_session_gives_the_reference_result(real):
-    """Scale and axes of imucal to 1e-9, its bias from each axis's own two faces, ours within its uncertainty."""
+    """Scale and axes of imucal to 1e-9, its bias from each axis's own two faces, ours within its
+    uncertainty.
+    """
     folder = real / "imucal_ferraris"
     log = np.genfromtxt(folder / "example_ferraris_session.csv", delimiter=",", names=True)
     sections = json.loads((folder / "example_ferraris_session_list.json").read_text())
@@ -110,9 +135,18 @@ def test_ferraris_session_gives_the_reference_result(real):
         if "_a" in k
     }
     columns = np.column_stack([log[f"acc_{axis}"] for axis in "xyz"])
-    faces = [(f"{axis}_{side}", i, sign) for i, axis in enumerate("xyz") for side, sign in (("p", 1.0), ("a", -1.0))]
-    means = np.array([columns[sections[name]["start"] : sections[name]["end"]].mean(axis=0) for name, _, _ in faces])
-    fitted = accel_q.fit(means, 9.81 * np.array([sign * np.eye(3)[i] for _, i, sign in faces]))
+    faces = [
+        (f"{axis}_{side}", i, sign)
+        for i, axis in enumerate("xyz")
+        for side, sign in (("p", 1.0), ("a", -1.0))
+    ]
+    means = np.array(
+        [
+            columns[sections[name]["start"] : sections[name]["end"]].mean(axis=0)
+            for name, _, _ in faces
+        ]
+    )
+    fitted = q_factor.fit(means, 9.81 * np.array([sign * np.eye(3)[i] for _, i, sign in faces]))
     np.testing.assert_allclose(np.diag(fitted.scale_factor), expected["K_a"], atol=1e-9)
     np.testing.assert_allclose(fitted.axes @ fitted.rotation, expected["R_a"], atol=1e-9)
     own_faces = [(means[2 * i, i] + means[2 * i + 1, i]) / 2.0 for i in range(3)]
@@ -121,7 +155,9 @@ def test_ferraris_session_gives_the_reference_result(real):
 
 
 def test_ten_positions_are_called_what_they_are(ten_positions):
-    """An ill-conditioned set gives a warning and wide intervals: Q3 to no better than 10°, k_x to no better than 1 %."""
+    """An ill-conditioned set gives a warning and wide intervals: Q3 to no better than 10°, k_x to
+    no better than 1 %.
+    """
     fitted = magnitude.fit(ten_positions.mean, 9.81)
     said = " | ".join(fitted.flags)
     assert "leave 1 degrees of freedom" in said
@@ -130,7 +166,8 @@ def test_ten_positions_are_called_what_they_are(ten_positions):
     assert fitted.condition > 40.0
     assert np.degrees(fitted.half_width[8]) > 10.0
     assert fitted.half_width[0] / fitted.parameters[0] > 0.01
-    # the published solution, which calls Q3 zero, lies inside the interval: nothing here contradicts it
+    # the published solution, which calls Q3 zero, lies inside the interval: nothing here
+    # contradicts it
     assert abs(fitted.parameters[8]) < fitted.half_width[8]
 
 
@@ -152,4 +189,6 @@ def test_a_constant_temperature_is_no_obstacle_to_lengths(real):
     named = dict(zip(affine.names, affine.coefficients, strict=True))
     nine = magnitude.fit(means, 9.81744)
     corrected = accel_affine.correct(named, means, np.full(len(means), 25.0))
-    np.testing.assert_allclose(corrected, magnitude.correct(nine.parameters, means), atol=1e-9)  # m/s²
+    np.testing.assert_allclose(
+        corrected, magnitude.correct(nine.parameters, means), atol=1e-9
+    )  # m/s²

@@ -6,7 +6,9 @@ import pytest
 from calibkit import pipeline, recipe
 from conftest import REAL
 
-pytestmark = pytest.mark.skipif(not REAL.is_dir(), reason="the real measurements are not beside this checkout")
+pytestmark = pytest.mark.skipif(
+    not REAL.is_dir(), reason="the real measurements are not beside this checkout"
+)
 
 XSENS = """
 procedure = "accelerometer"
@@ -47,17 +49,26 @@ def check(text, folder):
 
 
 def test_the_warm_up_log_has_its_gaps_and_nothing_else():
-    """Irregular 17 ms sampling with 378 steps above 2.5 of them, counted independently, is all that is flagged."""
+    """Irregular 17 ms sampling with 378 steps above 2.5 of them, counted independently, is all that
+    is flagged.
+    """
     (report,) = pipeline.check(recipe.find("mpu6050_warmup"), REAL / "mpu6050_warmup")
     time = np.loadtxt(REAL / "mpu6050_warmup" / "Tempdata01-02-14.csv", delimiter=",", skiprows=1)
-    names = (REAL / "mpu6050_warmup" / "Tempdata01-02-14.csv").read_text(encoding="utf-8").split("\n")[0].split(",")
+    names = (
+        (REAL / "mpu6050_warmup" / "Tempdata01-02-14.csv")
+        .read_text(encoding="utf-8")
+        .split("\n")[0]
+        .split(",")
+    )
     step = np.diff(time[:, [name.strip() for name in names].index("Time")])
     assert int(np.sum(step > 2.5 * np.median(step))) == report.facts.gaps == 378
     assert [finding.name for finding in report.findings] == ["gap"]
 
 
 def test_a_hand_held_tumble_is_healthy_and_its_dwells_are_one_g():
-    """51,175 rows at 100 Hz without a finding; every hold has 1 g within 1.5 % by the factory's scale and offsets alone."""
+    """51,175 rows at 100 Hz without a finding; every hold has 1 g within 1.5 % by the factory's
+    scale and offsets alone.
+    """
     scale = [repr(1.0 / (k * 9.81744)) for k in (415.0, 413.0, 415.0)]
     # canonical = scale · value + offset: the offset is in g
     text = XSENS % tuple(scale)

@@ -1,4 +1,6 @@
-"""Real gyros: the earth's rate seen by a ring-laser unit, and a Ferraris calibration of a MEMS unit."""
+"""Real gyros: the earth's rate seen by a ring-laser unit, and a Ferraris calibration of a MEMS
+unit.
+"""
 
 import csv
 import json
@@ -6,7 +8,8 @@ import json
 import numpy as np
 import pytest
 
-from calibkit.numeric import earth, gyro_triad
+from calibkit.instruments.gyro_scale.numeric import triad
+from calibkit.numeric import earth
 
 LATITUDE_DEG = 51.0784
 
@@ -19,13 +22,18 @@ def columns(path, names):
 
 @pytest.mark.parametrize("form", ["csv", "ins"])
 def test_a_ring_laser_gyro_up_and_down_sees_the_earth_and_its_bias(real, form):
-    """Half difference 11.73 °/h against the earth's 11.702 °/h, bias −0.25 °/h, to the published digits, from either file."""
+    """Half difference 11.73 °/h against the earth's 11.702 °/h, bias −0.25 °/h, to the published
+    digits, from either file.
+    """
     folder = real / "ln100_up_down"
     if form == "csv":
-        means = [columns(folder / f"ln100_x_{way}.csv", ["gx_dps"]).mean() for way in ("up", "down")]
+        means = [
+            columns(folder / f"ln100_x_{way}.csv", ["gx_dps"]).mean() for way in ("up", "down")
+        ]
     else:
         means = [
-            np.fromfile(folder / f"x_LN100_{way}.ins", "<f8").reshape(-1, 7)[:, 1].mean() for way in ("up", "down")
+            np.fromfile(folder / f"x_LN100_{way}.ins", "<f8").reshape(-1, 7)[:, 1].mean()
+            for way in ("up", "down")
         ]
     rate, bias = earth.two_position(*(mean * earth.DPH_PER_DPS for mean in means))
     assert round(float(rate), 2) == 11.73
@@ -35,9 +43,13 @@ def test_a_ring_laser_gyro_up_and_down_sees_the_earth_and_its_bias(real, form):
 
 
 def ferraris(gyro, accel, interval_s, reference):
-    """Triad, bias and acceleration sensitivity from six positions and three turns of −360°, as the reference did."""
-    up, down = (np.column_stack([gyro[f"{axis}_{way}"].mean(axis=0) for axis in "xyz"]) for way in "pa")
-    _, sensitivity = gyro_triad.acceleration_sensitivity(up, down, 9.81)
+    """Triad, bias and acceleration sensitivity from six positions and three turns of −360°, as the
+    reference did.
+    """
+    up, down = (
+        np.column_stack([gyro[f"{axis}_{way}"].mean(axis=0) for axis in "xyz"]) for way in "pa"
+    )
+    _, sensitivity = triad.acceleration_sensitivity(up, down, 9.81)
     # the reference weighs each position by its samples
     bias = np.vstack([gyro[f"{axis}_{way}"] for axis in "xyz" for way in "pa"]).mean(axis=0)
     to_accel = np.linalg.inv(np.array(reference["K_a"]) @ np.array(reference["R_a"]))
@@ -45,12 +57,16 @@ def ferraris(gyro, accel, interval_s, reference):
     for axis in "xyz":
         acceleration = (accel[f"{axis}_rot"] - np.array(reference["b_a"])) @ to_accel.T
         offset = bias + acceleration @ sensitivity.T
-        turns.append(gyro_triad.turned(gyro[f"{axis}_rot"], offset, np.full(len(offset), interval_s), -360.0))
-    return gyro_triad.triad(np.column_stack(turns), np.zeros((9, 9))), bias, sensitivity
+        turns.append(
+            triad.turned(gyro[f"{axis}_rot"], offset, np.full(len(offset), interval_s), -360.0)
+        )
+    return triad.triad(np.column_stack(turns), np.zeros((9, 9))), bias, sensitivity
 
 
 def check(found, bias, sensitivity, reference):
-    """Scale factors, directions, bias and acceleration sensitivity equal the reference to 1e-9 of their size."""
+    """Scale factors, directions, bias and acceleration sensitivity equal the reference to 1e-9 of
+    their size.
+    """
     assert found.magnitude == pytest.approx(np.diag(reference["K_g"]), rel=1e-9)
     assert found.misalignment == pytest.approx(np.array(reference["R_g"]), abs=1e-9)
     assert bias == pytest.approx(np.array(reference["b_g"]), rel=1e-9)
@@ -58,7 +74,9 @@ def check(found, bias, sensitivity, reference):
 
 
 def test_a_ferraris_session_gives_the_reference_gyro_figures(real):
-    """Session in °/s with section limits: K_g, R_g, b_g, K_ga of the reference run; axes within 0.3° of orthogonal."""
+    """Session in °/s with section limits: K_g, R_g, b_g, K_ga of the reference run; axes within
+    0.3° of orthogonal.
+    """
     folder = real / "imucal_ferraris"
     names = [f"{kind}_{axis}" for kind in ("gyr", "acc") for axis in "xyz"]
     session = columns(folder / "example_ferraris_session.csv", names)
@@ -73,7 +91,9 @@ def test_a_ferraris_session_gives_the_reference_gyro_figures(real):
 
 
 def test_an_annotated_session_in_counts_gives_the_published_gyro_figures(real):
-    """Raw counts at 204.8 Hz: the published K_g 16.6777, 16.1879, 16.2534 counts/(°/s), R_g, b_g and K_ga."""
+    """Raw counts at 204.8 Hz: the published K_g 16.6777, 16.1879, 16.2534 counts/(°/s), R_g, b_g
+    and K_ga.
+    """
     folder = real / "imucal_ferraris"
     with (folder / "annotated_session.csv").open(encoding="utf-8", newline="") as lines:
         rows = list(csv.DictReader(lines))
@@ -81,7 +101,9 @@ def test_an_annotated_session_in_counts_gives_the_published_gyro_figures(real):
     labels = np.array([row["part"] for row in rows])
     gyro, accel = (
         {
-            name: np.array([[float(row[f"{kind}_{axis}"]) for axis in "xyz"] for row in rows])[labels == name]
+            name: np.array([[float(row[f"{kind}_{axis}"]) for axis in "xyz"] for row in rows])[
+                labels == name
+            ]
             for name in np.unique(labels)
         }
         for kind in ("gyr", "acc")

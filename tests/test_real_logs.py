@@ -1,4 +1,6 @@
-"""Every log of the reference measurements goes in as it is, described by a recipe and nothing else."""
+"""Every log of the reference measurements goes in as it is, described by a recipe and nothing
+else.
+"""
 
 import json
 
@@ -6,8 +8,8 @@ import numpy as np
 import pytest
 
 from calibkit import recipe
+from calibkit.ingest import logs as ingest
 from calibkit.numeric import earth
-from calibkit.stages import ingest
 
 AXES = "xyz"
 ACCEL = tuple(f"accel_{axis}_g" for axis in AXES)
@@ -142,12 +144,17 @@ accel_z_g = { from = "z", unit = "m/s^2" }
 def logs(text, folder, needed):
     """Return the logs that a recipe finds in a folder, by their names, as arrays [n, columns]."""
     spec = recipe.parse(recipe.Source("r.toml", text))
-    found = [ingest.read_log(spec, folder / file, file, needed) for file in ingest.find_logs(spec, folder)]
+    found = [
+        ingest.read_log(spec, folder / file, file, needed)
+        for file in ingest.find_logs(spec, folder)
+    ]
     return {log.name: log.frame[list(needed)].to_numpy() for log in found}
 
 
 def test_a_log_without_header_and_time_is_described_by_its_columns_and_rate(real):
-    """MPU-9150: accelerations in g, rates in °/h, time from 100 Hz; each number as numpy reads it."""
+    """MPU-9150: accelerations in g, rates in °/h, time from 100 Hz; each number as numpy reads
+    it.
+    """
     folder = real / "mpu9150_multiposition"
     found = logs(MPU9150, folder, ("time_s", *ACCEL, *GYRO))
     assert sorted(found) == ["imu0", "imu1", "imu2"]
@@ -186,19 +193,29 @@ def test_a_ferraris_session_goes_in_with_its_sample_numbers(real):
     np.testing.assert_array_equal(session[:, 4:], raw[:, 1:4] * 3600.0)
     needed = ("time_s", *(f"accel_{axis}_lsb" for axis in AXES))
     annotated = logs(ANNOTATED, folder, needed)["annotated_session"]
-    raw = np.loadtxt(folder / "annotated_session.csv", delimiter=",", skiprows=1, usecols=(1, 2, 3, 4))
+    raw = np.loadtxt(
+        folder / "annotated_session.csv", delimiter=",", skiprows=1, usecols=(1, 2, 3, 4)
+    )
     np.testing.assert_array_equal(annotated[:, 1:], raw[:, 1:])
 
 
 def test_binary_records_see_the_earth_as_their_csv_does(real):
-    """LN-100 .ins: the CSV's numbers to its ten digits, half difference 11.73 °/h, bias −0.25 °/h."""
+    """LN-100 .ins: the CSV's numbers to its ten digits, half difference 11.73 °/h, bias −0.25
+    °/h.
+    """
     folder = real / "ln100_up_down"
     needed = ("time_s", *GYRO)
     binary, text = logs(LN100, folder, (*needed, *ACCEL)), logs(LN100_TEXT, folder, needed)
     for way in ("up", "down"):
-        np.testing.assert_allclose(binary[f"x_LN100_{way}"][:, :4], text[f"ln100_x_{way}"], rtol=1e-9, atol=1e-6)
-        assert np.abs(binary[f"x_LN100_{way}"][:, 4].mean()) == pytest.approx(1.0, abs=2e-3)  # local g
-    rate, bias = earth.two_position(*(binary[f"x_LN100_{way}"][:, 1].mean() for way in ("up", "down")))
+        np.testing.assert_allclose(
+            binary[f"x_LN100_{way}"][:, :4], text[f"ln100_x_{way}"], rtol=1e-9, atol=1e-6
+        )
+        assert np.abs(binary[f"x_LN100_{way}"][:, 4].mean()) == pytest.approx(
+            1.0, abs=2e-3
+        )  # local g
+    rate, bias = earth.two_position(
+        *(binary[f"x_LN100_{way}"][:, 1].mean() for way in ("up", "down"))
+    )
     assert round(float(rate), 2) == 11.73
     assert round(float(bias), 2) == -0.25
 

@@ -27,27 +27,50 @@ def test_every_shipped_recipe_parses(name):
 @pytest.mark.parametrize(
     ("line", "fault"),
     [
-        ("[drift]\nordr = 2", "r.toml:5: unknown key 'drift.ordr' = 2, allowed: model, interval_s, estimate, order"),
+        (
+            "[drift]\nordr = 2",
+            "r.toml:5: unknown key 'drift.ordr' = 2, allowed: model, interval_s, estimate, order",
+        ),
         ("[drift]\nordr = 2", "did you mean 'order'?"),
-        ("[input_axis]\nelevatoin_deg = 9.0", "allowed: elevation_deg, azimuth_deg; did you mean 'elevation_deg'?"),
-        ("[drift]\norder = 'two'", "r.toml:5: drift.order: found 'two', expected a whole number or 'auto'"),
+        (
+            "[input_axis]\nelevatoin_deg = 9.0",
+            "allowed: elevation_deg, azimuth_deg; did you mean 'elevation_deg'?",
+        ),
+        (
+            "[drift]\norder = 'two'",
+            "r.toml:5: drift.order: found 'two', expected a whole number or 'auto'",
+        ),
         ("[drift]\norder = 2.5", "r.toml:5: drift.order: found 2.5"),
         ("[drift]\ninterval_s = 0", "r.toml:5: drift.interval_s: found 0, expected greater than 0"),
         ("[drift]\ninterval_s = inf", "r.toml:5: drift.interval_s: found inf"),
-        ("[denoise]\nrule = 'sotf'", "expected 'soft', 'hard', 'garrote' or 'firm'; did you mean 'soft'?"),
+        (
+            "[denoise]\nrule = 'sotf'",
+            "expected 'soft', 'hard', 'garrote' or 'firm'; did you mean 'soft'?",
+        ),
         ("[denoise]\nenabled = 1", "r.toml:5: denoise.enabled: found 1"),
         ("titel = 1", "r.toml:4: unknown key 'logs.titel'"),
-        ("[columns.gyro_dph]\nfrom = 'G'\nunit = 'deg/hh'", "r.toml:6: columns.gyro_dph.unit: unknown unit 'deg/hh'"),
+        (
+            "[columns.gyro_dph]\nfrom = 'G'\nunit = 'deg/hh'",
+            "r.toml:6: columns.gyro_dph.unit: unknown unit 'deg/hh'",
+        ),
         ("[columns.gyro_dph]\nfrom = 'G'\nscale = 0", "a scale of 0 erases the column"),
         ("[columns.gyro_dph]\nfrom = 'G'\nsing = -1", "did you mean 'sign'?"),
-        ("[columns]\ngyro_dph = { unit = 'deg/h' }", "r.toml:5: missing key 'columns.gyro_dph.from'"),
+        (
+            "[columns]\ngyro_dph = { unit = 'deg/h' }",
+            "r.toml:5: missing key 'columns.gyro_dph.from'",
+        ),
         ("[[exclude]]\nlog = 'a'\nreason = 'x'", "r.toml:4: missing key 'exclude.0.person'"),
-        ("[[exclude]]\nlog='a'\nreason='x'\nperson='p'\nfrom_s=5.0\nto_s=4.0", "to_s = 4 is not after from_s = 5"),
+        (
+            "[[exclude]]\nlog='a'\nreason='x'\nperson='p'\nfrom_s=5.0\nto_s=4.0",
+            "to_s = 4 is not after from_s = 5",
+        ),
         ("[site]\nlatitude_deg = 91", "r.toml:5: site.latitude_deg: found 91"),
     ],
 )
 def test_a_fault_is_named_with_line_value_and_what_is_allowed(line, fault):
-    """Unknown, missing and ill-typed keys are errors with file, line, value, allowed set and the closest name."""
+    """Unknown, missing and ill-typed keys are errors with file, line, value, allowed set and the
+    closest name.
+    """
     assert any(fault in found for found in faults(GOOD + line + "\n"))
 
 
@@ -59,7 +82,10 @@ def test_all_faults_are_reported_at_once():
 def test_a_pattern_may_not_leave_the_data_folder():
     """A recipe cannot read files outside of --data."""
     for pattern in ("../*.csv", "/etc/*", "C:/x.csv", "a/../../b.csv"):
-        assert "leaves the data folder" in faults(f'procedure = "fog_thermal"\nlogs.files = ["{pattern}"]')[0]
+        assert (
+            "leaves the data folder"
+            in faults(f'procedure = "fog_thermal"\nlogs.files = ["{pattern}"]')[0]
+        )
 
 
 def test_an_unknown_procedure_names_the_known_ones():
@@ -76,7 +102,9 @@ def test_text_that_is_not_toml_is_located():
 def test_an_override_replaces_a_key_and_is_blamed_for_its_faults():
     """--set changes a key, a text needs no quotes, and a fault names the override."""
     spec = recipe.parse(
-        recipe.Source("r.toml", GOOD, ("drift.order=2", "denoise.wavelet=haar", "site.latitude_deg=58"))
+        recipe.Source(
+            "r.toml", GOOD, ("drift.order=2", "denoise.wavelet=haar", "site.latitude_deg=58")
+        )
     )
     assert (spec.drift.order, spec.denoise.wavelet, spec.site.latitude_deg) == (2, "haar", 58.0)
     assert faults(GOOD, "drift.ordr=2")[0].startswith("--set drift.ordr=2: unknown key")

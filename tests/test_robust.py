@@ -1,10 +1,12 @@
-"""Robust linear fits: wild rows move nothing and are named; covariances that hold where rows are not alike."""
+"""Robust linear fits: wild rows move nothing and are named; covariances that hold where rows are
+not alike.
+"""
 
 import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import fit, robust
+from calibkit.numeric.least_squares import fit, robust
 
 
 def problem(seed, rows=150, columns=6):
@@ -34,7 +36,9 @@ def test_one_wild_indication_in_a_hundred_moves_nothing(size):
 
 @pytest.mark.parametrize("reach", [3.0, 30.0, 1e3, 1e6])
 def test_one_wild_row_of_high_leverage_in_a_hundred_moves_nothing(reach):
-    """A row whose regressors are wild drags plain least squares along and leaves the robust fit where it was."""
+    """A row whose regressors are wild drags plain least squares along and leaves the robust fit
+    where it was.
+    """
     dragged = []
     for seed in range(6):
         design, truth, indication = problem(seed)
@@ -49,11 +53,15 @@ def test_one_wild_row_of_high_leverage_in_a_hundred_moves_nothing(reach):
 
 
 def test_wild_rows_that_cover_for_one_another_are_all_named():
-    """Eight wild rows that lie on a line of their own hide from residuals and deletion, not from the start."""
+    """Eight wild rows that lie on a line of their own hide from residuals and deletion, not from
+    the start.
+    """
     design, _, indication = problem(1)
     spoilt, wrong = design.copy(), indication.copy()
     wild = np.arange(40, 48)
-    spoilt[wild, 1:] = np.array([12.0, 0.0, 0.0, 0.0, 0.0]) + np.random.default_rng(2).normal(0.0, 0.1, (8, 5))
+    spoilt[wild, 1:] = np.array([12.0, 0.0, 0.0, 0.0, 0.0]) + np.random.default_rng(2).normal(
+        0.0, 0.1, (8, 5)
+    )
     wrong[wild] = -40.0
     after = robust.linear(spoilt, wrong)
     assert set(wild.tolist()) <= set(after.suspects)
@@ -69,8 +77,12 @@ def test_suspects_come_worst_first():
 
 def test_clean_rows_are_fitted_as_well_as_by_least_squares():
     """On normal noise the price is 2 to 5 % of the uncertainty, and hardly a row is accused."""
-    pairs = [(robust.linear(*problem(seed)[::2]), fit.linear(*problem(seed)[::2])) for seed in range(20)]
-    ratio = np.mean([tough.fit.standard_uncertainty / plain.standard_uncertainty for tough, plain in pairs])
+    pairs = [
+        (robust.linear(*problem(seed)[::2]), fit.linear(*problem(seed)[::2])) for seed in range(20)
+    ]
+    ratio = np.mean(
+        [tough.fit.standard_uncertainty / plain.standard_uncertainty for tough, plain in pairs]
+    )
     assert 1.0 < ratio < 1.05
     assert sum(len(tough.suspects) for tough, _ in pairs) <= 2
 
@@ -107,7 +119,9 @@ def test_exact_data_stay_exact_with_a_wild_row_among_them():
 
 
 def test_weights_are_honoured():
-    """Rows with a hundred times the noise and the weight to match are not suspect, without it they are."""
+    """Rows with a hundred times the noise and the weight to match are not suspect, without it they
+    are.
+    """
     design, truth, _ = problem(6)
     noise = np.where(np.arange(150) < 30, 100.0, 1.0)
     indication = design @ truth + noise * np.random.default_rng(7).normal(size=150)
@@ -158,7 +172,9 @@ def test_jackknife_of_single_rows_is_the_loop_that_leaves_them_out():
     groups = np.arange(40) // 3
     whole = fit.linear(design, indication, weights=weights)
     shifts = [
-        fit.linear(design[groups != k], indication[groups != k], weights=weights[groups != k]).coefficients
+        fit.linear(
+            design[groups != k], indication[groups != k], weights=weights[groups != k]
+        ).coefficients
         - whole.coefficients
         for k in range(14)
     ]

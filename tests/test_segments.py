@@ -7,7 +7,9 @@ from calibkit.numeric import segments
 
 
 def ramp_log(rate, *, soak=600.0, span=40.0, step=1.0):
-    """Time [s] and air temperature [°C] of soak, ramp and soak; the ramp lasts span/|rate| minutes."""
+    """Time [s] and air temperature [°C] of soak, ramp and soak; the ramp lasts span/|rate|
+    minutes.
+    """
     duration = span / abs(rate) * 60.0
     time = np.arange(0.0, 2 * soak + duration, step)
     air = 20.0 + rate / 60.0 * np.clip(time - soak, 0.0, duration)
@@ -24,14 +26,18 @@ def test_a_straight_ramp_has_its_own_slope(rate):
 
 
 def test_the_slope_equals_a_loop_of_straight_line_fits():
-    """The running sums give what polyfit gives window by window, to 1e-9 °C/min, on irregular time too."""
+    """The running sums give what polyfit gives window by window, to 1e-9 °C/min, on irregular time
+    too.
+    """
     rng = np.random.default_rng(1)
     time = np.cumsum(rng.uniform(0.5, 2.0, 300))
     value = np.cumsum(rng.normal(size=300))
     slope = segments.causal_slope(time, value, 30.0)
     for k in range(60, 300, 7):
         window = (time >= time[k] - 30.0 * (1 + 1e-9)) & (time <= time[k])
-        assert slope[k] == pytest.approx(60.0 * np.polyfit(time[window] - time[k], value[window], 1)[0], abs=1e-9)
+        assert slope[k] == pytest.approx(
+            60.0 * np.polyfit(time[window] - time[k], value[window], 1)[0], abs=1e-9
+        )
 
 
 def test_the_slope_knows_nothing_of_the_future():
@@ -46,7 +52,9 @@ def test_the_slope_knows_nothing_of_the_future():
 
 
 def test_a_quantised_thermometer_does_not_fake_a_rate():
-    """A 0.0625 °C step differenced at 1 s is 3.75 °C/min; over a minute's window it stays under 0.1 °C/min."""
+    """A 0.0625 °C step differenced at 1 s is 3.75 °C/min; over a minute's window it stays under 0.1
+    °C/min.
+    """
     time = np.arange(600.0)
     air = np.where(time < 300.0, 20.0, 20.0625)
     assert np.abs(segments.causal_slope(time, air, 60.0)).max() < 0.1
@@ -84,9 +92,15 @@ def test_a_ramp_that_pauses_briefly_is_one_ramp():
 
 
 def coarse_ramp(rate, step, phase=0.0):
-    """Time [s], air of one ramp of 60 °C between soaks with a compressor's cycling, read in coarse steps, and where it ends."""
+    """Time [s], air of one ramp of 60 °C between soaks with a compressor's cycling, read in coarse
+    steps, and where it ends.
+    """
     time = np.arange(0.0, 1200.0 + 60.0 / rate * 60.0 + 1800.0)
-    air = 20.0 + np.clip((time - 600.0) * rate / 60.0, 0.0, 60.0) + 0.15 * np.sin(2.0 * np.pi * time / 90.0)
+    air = (
+        20.0
+        + np.clip((time - 600.0) * rate / 60.0, 0.0, 60.0)
+        + 0.15 * np.sin(2.0 * np.pi * time / 90.0)
+    )
     return time, np.round((air + phase) / step) * step, 600.0 + 60.0 / rate * 60.0
 
 
@@ -94,10 +108,16 @@ def coarse_ramp(rate, step, phase=0.0):
 @pytest.mark.parametrize("step", [0.5, 1.0])
 @pytest.mark.parametrize("phase", [0.0, 0.3, 0.7])
 def test_a_thermometer_of_one_degree_gives_the_rate_of_a_ramp(rate, step, phase):
-    """One ramp is found, at the set rate within 5 % (1 % of slow ones in steps of 1 °C), and over within 5 minutes."""
+    """One ramp is found, at the set rate within 5 % (1 % of slow ones in steps of 1 °C), and over
+    within 5 minutes.
+    """
     time, air, end = coarse_ramp(rate, step, phase)
     slope = segments.measured_slope(time, air, 60.0)
-    (ramp,) = [s for s in segments.segments(slope, air, ramp_min=0.3, min_span=5.0, merge=60) if s.kind == "ramp"]
+    (ramp,) = [
+        s
+        for s in segments.segments(slope, air, ramp_min=0.3, min_span=5.0, merge=60)
+        if s.kind == "ramp"
+    ]
     slow = step == 1.0 and rate <= 1.0
     assert ramp.rate == pytest.approx(rate, rel=0.01 if slow else 0.05)
     assert 500.0 < ramp.start < 950.0
@@ -105,24 +125,34 @@ def test_a_thermometer_of_one_degree_gives_the_rate_of_a_ramp(rate, step, phase)
 
 
 def test_the_plain_window_biases_the_rate_of_a_coarse_thermometer():
-    """What the longer windows are for: over a minute, steps of 1 °C make 14 % too much of 1 °C/min."""
+    """What the longer windows are for: over a minute, steps of 1 °C make 14 % too much of 1
+    °C/min.
+    """
     time, air, _ = coarse_ramp(1.0, 1.0, 0.3)
     plain = segments.causal_slope(time, air, 60.0)[1000:4000]
     assert np.median(plain) > 1.1
-    assert np.median(segments.measured_slope(time, air, 60.0)[1000:4000]) == pytest.approx(1.0, abs=0.01)
+    assert np.median(segments.measured_slope(time, air, 60.0)[1000:4000]) == pytest.approx(
+        1.0, abs=0.01
+    )
 
 
 def test_a_fine_thermometer_is_left_to_its_window():
     """In steps of 0.1 °C nothing changes, bit by bit."""
     time, air, _ = coarse_ramp(3.0, 0.1)
     assert segments.quantum(air) == pytest.approx(0.1, abs=1e-9)
-    assert np.array_equal(segments.measured_slope(time, air, 60.0), segments.causal_slope(time, air, 60.0))
+    assert np.array_equal(
+        segments.measured_slope(time, air, 60.0), segments.causal_slope(time, air, 60.0)
+    )
 
 
 def test_the_slope_of_a_coarse_thermometer_does_not_look_ahead():
-    """Two logs that are equal up to an instant have equal slopes there, as long as both read in the same steps."""
+    """Two logs that are equal up to an instant have equal slopes there, as long as both read in the
+    same steps.
+    """
     time, air, _ = coarse_ramp(1.0, 1.0)
     changed = air.copy()
     changed[2000:] += 7.0
-    before, after = (segments.measured_slope(time, values, 60.0)[:2000] for values in (air, changed))
+    before, after = (
+        segments.measured_slope(time, values, 60.0)[:2000] for values in (air, changed)
+    )
     assert after == pytest.approx(before, abs=1e-9)

@@ -11,8 +11,17 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calibkit.errors import FitError
-from calibkit.numeric.lifting import forward, scheme
-from calibkit.numeric.shrinkage import RULES, THRESHOLDS, bayes, minimax, noise, noise_gains, sure, universal
+from calibkit.numeric.wavelet.lifting import forward, scheme
+from calibkit.numeric.wavelet.shrinkage import (
+    RULES,
+    THRESHOLDS,
+    bayes,
+    minimax,
+    noise,
+    noise_gains,
+    sure,
+    universal,
+)
 
 finite = st.floats(-1e6, 1e6)
 details_of_a_level = arrays(np.float64, st.integers(1, 60), elements=finite)
@@ -20,21 +29,27 @@ details_of_a_level = arrays(np.float64, st.integers(1, 60), elements=finite)
 
 @given(details_of_a_level)
 def test_noise_is_the_median_magnitude_over_0_6745_and_leaves_the_details_alone(details):
-    """The in-place partition gives what the median of a copy gives, for odd and even numbers of details."""
+    """The in-place partition gives what the median of a copy gives, for odd and even numbers of
+    details.
+    """
     before = details.copy()
     assert noise(details) == pytest.approx(np.median(np.abs(before)) / 0.6745, rel=1e-15)
     assert np.array_equal(details, before)
 
 
 def test_the_noise_of_unit_noise_is_one_whatever_spikes_are_in_it():
-    """200 000 unit normal details with 1 % spikes of 1000: within 1.5 % (10 standard errors are 2.6 %)."""
+    """200 000 unit normal details with 1 % spikes of 1000: within 1.5 % (10 standard errors are 2.6
+    %).
+    """
     details = np.random.default_rng(3).normal(size=200_000)
     details[::100] = 1000.0
     assert noise(details) == pytest.approx(1.0, rel=0.015)
 
 
 def test_half_the_details_at_zero_show_no_noise():
-    """The estimate is exactly zero, and then no threshold but BayesShrink's on pure signal removes anything."""
+    """The estimate is exactly zero, and then no threshold but BayesShrink's on pure signal removes
+    anything.
+    """
     details = np.concatenate([np.zeros(50), np.ones(10)])
     assert noise(details) == 0.0
     assert noise(np.zeros(7)) == 0.0
@@ -76,7 +91,9 @@ def test_noise_gains_are_the_printed_ones(name, printed, digits):
 
 @pytest.mark.parametrize("name", ["cdf97", "cdf53", "db4", "bior3.5"])
 def test_noise_gains_are_the_norms_of_the_transform_of_every_impulse(name):
-    """Σ over impulses of the square of one interior detail, by the transform itself, is the squared gain."""
+    """Σ over impulses of the square of one interior detail, by the transform itself, is the squared
+    gain.
+    """
     length, levels, lifting_scheme = 700, 4, scheme(name)
     square = np.zeros(levels)
     for k in range(length):
@@ -90,15 +107,23 @@ def test_noise_gains_are_the_norms_of_the_transform_of_every_impulse(name):
 
 def test_the_noise_of_every_level_of_white_noise_is_its_gain():
     """Monte Carlo on 2^18 samples of CDF 5/3, whose gains differ most: four levels within 3 %."""
-    parts = forward(np.random.default_rng(11).normal(size=1 << 18), scheme("cdf53"), 4, extension="symmetric")
+    parts = forward(
+        np.random.default_rng(11).normal(size=1 << 18), scheme("cdf53"), 4, extension="symmetric"
+    )
     found = [noise(detail) for detail in parts.details]
     assert found == pytest.approx(noise_gains(scheme("cdf53"), 4), rel=0.03)
 
 
 def test_universal_and_minimax_have_their_closed_forms():
-    """σ √(2 ln N) of the signal, and σ (0.3936 + 0.1829 log₂ n) of the level with nothing below 33 details."""
-    assert universal(np.zeros(5), 0.6, 6000) == pytest.approx(0.6 * math.sqrt(2.0 * math.log(6000)), rel=1e-15)
-    assert minimax(np.zeros(64), 2.0, 6000) == pytest.approx(2.0 * (0.3936 + 0.1829 * 6.0), rel=1e-15)
+    """σ √(2 ln N) of the signal, and σ (0.3936 + 0.1829 log₂ n) of the level with nothing below 33
+    details.
+    """
+    assert universal(np.zeros(5), 0.6, 6000) == pytest.approx(
+        0.6 * math.sqrt(2.0 * math.log(6000)), rel=1e-15
+    )
+    assert minimax(np.zeros(64), 2.0, 6000) == pytest.approx(
+        2.0 * (0.3936 + 0.1829 * 6.0), rel=1e-15
+    )
     assert minimax(np.zeros(32), 2.0, 6000) == 0.0
     assert universal(np.zeros(0), 1.0, 1) == 0.0
 
@@ -111,9 +136,13 @@ def test_bayes_is_noise_variance_over_signal_deviation():
     assert not RULES["hard"](details, bayes(details, 10.0, 4)).any()
 
 
-@given(arrays(np.int64, st.integers(2, 40), elements=st.integers(-5000, 5000)), st.integers(1, 1000))
+@given(
+    arrays(np.int64, st.integers(2, 40), elements=st.integers(-5000, 5000)), st.integers(1, 1000)
+)
 def test_sure_minimises_the_risk_estimate_found_by_brute_force(counts, sigma):
-    """No magnitude has a lower estimated risk, unless the level is sparse or the universal ceiling comes first."""
+    """No magnitude has a lower estimated risk, unless the level is sparse or the universal ceiling
+    comes first.
+    """
     details, n = counts / 100.0, counts.size
     sigma = sigma / 100.0
     scaled = [abs(d) / sigma for d in details]
@@ -122,14 +151,18 @@ def test_sure_minimises_the_risk_estimate_found_by_brute_force(counts, sigma):
     if sum(x * x for x in scaled) / n - 1.0 <= math.log2(n) ** 1.5 / math.sqrt(n):
         assert found == pytest.approx(ceiling, rel=1e-12)
         return
-    risks = {t: n - 2 * sum(x <= t for x in scaled) + sum(min(x, t) ** 2 for x in scaled) for t in scaled}
+    risks = {
+        t: n - 2 * sum(x <= t for x in scaled) + sum(min(x, t) ** 2 for x in scaled) for t in scaled
+    }
     least = min(risks.values())
     best = [t for t, risk in risks.items() if risk <= least + 1e-9 * (1.0 + abs(least))]
     assert any(found == pytest.approx(min(t, ceiling), rel=1e-9, abs=1e-12) for t in best)
 
 
 def naive_rule(name, d, t):
-    """Definition of a rule on one detail: soft, hard (Donoho & Johnstone 1994), garrote (Gao 1998), firm with 2 t."""
+    """Definition of a rule on one detail: soft, hard (Donoho & Johnstone 1994), garrote (Gao 1998),
+    firm with 2 t.
+    """
     size = abs(d)
     if size <= t:
         return 0.0
@@ -145,7 +178,9 @@ def naive_rule(name, d, t):
 @pytest.mark.parametrize("name", sorted(RULES))
 @given(details=details_of_a_level, threshold=st.floats(1e-3, 1e6))
 def test_rules_follow_their_definitions(name, details, threshold):
-    """Every detail comes out as its case distinction says, to rounding of the larger of detail and threshold."""
+    """Every detail comes out as its case distinction says, to rounding of the larger of detail and
+    threshold.
+    """
     expected = [naive_rule(name, float(d), threshold) for d in details]
     np.testing.assert_allclose(RULES[name](details, threshold), expected, rtol=1e-12, atol=1e-9)
 
@@ -153,7 +188,9 @@ def test_rules_follow_their_definitions(name, details, threshold):
 @pytest.mark.parametrize("name", sorted(RULES))
 @given(details=details_of_a_level, threshold=st.floats(0.0, 1e6))
 def test_rules_shrink_and_keep_signs(name, details, threshold):
-    """No rule enlarges a detail, turns its sign, treats the two signs differently or changes its argument."""
+    """No rule enlarges a detail, turns its sign, treats the two signs differently or changes its
+    argument.
+    """
     before = details.copy()
     shrunk = RULES[name](details, threshold)
     assert np.all(np.abs(shrunk) <= np.abs(details) * (1.0 + 1e-15))
@@ -162,14 +199,20 @@ def test_rules_shrink_and_keep_signs(name, details, threshold):
     assert np.array_equal(details, before)
 
 
-@pytest.mark.parametrize(("name", "jump"), [("soft", 0.0), ("hard", 1.0), ("garrote", 0.0), ("firm", 0.0)])
+@pytest.mark.parametrize(
+    ("name", "jump"), [("soft", 0.0), ("hard", 1.0), ("garrote", 0.0), ("firm", 0.0)]
+)
 def test_only_hard_shrinkage_jumps_at_the_threshold(name, jump):
-    """Just above a threshold of 1 the continuous rules give nearly nothing, the hard one the whole detail."""
+    """Just above a threshold of 1 the continuous rules give nearly nothing, the hard one the whole
+    detail.
+    """
     just_above = np.array([1.0 + 1e-9])
     assert RULES[name](just_above, 1.0)[0] == pytest.approx(jump, abs=3e-9)
 
 
 def test_firm_and_hard_keep_large_details_and_soft_does_not():
-    """At five thresholds: soft loses one threshold, garrote a fifth of one, firm and hard nothing."""
+    """At five thresholds: soft loses one threshold, garrote a fifth of one, firm and hard
+    nothing.
+    """
     kept = {name: float(rule(np.array([5.0]), 1.0)[0]) for name, rule in RULES.items()}
     assert kept == {"soft": 4.0, "hard": 5.0, "garrote": 4.8, "firm": 5.0}

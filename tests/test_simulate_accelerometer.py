@@ -1,12 +1,16 @@
-"""Simulated triads on a table: canonical, reproducible, physical; and what calibration makes of them."""
+"""Simulated triads on a table: canonical, reproducible, physical; and what calibration makes of
+them.
+"""
 
 from dataclasses import replace
 
 import numpy as np
 import pytest
 
-from calibkit.numeric import accel_affine, accel_k, attitude, dwells
-from calibkit.simulate import accelerometer
+from calibkit.instruments.accelerometer import simulate
+from calibkit.instruments.accelerometer.numeric import affine as accel_affine
+from calibkit.instruments.accelerometer.numeric import k_factor
+from calibkit.numeric import attitude, dwells
 
 
 def read(campaign):
@@ -23,16 +27,27 @@ def read(campaign):
 def k_corrected(campaign, loss="least_squares"):
     """K fits and corrected components of a campaign."""
     indicated, temperature, inclination, toolface = read(campaign)
-    fitted = accel_k.fit(indicated, temperature, attitude.gravity_vector(inclination, toolface), loss=loss)
-    return fitted, accel_k.correct(np.array([axis.coefficients for axis in fitted]), indicated, temperature)
+    fitted = k_factor.fit(
+        indicated, temperature, attitude.gravity_vector(inclination, toolface), loss=loss
+    )
+    return fitted, k_factor.correct(
+        np.array([axis.coefficients for axis in fitted]), indicated, temperature
+    )
 
 
 def test_the_log_is_canonical():
     """One log of 378 dwells under canonical columns, finite, with its truth beside it."""
-    campaign = accelerometer.campaign(1)
+    campaign = simulate.campaign(1)
     assert list(campaign.logs) == ["positions.csv"]
     log = campaign.logs["positions.csv"]
-    assert list(log) == ["temp_case_degc", "inclination_deg", "toolface_deg", "accel_x_g", "accel_y_g", "accel_z_g"]
+    assert list(log) == [
+        "temp_case_degc",
+        "inclination_deg",
+        "toolface_deg",
+        "accel_x_g",
+        "accel_y_g",
+        "accel_z_g",
+    ]
     assert {len(values) for values in log.values()} == {378}
     assert all(np.isfinite(values).all() for values in log.values())
     assert set(campaign.files()) == {"positions.csv", "truth.json"}
@@ -41,13 +56,13 @@ def test_the_log_is_canonical():
 
 def test_same_seed_same_bytes_other_seed_other_triad():
     """A campaign is a function of its seed."""
-    assert accelerometer.campaign(3).files() == accelerometer.campaign(3).files()
-    assert accelerometer.campaign(3).files() != accelerometer.campaign(4).files()
+    assert simulate.campaign(3).files() == simulate.campaign(3).files()
+    assert simulate.campaign(3).files() != simulate.campaign(4).files()
 
 
 def test_indications_are_positive_along_gravity():
     """Upright the z axis reads +1 g, head down −1 g; with the high side up x reads −1 g."""
-    log = accelerometer.campaign(2).logs["positions.csv"]
+    log = simulate.campaign(2).logs["positions.csv"]
     z = log["accel_z_g"]
     assert np.all(z[log["inclination_deg"] == 0.0] > 0.95)
     assert np.all(z[log["inclination_deg"] == 180.0] < -0.95)
@@ -56,20 +71,26 @@ def test_indications_are_positive_along_gravity():
 
 
 def test_the_sensors_are_not_the_model_that_is_fitted():
-    """Without any noise the K model leaves tens of µg, the affine model with turning axes a tenth of that."""
-    quiet = accelerometer.Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
-    campaign = accelerometer.run(0, quiet)
+    """Without any noise the K model leaves tens of µg, the affine model with turning axes a tenth
+    of that.
+    """
+    quiet = simulate.Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
+    campaign = simulate.run(0, quiet)
     fitted, _ = k_corrected(campaign)
     assert max(axis.residual_rms for axis in fitted) > 1e-5  # g
     indicated, temperature, inclination, toolface = read(campaign)
     terms = accel_affine.AffineTerms(3, 1, 3, second_order=True, third_order=True)
-    affine = accel_affine.fit(indicated, temperature, attitude.gravity_vector(inclination, toolface), terms=terms)
+    affine = accel_affine.fit(
+        indicated, temperature, attitude.gravity_vector(inclination, toolface), terms=terms
+    )
     assert affine.residual_rms < 0.2 * max(axis.residual_rms for axis in fitted)
 
 
 def test_one_indication_is_the_sensor_written_out():
-    """Flux loss by an exponential, a bias that saturates, an axis that turns, IEEE 1293 terms: one dwell by hand."""
-    sensor = accelerometer.Sensor(
+    """Flux loss by an exponential, a bias that saturates, an axis that turns, IEEE 1293 terms: one
+    dwell by hand.
+    """
+    sensor = simulate.Sensor(
         scale_factor=1.01,
         flux_loss=1e-3,
         flux_curvature=1e-5,
@@ -84,29 +105,39 @@ def test_one_indication_is_the_sensor_written_out():
         axis_turn=(0.0, 0.0, 1e-3),
     )
     other = replace(sensor, axis=(0.0, 1.0, 0.0))
-    found = accelerometer.indications((sensor, other, sensor), np.array([[0.6, 0.8, 0.0]]), np.array([75.0]))
+    found = simulate.indications(
+        (sensor, other, sensor), np.array([[0.6, 0.8, 0.0]]), np.array([75.0])
+    )
     turned, crossed = np.array([1.0, 0.05]), np.array([-0.05, 1.0])
     own = turned @ [0.6, 0.8] / np.linalg.norm(turned)
     beside = crossed @ [0.6, 0.8] / np.linalg.norm(crossed)
     bias = 2e-3 + 1e-5 * 50.0 + 4e-3 * np.tanh(1.0)
     higher = 1e-3 * own**2 + 2e-3 * own**3 + 3e-3 * own * beside
-    assert found[0, 0] == pytest.approx(1.01 * np.exp(-0.05 - 0.025) * (own + higher + bias), rel=1e-12)
+    assert found[0, 0] == pytest.approx(
+        1.01 * np.exp(-0.05 - 0.025) * (own + higher + bias), rel=1e-12
+    )
 
 
 def test_truth_describes_the_sensors():
     """The noise-free indications follow from the sensors and angles of the truth."""
-    campaign = accelerometer.run(5, accelerometer.Conditions(noise_g=0.0, thermometer_noise_degc=0.0))
+    campaign = simulate.run(5, simulate.Conditions(noise_g=0.0, thermometer_noise_degc=0.0))
     told = campaign.truth
-    sensors = tuple(accelerometer.Sensor(**told["sensors"][f"accel_{axis}"]) for axis in "xyz")
-    vector = attitude.gravity_vector(np.array(told["inclination_deg"]), np.array(told["toolface_deg"]))
+    sensors = tuple(simulate.Sensor(**told["sensors"][f"accel_{axis}"]) for axis in "xyz")
+    vector = attitude.gravity_vector(
+        np.array(told["inclination_deg"]), np.array(told["toolface_deg"])
+    )
     indicated, temperature, _, _ = read(campaign)
-    np.testing.assert_allclose(accelerometer.indications(sensors, vector, temperature), indicated, atol=1e-12)  # g
+    np.testing.assert_allclose(
+        simulate.indications(sensors, vector, temperature), indicated, atol=1e-12
+    )  # g
 
 
 @pytest.mark.parametrize("seed", range(4))
 def test_attitude_after_correction_beats_the_published_results(seed):
-    """With 0.01° table noise inclination errs by 0.05° at most and toolface by 0.1°/sin(inclination), everywhere."""
-    campaign = accelerometer.campaign(seed, table_noise_deg=0.01)
+    """With 0.01° table noise inclination errs by 0.05° at most and toolface by
+    0.1°/sin(inclination), everywhere.
+    """
+    campaign = simulate.campaign(seed, table_noise_deg=0.01)
     indicated, _, inclination, toolface = read(campaign)
     _, corrected = k_corrected(campaign)
     before = attitude.errors(indicated, inclination, toolface)
@@ -114,44 +145,64 @@ def test_attitude_after_correction_beats_the_published_results(seed):
     assert before.inclination_max_deg > 0.2
     assert after.inclination_max_deg <= 0.05
     assert after.toolface_scaled_max_deg <= 0.1
-    # against the true angles of the table, which the calibration has not seen, only the model's own error is left
+    # against the true angles of the table, which the calibration has not seen, only the model's own
+    # error is left
     truth = attitude.errors(
-        corrected, np.array(campaign.truth["inclination_deg"]), np.array(campaign.truth["toolface_deg"])
+        corrected,
+        np.array(campaign.truth["inclination_deg"]),
+        np.array(campaign.truth["toolface_deg"]),
     )
     assert truth.inclination_rms_deg < 0.008
     assert truth.toolface_scaled_max_deg < 0.03
 
 
 def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
-    """A second campaign of the same triad errs within the propagated uncertainty and the dwell noise, 90 % of the time."""
-    quiet = accelerometer.Conditions(table_noise_deg=0.0, thermometer_noise_degc=0.0)
-    campaign = accelerometer.run(7, quiet)
+    """A second campaign of the same triad errs within the propagated uncertainty and the dwell
+    noise, 90 % of the time.
+    """
+    quiet = simulate.Conditions(table_noise_deg=0.0, thermometer_noise_degc=0.0)
+    campaign = simulate.run(7, quiet)
     indicated, temperature, inclination, toolface = read(campaign)
     even = np.arange(len(temperature)) % 2 == 0
     terms = accel_affine.AffineTerms(3, 1, 3, second_order=True, third_order=True)
     reference = attitude.gravity_vector(inclination, toolface)
     fitted = accel_affine.fit(indicated[even], temperature[even], reference[even], terms=terms)
     corrected = accel_affine.correct(
-        dict(zip(fitted.names, fitted.coefficients, strict=True)), indicated[~even], temperature[~even]
+        dict(zip(fitted.names, fitted.coefficients, strict=True)),
+        indicated[~even],
+        temperature[~even],
     )
     covariance = accel_affine.covariance(fitted, indicated[~even], temperature[~even])
     covariance = covariance + fitted.residual_rms**2 * np.eye(3)
     u_inclination, u_toolface = attitude.standard_uncertainty(corrected, covariance)
     found = attitude.errors(corrected, inclination[~even], toolface[~even])
     inside = np.isfinite(found.toolface_error_deg)
-    assert 0.9 <= np.mean(np.abs(found.inclination_error_deg[inside]) <= 1.96 * u_inclination[inside]) <= 0.99
-    assert 0.9 <= np.mean(np.abs(found.toolface_error_deg[inside]) <= 1.96 * u_toolface[inside]) <= 0.99
+    assert (
+        0.9
+        <= np.mean(np.abs(found.inclination_error_deg[inside]) <= 1.96 * u_inclination[inside])
+        <= 0.99
+    )
+    assert (
+        0.9
+        <= np.mean(np.abs(found.toolface_error_deg[inside]) <= 1.96 * u_toolface[inside])
+        <= 0.99
+    )
 
 
 def test_wild_dwells_are_named():
-    """Three spoilt dwells of 378 are told in the truth, named by the robust fit, and move nothing."""
-    clean, spoilt = (accelerometer.campaign(6, table_noise_deg=0.0, wild=count) for count in (0, 3))
+    """Three spoilt dwells of 378 are told in the truth, named by the robust fit, and move
+    nothing.
+    """
+    clean, spoilt = (simulate.campaign(6, table_noise_deg=0.0, wild=count) for count in (0, 3))
     wild = spoilt.truth["wild_dwells"]
     assert len(wild) == 3
     fitted, _ = k_corrected(spoilt, "robust")
     assert set(wild) <= set().union(*(axis.suspects for axis in fitted))
     for before, after in zip(k_corrected(clean, "robust")[0], fitted, strict=True):
-        assert np.max(np.abs(after.coefficients - before.coefficients) / before.standard_uncertainty) < 1.0
+        assert (
+            np.max(np.abs(after.coefficients - before.coefficients) / before.standard_uncertainty)
+            < 1.0
+        )
 
 
 def swept(campaign):
@@ -159,29 +210,39 @@ def swept(campaign):
     pieces = []
     for log in campaign.logs.values():
         columns = np.column_stack(list(log.values()))
-        pieces.append(dwells.averages(columns, dwells.pieces(np.array([[0, len(columns)]]), 12)).mean)
+        pieces.append(
+            dwells.averages(columns, dwells.pieces(np.array([[0, len(columns)]]), 12)).mean
+        )
     return np.concatenate(pieces)
 
 
 def test_sweeps_calibrate_as_grids_do():
-    """Six attitudes swept at 1 °C/min, cut into pieces, give K whose attitude holds on the grid of the same triad."""
-    sweep = accelerometer.campaign(8, sweep=True, table_noise_deg=0.0)
+    """Six attitudes swept at 1 °C/min, cut into pieces, give K whose attitude holds on the grid of
+    the same triad.
+    """
+    sweep = simulate.campaign(8, sweep=True, table_noise_deg=0.0)
     assert list(sweep.logs) == [f"sweep_{k:02d}.csv" for k in range(1, 7)]
     assert all(np.all(np.diff(log["time_s"]) > 0.0) for log in sweep.logs.values())
     means = swept(sweep)
-    fitted = accel_k.fit(means[:, 4:], means[:, 1], attitude.gravity_vector(means[:, 2], means[:, 3]))
+    fitted = k_factor.fit(
+        means[:, 4:], means[:, 1], attitude.gravity_vector(means[:, 2], means[:, 3])
+    )
     assert all(axis.dof > 400 for axis in fitted)
-    indicated, temperature, inclination, toolface = read(accelerometer.campaign(8, table_noise_deg=0.0))
-    corrected = accel_k.correct(np.array([axis.coefficients for axis in fitted]), indicated, temperature)
+    indicated, temperature, inclination, toolface = read(simulate.campaign(8, table_noise_deg=0.0))
+    corrected = k_factor.correct(
+        np.array([axis.coefficients for axis in fitted]), indicated, temperature
+    )
     assert attitude.errors(corrected, inclination, toolface).inclination_max_deg < 0.05
 
 
 def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():
-    """The mean of each hold has the length that scale, bias and axes make of gravity, within 0.5 mg; attitudes are not logged."""
-    from calibkit.numeric import magnitude
-    from calibkit.simulate import accelerometer_magnitude
+    """The mean of each hold has the length that scale, bias and axes make of gravity, within 0.5
+    mg; attitudes are not logged.
+    """
+    from calibkit.instruments.accelerometer import simulate_magnitude
+    from calibkit.instruments.accelerometer.numeric import magnitude
 
-    simulated = accelerometer_magnitude.campaign(5, positions=12)
+    simulated = simulate_magnitude.campaign(5, positions=12)
     truth = simulated.truth
     log = simulated.logs["tumble.csv"]
     assert set(log) == {"time_s", "accel_x_g", "accel_y_g", "accel_z_g"}

@@ -1,4 +1,6 @@
-"""The simulated gyro, chamber and files: heat balances, Shupe effect, hysteresis, logs that a laboratory could have."""
+"""The simulated gyro, chamber and files: heat balances, Shupe effect, hysteresis, logs that a
+laboratory could have.
+"""
 
 import csv
 import io
@@ -9,9 +11,17 @@ import numpy as np
 import pytest
 from scipy.linalg import expm
 
-from calibkit.simulate import fog_thermal as fog
+from calibkit.instruments.fog_thermal import simulate as fog
 from calibkit.simulate.campaign import Campaign
-from calibkit.simulate.chamber import Chamber, Programme, air, controlled, ramp, set_points, staircase
+from calibkit.simulate.chamber import (
+    Chamber,
+    Programme,
+    air,
+    controlled,
+    ramp,
+    set_points,
+    staircase,
+)
 
 CALM = Chamber(cycling_degc=0.0, turbulence_degc=0.0, reading_noise_degc=0.0)
 NOISELESS = {"N": 0.0, "B": 0.0, "K": 0.0, "resolution_dph": 1e-6}
@@ -51,18 +61,26 @@ def rows(text):
 
 @pytest.mark.parametrize("rate", [1.0, -5.0])
 def test_on_a_steady_ramp_each_difference_is_rate_times_time_constant(rate):
-    """Long after the start of an endless ramp case, outer and inner layers are behind by r τ each."""
+    """Long after the start of an endless ramp case, outer and inner layers are behind by r τ
+    each.
+    """
     device = linear(fog.gyro(1))
     air_degc = 20.0 + rate / 60.0 * np.arange(40_000)
     heat = fog.heat_flow(device, air_degc, 20.0)
     per_s = rate / 60.0
     assert air_degc[-1] - heat.case[-1] == pytest.approx(per_s * device.tau_case_s, abs=1e-6)  # °C
-    assert heat.case[-1] - heat.outer[-1] == pytest.approx(per_s * device.tau_outer_s, abs=1e-6)  # °C
-    assert heat.outer[-1] - heat.inner[-1] == pytest.approx(per_s * device.tau_inner_s, abs=1e-6)  # °C
+    assert heat.case[-1] - heat.outer[-1] == pytest.approx(
+        per_s * device.tau_outer_s, abs=1e-6
+    )  # °C
+    assert heat.outer[-1] - heat.inner[-1] == pytest.approx(
+        per_s * device.tau_inner_s, abs=1e-6
+    )  # °C
 
 
 def test_a_step_of_the_air_is_answered_as_the_matrix_exponential_says():
-    """With constant conductances the integration agrees with the exact solution of the three heat balances."""
+    """With constant conductances the integration agrees with the exact solution of the three heat
+    balances.
+    """
     device = linear(fog.gyro(2))
     matrix = np.column_stack([fog.flows(device, 0.0, *unit) for unit in np.eye(3)])
     heat = fog.heat_flow(device, np.full(2001, 10.0), 0.0)
@@ -73,18 +91,23 @@ def test_a_step_of_the_air_is_answered_as_the_matrix_exponential_says():
 
 
 def test_the_heat_that_flows_in_is_the_heat_that_is_stored():
-    """With every nonlinearity the stored heat is the time integral of what comes from the air and the electronics."""
+    """With every nonlinearity the stored heat is the time integral of what comes from the air and
+    the electronics.
+    """
     device = fog.gyro(3)
     _, set_degc = set_points(ramp(-40.0, 60.0, 10.0, soak_before_s=100.0, soak_after_s=900.0))
     air_degc = controlled(CALM, set_degc)
     heat = fog.heat_flow(device, air_degc, -40.0)
     difference = air_degc - heat.case
     inflow = (
-        difference * (1.0 + device.convection_per_degc * np.abs(difference)) + device.self_heating_degc
+        difference * (1.0 + device.convection_per_degc * np.abs(difference))
+        + device.self_heating_degc
     ) / device.tau_case_s
     coil, inside = device.coil_share, device.coil_share * device.inner_share
     stored = (1.0 - coil) * heat.case + (coil - inside) * heat.outer + inside * heat.inner
-    assert stored[-1] - stored[0] == pytest.approx(np.trapezoid(inflow), abs=2e-3)  # °C of the whole, of 99
+    assert stored[-1] - stored[0] == pytest.approx(
+        np.trapezoid(inflow), abs=2e-3
+    )  # °C of the whole, of 99
 
 
 def test_the_rates_are_the_slopes_of_the_temperatures():
@@ -100,7 +123,9 @@ def test_a_record_of_any_length_is_integrated(count):
     """The number of samples need not be a multiple of the integration step."""
     air_degc = np.linspace(0.0, 1.0, 9)
     whole = fog.heat_flow(fog.gyro(4), air_degc, 0.0)
-    assert fog.heat_flow(fog.gyro(4), air_degc[:count], 0.0).case == pytest.approx(whole.case[:count], abs=1e-6)
+    assert fog.heat_flow(fog.gyro(4), air_degc[:count], 0.0).case == pytest.approx(
+        whole.case[:count], abs=1e-6
+    )
 
 
 def test_a_gyro_at_rest_is_warmer_than_the_air_by_its_own_heat_and_stays_so():
@@ -109,7 +134,9 @@ def test_a_gyro_at_rest_is_warmer_than_the_air_by_its_own_heat_and_stays_so():
     heat = fog.heat_flow(device, np.full(3600, -40.0), -40.0)
     above = heat.case[0] + 40.0
     assert 0.4 < above < device.self_heating_degc
-    assert above * (1.0 + device.convection_per_degc * above) == pytest.approx(device.self_heating_degc, rel=1e-12)
+    assert above * (1.0 + device.convection_per_degc * above) == pytest.approx(
+        device.self_heating_degc, rel=1e-12
+    )
     for degc in (heat.case, heat.outer, heat.inner):
         assert np.ptp(degc) < 1e-9  # °C
 
@@ -119,7 +146,9 @@ def test_a_gyro_at_rest_is_warmer_than_the_air_by_its_own_heat_and_stays_so():
 
 def test_drift_is_zero_in_equilibrium_at_the_reference_temperature():
     """A coil that rests at 25 °C has no drift."""
-    assert fog.drift(fog.gyro(6), still(np.full(3, 25.0))) == pytest.approx([0.0, 0.0, 0.0], abs=1e-15)
+    assert fog.drift(fog.gyro(6), still(np.full(3, 25.0))) == pytest.approx(
+        [0.0, 0.0, 0.0], abs=1e-15
+    )
 
 
 def test_without_hysteresis_drift_is_a_function_of_the_thermal_state():
@@ -133,7 +162,9 @@ def test_without_hysteresis_drift_is_a_function_of_the_thermal_state():
 
 
 def test_with_hysteresis_cooling_is_above_heating_by_its_width():
-    """On a loop over the whole range the branches are apart by hysteresis_dph in the middle and meet at the end."""
+    """On a loop over the whole range the branches are apart by hysteresis_dph in the middle and
+    meet at the end.
+    """
     device = replace(fog.gyro(7), hysteresis_dph=0.04)
     there = np.linspace(-40.0, 60.0, 201)
     drift = fog.drift(device, still(np.concatenate((there, there[::-1]))))
@@ -146,7 +177,9 @@ def test_hysteresis_does_not_depend_on_the_rate():
     """The same path at half the speed gives the same branch."""
     device = fog.gyro(8)
     path = np.concatenate((np.linspace(25.0, 50.0, 101), np.linspace(50.0, 30.0, 81)))
-    assert fog.hysteresis(device, np.repeat(path, 2))[::2] == pytest.approx(fog.hysteresis(device, path), abs=1e-15)
+    assert fog.hysteresis(device, np.repeat(path, 2))[::2] == pytest.approx(
+        fog.hysteresis(device, path), abs=1e-15
+    )
 
 
 def test_a_small_loop_leaves_no_trace_once_it_is_overrun():
@@ -159,9 +192,14 @@ def test_a_small_loop_leaves_no_trace_once_it_is_overrun():
 
 @pytest.mark.parametrize("rate", [3.0, -3.0])
 def test_the_shupe_effect_of_a_steady_ramp_is_its_coefficient_times_the_rate(rate):
-    """Without static drift and hysteresis, a steady ramp shows the rate term alone, the gradient being steady."""
+    """Without static drift and hysteresis, a steady ramp shows the rate term alone, the gradient
+    being steady.
+    """
     device = replace(
-        fog.scaled(linear(fog.gyro(9)), hysteresis_scale=0.0), static_dph=(0.0,), shupe_per_degc=0.0, shupe_rate=0.07
+        fog.scaled(linear(fog.gyro(9)), hysteresis_scale=0.0),
+        static_dph=(0.0,),
+        shupe_per_degc=0.0,
+        shupe_rate=0.07,
     )
     drift = fog.drift(device, fog.heat_flow(device, rate / 60.0 * np.arange(20_000), 0.0))
     assert drift[-1] == pytest.approx(0.07 * rate, abs=1e-9)  # °/h
@@ -179,13 +217,17 @@ def test_the_shupe_effect_of_the_gradient_shows_where_a_ramp_begins():
     heat = fog.heat_flow(device, 5.0 / 60.0 * np.arange(20_000), 0.0)
     drift = fog.drift(device, heat)
     assert drift[-1] == pytest.approx(0.0, abs=1e-9)  # °/h
-    assert np.trapezoid(drift) / 60.0 == pytest.approx(0.1 * (heat.outer[-1] - heat.inner[-1]), abs=1e-5)
+    assert np.trapezoid(drift) / 60.0 == pytest.approx(
+        0.1 * (heat.outer[-1] - heat.inner[-1]), abs=1e-5
+    )
 
 
 def test_a_gyro_without_drift_has_none():
     """drift_scale = 0 leaves nothing but noise around a constant."""
     device = fog.scaled(fog.gyro(10), drift_scale=0.0)
-    logged = fog.logs(device, {"ramp.csv": fog.programmes()["ramp_heating_10.csv"]}, 10, Chamber())["ramp.csv"]
+    logged = fog.logs(device, {"ramp.csv": fog.programmes()["ramp_heating_10.csv"]}, 10, Chamber())[
+        "ramp.csv"
+    ]
     assert not logged.drift.any()
     seen = device.input_rate_dph + device.bias_dph + logged.turn_on_dph
     hours = len(logged.drift) / 3600.0
@@ -195,9 +237,13 @@ def test_a_gyro_without_drift_has_none():
 
 
 def test_the_indication_is_rotation_bias_and_drift_when_noise_is_taken_away():
-    """Without noise the log holds the earth's rate, the bias, that of this turn-on and the drift to a pulse."""
+    """Without noise the log holds the earth's rate, the bias, that of this turn-on and the drift to
+    a pulse.
+    """
     device = replace(fog.gyro(12), **NOISELESS)
-    logged = fog.log(device, CALM, fog.programmes()["ramp_cooling_10.csv"], np.random.default_rng(0))
+    logged = fog.log(
+        device, CALM, fog.programmes()["ramp_cooling_10.csv"], np.random.default_rng(0)
+    )
     assert abs(logged.turn_on_dph) > 0.001
     expected = device.input_rate_dph + device.bias_dph + logged.turn_on_dph + logged.drift
     assert device.input_rate_dph == pytest.approx(15.041067 * np.sin(np.radians(34.2)))
@@ -208,7 +254,9 @@ def test_the_indication_is_rotation_bias_and_drift_when_noise_is_taken_away():
 def test_drift_over_a_ramp_is_half_to_three_degrees_an_hour(seed):
     """Over slow and fast ramps of any drawn gyro the drift is 0.5 to 3 °/h peak to peak."""
     device = fog.gyro(seed)
-    for logged in fog.logs(device, fog.programmes(rates=(3.0, 10.0), withheld=()), seed, CALM).values():
+    for logged in fog.logs(
+        device, fog.programmes(rates=(3.0, 10.0), withheld=()), seed, CALM
+    ).values():
         assert 0.5 < np.ptp(logged.drift) < 3.0
 
 
@@ -216,18 +264,24 @@ def test_drift_over_a_ramp_is_half_to_three_degrees_an_hour(seed):
 
 
 def test_the_chamber_reaches_the_rate_it_is_set_to(campaign):
-    """In the second half of every ramp the logged air climbs or falls at the set rate within 2 %."""
+    """In the second half of every ramp the logged air climbs or falls at the set rate within 2
+    %.
+    """
     for name, columns in campaign.logs.items():
         truth = campaign.truth["logs"][name]
         _, start, end, _ = truth["set_time_s"]
         ramping = slice(int((start + end) / 2.0), int(end))
-        slope = np.polyfit(columns["time_s"][ramping], columns["temp_env_degc"][ramping], 1)[0] * 60.0
+        slope = (
+            np.polyfit(columns["time_s"][ramping], columns["temp_env_degc"][ramping], 1)[0] * 60.0
+        )
         assert slope == pytest.approx(truth["set_rate_degc_per_min"], rel=0.02), name
 
 
 @pytest.mark.parametrize("rate", [1.0, 10.0])
 def test_the_air_is_late_on_the_ramp_and_overshoots_its_end(rate):
-    """The air is behind by the chamber's lag, then goes past the set point in proportion to the rate."""
+    """The air is behind by the chamber's lag, then goes past the set point in proportion to the
+    rate.
+    """
     programme = ramp(-40.0, 60.0, rate, soak_before_s=600.0, soak_after_s=1800.0)
     _, set_degc = set_points(programme)
     air_degc = controlled(CALM, set_degc)
@@ -239,11 +293,15 @@ def test_the_air_is_late_on_the_ramp_and_overshoots_its_end(rate):
 
 
 def test_turbulence_has_its_standard_deviation_and_forgets_in_its_correlation_time():
-    """With nothing else the air scatters by the turbulence, and a correlation time later 1/e of it is left."""
+    """With nothing else the air scatters by the turbulence, and a correlation time later 1/e of it
+    is left.
+    """
     turbulent = replace(CALM, turbulence_degc=0.05)
     about = air(turbulent, np.full(100_000, 20.0), np.random.default_rng(4)) - 20.0
     assert np.std(about) == pytest.approx(0.05, rel=0.05)  # °C; one sigma is 1.4 %
-    assert np.mean(about[20:] * about[:-20]) / np.var(about) == pytest.approx(np.exp(-1.0), abs=0.06)
+    assert np.mean(about[20:] * about[:-20]) / np.var(about) == pytest.approx(
+        np.exp(-1.0), abs=0.06
+    )
 
 
 def test_the_air_cycles_and_is_turbulent_in_a_soak():
@@ -299,7 +357,9 @@ def test_the_campaign_holds_eight_ramps_and_two_withheld_ones(campaign):
 
 
 def test_every_log_is_a_whole_csv_at_one_hertz(campaign, files):
-    """Each log has the canonical header, no empty or negative-zero cell, and time that goes up by one second."""
+    """Each log has the canonical header, no empty or negative-zero cell, and time that goes up by
+    one second.
+    """
     for name in campaign.logs:
         assert b"-0.000," not in files[name]
         header, numbers = rows(files[name])
@@ -317,7 +377,9 @@ def test_the_thermometers_read_in_steps_of_their_resolution(files):
 
 
 def test_the_case_lags_by_minutes_and_settles_in_the_last_soak(campaign):
-    """When a 10 °C/min ramp ends the case is many degrees behind and still moves; an hour later it rests."""
+    """When a 10 °C/min ramp ends the case is many degrees behind and still moves; an hour later it
+    rests.
+    """
     columns = campaign.logs["ramp_heating_10.csv"]
     end = int(campaign.truth["logs"]["ramp_heating_10.csv"]["set_time_s"][2])
     case = columns["temp_case_degc"]
@@ -368,34 +430,50 @@ def test_no_two_logs_share_their_noise(campaign):
 
 def test_a_coarse_case_thermometer_can_be_asked_for():
     """With a resolution of 1 °C the case temperature goes in steps of one degree."""
-    columns = fog.campaign(11, rates=(10.0,), withheld=(), case_resolution_degc=1.0).logs["ramp_heating_10.csv"]
+    columns = fog.campaign(11, rates=(10.0,), withheld=(), case_resolution_degc=1.0).logs[
+        "ramp_heating_10.csv"
+    ]
     assert set(np.unique(np.diff(columns["temp_case_degc"]))) <= {-1.0, 0.0, 1.0}
 
 
 def test_the_truth_says_what_the_logs_were_made_from(files):
-    """truth.json holds the gyro and, every minute of each log, temperatures and drift that follow from it."""
+    """truth.json holds the gyro and, every minute of each log, temperatures and drift that follow
+    from it.
+    """
     truth = json.loads(files["truth.json"])
     fields = truth["gyro"]
-    device = fog.FogGyro(**{key: tuple(value) if isinstance(value, list) else value for key, value in fields.items()})
+    device = fog.FogGyro(
+        **{key: tuple(value) if isinstance(value, list) else value for key, value in fields.items()}
+    )
     assert device == fog.gyro(11)
     for name, log in truth["logs"].items():
         _, numbers = rows(files[name])
         assert log["time_s"] == numbers[::60, 0].tolist()
-        assert {len(log[key]) for key in ("air_degc", "case_degc", "coil_inner_degc", "drift_dph")} == {
-            len(log["time_s"])
-        }
-        assert log["case_degc"] == pytest.approx(numbers[::60, 1], abs=0.12)  # °C: resolution and four sigma
-        expected = device.input_rate_dph + device.bias_dph + log["turn_on_dph"] + np.mean(log["drift_dph"])
+        assert {
+            len(log[key]) for key in ("air_degc", "case_degc", "coil_inner_degc", "drift_dph")
+        } == {len(log["time_s"])}
+        assert log["case_degc"] == pytest.approx(
+            numbers[::60, 1], abs=0.12
+        )  # °C: resolution and four sigma
+        expected = (
+            device.input_rate_dph + device.bias_dph + log["turn_on_dph"] + np.mean(log["drift_dph"])
+        )
         assert np.mean(numbers[:, 3]) == pytest.approx(expected, abs=0.06)  # °/h
 
 
 def test_the_true_drift_is_the_static_one_in_the_first_soak(campaign):
-    """Before a ramp, at rest, drift is the static polynomial and the hysteresis of having come from 25 °C."""
+    """Before a ramp, at rest, drift is the static polynomial and the hysteresis of having come from
+    25 °C.
+    """
     device = replace(fog.gyro(11), hysteresis_dph=0.0)
     log = campaign.truth["logs"]["ramp_heating_05.csv"]
     coil = log["coil_inner_degc"][5]
-    static = sum(factor * (coil - 25.0) ** power for power, factor in enumerate(device.static_dph, start=1))
-    assert log["drift_dph"][5] == pytest.approx(static + fog.gyro(11).hysteresis_dph / 2.0, abs=0.01)  # °/h
+    static = sum(
+        factor * (coil - 25.0) ** power for power, factor in enumerate(device.static_dph, start=1)
+    )
+    assert log["drift_dph"][5] == pytest.approx(
+        static + fog.gyro(11).hysteresis_dph / 2.0, abs=0.01
+    )  # °/h
 
 
 # the record that every simulation returns
@@ -403,7 +481,11 @@ def test_the_true_drift_is_the_static_one_in_the_first_soak(campaign):
 
 def test_a_campaign_writes_no_negative_zero_and_leaves_a_gap_empty():
     """−0.0004 to three digits is 0.000, a NaN is an empty field, integers have no point."""
-    columns = {"time_s": np.arange(3), "x": np.array([-0.0004, np.nan, -1.2345]), "y": np.array([0.25, -0.0, 1e6])}
+    columns = {
+        "time_s": np.arange(3),
+        "x": np.array([-0.0004, np.nan, -1.2345]),
+        "y": np.array([0.25, -0.0, 1e6]),
+    }
     made = Campaign({"a/b.csv": columns}, {"x": 3, "y": 1}, {"note": "°", "b": [1]}).files()
     assert made["a/b.csv"] == b"time_s,x,y\n0,0.000,0.2\n1,,0.0\n2,-1.234,1000000.0\n"
     assert made["truth.json"] == '{\n "b": [\n  1\n ],\n "note": "°"\n}\n'.encode()

@@ -1,14 +1,21 @@
-"""Simulated rate tables, gyro pairs and inclinometers: repeatable, physical, with a truth that is not the fitted model."""
+"""Simulated rate tables, gyro pairs and inclinometers: repeatable, physical, with a truth that is
+not the fitted model.
+"""
 
 import json
 
 import numpy as np
 import pytest
 
-from calibkit.simulate import gyro_pair, inclinometer, rate_table
+from calibkit.instruments.gyro_scale import simulate_pair, simulate_rate_table
+from calibkit.instruments.inclinometer import simulate
 from test_northseek import forward
 
-MADE = {"rate_table": rate_table.campaign, "gyro_pair": gyro_pair.campaign, "inclinometer": inclinometer.campaign}
+MADE = {
+    "rate_table": simulate_rate_table.campaign,
+    "gyro_pair": simulate_pair.campaign,
+    "inclinometer": simulate.campaign,
+}
 
 
 @pytest.mark.parametrize("make", MADE.values(), ids=MADE)
@@ -28,7 +35,7 @@ def test_the_truth_is_json_and_names_its_procedure(name):
 
 def test_logs_have_the_columns_of_the_contract():
     """Files and canonical columns of the shipped recipes."""
-    pair = gyro_pair.campaign(1).logs
+    pair = simulate_pair.campaign(1).logs
     assert list(pair) == ["table_axis_a.csv", "table_axis_b.csv"]
     for log in pair.values():
         assert list(log) == [
@@ -39,22 +46,26 @@ def test_logs_have_the_columns_of_the_contract():
             "gyro_a_lsb",
             "gyro_b_lsb",
         ]
-    stations = inclinometer.campaign(1).logs["stations.csv"]
-    assert {"station", "position_deg", "accel_x_g", "accel_y_g", "gyro_x_dph", "gyro_y_dph"} < set(stations)
+    stations = simulate.campaign(1).logs["stations.csv"]
+    assert {"station", "position_deg", "accel_x_g", "accel_y_g", "gyro_x_dph", "gyro_y_dph"} < set(
+        stations
+    )
     assert stations["position_deg"].tolist()[:5] == [0, 90, 180, 270, 0]
-    assert all("gyro_x_lsb" in log for log in rate_table.campaign(1).logs.values())
+    assert all("gyro_x_lsb" in log for log in simulate_rate_table.campaign(1).logs.values())
 
 
 def test_files_keep_what_a_fit_needs():
     """Rounding in the CSV is far below noise: 0.1 counts a second, 1e-7 g, 1e-5 °/h, 1e-6 °/s."""
-    text = gyro_pair.campaign(1).files()["table_axis_a.csv"].decode()
+    text = simulate_pair.campaign(1).files()["table_axis_a.csv"].decode()
     row = text.splitlines()[1].split(",")
     assert [len(cell.partition(".")[2]) for cell in row] == [1, 6, 4, 2, 1, 1]
 
 
 def test_the_table_accelerates_holds_and_turns_whole_revolutions():
-    """Every rate is held for a revolution and more; between them the rate changes by 20 °/s² at most."""
-    moved = rate_table.motion(rate_table.Table(), (1.0, 50.0, -50.0))
+    """Every rate is held for a revolution and more; between them the rate changes by 20 °/s² at
+    most.
+    """
+    moved = simulate_rate_table.motion(simulate_rate_table.Table(), (1.0, 50.0, -50.0))
     change = np.diff(moved.rate_dps) / moved.step_s
     assert np.abs(change).max() == pytest.approx(20.0, rel=1e-6)
     for rate in (1.0, 50.0, -50.0):
@@ -64,11 +75,13 @@ def test_the_table_accelerates_holds_and_turns_whole_revolutions():
 
 
 def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
-    """Its rate has the amplitude of the horizontal earth rate, 12.44 °/h at 34.2°, and no mean over a revolution."""
-    table = rate_table.Table(unevenness=0.0)
-    moved = rate_table.motion(table, (5.0,))
-    gyro = rate_table.draw(np.random.default_rng(0), axis=(1.0, 0.0, 0.0))
-    rate = rate_table.input_rate(gyro, table, moved) * 3600.0
+    """Its rate has the amplitude of the horizontal earth rate, 12.44 °/h at 34.2°, and no mean over
+    a revolution.
+    """
+    table = simulate_rate_table.Table(unevenness=0.0)
+    moved = simulate_rate_table.motion(table, (5.0,))
+    gyro = simulate_rate_table.draw(np.random.default_rng(0), axis=(1.0, 0.0, 0.0))
+    rate = simulate_rate_table.input_rate(gyro, table, moved) * 3600.0
     level = 15.041067 * np.cos(np.radians(34.2))
     assert np.abs(rate).max() == pytest.approx(level, rel=1e-3)
     start = int(np.flatnonzero(moved.rate_dps == 5.0)[0])
@@ -78,10 +91,12 @@ def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
 def test_the_best_line_is_that_of_the_response_over_the_rates():
     """A gyro with ripple has a best line that is not its constant K, and one without has."""
     rng = np.random.default_rng(1)
-    gyro = rate_table.draw(rng)
-    table = rate_table.Table()
-    slope, _ = rate_table.best_line(gyro, table, rate_table.both_ways(), 25.0)
-    straight, intercept = rate_table.best_line(gyro_pair.linear(gyro), table, rate_table.both_ways(), 25.0)
+    gyro = simulate_rate_table.draw(rng)
+    table = simulate_rate_table.Table()
+    slope, _ = simulate_rate_table.best_line(gyro, table, simulate_rate_table.both_ways(), 25.0)
+    straight, intercept = simulate_rate_table.best_line(
+        simulate_pair.linear(gyro), table, simulate_rate_table.both_ways(), 25.0
+    )
     assert straight == pytest.approx(gyro.K, rel=1e-12)
     assert abs(slope / gyro.K - 1.0) > 1e-8
     vertical = 15.041067 / 3600.0 * np.sin(np.radians(34.2))
@@ -89,50 +104,59 @@ def test_the_best_line_is_that_of_the_response_over_the_rates():
 
 
 def test_the_response_is_no_polynomial_the_fit_knows():
-    """Ripple leaves residuals about the line and about a septic of at least a third of its amplitude."""
-    gyro = rate_table.draw(np.random.default_rng(2))
+    """Ripple leaves residuals about the line and about a septic of at least a third of its
+    amplitude.
+    """
+    gyro = simulate_rate_table.draw(np.random.default_rng(2))
     rates = np.linspace(-100.0, 100.0, 401)
-    shape = rate_table.response(gyro, rates, 25.0)
+    shape = simulate_rate_table.response(gyro, rates, 25.0)
     residual = shape - np.polynomial.Polynomial.fit(rates, shape, 7)(rates)
     assert residual.std() > 0.3 * gyro.K * gyro.ripple_dps
 
 
 def test_the_truth_of_a_pair_is_the_angle_of_its_axes():
-    """γ is the cosine of α, and the ratio of the lines to 5 ppm; N is the ratio of the own lines."""
-    truth = gyro_pair.campaign(7, alpha_deg=60.0).truth
+    """γ is the cosine of α, and the ratio of the lines to 5 ppm; N is the ratio of the own
+    lines.
+    """
+    truth = simulate_pair.campaign(7, alpha_deg=60.0).truth
     assert truth["gamma"] == pytest.approx(0.5)
     models = truth["models"]
     assert models["b_about_a"]["K"] / models["b_about_b"]["K"] == pytest.approx(0.5, abs=5e-6)
     assert truth["N"] == pytest.approx(models["b_about_b"]["K"] / models["a_about_a"]["K"])
     assert truth["side"] == "same"
-    assert gyro_pair.campaign(7, alpha_deg=120.0).truth["side"] == "opposite"
+    assert simulate_pair.campaign(7, alpha_deg=120.0).truth["side"] == "opposite"
 
 
 def test_an_ideal_inclinometer_reads_what_rotation_matrices_say():
-    """Means over many stations of one attitude equal readings made by matrices, less bias, to 4 of their uncertainties."""
+    """Means over many stations of one attitude equal readings made by matrices, less bias, to 4 of
+    their uncertainties.
+    """
     rng = np.random.default_rng(3)
-    pair = inclinometer.draw(rng, gyro_noise_dph=0.01, ideal=True)
+    pair = simulate.draw(rng, gyro_noise_dph=0.01, ideal=True)
     count = 400
-    attitudes = inclinometer.Attitudes(np.full(count, 30.0), np.full(count, 40.0), np.full(count, 70.0))
-    tool = inclinometer.Tool((pair, pair), index_deg=0.0)
-    columns, scales = inclinometer.stations(tool, attitudes, 34.2, np.full(count, 60.0), rng)
+    attitudes = simulate.Attitudes(np.full(count, 30.0), np.full(count, 40.0), np.full(count, 70.0))
+    tool = simulate.Tool((pair, pair), index_deg=0.0)
+    columns, scales = simulate.stations(tool, attitudes, 34.2, np.full(count, 60.0), rng)
     assert (scales == pair.s).all()
     for axis, k in (("x", 0), ("y", 1)):
         accel, gyro = (
-            columns[f"{name}_{axis}_{unit}"].reshape(-1, 4) for name, unit in (("accel", "g"), ("gyro", "dph"))
+            columns[f"{name}_{axis}_{unit}"].reshape(-1, 4)
+            for name, unit in (("accel", "g"), ("gyro", "dph"))
         )
         for j, position in enumerate((0, 90, 180, 270)):
             gravity, rate = forward(30.0, 40.0, 70.0, 34.2, pair.s, position=position)
-            assert abs(accel[:, j].mean() - gravity[k] - pair.accel_bias_g) < 4.0 * 2e-5 / np.sqrt(count)
+            assert abs(accel[:, j].mean() - gravity[k] - pair.accel_bias_g) < 4.0 * 2e-5 / np.sqrt(
+                count
+            )
             assert abs(gyro[:, j].mean() - rate[k] - pair.bias_dph) < 4.0 * 0.01 / np.sqrt(count)
 
 
 def test_the_scale_factor_of_a_simulated_tool_drifts_with_temperature_in_no_polynomial():
     """S of both pairs differs, moves with temperature, and its wave is left over by a cubic."""
-    pair = inclinometer.draw(np.random.default_rng(1), gyro_noise_dph=0.01, ideal=False)
+    pair = simulate.draw(np.random.default_rng(1), gyro_noise_dph=0.01, ideal=False)
     temperature = np.linspace(20.0, 150.0, 400)
-    s = inclinometer.scale(pair, temperature, np.random.default_rng(0))
+    s = simulate.scale(pair, temperature, np.random.default_rng(0))
     left = s - np.polynomial.Polynomial.fit(temperature, s, 3)(temperature)
     assert left.std() > 1.2 * pair.s_repeat
-    truth = inclinometer.campaign(1).truth["stations"]
+    truth = simulate.campaign(1).truth["stations"]
     assert truth["s_x"] != truth["s_y"]

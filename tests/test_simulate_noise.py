@@ -1,4 +1,6 @@
-"""Simulated noise has the Allan deviation that its coefficients promise, by an Allan deviation of our own."""
+"""Simulated noise has the Allan deviation that its coefficients promise, by an Allan deviation of
+our own.
+"""
 
 import numpy as np
 import pytest
@@ -7,7 +9,9 @@ from calibkit.simulate import noise
 
 
 def allan_deviation(rate, samples):
-    """Overlapping Allan deviation at `samples` intervals, from its definition on the integrated rate."""
+    """Overlapping Allan deviation at `samples` intervals, from its definition on the integrated
+    rate.
+    """
     angle = np.concatenate(([0.0], np.cumsum(rate)))
     second = angle[2 * samples :] - 2.0 * angle[samples:-samples] + angle[: -2 * samples]
     return np.sqrt(np.mean(second**2) / 2.0) / samples
@@ -20,7 +24,9 @@ def stream(seed):
 
 @pytest.mark.parametrize("tau_s", [1, 10, 100])
 def test_angle_random_walk_falls_with_the_root_of_tau(tau_s):
-    """The Allan deviation of white rate noise is 60 N/√τ with τ in s, here 0.6 °/h at 1 s for 0.01 °/√h."""
+    """The Allan deviation of white rate noise is 60 N/√τ with τ in s, here 0.6 °/h at 1 s for 0.01
+    °/√h.
+    """
     rate = noise.angle_random_walk(0.01, 200_000, stream(1))
     # at 100 s two thousand independent pairs leave 1.9 % (one sigma)
     assert allan_deviation(rate, tau_s) == pytest.approx(0.6 / np.sqrt(tau_s), rel=0.05)
@@ -60,12 +66,16 @@ def test_rate_random_walk_rises_with_the_root_of_tau(tau_s):
 
 def test_rate_random_walk_does_not_depend_on_the_sampling_interval():
     """After one hour the rate has walked by K, sampled at 1 s or at 10 s."""
-    ends = [noise.rate_random_walk(0.5, 360, stream(seed), interval_s=10.0)[-1] for seed in range(2000)]
+    ends = [
+        noise.rate_random_walk(0.5, 360, stream(seed), interval_s=10.0)[-1] for seed in range(2000)
+    ]
     assert np.std(ends) == pytest.approx(0.5, rel=0.06)
 
 
 def test_pulses_lose_no_angle():
-    """The summed pulses are never off the summed rate by a whole pulse, for rates of either sign."""
+    """The summed pulses are never off the summed rate by a whole pulse, for rates of either
+    sign.
+    """
     rate = stream(4).normal(-3.0, 2.0, 10_000)
     lost = np.cumsum(rate) - np.cumsum(noise.pulses(rate, 0.05))
     assert lost.min() > -1e-9  # °/h s
@@ -83,7 +93,9 @@ def test_pulses_have_the_allan_deviation_of_quantisation(tau_s):
     """Counting in pulses adds √3 Q/τ with Q = pulse/√12, and falls faster than white noise."""
     rate = stream(6).normal(8.0, 0.6, 100_000)
     added = noise.pulses(rate, 0.05) - rate
-    assert allan_deviation(added, tau_s) == pytest.approx(np.sqrt(3.0) * 0.05 / np.sqrt(12.0) / tau_s, rel=0.03)
+    assert allan_deviation(added, tau_s) == pytest.approx(
+        np.sqrt(3.0) * 0.05 / np.sqrt(12.0) / tau_s, rel=0.03
+    )
 
 
 def test_a_reading_is_the_nearest_step_of_its_resolution():

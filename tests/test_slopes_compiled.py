@@ -1,4 +1,6 @@
-"""Slopes of the compiled kernel are those of arrays to the last bit, and what it does not take is left to arrays."""
+"""Slopes of the compiled kernel are those of arrays to the last bit, and what it does not take is
+left to arrays.
+"""
 
 import numpy as np
 import pytest
@@ -27,8 +29,12 @@ def both(time, temperature, window_s, skipped):
     clock=st.sampled_from(["steady", "jitter", "gaps", "standing"]),
     step_degc=st.sampled_from([0.0, 0.0625, 1.0]),
 )
-def test_slopes_are_the_same_bits_with_and_without_the_kernel(seed, size, window_s, clock, step_degc):
-    """Steady and unsteady clocks, rows of one time, coarse thermometers, windows shorter than a step and longer than the log."""
+def test_slopes_are_the_same_bits_with_and_without_the_kernel(
+    seed, size, window_s, clock, step_degc
+):
+    """Steady and unsteady clocks, rows of one time, coarse thermometers, windows shorter than a
+    step and longer than the log.
+    """
     rng = np.random.default_rng(seed)
     steps = {
         "steady": np.full(size, 0.1),

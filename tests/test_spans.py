@@ -1,4 +1,6 @@
-"""Long columns a span of rows at a time: extremes, medians and steps are those of the whole column."""
+"""Long columns a span of rows at a time: extremes, medians and steps are those of the whole
+column.
+"""
 
 import numpy as np
 import pytest
@@ -6,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calibkit import scratch
+from calibkit.ingest import scratch
 from calibkit.numeric import anomalies, intervals, spans
 from calibkit.numeric.intervals import Intervals
 
@@ -15,11 +17,16 @@ FINITE = st.floats(-1e6, 1e6)
 
 @given(arrays(np.float64, st.tuples(st.integers(1, 7), st.integers(1, 12)), elements=FINITE))
 def test_the_median_of_each_row_is_that_of_numpy(rows: np.ndarray) -> None:
-    """One selected element and the largest below it give the very median, of an even and of an odd number of values."""
+    """One selected element and the largest below it give the very median, of an even and of an odd
+    number of values.
+    """
     assert np.array_equal(spans.medians(rows), np.median(rows, axis=1))
 
 
-@given(arrays(np.float64, st.integers(1, 40), elements=FINITE), st.sampled_from([0.0, 0.01, 0.5, 0.85, 0.99, 1.0]))
+@given(
+    arrays(np.float64, st.integers(1, 40), elements=FINITE),
+    st.sampled_from([0.0, 0.01, 0.5, 0.85, 0.99, 1.0]),
+)
 def test_a_quantile_is_that_of_numpy(values: np.ndarray, share: float) -> None:
     """To the last bit, between two values and at the ends; with a missing value it is missing."""
     assert spans.quantile(values, share) == np.quantile(values, share)
@@ -43,7 +50,9 @@ def test_medians_of_many_rows_are_taken_a_span_at_a_time() -> None:
 
 @pytest.mark.parametrize("size", [1, 2, 9, 10, spans.KEPT, spans.KEPT + 1, 2 * spans.KEPT + 7])
 def test_the_median_of_a_column_is_that_of_numpy(size: int) -> None:
-    """Short columns are parted whole, long ones between two values of a sample; ties change nothing."""
+    """Short columns are parted whole, long ones between two values of a sample; ties change
+    nothing.
+    """
     rng = np.random.default_rng(size)
     for values in (rng.normal(size=size), rng.integers(0, 3, size).astype(np.float64)):
         assert spans.median(values) == np.median(values)
@@ -68,7 +77,9 @@ def test_extremes_are_found_and_a_missing_value_is_not_passed_over(where: int) -
 
 @pytest.mark.parametrize("size", [2, 5, 200_000, spans.KEPT + 2, spans.KEPT + 3])
 def test_steps_of_a_clock_are_those_of_its_differences(size: int) -> None:
-    """Shortest, longest and median step are those of all differences, those across two spans among them."""
+    """Shortest, longest and median step are those of all differences, those across two spans among
+    them.
+    """
     time = np.cumsum(np.random.default_rng(size).uniform(0.5, 1.5, size))
     time[size // 2 :] += 20.0
     step = np.diff(time)
@@ -79,7 +90,9 @@ def test_steps_of_a_clock_are_those_of_its_differences(size: int) -> None:
 def test_an_interval_that_is_known_changes_no_model_interval() -> None:
     """Model intervals are the same whether the sampling interval is given or measured."""
     time = np.arange(0.0, 500.0, 0.1)
-    given_step, measured = (intervals.of(time, 10.0, step) for step in (intervals.sampling_interval(time), None))
+    given_step, measured = (
+        intervals.of(time, 10.0, step) for step in (intervals.sampling_interval(time), None)
+    )
     assert isinstance(given_step, Intervals)
     assert np.array_equal(given_step.first, measured.first)
     assert np.array_equal(given_step.number, measured.number)
@@ -89,20 +102,31 @@ def test_an_interval_that_is_known_changes_no_model_interval() -> None:
 def test_sampled_steps_are_the_sample_of_all_steps(size: int) -> None:
     """The steps that the noise is told from are those that a sample of all steps would hold."""
     values = np.random.default_rng(size).normal(size=size)
-    assert np.array_equal(anomalies._sampled_steps(values), anomalies.sample(np.abs(np.diff(values))))
-    assert np.array_equal(anomalies._wide_steps(values, 2.0), np.flatnonzero(np.abs(np.diff(values)) > 2.0))
+    assert np.array_equal(
+        anomalies._sampled_steps(values), anomalies.sample(np.abs(np.diff(values)))
+    )
+    assert np.array_equal(
+        anomalies._wide_steps(values, 2.0), np.flatnonzero(np.abs(np.diff(values)) > 2.0)
+    )
 
 
-@pytest.mark.parametrize("cuts", [[], [1], [7, 8, 9], [300], [250, 500], [0, 1000], [130_000, 262_145]])
+@pytest.mark.parametrize(
+    "cuts", [[], [1], [7, 8, 9], [300], [250, 500], [0, 1000], [130_000, 262_145]]
+)
 def test_means_of_parts_are_those_of_the_whole(cuts: list[int]) -> None:
-    """Intervals that begin in one part and end in another, or lie across several, have the mean of all their rows."""
+    """Intervals that begin in one part and end in another, or lie across several, have the mean of
+    all their rows.
+    """
     values = np.random.default_rng(5).normal(size=300_000)
     held = intervals.of(np.arange(300_000.0), 250.0)
     parts = np.split(values, cuts)
     assert np.array_equal(held.means_of_parts(parts), held.means(values))
 
 
-@given(st.lists(st.floats(-5.0, 5.0).map(lambda x: round(x, 1)), min_size=2, max_size=200), st.floats(0.0, 1.0))
+@given(
+    st.lists(st.floats(-5.0, 5.0).map(lambda x: round(x, 1)), min_size=2, max_size=200),
+    st.floats(0.0, 1.0),
+)
 @settings(max_examples=150, deadline=None)
 def test_a_quantile_in_spans_is_that_of_numpy(values, share):
     """Ties and neighbours on both sides of a span: the same number to the last bit."""
@@ -125,7 +149,9 @@ def test_runs_of_chosen_rows_go_on_from_span_to_span(chosen, rows):
 
 
 def test_figures_of_long_columns_are_those_of_numpy(monkeypatch):
-    """Mean, deviation, correlation, counts, rows and thinned values over spans of 7 rows: to 1e-12, or exactly."""
+    """Mean, deviation, correlation, counts, rows and thinned values over spans of 7 rows: to 1e-12,
+    or exactly.
+    """
     monkeypatch.setattr(spans, "ROWS", 7)
     one, other = np.random.default_rng(2).normal(3.0, 1.0, (2, 100))
     other += one
@@ -134,7 +160,10 @@ def test_figures_of_long_columns_are_those_of_numpy(monkeypatch):
     assert spans.correlation(one, other) == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-12)
     assert spans.count(one, lambda part: part > 3.0) == np.sum(one > 3.0)
     assert spans.where(one, lambda part: part > 3.0).tolist() == np.flatnonzero(one > 3.0).tolist()
-    assert spans.where(one, lambda part: part > 0.5, step=True).tolist() == np.flatnonzero(np.diff(one) > 0.5).tolist()
+    assert (
+        spans.where(one, lambda part: part > 0.5, step=True).tolist()
+        == np.flatnonzero(np.diff(one) > 0.5).tolist()
+    )
     assert np.array_equal(spans.taken(one, slice(5, 90, 4)), one[5:90:4])
     mapped = scratch.column(100)
     mapped[:] = one

@@ -1,4 +1,6 @@
-"""The runner of the speed table: sides in processes of their own give the same numbers, and the page is what was measured."""
+"""The runner of the speed table: sides in processes of their own give the same numbers, and the
+page is what was measured.
+"""
 
 import importlib
 import importlib.util
@@ -26,14 +28,27 @@ def _found():
 
 
 def test_rows_run_beside_the_peers_that_are_installed_here(tmp_path):
-    """On a few thousand rows PyWavelets, lmfit and numpy give calibkit's numbers, and the page holds a line for each."""
+    """On a few thousand rows PyWavelets, lmfit and numpy give calibkit's numbers, and the page
+    holds a line for each.
+    """
     page, results = tmp_path / "page.md", tmp_path / "results.json"
     page.write_text(
-        "before\n<!-- measured: benchmarks/run.py writes what stands below -->\nBEFORE\n<!-- end of what is measured -->\nafter\n"
+        "before\n<!-- measured: benchmarks/run.py writes what stands below -->\nBEFORE\n<!-- end of"
+        " what is measured -->\nafter\n"
     )
     chosen = ("denoise", "magnitude", "mad")
     done = subprocess.run(
-        [sys.executable, str(BENCHMARKS / "run.py"), "--here", "--rows", "2560", "--turns", "1", "--page", str(page)]
+        [
+            sys.executable,
+            str(BENCHMARKS / "run.py"),
+            "--here",
+            "--rows",
+            "2560",
+            "--turns",
+            "1",
+            "--page",
+            str(page),
+        ]
         + ["--results", str(results)]
         + [part for name in chosen for part in ("--only", name)],
         capture_output=True,
@@ -56,7 +71,9 @@ def test_rows_run_beside_the_peers_that_are_installed_here(tmp_path):
 
 @pytest.mark.parametrize("text", [None, "a page without a place for it"])
 def test_a_page_that_cannot_be_written_is_told_before_anything_is_measured(tmp_path, capsys, text):
-    """A page that is not there, or that has no lines to write between, ends the run with a usage error."""
+    """A page that is not there, or that has no lines to write between, ends the run with a usage
+    error.
+    """
     run = importlib.import_module("run")
     page = tmp_path / "page.md"
     if text is not None:
@@ -68,7 +85,9 @@ def test_a_page_that_cannot_be_written_is_told_before_anything_is_measured(tmp_p
 
 
 def test_every_row_of_the_table_names_its_target():
-    """Fifteen rows and more, each with peer, rows and a target, but for the two that stand for their own sake."""
+    """Fifteen rows and more, each with peer, rows and a target, but for the two that stand for
+    their own sake.
+    """
     from speed.commands import COMMANDS
     from speed.peers import PEERS
     from speed.rows import ROWS
@@ -93,20 +112,26 @@ def test_every_row_of_the_table_names_its_target():
 
 
 def test_numbers_that_differ_are_no_success():
-    """A difference in the sixth digit is told as such, and so are another shape, a NaN and another digest."""
+    """A difference in the sixth digit is told as such, and so are another shape, a NaN and another
+    digest.
+    """
     from speed.pairs import agreeing_digits
 
     truth = np.array([1.0, -2.0, 0.5])
     assert agreeing_digits({"a": truth}, {"a": truth.copy()}) == 17.0
     assert agreeing_digits({"a": truth}, {"a": truth + 2e-6}) == pytest.approx(6.0, abs=1e-6)
-    assert agreeing_digits({"a": truth, "b": truth}, {"a": truth, "b": truth + 0.02}) == pytest.approx(2.0, abs=0.01)
+    assert agreeing_digits(
+        {"a": truth, "b": truth}, {"a": truth, "b": truth + 0.02}
+    ) == pytest.approx(2.0, abs=0.01)
     assert agreeing_digits({"a": truth}, {"a": truth[:2]}) == 0.0
     assert agreeing_digits({"a": truth}, {"a": np.array([1.0, np.nan, 0.5])}) == 0.0
     assert agreeing_digits({"a": np.arange(3)}, {"a": np.arange(1, 4)}) == 0.0
 
 
 def test_a_missed_target_or_a_wrong_number_fails_the_run():
-    """At the target's rows the median counts; digits count at all rows; other rows have no target."""
+    """At the target's rows the median counts; digits count at all rows; other rows have no
+    target.
+    """
     run = _module("run")
     from speed.goals import Goal, Line
     from speed.pairs import Spread
@@ -134,12 +159,16 @@ def _module(name):
 
 
 def test_the_simulated_turntable_is_the_model_that_it_is_judged_by():
-    """Without noise six positions give the accelerometers to rounding, and whole turns both ways the gyros without the earth."""
+    """Without noise six positions give the accelerometers to rounding, and whole turns both ways
+    the gyros without the earth.
+    """
     from truth import turntable
 
     unit = turntable.Unit(5)
     unit.NOISE_G = unit.NOISE_DPS = 0.0
-    faces = np.array([[unit.still(axis, sign)[:, :3].mean(axis=0) for sign in (1.0, -1.0)] for axis in range(3)])
+    faces = np.array(
+        [[unit.still(axis, sign)[:, :3].mean(axis=0) for sign in (1.0, -1.0)] for axis in range(3)]
+    )
     matrix = (faces[:, 0] - faces[:, 1]).T / 2.0
     assert max(turntable.errors(matrix, unit.accel)) < 1e-6
     np.testing.assert_allclose(faces.mean(axis=(0, 1)), unit.accel_bias, atol=1e-12)

@@ -15,7 +15,9 @@ def save_run(out, serial="S-1"):
 
 
 def test_revisions_follow_each_other_and_supersede(tmp_path):
-    """The second run is r002, leaves r001 as it was, and names the digest of the file it supersedes."""
+    """The second run is r002, leaves r001 as it was, and names the digest of the file it
+    supersedes.
+    """
     first = save_run(tmp_path)
     before = {path.name: path.read_bytes() for path in first.iterdir()}
     second = save_run(tmp_path)
@@ -37,7 +39,11 @@ def test_a_run_is_found_by_folder_serial_and_revision(tmp_path):
 
 @pytest.mark.parametrize(
     ("name", "message"),
-    [("S-1@r009", "revisions there: r001"), ("S-2", "neither a run folder nor a serial"), ("../S-1", "neither")],
+    [
+        ("S-1@r009", "revisions there: r001"),
+        ("S-2", "neither a run folder nor a serial"),
+        ("../S-1", "neither"),
+    ],
 )
 def test_a_run_that_is_not_there_is_said(tmp_path, name, message):
     """An unknown run names what there is."""
@@ -99,7 +105,9 @@ def test_an_existing_file_is_never_overwritten(tmp_path):
 
 
 def test_files_that_belong_together_are_all_there_or_none(tmp_path, monkeypatch):
-    """The disk is full at the second of three, or its name is taken meanwhile: none is there, and what was there stays."""
+    """The disk is full at the second of three, or its name is taken meanwhile: none is there, and
+    what was there stays.
+    """
     paths = [tmp_path / "deep" / name for name in ("a.c", "b.h", "c.csv")]
     write, rename = atomic.write_synced, atomic.rename_new
 
@@ -123,10 +131,14 @@ def test_files_that_belong_together_are_all_there_or_none(tmp_path, monkeypatch)
         patch.setattr(atomic, "rename_new", raced)
         with pytest.raises(OutputError, match=r"b\.h: exists already"):
             store.write_all(files)
-    assert {path.name: path.read_bytes() for path in (tmp_path / "deep").iterdir()} == {"b.h": b"mine"}
+    assert {path.name: path.read_bytes() for path in (tmp_path / "deep").iterdir()} == {
+        "b.h": b"mine"
+    }
     paths[1].unlink()
     store.write_all(files)
-    assert {path.name.encode() == path.read_bytes() for path in (tmp_path / "deep").iterdir()} == {True}
+    assert {path.name.encode() == path.read_bytes() for path in (tmp_path / "deep").iterdir()} == {
+        True
+    }
 
 
 def test_a_name_taken_between_check_and_rename_is_kept(tmp_path):
@@ -140,7 +152,9 @@ def test_a_name_taken_between_check_and_rename_is_kept(tmp_path):
 
 
 def test_nothing_is_written_into_a_run_folder(tmp_path):
-    """A file or another run inside a run folder is refused, because it would make the run refuse to load."""
+    """A file or another run inside a run folder is refused, because it would make the run refuse to
+    load.
+    """
     run = save_run(tmp_path)
     for path in (run / "x.csv", run / "deep" / "x.csv"):
         with pytest.raises(OutputError, match="run folder"):

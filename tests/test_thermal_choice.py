@@ -1,4 +1,6 @@
-"""The choice of a drift model by ramps it has not seen, on simulated physical gyros: what is exported, and when nothing is."""
+"""The choice of a drift model by ramps it has not seen, on simulated physical gyros: what is
+exported, and when nothing is.
+"""
 
 from dataclasses import replace
 
@@ -6,19 +8,25 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import (
-    intervals,
+from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice
+from calibkit.instruments.fog_thermal.numeric import (
+    evaluate,
     lagged,
     level,
-    thermal_choice,
-    thermal_drift,
-    thermal_fit,
-    thermal_noise,
-    thermal_uncertainty,
+    pooled_fit,
+    uncertainty,
 )
-from calibkit.numeric.thermal_choice import CANDIDATES, Candidate, LeftOut, best_of, choose
-from calibkit.numeric.thermal_fit import ThermalLog
-from calibkit.simulate import fog_thermal as fog
+from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
+from calibkit.instruments.fog_thermal.numeric.choice import (
+    CANDIDATES,
+    Candidate,
+    LeftOut,
+    best_of,
+    choose,
+)
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+from calibkit.numeric import intervals
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 
@@ -40,25 +48,33 @@ def blocks(name, made, *, spikes=0.0):
     hit = rng.random(seen.size) < spikes
     seen[hit] += rng.choice((-1.0, 1.0), hit.sum()) * rng.uniform(2.0, 50.0, hit.sum())
     time = columns["time_s"].astype(np.float64)
-    return thermal_fit.thermal_log(name, time, columns["temp_case_degc"], columns["temp_env_degc"], seen, INTERVAL_S)
+    return pooled_fit.thermal_log(
+        name, time, columns["temp_case_degc"], columns["temp_env_degc"], seen, INTERVAL_S
+    )
 
 
 def fitted(logs, **kwargs):
     """Return block means of the logs that are fitted."""
-    return [blocks(name, made, **kwargs) for name, made in logs.items() if not name.startswith(WITHHELD)]
+    return [
+        blocks(name, made, **kwargs) for name, made in logs.items() if not name.startswith(WITHHELD)
+    ]
 
 
 def withheld(logs, model):
-    """Return drift rms by truth before and after, and the errors over stated uncertainties, of the withheld ramps."""
+    """Return drift rms by truth before and after, and the errors over stated uncertainties, of the
+    withheld ramps.
+    """
     before, after, normalized = [], [], []
     for name, made in logs.items():
         if name.startswith(WITHHELD):
             log = blocks(name, made)
-            true = intervals.of(made.columns["time_s"].astype(np.float64), INTERVAL_S).means(made.drift)
-            found = thermal_drift.evaluate(model, log.time, log.case, log.env)
+            true = intervals.of(made.columns["time_s"].astype(np.float64), INTERVAL_S).means(
+                made.drift
+            )
+            found = evaluate.evaluate(model, log.time, log.case, log.env)
             before.append(np.std(true))
             after.append(np.std(true - found.drift))
-            normalized.append((found.drift - true) / thermal_uncertainty.drift_uncertainty(model, found))
+            normalized.append((found.drift - true) / uncertainty.drift_uncertainty(model, found))
     return np.array(before), np.array(after), np.concatenate(normalized)
 
 
@@ -78,7 +94,9 @@ def choice(logs):
 
 
 def test_a_lagged_model_takes_ten_times_the_drift_off_every_withheld_ramp(logs, choice):
-    """On ±3 and ±6 °C/min the true drift is reduced more than 10 times on each, and by the level model less."""
+    """On ±3 and ±6 °C/min the true drift is reduced more than 10 times on each, and by the level
+    model less.
+    """
     assert choice.model.form == "lagged"
     before, after, _ = withheld(logs, choice.model)
     assert len(before) == 4
@@ -88,12 +106,14 @@ def test_a_lagged_model_takes_ten_times_the_drift_off_every_withheld_ramp(logs, 
 
 
 def test_the_stated_uncertainty_of_the_compensated_rate_covers_the_truth(logs, choice):
-    """Along the withheld ramps at least 85 % of the errors are within twice the stated uncertainty, which is below 0.05 °/h."""
+    """Along the withheld ramps at least 85 % of the errors are within twice the stated uncertainty,
+    which is below 0.05 °/h.
+    """
     _, _, normalized = withheld(logs, choice.model)
     assert np.mean(np.abs(normalized) <= 2.0) > 0.85
     log = blocks(*next(iter(logs.items())))
-    found = thermal_drift.evaluate(choice.model, log.time, log.case, log.env)
-    assert np.max(thermal_uncertainty.drift_uncertainty(choice.model, found)) < 0.05  # °/h
+    found = evaluate.evaluate(choice.model, log.time, log.case, log.env)
+    assert np.max(uncertainty.drift_uncertainty(choice.model, found)) < 0.05  # °/h
 
 
 def test_every_candidate_is_in_the_table_with_every_ramp(choice):
@@ -101,10 +121,18 @@ def test_every_candidate_is_in_the_table_with_every_ramp(choice):
     assert [result.candidate for result in choice.tested] == list(CANDIDATES)
     assert choice.refused == ()
     for result in choice.tested:
-        assert len(result.ramps) == result.raw.size == result.compensated.size == len(result.errors) == 8
+        assert (
+            len(result.ramps)
+            == result.raw.size
+            == result.compensated.size
+            == len(result.errors)
+            == 8
+        )
         assert result.raw == pytest.approx(choice.tested[0].raw)
     assert choice.chosen.candidate.name in choice.reason
-    assert choice.chosen.pooled <= thermal_choice.ALIKE * min(result.pooled for result in choice.tested)
+    assert choice.chosen.pooled <= thermal_choice.ALIKE * min(
+        result.pooled for result in choice.tested
+    )
 
 
 def test_spikes_change_the_withheld_error_by_less_than_a_tenth(logs, choice):
@@ -132,10 +160,15 @@ def test_two_ramps_are_too_few_to_choose():
 
 
 def test_a_candidate_that_the_logs_cannot_determine_is_named_and_left_out(logs):
-    """Where the chamber thermometer reads the case, the gradient terms are refused and the rest is tested."""
+    """Where the chamber thermometer reads the case, the gradient terms are refused and the rest is
+    tested.
+    """
     blind = [replace(log, env=log.case) for log in fitted(logs)[::2]]
     found = choose(blind)
-    assert [line.split(":")[0] for line in found.refused] == ["level T³, rate, gradient", "level, all terms"]
+    assert [line.split(":")[0] for line in found.refused] == [
+        "level T³, rate, gradient",
+        "level, all terms",
+    ]
     assert "s_grad" in found.refused[0]
     assert len(found.tested) == len(CANDIDATES) - 2
 
@@ -146,7 +179,10 @@ def test_ramps_of_one_file_are_left_out_one_by_one(logs):
     for number, (up, down) in enumerate(zip(fitted(logs)[4:], fitted(logs)[:4], strict=True)):
         after = down.time - down.time[0] + up.time[-1] + 10.0
         part = np.repeat([0, 1], [up.time.size, down.time.size])
-        joined = [np.concatenate([getattr(up, name), getattr(down, name)]) for name in ("case", "env", "indication")]
+        joined = [
+            np.concatenate([getattr(up, name), getattr(down, name)])
+            for name in ("case", "env", "indication")
+        ]
         whole.append(ThermalLog(f"cycle {number}", np.concatenate([up.time, after]), *joined, part))
     found = choose(whole, CANDIDATES[3:4])
     assert found.tested[0].ramps == tuple(f"cycle {n}:{k}" for n in range(4) for k in (1, 2))
@@ -157,9 +193,11 @@ def test_ramps_of_one_file_are_left_out_one_by_one(logs):
 
 
 def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_ramps(logs):
-    """For each ramp a least-squares fit with a dummy for each other log gives the same compensated figure."""
+    """For each ramp a least-squares fit with a dummy for each other log gives the same compensated
+    figure.
+    """
     candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
-    stacked = thermal_fit.stack(fitted(logs))
+    stacked = pooled_fit.stack(fitted(logs))
     solved, _ = thermal_choice.solutions_of(stacked, (candidate,))
     solution = solved[0].solution
     found = thermal_choice.left_out(solved[0], stacked, 10)
@@ -176,7 +214,9 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
 
 
 def test_figure_means_leave_out_spikes_and_the_rest():
-    """Blocks without a say do not enter, a group that has lost more than half of them does not count, nor does a rest."""
+    """Blocks without a say do not enter, a group that has lost more than half of them does not
+    count, nor does a rest.
+    """
     values = np.arange(34.0)
     trust = np.ones(34)
     values[5], trust[5] = 1000.0, 0.0
@@ -187,7 +227,15 @@ def test_figure_means_leave_out_spikes_and_the_rest():
 def result(compensated, raw=(0.2, 0.2, 0.2), *, parameters=5, endless=False):
     """Return left-out figures of some candidate."""
     zeros = tuple(np.zeros(3) for _ in raw)
-    return LeftOut(CANDIDATES[0], ("a", "b", "c"), np.array(raw), np.array(compensated), zeros, parameters, endless)
+    return LeftOut(
+        CANDIDATES[0],
+        ("a", "b", "c"),
+        np.array(raw),
+        np.array(compensated),
+        zeros,
+        parameters,
+        endless,
+    )
 
 
 def test_a_model_that_makes_one_ramp_worse_does_not_help():
@@ -203,8 +251,12 @@ def test_a_model_that_is_hardly_better_than_raw_does_not_help():
 
 
 def test_of_candidates_that_are_alike_the_simplest_is_exported():
-    """A hundredth of a percent is no reason for three more coefficients; ten percent is; helping is a condition."""
-    assert best_of([result((0.1, 0.1, 0.1), parameters=4), result((0.0999,) * 3, parameters=7)]) == 0
+    """A hundredth of a percent is no reason for three more coefficients; ten percent is; helping is
+    a condition.
+    """
+    assert (
+        best_of([result((0.1, 0.1, 0.1), parameters=4), result((0.0999,) * 3, parameters=7)]) == 0
+    )
     assert best_of([result((0.1, 0.1, 0.1), parameters=4), result((0.09,) * 3, parameters=7)]) == 1
     assert best_of([result((0.001, 0.001, 0.3)), result((0.15,) * 3)]) == 1
     assert best_of([result((0.3,) * 3)]) is None
@@ -224,35 +276,45 @@ def test_model_error_is_what_lasts_in_left_out_ramps():
     rng = np.random.default_rng(0)
     white = [rng.normal(0.0, 0.05, 4000) for _ in range(4)]
     slow = 0.02 * np.sqrt(2.0) * np.sin(np.arange(4000) / 60.0)
-    assert thermal_uncertainty.model_error(white) < 0.01  # °/h
-    assert thermal_uncertainty.model_error([w + slow for w in white]) == pytest.approx(0.02, rel=0.1)  # °/h
-    assert thermal_uncertainty.model_error([]) == 0.0
+    assert uncertainty.model_error(white) < 0.01  # °/h
+    assert uncertainty.model_error([w + slow for w in white]) == pytest.approx(0.02, rel=0.1)  # °/h
+    assert uncertainty.model_error([]) == 0.0
 
 
 def test_what_type_a_and_flicker_explain_is_no_model_error(logs, choice):
-    """Left-out errors of 0.01 °/h are a model error where flicker is absent, and none where it makes as much."""
+    """Left-out errors of 0.01 °/h are a model error where flicker is absent, and none where it
+    makes as much.
+    """
     errors = [np.full(40, 0.01) * np.where(np.arange(40) < 20, 1.0, -1.0)]
     model = replace(choice.model, covariance=np.zeros_like(choice.model.covariance))
     quiet = replace(model, noise=replace(model.noise, flicker=0.0))
     loud = replace(model, noise=replace(model.noise, flicker=0.02))
-    explained = [thermal_uncertainty.explained(m, fitted(logs), 10) for m in (quiet, loud)]
+    explained = [uncertainty.explained(m, fitted(logs), 10) for m in (quiet, loud)]
     assert explained[0] == 0.0
-    assert thermal_uncertainty.model_error(errors, explained[0]) == pytest.approx(0.0095, abs=0.0005)
-    assert thermal_uncertainty.model_error(errors, explained[1]) == 0.0
+    assert uncertainty.model_error(errors, explained[0]) == pytest.approx(0.0095, abs=0.0005)
+    assert uncertainty.model_error(errors, explained[1]) == 0.0
 
 
 def test_flicker_that_is_explained_is_what_simulated_flicker_leaves(logs, choice):
-    """Products of neighbouring 100 s means of flicker of 0.02 °/h, each log about its mean: as said within 10 %."""
+    """Products of neighbouring 100 s means of flicker of 0.02 °/h, each log about its mean: as said
+    within 10 %.
+    """
     model = replace(choice.model, covariance=np.zeros_like(choice.model.covariance))
     model = replace(model, noise=replace(model.noise, flicker=0.02))
-    said = thermal_uncertainty.explained(model, fitted(logs), 10)
+    said = uncertainty.explained(model, fitted(logs), 10)
     rng = np.random.default_rng(5)
     products = []
     for _ in range(300):
         for log in fitted(logs):
-            means = noise.flicker(0.02, log.time.size, rng)[: log.time.size // 10 * 10].reshape(-1, 10).mean(axis=1)
+            means = (
+                noise.flicker(0.02, log.time.size, rng)[: log.time.size // 10 * 10]
+                .reshape(-1, 10)
+                .mean(axis=1)
+            )
             means -= means.mean()
-            products += [float(means[k:] @ means[:-k]) / (means.size - k) * means.size for k in (1, 2, 3)]
+            products += [
+                float(means[k:] @ means[:-k]) / (means.size - k) * means.size for k in (1, 2, 3)
+            ]
     sizes = sum(log.time.size // 10 for log in fitted(logs))
     assert said == pytest.approx(sum(products) / 300.0 / 3.0 / sizes, rel=0.1)
 
@@ -260,21 +322,23 @@ def test_flicker_that_is_explained_is_what_simulated_flicker_leaves(logs, choice
 def test_what_is_clamped_is_uncertain_by_what_clamping_took_off(choice):
     """At 100 °C the uncertainty is at least the difference to the unclamped model over √3."""
     time = np.arange(100) * 10.0
-    hot = thermal_drift.evaluate(choice.model, time, np.full(100, 100.0), np.full(100, 100.0))
-    stated = thermal_uncertainty.drift_uncertainty(choice.model, hot)
+    hot = evaluate.evaluate(choice.model, time, np.full(100, 100.0), np.full(100, 100.0))
+    stated = uncertainty.drift_uncertainty(choice.model, hot)
     assert hot.temperature_clamped.all()
     assert np.all(stated >= np.abs(hot.beyond) / np.sqrt(3.0))
     assert np.all(np.abs(hot.beyond) > 0.0)
 
 
 def test_propagated_uncertainty_agrees_with_monte_carlo(logs, choice):
-    """The spread of the drift over 300 draws of coefficients and lags is the stated one within 15 %."""
+    """The spread of the drift over 300 draws of coefficients and lags is the stated one within 15
+    %.
+    """
     model = replace(choice.model, model_error=0.0)
     name = next(name for name in logs if name.startswith(WITHHELD))
     log = blocks(name, logs[name])
     part = slice(0, 400)
-    stated = thermal_uncertainty.drift_uncertainty(
-        model, thermal_drift.evaluate(model, log.time[part], log.case[part], log.env[part])
+    stated = uncertainty.drift_uncertainty(
+        model, evaluate.evaluate(model, log.time[part], log.case[part], log.env[part])
     )
     rng = np.random.default_rng(1)
     small = 1e-3  # of the standard deviation: where the model is linear in the lags
@@ -283,34 +347,45 @@ def test_propagated_uncertainty_agrees_with_monte_carlo(logs, choice):
     for draw in rng.multivariate_normal(np.zeros(mean.size), model.covariance, 300, method="eigh"):
         at = mean + small * draw
         moved = replace(model, coefficients=at[:9], lags=tuple(at[9:].tolist()))
-        draws.append(thermal_drift.evaluate(moved, log.time[part], log.case[part], log.env[part]).drift)
+        draws.append(evaluate.evaluate(moved, log.time[part], log.case[part], log.env[part]).drift)
     spread = np.std(draws, axis=0) / small
     inside = stated > 0.2 * stated.max()
     assert spread[inside] == pytest.approx(stated[inside], rel=0.15)
 
 
 def test_flicker_of_the_simulated_kind_has_the_covariance_that_is_assumed():
-    """Variograms of means of 100 samples of simulated flicker agree with the kernel's within 10 %."""
+    """Variograms of means of 100 samples of simulated flicker agree with the kernel's within 10
+    %.
+    """
     from calibkit.simulate import noise
 
     rng = np.random.default_rng(2)
-    means = np.array([noise.flicker(1.0, 4000, rng).reshape(40, 100).mean(axis=1) for _ in range(1500)])
+    means = np.array(
+        [noise.flicker(1.0, 4000, rng).reshape(40, 100).mean(axis=1) for _ in range(1500)]
+    )
     kernel = thermal_noise.flicker_kernel(40)
     for lag in (1, 2, 5, 20):
         seen = np.mean((means[:, lag:] - means[:, :-lag]) ** 2)
-        pairs = [kernel[i, i] + kernel[i + lag, i + lag] - 2.0 * kernel[i, i + lag] for i in range(40 - lag)]
+        pairs = [
+            kernel[i, i] + kernel[i + lag, i + lag] - 2.0 * kernel[i, i + lag]
+            for i in range(40 - lag)
+        ]
         assert seen == pytest.approx(np.mean(pairs), rel=0.1)
 
 
 def test_noise_is_told_into_white_and_flicker():
-    """From residuals of eight logs white variance and flicker level come back within 30 %; no flicker is little."""
+    """From residuals of eight logs white variance and flicker level come back within 30 %; no
+    flicker is little.
+    """
     root = np.linalg.cholesky(thermal_noise.flicker_kernel(500))
     rng = np.random.default_rng(3)
     for true, low, high in ((0.0, 0.0, 0.01), (0.02, 0.014, 0.026)):
         groups = []
         for _ in range(8):
             seen = true * root @ rng.normal(0.0, 1.0, 500) + rng.normal(0.0, 0.1, 500)
-            groups.append(thermal_noise.grouped(np.arange(500.0)[:, None] / 500.0, seen, np.ones(500)))
+            groups.append(
+                thermal_noise.grouped(np.arange(500.0)[:, None] / 500.0, seen, np.ones(500))
+            )
         found = thermal_noise.estimated(groups)
         assert low <= found.flicker <= high  # °/h
         assert found.white_variance == pytest.approx(0.01, rel=0.3)
@@ -320,11 +395,13 @@ def test_noise_is_told_into_white_and_flicker():
 
 
 def test_hysteresis_is_shown_by_cooling_against_heating():
-    """A play of 20 % of the drift, which no model has, stands out ten times of the same gyro's without."""
+    """A play of 20 % of the drift, which no model has, stands out ten times of the same gyro's
+    without.
+    """
     some, none = (simulated(33, hysteresis_scale=scale) for scale in (12.0, 0.0))
     terms = ("b0", "b1", "b2", "b3")
     shown, quiet = (
-        thermal_uncertainty.hysteresis(lagged.fit(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs))
+        uncertainty.hysteresis(lagged.fit(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs))
         for logs in (some, none)
     )
     assert shown.temperature.size > 15
@@ -337,4 +414,4 @@ def test_hysteresis_needs_both_directions(logs, choice):
     """Heating alone shows none."""
     heating = [log for log in fitted(logs) if "heating" in log.name]
     with pytest.raises(FitError, match="heating and cooling"):
-        thermal_uncertainty.hysteresis(choice.model, heating)
+        uncertainty.hysteresis(choice.model, heating)

@@ -1,4 +1,6 @@
-"""Case and chamber air in one unit, one way round: told by gain, zero point and lag, or by the rates that were ordered."""
+"""Case and chamber air in one unit, one way round: told by gain, zero point and lag, or by the
+rates that were ordered.
+"""
 
 import numpy as np
 import pytest
@@ -6,14 +8,15 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit import recipe
-from calibkit.check import thermometers
-from calibkit.numeric import lead
-from calibkit.simulate import fog_thermal
+from calibkit.check import lead, thermometers
+from calibkit.instruments.fog_thermal import simulate
 from conftest import write_log
 
 
 def lagged(rate, lag, *, seconds=3000, offset=2.0):
-    """Air that stays, climbs from −40 °C to 60 °C [°C/min], stays; a case behind it by one first-order lag [s]: a loop."""
+    """Air that stays, climbs from −40 °C to 60 °C [°C/min], stays; a case behind it by one
+    first-order lag [s]: a loop.
+    """
     time = np.arange(0.0, seconds + 6000.0 / rate)
     air = np.clip(-40.0 + rate * (time - 600.0) / 60.0, -40.0, 60.0)
     case, level = np.empty_like(air), air[0]
@@ -26,7 +29,9 @@ def lagged(rate, lag, *, seconds=3000, offset=2.0):
 @settings(deadline=None, max_examples=40)
 @given(st.sampled_from([1.0, 3.0, 10.0]), st.floats(60.0, 400.0))
 def test_a_lag_is_found_and_changes_its_sign_with_the_columns(rate, lag):
-    """Within a third of one first-order lag; whatever the unit of time, the sign and the swing stay what they are."""
+    """Within a third of one first-order lag; whatever the unit of time, the sign and the swing stay
+    what they are.
+    """
     time, case, air = lagged(rate, lag)
     found, exchanged = lead.of(time, case, air), lead.of(time, air, case)
     assert found.lag_s == pytest.approx(lag, rel=0.35)
@@ -41,7 +46,7 @@ def test_a_lag_is_found_and_changes_its_sign_with_the_columns(rate, lag):
 def ramps():
     """Columns of the ramps of a simulated campaign by file."""
     found = {}
-    for name, content in fog_thermal.campaign(3).files().items():
+    for name, content in simulate.campaign(3).files().items():
         if name.startswith("ramp_") and name.endswith(".csv"):
             lines = content.decode().splitlines()
             rows = np.array([line.split(",") for line in lines[1:]], dtype=float)
@@ -58,12 +63,17 @@ def logs(ramps, folder, change):
 
 def fahrenheit(columns):
     """Both temperatures in °F."""
-    return columns | {name: columns[name] * 1.8 + 32.0 for name in ("temp_case_degc", "temp_env_degc")}
+    return columns | {
+        name: columns[name] * 1.8 + 32.0 for name in ("temp_case_degc", "temp_env_degc")
+    }
 
 
 def exchanged(columns):
     """Case and air exchanged."""
-    return columns | {"temp_case_degc": columns["temp_env_degc"], "temp_env_degc": columns["temp_case_degc"]}
+    return columns | {
+        "temp_case_degc": columns["temp_env_degc"],
+        "temp_env_degc": columns["temp_case_degc"],
+    }
 
 
 def test_a_campaign_with_exchanged_columns_is_refused_log_by_log(ramps, tmp_path, calibkit):
@@ -72,13 +82,17 @@ def test_a_campaign_with_exchanged_columns_is_refused_log_by_log(ramps, tmp_path
     outcome = calibkit("check", "fog_thermal", "--data", data)
     assert outcome.code == 3
     assert outcome.out.count("are swapped") == len(ramps)
-    fitted = calibkit("fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs")
+    fitted = calibkit(
+        "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs"
+    )
     assert fitted.code == 3
     assert "temp_case_degc and temp_env_degc are swapped" in fitted.err
 
 
 def test_a_log_that_begins_on_its_way_is_not_told_as_swapped_columns(tmp_path, calibkit):
-    """From the middle of a ramp into its soak: the case comes nearer to the air as the ramp ends, and leads it nowhere."""
+    """From the middle of a ramp into its soak: the case comes nearer to the air as the ramp ends,
+    and leads it nowhere.
+    """
     time, case, air = lagged(5.0, 150.0)
     noise = np.random.default_rng(1).normal(0.0, 0.02, (3, time.size))
     columns = {
@@ -87,7 +101,11 @@ def test_a_log_that_begins_on_its_way_is_not_told_as_swapped_columns(tmp_path, c
         "temp_env_degc": air + noise[1],
         "gyro_dph": 9.0 + 0.01 * case + noise[2],
     }
-    data = logs({"a.csv": columns}, tmp_path / "logs", lambda c: {name: rows[air > 10.0] for name, rows in c.items()})
+    data = logs(
+        {"a.csv": columns},
+        tmp_path / "logs",
+        lambda c: {name: rows[air > 10.0] for name, rows in c.items()},
+    )
     outcome = calibkit("check", "fog_thermal", "--data", data)
     assert outcome.code == 0, outcome.out
     assert "swapped" not in outcome.out
@@ -99,18 +117,30 @@ def test_swapped_columns_are_told_without_a_soak_after_the_ramp(ramps, tmp_path,
     air = ramps[name]["temp_env_degc"]
     begun = int(np.flatnonzero(air > air[0] + 2.0)[0])
     part = {column: rows[begun - 80 : begun + 150] for column, rows in ramps[name].items()}
-    outcome = calibkit("check", "fog_thermal", "--data", logs({name: part}, tmp_path / "logs", exchanged))
+    outcome = calibkit(
+        "check", "fog_thermal", "--data", logs({name: part}, tmp_path / "logs", exchanged)
+    )
     assert outcome.code == 3
     assert "the case gains" in outcome.out
 
 
 def test_a_campaign_in_degf_is_told_by_the_rates_in_its_names(ramps, tmp_path, calibkit):
-    """ramp_heating_05 at 9 °C/min, and so all: check and fit say °F. Under names without rates nothing tells."""
-    some = {name: ramps[name] for name in ("ramp_cooling_10.csv", "ramp_heating_08.csv", "ramp_heating_10.csv")}
+    """ramp_heating_05 at 9 °C/min, and so all: check and fit say °F. Under names without rates
+    nothing tells.
+    """
+    some = {
+        name: ramps[name]
+        for name in ("ramp_cooling_10.csv", "ramp_heating_08.csv", "ramp_heating_10.csv")
+    }
     data = logs(some, tmp_path / "logs", fahrenheit)
-    assert "and as much too fast in all 3 logs (9/5)" in calibkit("check", "fog_thermal", "--data", data).out
+    assert (
+        "and as much too fast in all 3 logs (9/5)"
+        in calibkit("check", "fog_thermal", "--data", data).out
+    )
     quick = ("--set", "drift.model=level", "--set", "denoise.enabled=false")
-    fitted = calibkit("fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs", *quick)
+    fitted = calibkit(
+        "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs", *quick
+    )
     assert "all temperatures look like °F" in " ".join(fitted.out.split())
     unnamed = dict(zip(("a.csv", "b.csv", "c.csv"), some.values(), strict=True))
     data = logs(unnamed, tmp_path / "unnamed", fahrenheit)
@@ -129,12 +159,16 @@ def test_a_campaign_in_degf_is_told_by_the_rates_in_its_names(ramps, tmp_path, c
     ],
 )
 def test_only_several_rates_that_agree_tell(rates, told):
-    """One log, one rate in two logs, one log that kept its rate, names without numbers: nothing is claimed."""
+    """One log, one rate in two logs, one log that kept its rate, names without numbers: nothing is
+    claimed.
+    """
     assert bool(thermometers.named(rates)) == told
 
 
 def test_a_rate_of_the_recipe_that_the_log_does_not_show_is_flagged(ramps, tmp_path, calibkit):
-    """10 °C/min in the recipe, 18 in the log: °F; 4 in the recipe, 10 in the log: another rate; 10 and 10: nothing."""
+    """10 °C/min in the recipe, 18 in the log: °F; 4 in the recipe, 10 in the log: another rate; 10
+    and 10: nothing.
+    """
     (name,) = (name for name in ramps if name == "ramp_heating_10.csv")
     for change, said, words in (
         (fahrenheit, 10.0, "the temperatures look like °F (9/5)"),
@@ -143,33 +177,50 @@ def test_a_rate_of_the_recipe_that_the_log_does_not_show_is_flagged(ramps, tmp_p
     ):
         data = logs({name: ramps[name]}, tmp_path / f"{said}{change.__name__}", change)
         outcome = calibkit(
-            "check", "fog_thermal", "--data", data, "--set", f"drift.rates_degc_min.ramp_heating_10={said}"
+            "check",
+            "fog_thermal",
+            "--data",
+            data,
+            "--set",
+            f"drift.rates_degc_min.ramp_heating_10={said}",
         )
         assert ("the recipe says" in outcome.out) == bool(words)
         assert words in outcome.out
 
 
 def test_a_clock_in_minutes_is_not_told_as_swapped_columns(ramps, tmp_path, calibkit):
-    """Times in minutes or milliseconds: the time is named, first of all where the fit is refused; the columns are not."""
+    """Times in minutes or milliseconds: the time is named, first of all where the fit is refused;
+    the columns are not.
+    """
     for factor, unit in ((1.0 / 60.0, "min"), (1000.0, "ms")):
-        data = logs(ramps, tmp_path / unit, lambda c, factor=factor: c | {"time_s": c["time_s"] * factor})
+        data = logs(
+            ramps, tmp_path / unit, lambda c, factor=factor: c | {"time_s": c["time_s"] * factor}
+        )
         outcome = calibkit("check", "fog_thermal", "--data", data)
         assert "swapped" not in outcome.out
         assert outcome.out.count(f'[columns.time_s] unit = "{unit}"') >= len(ramps)
-        fitted = calibkit("fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs")
+        fitted = calibkit(
+            "fit", "fog_thermal", "--data", data, "--serial", "S", "--out", tmp_path / "runs"
+        )
         assert fitted.code == 3
         assert f'[columns.time_s] unit = "{unit}"' in fitted.err
 
 
 def test_a_name_that_ends_in_another_unit_needs_its_unit_stated(ramps, tmp_path, calibkit):
-    """temp_case_degf mapped without a unit was taken in °C: refused with the line to write; with the unit it is read."""
+    """temp_case_degf mapped without a unit was taken in °C: refused with the line to write; with
+    the unit it is read.
+    """
     name = "ramp_heating_05.csv"
     columns = fahrenheit(ramps[name])
     columns = {
-        {"temp_case_degc": "case_degF", "temp_env_degc": "air_fahrenheit"}.get(k, k): v for k, v in columns.items()
+        {"temp_case_degc": "case_degF", "temp_env_degc": "air_fahrenheit"}.get(k, k): v
+        for k, v in columns.items()
     }
     write_log(tmp_path / "logs" / name, **columns)
-    mapped = '\n[columns.temp_case_degc]\nfrom = "case_degF"\n%s[columns.temp_env_degc]\nfrom = "air_fahrenheit"\n%s'
+    mapped = (
+        '\n[columns.temp_case_degc]\nfrom = "case_degF"\n%s[columns.temp_env_degc]\nfrom ='
+        ' "air_fahrenheit"\n%s'
+    )
     text = recipe.find("fog_thermal").text
     for unit, code in (("", 3), ('unit = "degF"\n', 0)):
         (tmp_path / "r.toml").write_text(text + mapped % (unit, unit), encoding="utf-8")

@@ -1,4 +1,6 @@
-"""Times as loggers write them, against the calendar of the standard library; what could be two times is refused."""
+"""Times as loggers write them, against the calendar of the standard library; what could be two
+times is refused.
+"""
 
 import datetime as dt
 
@@ -23,7 +25,9 @@ WRITTEN = (
 
 def seconds(*fields, form=""):
     """Clock of a column of fields, whose first stands in line 2."""
-    return times.seconds(pd.Series(fields), form or times.form_of([str(field) for field in fields]), PLACE)
+    return times.seconds(
+        pd.Series(fields), form or times.form_of([str(field) for field in fields]), PLACE
+    )
 
 
 @settings(max_examples=60, deadline=None)
@@ -32,7 +36,9 @@ def seconds(*fields, form=""):
     st.sampled_from(WRITTEN),
 )
 def test_dates_are_told_apart_as_the_calendar_does(microseconds, form):
-    """Any dates of a century, to the microsecond, in the forms that are recognised by themselves."""
+    """Any dates of a century, to the microsecond, in the forms that are recognised by
+    themselves.
+    """
     start = dt.datetime(1990, 1, 1, tzinfo=dt.UTC)
     fields = [(start + dt.timedelta(microseconds=after)).strftime(form) for after in microseconds]
     expected = [(after - microseconds[0]) / 1e6 for after in microseconds]
@@ -87,7 +93,9 @@ def test_each_midnight_adds_a_day_and_is_said():
     ],
 )
 def test_day_and_month_are_those_that_the_log_allows(fields, order, expected):
-    """A 31st, or a log that would leap by a month at midnight, tells the order; it is said that it was guessed."""
+    """A 31st, or a log that would leap by a month at midnight, tells the order; it is said that it
+    was guessed.
+    """
     found = seconds(*fields)
     assert found.seconds.tolist() == [0.0, expected]
     assert found.notes == (f"dates read {order} (time_format guessed)",)
@@ -104,18 +112,46 @@ def test_an_order_that_does_not_matter_is_not_asked_for():
     ("fields", "form", "fragment"),
     [
         (("03/04/2026 10:00:00", "04/04/2026 10:00:00"), "", "day and month could be either"),
-        (("13/13/2026 10:00:00", "13/13/2026 10:00:01"), "", "log.csv:2: column 'time': found '13/13/2026 10:00:00'"),
+        (
+            ("13/13/2026 10:00:00", "13/13/2026 10:00:01"),
+            "",
+            "log.csv:2: column 'time': found '13/13/2026 10:00:00'",
+        ),
         (("10:00:00", "10:00:99"), "", "log.csv:3: column 'time': found '10:00:99'"),
-        (("10:00:00:500", "10:00:01:7"), "%H:%M:%S:%f", "log.csv:3: column 'time': '10:00:01:7': milliseconds"),
-        (("30:00:00", "30:75:00"), "", "log.csv:3: column 'time': found '30:75:00', expected elapsed h:m:s"),
-        (("30:00:00", "30:00:75"), "", "log.csv:3: column 'time': found '30:00:75', expected elapsed h:m:s"),
+        (
+            ("10:00:00:500", "10:00:01:7"),
+            "%H:%M:%S:%f",
+            "log.csv:3: column 'time': '10:00:01:7': milliseconds",
+        ),
+        (
+            ("30:00:00", "30:75:00"),
+            "",
+            "log.csv:3: column 'time': found '30:75:00', expected elapsed h:m:s",
+        ),
+        (
+            ("30:00:00", "30:00:75"),
+            "",
+            "log.csv:3: column 'time': found '30:00:75', expected elapsed h:m:s",
+        ),
         (("30:00:00", "30:00:01:7"), times.ELAPSED, "found '30:00:01:7', expected elapsed h:m:s"),
         (("30:00:00", "30:00"), times.ELAPSED, "found '30:00', expected elapsed h:m:s"),
         (("30:00:00", "3:00:00 PM"), times.ELAPSED, "found '3:00:00 PM', expected elapsed h:m:s"),
         (("1.5", "x"), times.DECIMAL, "log.csv:3: column 'time': found 'x', expected a number"),
-        (("1.5", "1_000"), times.DECIMAL, "log.csv:3: column 'time': found '1_000', expected a number"),
-        (("1.5", "1e300"), times.DECIMAL, "log.csv:3: column 'time': found '1e300', expected a number"),
-        (("1.5", "Infinity"), times.DECIMAL, "log.csv:3: column 'time': found 'Infinity', expected a number"),
+        (
+            ("1.5", "1_000"),
+            times.DECIMAL,
+            "log.csv:3: column 'time': found '1_000', expected a number",
+        ),
+        (
+            ("1.5", "1e300"),
+            times.DECIMAL,
+            "log.csv:3: column 'time': found '1e300', expected a number",
+        ),
+        (
+            ("1.5", "Infinity"),
+            times.DECIMAL,
+            "log.csv:3: column 'time': found 'Infinity', expected a number",
+        ),
         (("2026-01-01", "2026-01-02"), "%Y-%m-%d %Q", "time format '%Y-%m-%d %Q'"),
         (("1492-10-12", "1492-10-13"), "%Y-%m-%d", "log.csv:2: column 'time': found '1492-10-12'"),
     ],
@@ -128,7 +164,9 @@ def test_what_is_no_time_or_could_be_two_is_refused_with_its_line(fields, form, 
 
 
 def test_spreadsheet_days_are_instants_to_the_microsecond():
-    """46000.25 days and what follows it; a cell without a value, or beyond the calendar, is missing."""
+    """46000.25 days and what follows it; a cell without a value, or beyond the calendar, is
+    missing.
+    """
     found = times.spreadsheet(np.array([np.nan, 46000.25, 46000.25 + 1.5 / 86400.0, 1e9]))
     assert np.isnan(found[[0, 3]]).all()
     assert found[1:3].tolist() == [0.0, pytest.approx(1.5, abs=1e-6)]

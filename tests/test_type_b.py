@@ -1,4 +1,6 @@
-"""Type B terms: what a recipe or a laboratory's profile may state, and what each result has of it."""
+"""Type B terms: what a recipe or a laboratory's profile may state, and what each result has of
+it.
+"""
 
 import json
 import math
@@ -30,7 +32,9 @@ def terms(text):
     ],
 )
 def test_each_way_to_state_a_term_gives_the_standard_uncertainty_of_the_gum(lines, u):
-    """Limits are divided by √3, √6 or √2, an expanded uncertainty by its coverage factor (JCGM 100, 4.3)."""
+    """Limits are divided by √3, √6 or √2, an expanded uncertainty by its coverage factor (JCGM 100,
+    4.3).
+    """
     (term,) = terms(TERM + lines)
     assert term.u == pytest.approx(u, rel=1e-15)
 
@@ -39,8 +43,14 @@ def test_each_way_to_state_a_term_gives_the_standard_uncertainty_of_the_gum(line
     ("lines", "fault"),
     [
         ("", "states none; state one of"),
-        ("half_width = 0.1\nstandard_uncertainty = 0.1", "states standard_uncertainty and half_width"),
-        ("half_width = 0.1\ncoverage_factor = 2.0", "coverage_factor belongs to expanded_uncertainty"),
+        (
+            "half_width = 0.1\nstandard_uncertainty = 0.1",
+            "states standard_uncertainty and half_width",
+        ),
+        (
+            "half_width = 0.1\ncoverage_factor = 2.0",
+            "coverage_factor belongs to expanded_uncertainty",
+        ),
         ("expanded_uncertainty = 0.1", "coverage_factor belongs to expanded_uncertainty"),
         ('half_width = 0.1\ndistribution = "normal"', "a normal distribution has no half_width"),
         ("half_width = -0.1", "r.toml:8: type_b.0.half_width: found -0.1, expected greater than 0"),
@@ -51,7 +61,9 @@ def test_each_way_to_state_a_term_gives_the_standard_uncertainty_of_the_gum(line
     ],
 )
 def test_a_term_that_says_too_little_or_too_much_is_refused_with_its_line(lines, fault):
-    """Nothing is guessed about an uncertainty: two statements, none, or a misspelt one are faults."""
+    """Nothing is guessed about an uncertainty: two statements, none, or a misspelt one are
+    faults.
+    """
     with pytest.raises(RecipeError, match=r"r\.toml:\d+: ") as refused:
         terms(TERM + lines)
     assert fault in str(refused.value)
@@ -61,11 +73,16 @@ def test_a_unit_of_another_dimension_is_refused():
     """A case temperature is not uncertain by volts or degrees an hour."""
     for unit in ("V", "deg/h"):
         with pytest.raises(RecipeError, match=unit):
-            terms(TERM.replace("degC", unit, 1).replace(f"temp_case_{unit}", "temp_case_degc") + "half_width = 0.1")
+            terms(
+                TERM.replace("degC", unit, 1).replace(f"temp_case_{unit}", "temp_case_degc")
+                + "half_width = 0.1"
+            )
 
 
 def test_units_of_a_term_are_converted_as_differences():
-    """1 K is 1 °C and not −272.15; 1 °F is 5/9 °C; 1 ppm of a rate of 200 °/s is 0.0002 °/s; 10 mg of 1 g is 0.01 g."""
+    """1 K is 1 °C and not −272.15; 1 °F is 5/9 °C; 1 ppm of a rate of 200 °/s is 0.0002 °/s; 10 mg
+    of 1 g is 0.01 g.
+    """
     wanted = {"K": 1.0, "degF": 5.0 / 9.0}
     for unit, u in wanted.items():
         (term,) = terms(TERM.replace('"degC"', f'"{unit}"') + "standard_uncertainty = 1.0")
@@ -77,10 +94,18 @@ def test_units_of_a_term_are_converted_as_differences():
 
 
 def test_terms_reach_a_result_by_their_quantity_by_the_procedure_or_by_their_own_sensitivity():
-    """What reaches no result is named, and the combination is the root of the squared contributions."""
+    """What reaches no result is named, and the combination is the root of the squared
+    contributions.
+    """
     stated = [
         type_b.TypeB(name="of itself", quantity="K", unit="ppm", standard_uncertainty=3.0),
-        type_b.TypeB(name="by the procedure", quantity="temp_case_degc", unit="K", standard_uncertainty=0.1, dof=5.0),
+        type_b.TypeB(
+            name="by the procedure",
+            quantity="temp_case_degc",
+            unit="K",
+            standard_uncertainty=0.1,
+            dof=5.0,
+        ),
         type_b.TypeB(
             name="stated",
             quantity="table_rate_dps",
@@ -89,7 +114,9 @@ def test_terms_reach_a_result_by_their_quantity_by_the_procedure_or_by_their_own
             sensitivity=-1e-6,
             result="K",
         ),
-        type_b.TypeB(name="elsewhere", quantity="gravity_mps2", unit="m/s^2", standard_uncertainty=1e-5),
+        type_b.TypeB(
+            name="elsewhere", quantity="gravity_mps2", unit="m/s^2", standard_uncertainty=1e-5
+        ),
     ]
     applied = type_b.terms_of(stated, "K", 2.0, {"temp_case_degc": (30.0, 4e-6)})
     assert applied.unused == ("elsewhere",)
@@ -101,21 +128,32 @@ def test_terms_reach_a_result_by_their_quantity_by_the_procedure_or_by_their_own
 
 
 def test_a_later_term_of_the_same_name_replaces_the_earlier_one():
-    """A laboratory's profile may restate what a recipe said of the same equipment: it counts once."""
-    old, new = (type_b.TypeB(name="t", quantity="K", unit="1", standard_uncertainty=u) for u in (1.0, 2.0))
+    """A laboratory's profile may restate what a recipe said of the same equipment: it counts
+    once.
+    """
+    old, new = (
+        type_b.TypeB(name="t", quantity="K", unit="1", standard_uncertainty=u) for u in (1.0, 2.0)
+    )
     (component,) = type_b.terms_of([old, new], "K", 1.0).components
     assert component.standard_uncertainty == 2.0
 
 
 def test_a_run_carries_its_terms_and_gives_them_back(calibkit, campaign, tmp_path):
-    """run.json lists what the recipe stated; a quantity that is neither column nor result is refused by name."""
+    """run.json lists what the recipe stated; a quantity that is neither column nor result is
+    refused by name.
+    """
     text = recipe.find("fog_thermal").text
     path = tmp_path / "mine.toml"
     path.write_text(text + TERM + "half_width = 0.1\n", encoding="utf-8")
-    assert calibkit("fit", path, "--data", campaign, "--serial", "F", "--out", tmp_path / "runs").code == 0
+    assert (
+        calibkit("fit", path, "--data", campaign, "--serial", "F", "--out", tmp_path / "runs").code
+        == 0
+    )
     document = json.loads((tmp_path / "runs/F/r001/run.json").read_text(encoding="utf-8"))
     assert type_b.loads(document["type_b"]) == terms(TERM + "half_width = 0.1\n")
-    path.write_text(text + TERM.replace("temp_case_degc", "b00") + "half_width = 0.1\n", encoding="utf-8")
+    path.write_text(
+        text + TERM.replace("temp_case_degc", "b00") + "half_width = 0.1\n", encoding="utf-8"
+    )
     outcome = calibkit("fit", path, "--data", campaign, "--serial", "F", "--out", tmp_path / "runs")
     assert (outcome.code, "did you mean 'b0'?" in outcome.err) == (2, True)
 

@@ -24,8 +24,12 @@ from calibkit.errors import RecipeError
     ],
 )
 def test_a_value_converts_as_the_units_are_defined(value, source, target, expected):
-    """A value converts as the units are defined, to 1e-7 relative where the expected value is rounded."""
-    assert units.convert(np.array([value]), source, target)[0] == pytest.approx(expected, rel=1e-7, abs=1e-9)
+    """A value converts as the units are defined, to 1e-7 relative where the expected value is
+    rounded.
+    """
+    assert units.convert(np.array([value]), source, target)[0] == pytest.approx(
+        expected, rel=1e-7, abs=1e-9
+    )
 
 
 def test_every_unit_converts_to_its_base_and_back():
@@ -40,8 +44,12 @@ def test_specific_force_in_si_needs_the_local_gravity():
     """m/s² becomes local g only with a local gravity, never with the standard one."""
     with pytest.raises(RecipeError, match="local gravity"):
         units.convert(np.array([9.8]), "m/s^2", "g")
-    assert units.convert(np.array([9.7803]), "m/s^2", "g", gravity_mps2=9.7803)[0] == pytest.approx(1.0, rel=1e-15)
-    assert units.convert(np.array([1000.0]), "mg", "m/s^2", gravity_mps2=9.79)[0] == pytest.approx(9.79, rel=1e-15)
+    assert units.convert(np.array([9.7803]), "m/s^2", "g", gravity_mps2=9.7803)[0] == pytest.approx(
+        1.0, rel=1e-15
+    )
+    assert units.convert(np.array([1000.0]), "mg", "m/s^2", gravity_mps2=9.79)[0] == pytest.approx(
+        9.79, rel=1e-15
+    )
 
 
 def test_units_of_different_dimensions_do_not_convert():
@@ -58,7 +66,13 @@ def test_an_unknown_unit_is_answered_with_the_closest_one():
 
 @pytest.mark.parametrize(
     ("column", "unit"),
-    [("temp_case_degc", "degC"), ("gyro_x_lsb", "1/s"), ("accel_x_lsb", "1"), ("gyro_dph", "deg/h"), ("station", "1")],
+    [
+        ("temp_case_degc", "degC"),
+        ("gyro_x_lsb", "1/s"),
+        ("accel_x_lsb", "1"),
+        ("gyro_dph", "deg/h"),
+        ("station", "1"),
+    ],
 )
 def test_the_last_word_of_a_column_is_its_unit(column, unit):
     """A column's unit is read from its name, a gyro's counts being per second."""
@@ -116,8 +130,14 @@ def pint_registry():
 
 @pytest.mark.parametrize("name", sorted(set(units.TABLE) - ALONE))
 def test_every_unit_converts_as_pint_defines_it(name, pint_registry):
-    """Each unit to the base of its dimension, to 1e-14 relative; offsets of temperatures to 1e-12 °C."""
-    base = next(other for other, unit in units.TABLE.items() if unit.dimension == units.TABLE[name].dimension)
+    """Each unit to the base of its dimension, to 1e-14 relative; offsets of temperatures to 1e-12
+    °C.
+    """
+    base = next(
+        other
+        for other, unit in units.TABLE.items()
+        if unit.dimension == units.TABLE[name].dimension
+    )
     values = np.array([-40.0, 0.0, 1.0, 3.7, 98.6, 12345.678])
     theirs = pint_registry.Quantity(values, PINT.get(name, name)).to(PINT.get(base, base)).magnitude
     np.testing.assert_allclose(units.convert(values, name, base), theirs, rtol=1e-14, atol=1e-12)
@@ -157,12 +177,16 @@ def test_every_alias_is_a_unit_of_the_table(alias):
     ],
 )
 def test_a_header_states_its_unit(header, unit):
-    """Brackets, commas, lone slashes and last words that can be nothing else; anything else states none."""
+    """Brackets, commas, lone slashes and last words that can be nothing else; anything else states
+    none.
+    """
     assert units.of_header(header) == unit
 
 
 def test_a_decimal_scale_means_its_digits():
-    """Counts of 0.0001 are the float64 nearest to the product; a plain multiplication misses some."""
+    """Counts of 0.0001 are the float64 nearest to the product; a plain multiplication misses
+    some.
+    """
     counts = np.arange(100_000.0)
     exact = np.array([float(f"{count}e-4") for count in range(100_000)])
     assert np.array_equal(units.scaled(counts, 1e-4), exact)
@@ -175,5 +199,6 @@ def test_whole_milliseconds_are_the_nearest_seconds():
     """12345 ms is 12.345 s as it is written, for every whole number of milliseconds."""
     counts = np.arange(100_000.0)
     assert np.array_equal(
-        units.convert(counts, "ms", "s"), np.array([float(f"{count}e-3") for count in range(100_000)])
+        units.convert(counts, "ms", "s"),
+        np.array([float(f"{count}e-3") for count in range(100_000)]),
     )

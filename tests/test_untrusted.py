@@ -1,4 +1,6 @@
-"""Files that cannot be trusted: damaged, truncated, forged, from the future, from the past, or reaching out of their folder."""
+"""Files that cannot be trusted: damaged, truncated, forged, from the future, from the past, or
+reaching out of their folder.
+"""
 
 import ast
 import hashlib
@@ -29,7 +31,9 @@ def golden(tmp_path):
 
 
 def test_a_run_of_the_first_format_is_read_to_the_last_digit(calibkit):
-    """The run folder that calibkit 0.1.0 wrote loads, and its coefficients are those that were noted beside it then."""
+    """The run folder that calibkit 0.1.0 wrote loads, and its coefficients are those that were
+    noted beside it then.
+    """
     outcome = calibkit("show", GOLDEN / "INC-1" / "r001", "--csv")
     assert outcome.code == 0
     assert outcome.out == (GOLDEN / "INC-1.csv").read_text(encoding="utf-8")
@@ -37,7 +41,9 @@ def test_a_run_of_the_first_format_is_read_to_the_last_digit(calibkit):
 
 
 def test_a_run_of_the_first_format_still_compensates(tmp_path, calibkit):
-    """Its recipe is understood and its coefficients applied: azimuths of the withheld stations come out, every row."""
+    """Its recipe is understood and its coefficients applied: azimuths of the withheld stations come
+    out, every row.
+    """
     out = tmp_path / "out.csv"
     outcome = calibkit("apply", GOLDEN / "INC-1" / "r001", "--data", WITHHELD, "--out", out)
     assert outcome.code == 0, outcome.err
@@ -47,14 +53,24 @@ def test_a_run_of_the_first_format_still_compensates(tmp_path, calibkit):
 
 
 def test_there_is_a_golden_file_of_every_format():
-    """No format that a module names is without a file that has to keep loading; those of firmware are told by its sources."""
+    """No format that a module names is without a file that has to keep loading; those of firmware
+    are told by its sources.
+    """
     named = {
         found
         for path in (ROOT / "calibkit").rglob("*.py")
         for found in re.findall(r'"(calibkit-[a-z]+/\d+)"', path.read_text(encoding="utf-8"))
     }
-    kept = {json.loads(path.read_text(encoding="utf-8"))["format"] for path in GOLDEN.parent.rglob("*.json")}
-    assert named >= {*coefficients.FORMATS, *store.RUN_FORMATS, store.FLEET_FORMAT, pipeline.VALIDATION_FORMAT}
+    kept = {
+        json.loads(path.read_text(encoding="utf-8"))["format"]
+        for path in GOLDEN.parent.rglob("*.json")
+    }
+    assert named >= {
+        *coefficients.FORMATS,
+        *store.RUN_FORMATS,
+        store.FLEET_FORMAT,
+        pipeline.VALIDATION_FORMAT,
+    }
     assert named - kept == {"calibkit-firmware/1"}
 
 
@@ -63,14 +79,18 @@ EXPORTS = sorted(path for path in (GOLDEN.parent / "exports-1").rglob("*") if pa
 
 @pytest.mark.parametrize("path", [*EXPORTS, GOLDEN.parent / "fleet-1"], ids=lambda path: path.name)
 def test_an_export_and_a_fleet_of_the_first_formats_still_verify(calibkit, path):
-    """Sources, loader, blobs, records, table and manifest as calibkit 0.1.0 wrote them: digests hold, vectors come out."""
+    """Sources, loader, blobs, records, table and manifest as calibkit 0.1.0 wrote them: digests
+    hold, vectors come out.
+    """
     outcome = calibkit("verify", path)
     assert (outcome.code, outcome.err) == (0, "")
     assert len(EXPORTS) == 10
 
 
 def test_a_damaged_export_of_the_first_formats_is_refused(tmp_path, calibkit):
-    """One digit of a C source, one byte of a blob, one digit of a table: exit code 4, and the file is named."""
+    """One digit of a C source, one byte of a blob, one digit of a table: exit code 4, and the file
+    is named.
+    """
     for path in EXPORTS:
         content = bytearray(path.read_bytes())
         content[len(content) // 2] ^= 1
@@ -80,9 +100,13 @@ def test_a_damaged_export_of_the_first_formats_is_refused(tmp_path, calibkit):
         assert (outcome.code, path.name in outcome.err) == (4, True), outcome
 
 
-@pytest.mark.parametrize("name", ["run.json", "inclinometer_scale.json", "report.pdf", "report.txt"])
+@pytest.mark.parametrize(
+    "name", ["run.json", "inclinometer_scale.json", "report.pdf", "report.txt"]
+)
 def test_every_damage_to_a_file_of_a_run_is_refused_by_name(golden, name):
-    """60 damages a file, bytes changed, cut off, put in, doubled or emptied: the run is refused and the file is named."""
+    """60 damages a file, bytes changed, cut off, put in, doubled or emptied: the run is refused and
+    the file is named.
+    """
     path, generator = golden / name, random.Random(name)  # noqa: S311 (a fixed seed, not a secret)
     whole = path.read_bytes()
     for _ in range(60):
@@ -111,21 +135,36 @@ def same_document(a, b):
         return False
 
 
-@pytest.mark.parametrize("format_", ["calibkit-run/2", "calibkit-coefficients/1", "somebody-else/1"])
+@pytest.mark.parametrize(
+    "format_", ["calibkit-run/2", "calibkit-coefficients/1", "somebody-else/1"]
+)
 def test_a_run_of_a_future_or_foreign_format_is_refused_by_name(golden, format_):
-    """A well sealed run.json of a format that this calibkit does not know is refused with the formats that it does know."""
+    """A well sealed run.json of a format that this calibkit does not know is refused with the
+    formats that it does know.
+    """
     reseal(golden, format=format_)
-    with pytest.raises(CoefficientError, match=rf"run\.json: format '{format_}', expected one of calibkit-run/1"):
+    with pytest.raises(
+        CoefficientError, match=rf"run\.json: format '{format_}', expected one of calibkit-run/1"
+    ):
         store.load(golden)
 
 
 def reseal(folder, **changes):
-    """Change keys of a run.json and give it a digest that fits: what a forger without a key can do."""
+    """Change keys of a run.json and give it a digest that fits: what a forger without a key can
+    do.
+    """
     document = json.loads((folder / "run.json").read_text(encoding="utf-8")) | changes
     document["files"] = [
-        {**entry, "sha256": hashlib.sha256((folder / Path(entry["name"]).name).read_bytes()).hexdigest()}
-        if (folder / Path(entry["name"]).name).is_file()
-        else entry
+        (
+            {
+                **entry,
+                "sha256": (
+                    hashlib.sha256((folder / Path(entry["name"]).name).read_bytes()).hexdigest()
+                ),
+            }
+            if (folder / Path(entry["name"]).name).is_file()
+            else entry
+        )
         for entry in document["files"]
     ]
     (folder / "run.json").write_text(coefficients.seal(document), encoding="utf-8")
@@ -139,7 +178,9 @@ def forge(path, change):
 
 
 def test_a_forged_coefficient_file_is_not_the_one_that_the_run_lists(golden):
-    """A coefficient changed and sealed anew has a right digest of its own, but not the one that run.json has."""
+    """A coefficient changed and sealed anew has a right digest of its own, but not the one that
+    run.json has.
+    """
     path = golden / "inclinometer_scale.json"
     forge(path, lambda document: document["models"][0]["coefficients"][0].update(value=1.5))
     coefficients.loads(path.read_text(encoding="utf-8"), "alone")
@@ -147,17 +188,35 @@ def test_a_forged_coefficient_file_is_not_the_one_that_the_run_lists(golden):
         store.load(golden)
 
 
-@pytest.mark.parametrize(("key", "value"), [("serial", "INC-2"), ("revision", 2), ("effective_from", "2020-01-01")])
+@pytest.mark.parametrize(
+    ("key", "value"), [("serial", "INC-2"), ("revision", 2), ("effective_from", "2020-01-01")]
+)
 def test_coefficients_of_another_run_are_refused_even_where_run_json_lists_them(golden, key, value):
-    """The file of another unit, revision or date put into a run with every digest made to fit is still refused."""
+    """The file of another unit, revision or date put into a run with every digest made to fit is
+    still refused.
+    """
     forge(golden / "inclinometer_scale.json", lambda document: document.update({key: value}))
     reseal(golden)
-    with pytest.raises(CoefficientError, match=f"inclinometer_scale.json: {key} '{value}', but run.json says"):
+    with pytest.raises(
+        CoefficientError, match=f"inclinometer_scale.json: {key} '{value}', but run.json says"
+    ):
         store.load(golden)
 
 
 @pytest.mark.parametrize(
-    "name", ["../other.json", "/etc/passwd", "..", ".", "a/b.json", "a\\b.json", "C:x.json", "", ".hidden", "x\n.json"]
+    "name",
+    [
+        "../other.json",
+        "/etc/passwd",
+        "..",
+        ".",
+        "a/b.json",
+        "a\\b.json",
+        "C:x.json",
+        "",
+        ".hidden",
+        "x\n.json",
+    ],
 )
 def test_a_run_that_lists_a_file_outside_its_folder_is_refused(golden, name):
     """run.json cannot make calibkit read a file elsewhere, however the path is written."""
@@ -188,8 +247,12 @@ def mutate(node, generator):
 
 
 @pytest.mark.parametrize("name", ["run.json", "inclinometer_scale.json"])
-def test_a_document_of_another_shape_is_one_message_and_never_an_internal_error(golden, name, calibkit):
-    """100 documents with a value of another type or a key missing, every digest right: read, or refused in one line."""
+def test_a_document_of_another_shape_is_one_message_and_never_an_internal_error(
+    golden, name, calibkit
+):
+    """100 documents with a value of another type or a key missing, every digest right: read, or
+    refused in one line.
+    """
     generator = random.Random(5)  # noqa: S311 (a fixed seed, not a secret)
     whole = json.loads((golden / name).read_text(encoding="utf-8"))
     run_document = (golden / "run.json").read_bytes()
@@ -225,7 +288,9 @@ def test_a_document_of_another_shape_is_one_message_and_never_an_internal_error(
     ],
 )
 def test_hostile_json_is_refused(text):
-    """Nesting without end, numbers that JSON lacks, half a surrogate pair: refused by name, not a crash."""
+    """Nesting without end, numbers that JSON lacks, half a surrogate pair: refused by name, not a
+    crash.
+    """
     with pytest.raises(CoefficientError, match=r"x\.json|not a JSON document"):
         coefficients.loads(text, "x.json")
 
@@ -244,7 +309,9 @@ def test_hostile_json_is_refused(text):
     ],
 )
 def test_a_coefficient_record_holds_numbers_where_numbers_belong(golden, change):
-    """A text for a number, a covariance of another size, a key that the format lacks: refused whatever the digest says."""
+    """A text for a number, a covariance of another size, a key that the format lacks: refused
+    whatever the digest says.
+    """
     path = golden / "inclinometer_scale.json"
     forge(path, change)
     with pytest.raises(CoefficientError, match="not a coefficient record"):
@@ -252,7 +319,8 @@ def test_a_coefficient_record_holds_numbers_where_numbers_belong(golden, change)
 
 
 @pytest.mark.parametrize(
-    "pattern", ["../*.csv", "/etc/*", "a/../../x.csv", "..\\x.csv", "C:\\logs\\x.csv", "\\\\server\\x"]
+    "pattern",
+    ["../*.csv", "/etc/*", "a/../../x.csv", "..\\x.csv", "C:\\logs\\x.csv", "\\\\server\\x"],
 )
 def test_a_recipe_cannot_reach_out_of_the_data_folder(pattern):
     """Patterns with .., a root, a drive or a share are refused where they are written."""
@@ -263,7 +331,8 @@ def test_a_recipe_cannot_reach_out_of_the_data_folder(pattern):
 
 
 @pytest.mark.parametrize(
-    "serial", ["../S-1", "..", "a/b", "a\\b", "CON", "nul.txt", "COM1", "lpt9", "S-1/../../x", "S:1"]
+    "serial",
+    ["../S-1", "..", "a/b", "a\\b", "CON", "nul.txt", "COM1", "lpt9", "S-1/../../x", "S:1"],
 )
 def test_a_recipe_cannot_name_a_folder_elsewhere_by_its_serial(serial):
     """A serial is a name, not a path, and none of the names that Windows keeps for its devices."""
@@ -272,7 +341,9 @@ def test_a_recipe_cannot_name_a_folder_elsewhere_by_its_serial(serial):
 
 
 def test_a_serial_in_other_letters_does_not_join_another_units_record(tmp_path, monkeypatch):
-    """Where s-1 and S-1 are one folder, as on Windows, the second is refused instead of superseding the first."""
+    """Where s-1 and S-1 are one folder, as on Windows, the second is refused instead of superseding
+    the first.
+    """
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="S-1")
     if not (tmp_path / "s-1").exists():
         (tmp_path / "s-1").symlink_to(tmp_path / "S-1")
@@ -286,24 +357,34 @@ FORBIDDEN_METHODS = {"eval", "extractall", "unpack_archive", "system", "popen"}
 
 
 def test_no_code_is_ever_made_of_data():
-    """No module of calibkit unpickles, evaluates, unpacks archives by their own paths or starts a shell."""
+    """No module of calibkit unpickles, evaluates, unpacks archives by their own paths or starts a
+    shell.
+    """
     for path in sorted((ROOT / "calibkit").rglob("*.py")):
         for node in ast.walk(ast.parse(path.read_text(encoding="utf-8"))):
             if isinstance(node, ast.Import):
-                assert not {name.name.split(".")[0] for name in node.names} & FORBIDDEN_MODULES, path
+                assert not {name.name.split(".")[0] for name in node.names} & FORBIDDEN_MODULES, (
+                    path
+                )
             if isinstance(node, ast.ImportFrom):
                 assert (node.module or "").split(".")[0] not in FORBIDDEN_MODULES, path
             if isinstance(node, ast.Call):
                 assert getattr(node.func, "id", "") not in FORBIDDEN_CALLS, f"{path}:{node.lineno}"
-                assert getattr(node.func, "attr", "") not in FORBIDDEN_METHODS, f"{path}:{node.lineno}"
-                named = {keyword.arg: getattr(keyword.value, "value", None) for keyword in node.keywords}
+                assert getattr(node.func, "attr", "") not in FORBIDDEN_METHODS, (
+                    f"{path}:{node.lineno}"
+                )
+                named = {
+                    keyword.arg: getattr(keyword.value, "value", None) for keyword in node.keywords
+                }
                 assert not named.get("shell"), f"{path}:{node.lineno}"
                 assert not named.get("allow_pickle"), f"{path}:{node.lineno}"
 
 
 @pytest.mark.parametrize("kind", ["external", "virtual", "unwritten", "half written"])
 def test_a_log_whose_values_are_not_in_it_is_refused(tmp_path, kind):
-    """HDF5 can point at values in other files, and reads what was never written as zeros: neither becomes a measurement."""
+    """HDF5 can point at values in other files, and reads what was never written as zeros: neither
+    becomes a measurement.
+    """
     h5py = pytest.importorskip("h5py")
     values = 20.0 + np.arange(300.0)
     values.tofile(tmp_path / "elsewhere.bin")
@@ -312,7 +393,9 @@ def test_a_log_whose_values_are_not_in_it_is_refused(tmp_path, kind):
     with h5py.File(tmp_path / "log.h5", "w") as made:
         made["time_s"] = np.arange(300.0)
         if kind == "external":
-            made.create_dataset("gyro_dph", (300,), "<f8", external=[(str(tmp_path / "elsewhere.bin"), 0, 2400)])
+            made.create_dataset(
+                "gyro_dph", (300,), "<f8", external=[(str(tmp_path / "elsewhere.bin"), 0, 2400)]
+            )
         elif kind == "virtual":
             layout = h5py.VirtualLayout((300,), "<f8")
             layout[:] = h5py.VirtualSource(str(tmp_path / "elsewhere.h5"), "x", (300,))
@@ -329,13 +412,17 @@ def test_a_log_whose_values_are_not_in_it_is_refused(tmp_path, kind):
         del made["gyro_dph"]
         made["gyro_dph"] = values
     assert (
-        hdf5.read(log, log.name, Logs(files=("*.h5",)), ("time_s", "gyro_dph")).frame["gyro_dph"].tolist()
+        hdf5.read(log, log.name, Logs(files=("*.h5",)), ("time_s", "gyro_dph"))
+        .frame["gyro_dph"]
+        .tolist()
         == values.tolist()
     )
 
 
 def test_every_refusal_is_calibkits_own(tmp_path, golden):
-    """A run folder that lacks its run.json, is a file, or is empty is refused with exit code 2 or 4."""
+    """A run folder that lacks its run.json, is a file, or is empty is refused with exit code 2 or
+    4.
+    """
     for broken in (tmp_path / "none", GOLDEN / "INC-1.csv", tmp_path):
         with pytest.raises(CalibkitError) as refused:
             store.load(store.find(str(broken), tmp_path / "runs"))

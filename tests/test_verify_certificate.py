@@ -1,4 +1,6 @@
-"""Signed and unsigned certificates: what is intact passes, whatever was changed is found and named."""
+"""Signed and unsigned certificates: what is intact passes, whatever was changed is found and
+named.
+"""
 
 import datetime as dt
 import json
@@ -11,7 +13,16 @@ from dataclasses import replace
 import pytest
 
 from calibkit import cli, coefficients, store
-from calibkit.certificate import content, dcc, pdf, profile, sign, verify, verify_signature, verify_text
+from calibkit.certificate import (
+    content,
+    dcc,
+    pdf,
+    profile,
+    sign,
+    verify,
+    verify_signature,
+    verify_text,
+)
 from calibkit.certificate.results import ListTable
 from calibkit.errors import CoefficientError, OutputError
 from conftest import AUTHORITIES, ROOT
@@ -37,7 +48,9 @@ def called(*arguments):
 
 
 def key_file(path, days=(-10, 1000)):
-    """Write a PKCS#12 file with a fresh key, its certificate by a fresh authority; beside it the authority's as PEM."""
+    """Write a PKCS#12 file with a fresh key, its certificate by a fresh authority; beside it the
+    authority's as PEM.
+    """
     from cryptography.hazmat.primitives import hashes, serialization
     from cryptography.hazmat.primitives.asymmetric import rsa
     from cryptography.hazmat.primitives.serialization import pkcs12
@@ -47,15 +60,31 @@ def key_file(path, days=(-10, 1000)):
 
     def certificate(subject, key, issuer, by, first, last, *, ca):
         usage = dict.fromkeys(
-            ("key_encipherment", "data_encipherment", "key_agreement", "encipher_only", "decipher_only"), False
+            (
+                "key_encipherment",
+                "data_encipherment",
+                "key_agreement",
+                "encipher_only",
+                "decipher_only",
+            ),
+            False,
         )
-        usage |= {"digital_signature": not ca, "content_commitment": not ca, "key_cert_sign": ca, "crl_sign": ca}
+        usage |= {
+            "digital_signature": not ca,
+            "content_commitment": not ca,
+            "key_cert_sign": ca,
+            "crl_sign": ca,
+        }
         builder = x509.CertificateBuilder().subject_name(named(subject)).issuer_name(named(issuer))
         builder = builder.public_key(key.public_key()).serial_number(7 + ca)
-        builder = builder.not_valid_before(NOW + dt.timedelta(first)).not_valid_after(NOW + dt.timedelta(last))
+        builder = builder.not_valid_before(NOW + dt.timedelta(first)).not_valid_after(
+            NOW + dt.timedelta(last)
+        )
         builder = builder.add_extension(x509.BasicConstraints(ca, None), critical=True)
         builder = builder.add_extension(x509.KeyUsage(**usage), critical=True)
-        builder = builder.add_extension(x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False)
+        builder = builder.add_extension(
+            x509.SubjectKeyIdentifier.from_public_key(key.public_key()), critical=False
+        )
         builder = builder.add_extension(
             x509.AuthorityKeyIdentifier.from_issuer_public_key(by.public_key()), critical=False
         )
@@ -76,7 +105,19 @@ def run(tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     data = ROOT / "datasets" / "gyro_pair"
     assert (
-        called("fit", "gyro_pair", "--data", data, "--serial", "PAIR-1", "--out", folder, "--date", "2026-11-21") == 0
+        called(
+            "fit",
+            "gyro_pair",
+            "--data",
+            data,
+            "--serial",
+            "PAIR-1",
+            "--out",
+            folder,
+            "--date",
+            "2026-11-21",
+        )
+        == 0
     )
     return store.load(folder / "PAIR-1" / "r001")
 
@@ -166,7 +207,9 @@ def test_an_intact_signature_by_a_stranger_passes_with_a_warning(signed, key, ca
 
 
 def test_signing_changes_nothing_that_was_there(signed, unsigned):
-    """The same run, profile and date give the same bytes before the signature, which stands behind them."""
+    """The same run, profile and date give the same bytes before the signature, which stands behind
+    them.
+    """
     assert signed.read_bytes().startswith(unsigned.read_bytes())
     assert signed.with_suffix(".xml").read_bytes() == unsigned.with_suffix(".xml").read_bytes()
 
@@ -187,7 +230,9 @@ def test_the_signature_is_a_certification_that_allows_no_change(signed):
 
 
 def test_one_changed_byte_anywhere_in_the_signed_file_is_found(signed, tmp_path, calibkit):
-    """Bits flipped all over the file, in the signature's own bytes, in its brackets and in the zeros behind it: exit 4."""
+    """Bits flipped all over the file, in the signature's own bytes, in its brackets and in the
+    zeros behind it: exit 4.
+    """
     whole = signed.read_bytes()
     first = whole.index(b"/Contents <30") + len("/Contents ")
     last = whole.index(b">", first)
@@ -197,8 +242,23 @@ def test_one_changed_byte_anywhere_in_the_signed_file_is_found(signed, tmp_path,
     places += [rng.randrange(first, first + length) for _ in range(12)]
     places += range(first + 11, first + 101, 30)
     authority = b"Test authority".hex().upper().encode()
-    places += [match.start() + 5 for match in re.finditer(authority, whole[: first + length]) if match.start() > first]
-    places += [first - 1, first, first + 1, first + length + 9, last - 1, last, last + 1, 0, 5, len(whole) - 1]
+    places += [
+        match.start() + 5
+        for match in re.finditer(authority, whole[: first + length])
+        if match.start() > first
+    ]
+    places += [
+        first - 1,
+        first,
+        first + 1,
+        first + length + 9,
+        last - 1,
+        last,
+        last + 1,
+        0,
+        5,
+        len(whole) - 1,
+    ]
     for place in places:
         damaged = bytearray(whole)
         damaged[place] ^= 1 << rng.randrange(8)
@@ -226,7 +286,9 @@ def test_bytes_behind_the_signed_file_are_found(behind, signed, tmp_path):
 
 
 def test_an_update_behind_the_signature_is_found(signed, run, tmp_path):
-    """A swapped attachment in an incremental update, as an editor would save it: the signature forbids it, the file is named."""
+    """A swapped attachment in an incremental update, as an editor would save it: the signature
+    forbids it, the file is named.
+    """
     import io
 
     from pyhanko.pdf_utils import generic
@@ -234,7 +296,9 @@ def test_an_update_behind_the_signature_is_found(signed, run, tmp_path):
 
     writer = IncrementalPdfFileWriter(io.BytesIO(signed.read_bytes()))
     listed = writer.root["/Names"]["/EmbeddedFiles"]["/Names"]
-    reference = next(listed[k + 1] for k in range(0, len(listed), 2) if "gyro_scale" in str(listed[k]))
+    reference = next(
+        listed[k + 1] for k in range(0, len(listed), 2) if "gyro_scale" in str(listed[k])
+    )
     stream = generic.StreamObject(stream_data=other("gyro_scale.json", run))
     written = writer.add_object(stream)
     for name in ("/F", "/UF"):
@@ -244,7 +308,11 @@ def test_an_update_behind_the_signature_is_found(signed, run, tmp_path):
     writer.write(out)
     path = tmp_path / "updated.pdf"
     path.write_bytes(out.getvalue())
-    refused(path, "after signing", "gyro_scale.json: the attached file is not the one whose SHA-256 is printed")
+    refused(
+        path,
+        "after signing",
+        "gyro_scale.json: the attached file is not the one whose SHA-256 is printed",
+    )
 
 
 def test_an_unsigned_certificate_is_checked_without_a_signature(unsigned, calibkit):
@@ -270,10 +338,17 @@ def test_a_changed_coefficient_is_named_with_and_without_a_right_digest(unsigned
     at = data.index(b'"value": ') + len(b'"value": ') + 3
     digit = b"1" if data[at : at + 1] != b"1" else b"2"
     plain = data[:at] + digit + data[at + 1 :]
-    refused(changed(unsigned, tmp_path / "a.pdf", {"gyro_scale.json": plain}), "gyro_scale.json: digest")
+    refused(
+        changed(unsigned, tmp_path / "a.pdf", {"gyro_scale.json": plain}), "gyro_scale.json: digest"
+    )
     sealed = other("gyro_scale.json", run)
     both = {"gyro_scale.json": sealed, "run.json": relisted(run, "gyro_scale.json", sealed)}
-    refused(changed(unsigned, tmp_path / "b.pdf", both), "gyro_scale.json", "run.json", "SHA-256 is printed")
+    refused(
+        changed(unsigned, tmp_path / "b.pdf", both),
+        "gyro_scale.json",
+        "run.json",
+        "SHA-256 is printed",
+    )
 
 
 def test_an_attachment_that_is_missing_or_too_many_is_named(unsigned, tmp_path):
@@ -283,7 +358,8 @@ def test_an_attachment_that_is_missing_or_too_many_is_named(unsigned, tmp_path):
         document.save(tmp_path / "less.pdf")
     refused(tmp_path / "less.pdf", "gyro_scale.json is not attached")
     refused(
-        changed(unsigned, tmp_path / "more.pdf", {"accel_k.json": b"{}"}), "accel_k.json does not belong to the run"
+        changed(unsigned, tmp_path / "more.pdf", {"accel_k.json": b"{}"}),
+        "accel_k.json does not belong to the run",
     )
 
 
@@ -307,9 +383,13 @@ def test_the_record_itself_is_verified(record, tmp_path):
 
 
 def test_numbers_that_do_not_follow_from_the_attached_files_are_named(record, run, tmp_path):
-    """A coefficient changed everywhere but in the printed numbers: every digest is right, the rows are not."""
+    """A coefficient changed everywhere but in the printed numbers: every digest is right, the rows
+    are not.
+    """
     data = other("gyro_scale.json", run)
-    forged = attached(record, {"gyro_scale.json": data, "run.json": relisted(run, "gyro_scale.json", data)})
+    forged = attached(
+        record, {"gyro_scale.json": data, "run.json": relisted(run, "gyro_scale.json", data)}
+    )
     path = written(forged, tmp_path / "forged.pdf")
     refused(path, "gyro_scale.json: 'a_about_a", "is not printed", "dcc.xml")
 
@@ -321,7 +401,10 @@ def test_a_changed_printed_number_is_named(record, tmp_path):
     assert isinstance(table, ListTable)
     first = table.results[0]
     results = (replace(first, value=first.value * 1.001), *table.results[1:])
-    blocks = (*record.blocks[:-1], replace(block, tables=(replace(table, results=results), *block.tables[1:])))
+    blocks = (
+        *record.blocks[:-1],
+        replace(block, tables=(replace(table, results=results), *block.tables[1:])),
+    )
     path = written(replace(record, blocks=blocks), tmp_path / "forged.pdf")
     refused(path, f"{block.file}: 'N", "is not printed")
 
@@ -332,7 +415,9 @@ def test_a_changed_number_in_the_dcc_is_named(record, tmp_path):
     at = made.index(b"<si:value>") + len(b"<si:value>")
     end = made.index(b"<", at)
     forged = made[:at] + repr(float(made[at:end]) * (1.0 + 1e-8)).encode() + made[end:]
-    refused(written(attached(record, {dcc.FILE: forged}), tmp_path / "forged.pdf"), "dcc.xml: value '")
+    refused(
+        written(attached(record, {dcc.FILE: forged}), tmp_path / "forged.pdf"), "dcc.xml: value '"
+    )
 
 
 def test_a_draft_that_hides_it_and_a_name_that_was_changed_are_named(run, record, tmp_path):
@@ -365,15 +450,42 @@ def replace_profile(stated):
     ],
 )
 def test_text_of_every_kind_in_a_profile_raises_no_false_alarm(text, run, tmp_path):
-    """What is printed in any script, over page breaks and all, is still that of the attached files."""
-    fields = ("certificate.number", "laboratory.name", "laboratory.address", "customer.name", "item.type", "item.model")
-    fields += ("method.name", "method.deviations", "conditions.chamber", "conditions.supply", "authorised_by.name")
+    """What is printed in any script, over page breaks and all, is still that of the attached
+    files.
+    """
+    fields = (
+        "certificate.number",
+        "laboratory.name",
+        "laboratory.address",
+        "customer.name",
+        "item.type",
+        "item.model",
+    )
+    fields += (
+        "method.name",
+        "method.deviations",
+        "conditions.chamber",
+        "conditions.supply",
+        "authorised_by.name",
+    )
     overrides = [f"{field}={json.dumps(text)}" for field in fields]
-    lines = ["[[specification]]", 'result = "gyro_scale.a_about_a.K"', 'unit = "1/deg"', "upper = 1e9"]
-    lines += [f"name = {json.dumps(text)}", "[[type_b]]", f"name = {json.dumps(text)}", 'quantity = "time_s"']
+    lines = [
+        "[[specification]]",
+        'result = "gyro_scale.a_about_a.K"',
+        'unit = "1/deg"',
+        "upper = 1e9",
+    ]
+    lines += [
+        f"name = {json.dumps(text)}",
+        "[[type_b]]",
+        f"name = {json.dumps(text)}",
+        'quantity = "time_s"',
+    ]
     lines += ['unit = "ppm"', "half_width = 1"]
     path = tmp_path / "lab.toml"
-    path.write_text("\n".join(lines), encoding="utf-8")  # no line end: the overrides stand behind it
+    path.write_text(
+        "\n".join(lines), encoding="utf-8"
+    )  # no line end: the overrides stand behind it
     out = tmp_path / "certificate.pdf"
     code = called(
         "certify",
@@ -410,7 +522,9 @@ def test_a_row_is_found_as_it_is_and_not_with_a_digit_or_sign_more(printed, foun
 
 
 def test_the_dcc_alone_is_checked_by_structure_and_digests(unsigned, tmp_path, calibkit):
-    """The file beside the PDF passes with a warning; a changed coefficient file in it, or what is no DCC, is refused."""
+    """The file beside the PDF passes with a warning; a changed coefficient file in it, or what is
+    no DCC, is refused.
+    """
     beside = unsigned.with_suffix(".xml")
     found = calibkit("verify", beside)
     assert found.code == 0
@@ -419,28 +533,40 @@ def test_the_dcc_alone_is_checked_by_structure_and_digests(unsigned, tmp_path, c
     document = beside.read_bytes()
     at = document.index(b"<dcc:dataBase64>") + len(b"<dcc:dataBase64>") + 400
     damaged = document[:at] + (b"A" if document[at : at + 1] != b"A" else b"B") + document[at + 1 :]
-    for k, data in enumerate((damaged, b"<a/>", b"<a", document.replace(b"uniqueIdentifier", b"identifier"))):
+    for k, data in enumerate(
+        (damaged, b"<a/>", b"<a", document.replace(b"uniqueIdentifier", b"identifier"))
+    ):
         path = tmp_path / f"{k}.xml"
         path.write_bytes(data)
         assert calibkit("verify", path).code == 4
 
 
 def test_the_signed_file_has_no_pdfa_finding_that_the_unsigned_has_not(signed):
-    """But for what the checker does not know: forms and permissions, and the prefix of a namespace that is written anew."""
+    """But for what the checker does not know: forms and permissions, and the prefix of a namespace
+    that is written anew.
+    """
     pdfa = pytest.importorskip("pikepdf.pdfa")
 
     def alike(message):
         return re.sub(r"xmpTPg|ns#", "ns", re.sub(r"\d+", "#", message))
 
-    listed = json.loads((AUTHORITIES / "pdfa_false_alarms.json").read_text(encoding="utf-8"))["findings"]
+    listed = json.loads((AUTHORITIES / "pdfa_false_alarms.json").read_text(encoding="utf-8"))[
+        "findings"
+    ]
     known = {alike(entry["message"]) for entry in listed}
     parts = ("permissions (/Perms)", "interactive forms (/AcroForm)", "embedded files")
-    known |= {f"{part} are not supported" for part in parts}  # by the checker, which says so of what it does not know
-    assert {alike(finding.message) for finding in pdfa.validate_written(signed, "3b").findings} <= known
+    known |= {
+        f"{part} are not supported" for part in parts
+    }  # by the checker, which says so of what it does not know
+    assert {
+        alike(finding.message) for finding in pdfa.validate_written(signed, "3b").findings
+    } <= known
 
 
 def test_what_is_no_certificate_is_refused(tmp_path, calibkit):
-    """A PDF of another make, a picture under the name of a PDF, an empty file: exit 4 and one line."""
+    """A PDF of another make, a picture under the name of a PDF, an empty file: exit 4 and one
+    line.
+    """
     for name, data in (("a.pdf", b""), ("b.pdf", b"\x89PNG\r\n"), ("c.bin", b"%PDF-1.7\nnothing")):
         (tmp_path / name).write_bytes(data)
         found = calibkit("verify", tmp_path / name)
@@ -452,8 +578,12 @@ def test_what_is_no_certificate_is_refused(tmp_path, calibkit):
     assert "not a certificate of calibkit" in calibkit("verify", tmp_path / "d.pdf").err
 
 
-def test_a_key_that_cannot_sign_stops_before_anything_is_written(run, key, tmp_path, calibkit, monkeypatch):
-    """No passphrase, a wrong one, no such file, no PKCS#12, an expired certificate: exit 2, no certificate."""
+def test_a_key_that_cannot_sign_stops_before_anything_is_written(
+    run, key, tmp_path, calibkit, monkeypatch
+):
+    """No passphrase, a wrong one, no such file, no PKCS#12, an expired certificate: exit 2, no
+    certificate.
+    """
     out = tmp_path / "certificate.pdf"
     shutil.copy(key.with_suffix(".pem"), tmp_path / "key.pem")
     expired = key_file(tmp_path / "expired.p12", days=(-20, -10))
@@ -476,7 +606,8 @@ def test_a_key_that_cannot_sign_stops_before_anything_is_written(run, key, tmp_p
 
 
 @pytest.mark.parametrize(
-    ("module", "words"), [("pypdf", "calibkit[verify]"), ("pyhanko.pdf_utils.reader", "calibkit[verify]")]
+    ("module", "words"),
+    [("pypdf", "calibkit[verify]"), ("pyhanko.pdf_utils.reader", "calibkit[verify]")],
 )
 def test_an_absent_library_names_the_command_that_installs_it(module, words, signed, monkeypatch):
     """A signature that cannot be checked is not passed over."""
@@ -487,18 +618,35 @@ def test_an_absent_library_names_the_command_that_installs_it(module, words, sig
 
 
 def test_a_draft_is_not_signed(run, key, tmp_path, monkeypatch, calibkit):
-    """A signature makes a certificate of what it stands under: exit 2, what is missing, nothing written."""
+    """A signature makes a certificate of what it stands under: exit 2, what is missing, nothing
+    written.
+    """
     monkeypatch.setenv(sign.PASSPHRASE, "a secret")
     out = tmp_path / "c.pdf"
-    arguments = ("--profile", PROFILE, "--date", ISSUED, "--set", STATED, "--set", 'customer.name="计"', "--sign", key)
+    arguments = (
+        "--profile",
+        PROFILE,
+        "--date",
+        ISSUED,
+        "--set",
+        STATED,
+        "--set",
+        'customer.name="计"',
+        "--sign",
+        key,
+    )
     outcome = calibkit("certify", run.folder, "--out", out, *arguments)
     assert outcome.code == 2
     assert "certificate.fonts" in outcome.err
     assert not out.exists()
 
 
-def test_a_rejected_run_is_called_one_on_its_first_page_and_by_every_command(run, tmp_path, calibkit):
-    """A run that failed its limits: a line on page 1, --json, a warning of certify and one of verify."""
+def test_a_rejected_run_is_called_one_on_its_first_page_and_by_every_command(
+    run, tmp_path, calibkit
+):
+    """A run that failed its limits: a line on page 1, --json, a warning of certify and one of
+    verify.
+    """
     from pypdf import PdfReader
 
     folder = tmp_path / "r001"
@@ -513,7 +661,9 @@ def test_a_rejected_run_is_called_one_on_its_first_page_and_by_every_command(run
     outcome = calibkit("certify", folder, "--out", out, *arguments)
     assert outcome.json["accepted"] is False
     assert "failed its acceptance limits: scale_residual" in outcome.err
-    assert "failed its acceptance limits: scale_residual" in " ".join(PdfReader(out).pages[0].extract_text().split())
+    assert "failed its acceptance limits: scale_residual" in " ".join(
+        PdfReader(out).pages[0].extract_text().split()
+    )
     checked = calibkit("verify", out)
     assert checked.code == 0
     assert "failed its acceptance limits" in checked.err

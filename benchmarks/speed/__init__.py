@@ -1,1 +1,3 @@
-"""Rows of the speed table: what is run on which data, beside which peer, and how the two are held against each other."""
+"""Rows of the speed table: what is run on which data, beside which peer, and how the two are held
+against each other.
+"""

@@ -1,4 +1,6 @@
-"""Rows of the table that compare whole commands: processes of their own, their time and the peak of their memory."""
+"""Rows of the table that compare whole commands: processes of their own, their time and the peak of
+their memory.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,8 @@ import ctypes, os, sys, time
 if sys.platform == "linux":
     ctypes.CDLL(None).prctl(36, 1)  # what a command leaves to end by itself is counted too
 start = time.perf_counter()
-child = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ, file_actions=[(os.POSIX_SPAWN_DUP2, 2, 1)])
+beside = [(os.POSIX_SPAWN_DUP2, 2, 1)]
+child = os.posix_spawn(sys.argv[1], sys.argv[1:], os.environ, file_actions=beside)
 _, status, usage = os.wait4(child, 0)
 wall, cpu = time.perf_counter() - start, usage.ru_utime + usage.ru_stime
 while True:
@@ -57,14 +60,18 @@ DATE = ("--date", "2026-11-21")
 
 @dataclass(frozen=True, slots=True)
 class Spent:
-    """What a process took, with its children: wall and processor time [s], peak resident set [bytes]."""
+    """What a process took, with its children: wall and processor time [s], peak resident set
+    [bytes].
+    """
 
     wall: float
     cpu: float
     peak: int
 
 
-def spent(command: Sequence[object], *, accepted: Sequence[int] = (0,), compiled: str = "") -> Spent:
+def spent(
+    command: Sequence[object], *, accepted: Sequence[int] = (0,), compiled: str = ""
+) -> Spent:
     """Run a command to its end; raises RuntimeError for an exit code that is not accepted.
 
     `compiled` is a folder for byte code where starting counts: an installed package has its own.
@@ -76,7 +83,9 @@ def spent(command: Sequence[object], *, accepted: Sequence[int] = (0,), compiled
     with tempfile.TemporaryFile() as said:
         # a child's peak begins with that of the process that started it: a small one must
         asked = [sys.executable, "-I", "-S", "-c", LAUNCHER, *(str(part) for part in command)]
-        done = subprocess.run(asked, stdout=subprocess.PIPE, stderr=said, env=environment, check=True, text=True)
+        done = subprocess.run(
+            asked, stdout=subprocess.PIPE, stderr=said, env=environment, check=True, text=True
+        )
         code, wall, cpu, peak = map(float, done.stdout.split())
         if code not in accepted:
             said.seek(0)
@@ -93,11 +102,17 @@ def line(
     digits: float | None = None,
     memory: bool = True,
 ) -> Line:
-    """Ratios of turns of calibkit and peer, each turn (ours, theirs); `memory` where a peak tells something."""
+    """Ratios of turns of calibkit and peer, each turn (ours, theirs); `memory` where a peak tells
+    something.
+    """
     ratios = {
         clock: Spread.of(
             [
-                getattr(b, clock) / getattr(a, clock) if goal.faster else getattr(a, clock) / getattr(b, clock)
+                (
+                    getattr(b, clock) / getattr(a, clock)
+                    if goal.faster
+                    else getattr(a, clock) / getattr(b, clock)
+                )
                 for a, b in pairs
             ]
         )
@@ -110,8 +125,10 @@ def line(
 
 
 def ramps(rows: int) -> dict[str, dict[str, Array]]:
-    """Four heating ramps of a simulated gyro, 27,600 s with their soaks, `rows` samples in all: name → columns."""
-    from calibkit.simulate import fog_thermal as fog
+    """Four heating ramps of a simulated gyro, 27,600 s with their soaks, `rows` samples in all:
+    name → columns.
+    """
+    from calibkit.instruments.fog_thermal import simulate as fog
     from calibkit.simulate.chamber import Chamber
 
     programmes = {
@@ -130,15 +147,21 @@ def ramps(rows: int) -> dict[str, dict[str, Array]]:
         noise = 60.0 * gyro.N / np.sqrt(interval)
         logs[name] = {
             "time_s": t,
-            "temp_case_degc": np.interp(t, at, log.heat.case) + rng.normal(0.0, gyro.case_noise_degc, t.size),
+            "temp_case_degc": (
+                np.interp(t, at, log.heat.case) + rng.normal(0.0, gyro.case_noise_degc, t.size)
+            ),
             "temp_env_degc": np.interp(t, at, log.air) + rng.normal(0.0, 0.03, t.size),
-            "gyro_dph": np.interp(t, at, log.drift) + gyro.bias_dph + 8.5 + rng.normal(0.0, noise, t.size),
+            "gyro_dph": (
+                np.interp(t, at, log.drift) + gyro.bias_dph + 8.5 + rng.normal(0.0, noise, t.size)
+            ),
         }
     return logs
 
 
 def written(folder: Path, rows: int, python: Python) -> tuple[list[Path], int]:
-    """Write four ramps by the peer, which is quick at it; their files, and how many rows they have."""
+    """Write four ramps by the peer, which is quick at it; their files, and how many rows they
+    have.
+    """
     paths, count = [], 0
     with Worker(python("polars"), "theirs") as peer:
         for name, columns in ramps(rows).items():
@@ -157,11 +180,22 @@ def written(folder: Path, rows: int, python: Python) -> tuple[list[Path], int]:
 
 
 def fit(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
-    """`calibkit fit` on four ramps beside a process that reads the same files with polars, one after the other."""
+    """`calibkit fit` on four ramps beside a process that reads the same files with polars, one
+    after the other.
+    """
     with tempfile.TemporaryDirectory() as name:
         folder = Path(name)
         paths, count = written(folder, rows, python)
-        command = [*CALIBKIT, "fit", "fog_thermal", "--data", folder / "logs", "--serial", "G", *DATE]
+        command = [
+            *CALIBKIT,
+            "fit",
+            "fog_thermal",
+            "--data",
+            folder / "logs",
+            "--serial",
+            "G",
+            *DATE,
+        ]
         pairs = []
         for turn in range(turns + 1):
             out = folder / f"out_{turn}"
@@ -169,7 +203,9 @@ def fit(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Li
             theirs = spent([python("polars"), "-c", READ, *paths], compiled=name)
             if turn:  # the first one warms the files up
                 pairs.append((ours, theirs))
-        found = json.loads((folder / "out_0" / "G" / "r001" / "run.json").read_text(encoding="utf-8"))
+        found = json.loads(
+            (folder / "out_0" / "G" / "r001" / "run.json").read_text(encoding="utf-8")
+        )
         read = sum(entry["rows"] for entry in found["inputs"])
     if read != count:
         raise RuntimeError(f"{read} rows fitted, {count} written")
@@ -177,18 +213,22 @@ def fit(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Li
 
 
 def help_text(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
-    """`calibkit --help` beside Python that does nothing, both from byte code as an installed package is."""
+    """`calibkit --help` beside Python that does nothing, both from byte code as an installed
+    package is.
+    """
     del python
     bare = [sys.executable, "-c", "pass"]
     with tempfile.TemporaryDirectory() as folder:
         pairs = [
-            (spent([*CALIBKIT, "--help"], compiled=folder), spent(bare, compiled=folder)) for _ in range(10 * turns)
+            (spent([*CALIBKIT, "--help"], compiled=folder), spent(bare, compiled=folder))
+            for _ in range(10 * turns)
         ]
     return [line(goal, rows, pairs[2:], memory=False) for goal in goals]
 
 
 def pool(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
-    """A fleet of `rows` units by two processes beside the same fleet by one; both must write the same bytes.
+    """A fleet of `rows` units by two processes beside the same fleet by one; both must write the
+    same bytes.
 
     Two processes on two idle processors: `cpu` says how fast they would be at best, 2 · one / two.
     """
@@ -201,7 +241,10 @@ def pool(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[L
         command = [*CALIBKIT, "fleet", recipe, "--data", folder / "units", *DATE]
         pairs = []
         for turn in range(turns):
-            both = [spent([*command, "--jobs", jobs, "--out", folder / f"{turn}_{jobs}"]) for jobs in (2, 1)]
+            both = [
+                spent([*command, "--jobs", jobs, "--out", folder / f"{turn}_{jobs}"])
+                for jobs in (2, 1)
+            ]
             pairs.append((both[0], both[1]))
         same = fleet.tree(folder / "0_1") == fleet.tree(folder / "0_2")
     if not same:
@@ -211,7 +254,9 @@ def pool(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[L
 
 
 def autopilot(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> list[Line]:
-    """Temperature calibration of ardupilot-methodic-configurator beside `calibkit fit`, each on its own format of one data."""
+    """Temperature calibration of ardupilot-methodic-configurator beside `calibkit fit`, each on its
+    own format of one data.
+    """
     import drift_peers
 
     if rows > MOST:
@@ -223,17 +268,36 @@ def autopilot(goals: Sequence[Goal], rows: int, turns: int, python: Python) -> l
         logs = ramps(rows)
         for log, columns in logs.items():
             table = np.column_stack(list(columns.values()))
-            np.savetxt(folder / "logs" / f"{log}.csv", table, "%.4f", ",", header=",".join(columns), comments="")
-        degc, dph = (np.concatenate([c[key] for c in logs.values()]) for key in ("temp_case_degc", "gyro_dph"))
+            np.savetxt(
+                folder / "logs" / f"{log}.csv",
+                table,
+                "%.4f",
+                ",",
+                header=",".join(columns),
+                comments="",
+            )
+        degc, dph = (
+            np.concatenate([c[key] for c in logs.values()])
+            for key in ("temp_case_degc", "gyro_dph")
+        )
         drift_peers.flight_log(folder / "log.bin", np.arange(dph.size) + 1.0, degc, dph)
         ours = [*CALIBKIT, "fit", "fog_thermal", "--data", folder / "logs", "--serial", "G", *DATE]
         module = "ardupilot_methodic_configurator.tempcal_imu"
-        theirs = [python("ardupilot-methodic-configurator"), "-m", module, "--no-graph", "--outfile", folder / "found"]
+        theirs = [
+            python("ardupilot-methodic-configurator"),
+            "-m",
+            module,
+            "--no-graph",
+            "--outfile",
+            folder / "found",
+        ]
         pairs = []
         for turn in range(turns):
             one = spent([*ours, "--out", folder / f"out_{turn}"], accepted=(0, 1))
             pairs.append((one, spent([*theirs, folder / "log.bin"])))
-        if not re.search(r"^INS_TCAL1_GYR3_Z", (folder / "found").read_text(encoding="utf-8"), flags=re.MULTILINE):
+        if not re.search(
+            r"^INS_TCAL1_GYR3_Z", (folder / "found").read_text(encoding="utf-8"), flags=re.MULTILINE
+        ):
             raise RuntimeError("the peer wrote no coefficients")
     return [line(goal, dph.size, pairs) for goal in goals]
 
@@ -264,7 +328,10 @@ COMMANDS = (
                 reach=2.0,
                 faster=False,
                 clock="wall",
-                note="a whole process beside one that only reads the same files, both from byte code as installed packages are",
+                note=(
+                    "a whole process beside one that only reads the same files, both from byte code"
+                    " as installed packages are"
+                ),
             ),
             Goal(
                 "fit_memory",
@@ -274,7 +341,10 @@ COMMANDS = (
                 14_400_000,
                 faster=False,
                 clock="peak",
-                note="peak of a whole process beside one that reads the files one after the other and keeps none",
+                note=(
+                    "peak of a whole process beside one that reads the files one after the other"
+                    " and keeps none"
+                ),
             ),
         ),
         fit,
@@ -311,7 +381,10 @@ COMMANDS = (
                 None,
                 MOST,
                 clock="cpu",
-                note="another, smaller model; a whole process on each side; the peer's time grows with the square",
+                note=(
+                    "another, smaller model; a whole process on each side; the peer's time grows"
+                    " with the square"
+                ),
             ),
         ),
         autopilot,

@@ -12,8 +12,8 @@ from speed.pairs import Spread
 class Goal:
     """One row of the table.
 
-    `faster` rows ask how many times as fast as the peer calibkit is and want at least the target; the others ask how many
-    times as much it takes and want at most the target.
+    `faster` rows ask how many times as fast as the peer calibkit is and want at least the target;
+    the others ask how many times as much it takes and want at most the target.
     """
 
     name: str
@@ -28,18 +28,24 @@ class Goal:
     reach: float | None = None
     faster: bool = True
     clock: Literal["cpu", "wall", "peak"] = "cpu"
-    """What the target is held against: the processor's time where both sides use one thread, and never a busy machine's."""
+    """What the target is held against: the processor's time where both sides use one thread, and
+    never a busy machine's.
+    """
     rows_are: str = "rows"
     note: str = ""
 
     def reached(self, ratio: float) -> bool:
         """Whether a ratio meets the target."""
-        return self.target is None or (ratio >= self.target if self.faster else ratio <= self.target)
+        return self.target is None or (
+            ratio >= self.target if self.faster else ratio <= self.target
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class Line:
-    """What was measured of one row at one size: ratios by each clock, seconds and bytes of both sides, agreeing digits."""
+    """What was measured of one row at one size: ratios by each clock, seconds and bytes of both
+    sides, agreeing digits.
+    """
 
     name: str
     rows: int
@@ -54,7 +60,10 @@ class Line:
 
     def as_json(self) -> dict[str, Any]:
         """Plain values."""
-        ratios = {clock: [spread.median, spread.least, spread.largest] for clock, spread in self.ratios.items()}
+        ratios = {
+            clock: [spread.median, spread.least, spread.largest]
+            for clock, spread in self.ratios.items()
+        }
         return {
             "name": self.name,
             "rows": self.rows,
@@ -70,4 +79,6 @@ class Line:
         """The line of plain values."""
         ratios = {clock: Spread(*values) for clock, values in found["ratios"].items()}
         seconds, peaks = tuple(found["seconds"]), tuple(found["peaks"])
-        return cls(found["name"], found["rows"], ratios, seconds, peaks, found["digits"], found["said"])
+        return cls(
+            found["name"], found["rows"], ratios, seconds, peaks, found["digits"], found["said"]
+        )

@@ -1,6 +1,7 @@
 """What calibkit does on the same data: the functions that its procedures call.
 
-A side gets arrays and settings, and returns what is timed and what makes comparable arrays of its result.
+A side gets arrays and settings, and returns what is timed and what makes comparable arrays of its
+result.
 """
 
 from __future__ import annotations
@@ -16,7 +17,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    from calibkit.numeric.allan import DeviationCurve
+    from calibkit.numeric.noise.allan import DeviationCurve
     from calibkit.readers.table import Table
 
     Array = NDArray[np.float64]
@@ -48,34 +49,44 @@ def read_log(*, path: str) -> Prepared:
 
 def _digest(column: Array) -> NDArray[np.uint8]:
     """Digest of a column's numbers, bit for bit."""
-    return np.frombuffer(hashlib.sha256(np.ascontiguousarray(column, dtype="<f8").tobytes()).digest(), np.uint8)
+    return np.frombuffer(
+        hashlib.sha256(np.ascontiguousarray(column, dtype="<f8").tobytes()).digest(), np.uint8
+    )
 
 
 def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
-    """Lifting CDF 9/7, universal thresholds by the noise of every level, soft, the ends joined as the peer joins them."""
-    from calibkit.numeric import denoise as stage
+    """Lifting CDF 9/7, universal thresholds by the noise of every level, soft, the ends joined as
+    the peer joins them.
+    """
+    from calibkit.numeric.wavelet import denoise as stage
 
     del inside  # found by the stage itself
 
     def run() -> Array:
-        return stage.denoise(signal, wavelet="cdf97", levels=levels, rule="soft", extension="periodic").signal
+        return stage.denoise(
+            signal, wavelet="cdf97", levels=levels, rule="soft", extension="periodic"
+        ).signal
 
     return run, lambda result: {"signal": result}
 
 
 def linear(gradient: Array, increment: Array) -> Prepared:
     """a0 + a1 G + a2 G², with rank, condition and covariance, in the memory of a block."""
-    from calibkit.numeric import fold
+    from calibkit.numeric.least_squares import fold
 
-    return (lambda: fold.polynomial(gradient, increment, 2)), lambda found: {"coefficients": found[1]}
+    return (lambda: fold.polynomial(gradient, increment, 2)), lambda found: {
+        "coefficients": found[1]
+    }
 
 
 def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> Prepared:
-    """K-factor of three axes, with covariance, residuals and the check that attitudes and temperatures determine it."""
-    from calibkit.numeric import accel_k
+    """K-factor of three axes, with covariance, residuals and the check that attitudes and
+    temperatures determine it.
+    """
+    from calibkit.instruments.accelerometer.numeric import k_factor
 
     def run() -> Any:  # noqa: ANN401 three records
-        return accel_k.fit(indication, temperature, reference)
+        return k_factor.fit(indication, temperature, reference)
 
     return run, lambda axes: {"coefficients": np.array([axis.mapped_coefficients for axis in axes])}
 
@@ -84,7 +95,7 @@ def magnitude(indication: Array) -> Prepared:
     """Nine parameters of a triad from the length of gravity."""
     from scipy import stats
 
-    from calibkit.numeric import magnitude as core
+    from calibkit.instruments.accelerometer.numeric import magnitude as core
 
     del stats  # loaded now rather than in the call that is weighed
     lower = np.tril_indices(3)
@@ -95,7 +106,7 @@ def magnitude(indication: Array) -> Prepared:
 
 def mad(values: Array) -> Prepared:
     """Standard deviation of noise by the median absolute value."""
-    from calibkit.numeric import shrinkage
+    from calibkit.numeric.wavelet import shrinkage
 
     return (lambda: shrinkage.noise(values)), lambda found: {"sigma": np.array([found])}
 
@@ -104,12 +115,14 @@ def allan(rate: Array, *, hertz: float) -> Prepared:
     """Overlapping Allan deviation at octaves, with the noise type at each and its limits."""
     from scipy import stats
 
-    from calibkit.numeric import allan as core
+    from calibkit.numeric.noise import allan as core
 
     del stats  # loaded now rather than in the call that is weighed
 
     def answer(curve: DeviationCurve) -> Answer:
-        error = curve.deviation_dph / np.sqrt(curve.pairs)  # as the peer's, which knows no noise type
+        error = curve.deviation_dph / np.sqrt(
+            curve.pairs
+        )  # as the peer's, which knows no noise type
         return {"tau": curve.tau_s, "deviation": curve.deviation_dph, "error": error}
 
     return (lambda: core.overlapping(rate, 1.0 / hertz)), answer
@@ -126,21 +139,26 @@ def many_polynomials(temperature: Array, indication: Array, *, order: int) -> Pr
 
 
 def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) -> Prepared:
-    """Six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers [g] then gyros [°/s]."""
-    from calibkit.numeric import accel_affine, gyro_triad
+    """Six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers [g] then
+    gyros [°/s].
+    """
+    from calibkit.instruments.accelerometer.numeric import affine
+    from calibkit.instruments.gyro_scale.numeric import triad as gyro_triad
 
     faces = np.repeat(np.eye(3), 2, axis=0) * np.array([1.0, -1.0] * 3)[:, None]
 
     def run() -> Answer:
         means = still.mean(axis=1)
-        triad = accel_affine.fit(means[:, :3], np.zeros(6), faces, terms=accel_affine.AffineTerms(0, 0, 0))
-        matrix, bias = (part[0] for part in accel_affine.matrix_and_bias(triad, np.zeros(1)))
+        triad = affine.fit(means[:, :3], np.zeros(6), faces, terms=affine.AffineTerms(0, 0, 0))
+        matrix, bias = (part[0] for part in affine.matrix_and_bias(triad, np.zeros(1)))
         up, down = means[0::2, 3:].T, means[1::2, 3:].T
         zero, by_gravity = gyro_triad.acceleration_sensitivity(up, down, 1.0)
         columns = []
         for log in turned:
             offset = zero + (log[:, :3] - bias) @ matrix.T @ by_gravity.T
-            columns.append(gyro_triad.turned(log[:, 3:], offset, np.full(len(log), 1.0 / hertz), angle_deg))
+            columns.append(
+                gyro_triad.turned(log[:, 3:], offset, np.full(len(log), 1.0 / hertz), angle_deg)
+            )
         return {
             "accelerometer_matrix": np.linalg.inv(matrix),
             "accelerometer_bias": bias,

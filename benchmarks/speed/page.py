@@ -14,7 +14,10 @@ if TYPE_CHECKING:
     from speed.goals import Goal, Line
     from speed.pairs import Spread
 
-BEGIN, END = "<!-- measured: benchmarks/run.py writes what stands below -->", "<!-- end of what is measured -->"
+BEGIN, END = (
+    "<!-- measured: benchmarks/run.py writes what stands below -->",
+    "<!-- end of what is measured -->",
+)
 MEBI = 1 << 20
 
 
@@ -22,27 +25,47 @@ def machine() -> str:
     """Processors, memory and Python of this machine, without its name."""
     model = ""
     if Path("/proc/cpuinfo").is_file():
-        found = re.search(r"^model name\s*:\s*(.+)$", Path("/proc/cpuinfo").read_text(encoding="utf-8"), re.MULTILINE)
+        found = re.search(
+            r"^model name\s*:\s*(.+)$",
+            Path("/proc/cpuinfo").read_text(encoding="utf-8"),
+            re.MULTILINE,
+        )
         model = f" ({found[1]})" if found else ""
     memory = ""
     if hasattr(os, "sysconf") and "SC_PHYS_PAGES" in os.sysconf_names:
-        memory = f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 2**30:.0f} GiB of memory"
-    return f"{os.cpu_count()} processors{model}{memory}, {platform.system()}, Python {platform.python_version()}"
+        memory = (
+            f", {os.sysconf('SC_PHYS_PAGES') * os.sysconf('SC_PAGE_SIZE') / 2**30:.0f} GiB of"
+            " memory"
+        )
+    return (
+        f"{os.cpu_count()} processors{model}{memory}, {platform.system()}, Python"
+        f" {platform.python_version()}"
+    )
 
 
 def load() -> str:
     """How busy the machine is, in words; nothing where the system does not tell."""
-    return f"load average {os.getloadavg()[0]:.1f} before the first row" if hasattr(os, "getloadavg") else ""
+    return (
+        f"load average {os.getloadavg()[0]:.1f} before the first row"
+        if hasattr(os, "getloadavg")
+        else ""
+    )
 
 
 def table(head: Sequence[str], rows: Sequence[Sequence[str]]) -> str:
     """A table in Markdown."""
-    lines = [head, ["---"] * len(head), *([cell.replace("|", "\\|") for cell in row] for row in rows)]
+    lines = [
+        head,
+        ["---"] * len(head),
+        *([cell.replace("|", "\\|") for cell in row] for row in rows),
+    ]
     return "".join("| " + " | ".join(line) + " |\n" for line in lines)
 
 
 def summary(goals: Sequence[Goal], lines: Sequence[Line]) -> str:
-    """One row a goal: the target, what was measured at the rows it holds at, and whether that meets it."""
+    """One row a goal: the target, what was measured at the rows it holds at, and whether that meets
+    it.
+    """
     rows = []
     for goal in goals:
         found = _at_target(goal, lines)
@@ -54,21 +77,54 @@ def summary(goals: Sequence[Goal], lines: Sequence[Line]) -> str:
             rows.append([goal.title, goal.peer, _wanted(goal), f"{found.said} at {at}", "", "no"])
             continue
         ratio = found.ratios[goal.clock]
-        measured = f"**{_times(ratio.median)}** ({_times(ratio.least)} to {_times(ratio.largest)}) at {at}"
-        rows.append([goal.title, goal.peer, _wanted(goal), measured, _digits(found.digits), _verdict(goal, found)])
+        measured = (
+            f"**{_times(ratio.median)}** ({_times(ratio.least)} to {_times(ratio.largest)}) at {at}"
+        )
+        rows.append(
+            [
+                goal.title,
+                goal.peer,
+                _wanted(goal),
+                measured,
+                _digits(found.digits),
+                _verdict(goal, found),
+            ]
+        )
     return table(("part", "beside", "target", "measured", "digits that agree", "reached"), rows)
 
 
 def growth(goals: Sequence[Goal], lines: Sequence[Line]) -> str:
-    """One row a goal and size: ratios by both clocks, memory, and how the time of both sides grew from the size before."""
+    """One row a goal and size: ratios by both clocks, memory, and how the time of both sides grew
+    from the size before.
+    """
     rows = []
-    for goal in (goal for goal in goals if goal.clock != "peak"):  # the same commands stand there with their time
+    for goal in (
+        goal for goal in goals if goal.clock != "peak"
+    ):  # the same commands stand there with their time
         before: Line | None = None
         for line in [line for line in lines if line.name == goal.name]:
-            clocks = [_spread(line.ratios[clock]) if clock in line.ratios else line.said for clock in ("cpu", "wall")]
-            rows.append([goal.title, _count(line.rows), *clocks, _pair(line.peaks, _mebibytes), _grown(line, before)])
+            clocks = [
+                _spread(line.ratios[clock]) if clock in line.ratios else line.said
+                for clock in ("cpu", "wall")
+            ]
+            rows.append(
+                [
+                    goal.title,
+                    _count(line.rows),
+                    *clocks,
+                    _pair(line.peaks, _mebibytes),
+                    _grown(line, before),
+                ]
+            )
             before = line
-    head = ("part", "rows", "ratio, processor time", "ratio, wall time", "memory [MiB], both", "time grew, both")
+    head = (
+        "part",
+        "rows",
+        "ratio, processor time",
+        "ratio, wall time",
+        "memory [MiB], both",
+        "time grew, both",
+    )
     return table(head, rows)
 
 
@@ -76,7 +132,9 @@ def _grown(line: Line, before: Line | None) -> str:
     """How the time of both sides grew from the size before."""
     if before is None or before.rows >= line.rows or not before.seconds[0] or not line.seconds[0]:
         return ""
-    shares = tuple(now / then if then else 0.0 for now, then in zip(line.seconds, before.seconds, strict=True))
+    shares = tuple(
+        now / then if then else 0.0 for now, then in zip(line.seconds, before.seconds, strict=True)
+    )
     return f"{_pair(shares, _times)} for {line.rows / before.rows:.3g} ×"
 
 
@@ -89,10 +147,14 @@ def _pair(values: tuple[float, float], said: Callable[[float], str]) -> str:
     return " / ".join(said(value) if value else "–" for value in values) if any(values) else ""
 
 
-def measured(goals: Sequence[Goal], lines: Sequence[Line], versions: Mapping[str, str], conditions: str) -> str:
+def measured(
+    goals: Sequence[Goal], lines: Sequence[Line], versions: Mapping[str, str], conditions: str
+) -> str:
     """What stands between the markers of the page; `conditions` say under which it was measured."""
     notes = "".join(f"- {goal.title}: {goal.note}.\n" for goal in goals if goal.note)
-    packages = ", ".join(f"{name} {number}" for name, number in sorted(versions.items()) if name != "Python")
+    packages = ", ".join(
+        f"{name} {number}" for name, number in sorted(versions.items()) if name != "Python"
+    )
     return (
         f"{summary(goals, lines)}\n{notes}\n"
         f"Measured on {machine()}; {conditions}. Versions: {packages}.\n\n"

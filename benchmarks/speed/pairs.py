@@ -1,4 +1,6 @@
-"""Two workers side by side: turns taken A B A B, ratios turn by turn, and whether both gave the same numbers."""
+"""Two workers side by side: turns taken A B A B, ratios turn by turn, and whether both gave the
+same numbers.
+"""
 
 from __future__ import annotations
 
@@ -23,7 +25,9 @@ if TYPE_CHECKING:
 HERE = Path(__file__).resolve().parent
 ROOT = HERE.parents[1]
 ONE_THREAD = {"OPENBLAS_NUM_THREADS": "1", "OMP_NUM_THREADS": "1", "MKL_NUM_THREADS": "1"}
-"""Linear algebra on one thread on both sides, so that processor times are times; polars keeps all of its threads."""
+"""Linear algebra on one thread on both sides, so that processor times are times; polars keeps all
+of its threads.
+"""
 LONG_ENOUGH_S = 0.1
 """A turn repeats a call until it is this long."""
 EVERY_BIT = 17.0
@@ -105,7 +109,9 @@ class Measured:
     digits: float
 
     def ratio(self, clock: str, *, faster: bool) -> Spread:
-        """How many times faster ours is than theirs, or how many times as long it takes, by "wall" or "cpu"."""
+        """How many times faster ours is than theirs, or how many times as long it takes, by "wall"
+        or "cpu".
+        """
         pairs = [(turn.ours[clock], turn.theirs[clock]) for turn in self.turns]
         return Spread.of([b / a if faster else a / b for a, b in pairs])
 
@@ -115,13 +121,17 @@ class Measured:
 
 
 def measure(ours: Worker, theirs: Worker, *, turns: int, budget_s: float) -> Measured:
-    """Warm both sides up, then take turns: at least two, at most `turns`, fewer where they would exceed the budget."""
+    """Warm both sides up, then take turns: at least two, at most `turns`, fewer where they would
+    exceed the budget.
+    """
     warm = [side.ask("weigh") for side in (ours, theirs)]
     digits = agreeing_digits(answers(ours), answers(theirs))
     times = [max(1, math.ceil(LONG_ENOUGH_S / max(said["wall"], 1e-6))) for said in warm]
     taken: list[Turn] = []
     begun = time.perf_counter()
-    while len(taken) < min(2, turns) or (len(taken) < turns and time.perf_counter() - begun < budget_s):
+    while len(taken) < min(2, turns) or (
+        len(taken) < turns and time.perf_counter() - begun < budget_s
+    ):
         taken.append(Turn(ours.ask("once", times=times[0]), theirs.ask("once", times=times[1])))
     return Measured(tuple(taken), warm[0]["bytes"], warm[1]["bytes"], digits)
 
@@ -134,14 +144,20 @@ def answers(side: Worker) -> dict[str, NDArray[Any]]:
 
 
 def agreeing_digits(ours: Mapping[str, NDArray[Any]], theirs: Mapping[str, NDArray[Any]]) -> float:
-    """Decimal digits to which all arrays agree, the fewest of them; 17 where every bit is the same."""
+    """Decimal digits to which all arrays agree, the fewest of them; 17 where every bit is the
+    same.
+    """
     if sorted(ours) != sorted(theirs):
-        raise WorkerError(f"one side gave {', '.join(sorted(ours))}, the other {', '.join(sorted(theirs))}")
+        raise WorkerError(
+            f"one side gave {', '.join(sorted(ours))}, the other {', '.join(sorted(theirs))}"
+        )
     return min(_digits(ours[name], theirs[name]) for name in ours)
 
 
 def _digits(one: NDArray[Any], other: NDArray[Any]) -> float:
-    """Digits of two arrays: largest difference over the largest value; text and whole numbers agree or do not."""
+    """Digits of two arrays: largest difference over the largest value; text and whole numbers agree
+    or do not.
+    """
     if one.shape != other.shape:
         return 0.0
     if one.dtype.kind != "f":

@@ -54,14 +54,27 @@ def python_in(folder: Path) -> Path:
 
 
 def environment(name: str, folder: Path) -> Path:
-    """Interpreter of an environment with the peer installed, made where there is none with these versions yet."""
+    """Interpreter of an environment with the peer installed, made where there is none with these
+    versions yet.
+    """
     peer, place = PEERS[name], folder / name
     if (place / DONE).is_file() and (place / DONE).read_text(encoding="utf-8") == wanted(peer):
         return python_in(place)
     print(f"installing {peer.package} into an environment of its own", file=sys.stderr, flush=True)
     venv.create(place, with_pip=True, clear=True)
-    install = [str(python_in(place)), "-m", "pip", "install", "--quiet", "--disable-pip-version-check"]
-    steps = [[*peer.beside], ["--no-deps", peer.package]] if peer.alone else [[peer.package, *peer.beside]]
+    install = [
+        str(python_in(place)),
+        "-m",
+        "pip",
+        "install",
+        "--quiet",
+        "--disable-pip-version-check",
+    ]
+    steps = (
+        [[*peer.beside], ["--no-deps", peer.package]]
+        if peer.alone
+        else [[peer.package, *peer.beside]]
+    )
     for step in steps:
         done = subprocess.run([*install, *step], check=False, capture_output=True, text=True)
         if done.returncode:

@@ -1,4 +1,6 @@
-"""Rows of the table that run inside two workers: what is measured, on which data, beside which peer, with which target."""
+"""Rows of the table that run inside two workers: what is measured, on which data, beside which
+peer, with which target.
+"""
 
 from __future__ import annotations
 
@@ -7,7 +9,8 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.numeric import attitude, lifting
+from calibkit.numeric import attitude
+from calibkit.numeric.wavelet import lifting
 from speed.goals import Goal
 
 if TYPE_CHECKING:
@@ -41,7 +44,9 @@ class Row:
 
 
 def _log(rows: int) -> Data:
-    """Four columns of a gyro's log on a temperature ramp at 1 kHz, as a file that the worker of the peer writes."""
+    """Four columns of a gyro's log on a temperature ramp at 1 kHz, as a file that the worker of the
+    peer writes.
+    """
     rng = np.random.default_rng(1)
     time_s = np.arange(rows) * 0.001
     case = np.interp(time_s, (0.0, 0.1 * time_s[-1], 0.9 * time_s[-1]), (-40.0, -40.0, 60.0))
@@ -55,17 +60,25 @@ def _log(rows: int) -> Data:
 
 
 def _ramp(rows: int) -> Data:
-    """A drifting rate with white noise; as many samples as eight levels divide, and which details are free of the ends."""
+    """A drifting rate with white noise; as many samples as eight levels divide, and which details
+    are free of the ends.
+    """
     size = rows // 256 * 256
     rng = np.random.default_rng(2)
     phase = np.arange(size) / size
-    signal = np.sin(2.0 * np.pi * phase) + 0.3 * np.cos(6.0 * np.pi * phase) + rng.normal(0.0, 0.5, size)
+    signal = (
+        np.sin(2.0 * np.pi * phase) + 0.3 * np.cos(6.0 * np.pi * phase) + rng.normal(0.0, 0.5, size)
+    )
     clean, _ = lifting.untouched(lifting.scheme("cdf97"), size, 8)
-    return Data({"signal": signal}, {"levels": 8, "inside": [list(span) for span in clean[1:]]}, size)
+    return Data(
+        {"signal": signal}, {"levels": 8, "inside": [list(span) for span in clean[1:]]}, size
+    )
 
 
 def _gradients(rows: int) -> Data:
-    """Temperature gradients [°C] of a ramp, and the increments of the drift that they cause [°/h]."""
+    """Temperature gradients [°C] of a ramp, and the increments of the drift that they cause
+    [°/h].
+    """
     rng = np.random.default_rng(3)
     gradient = 3.0 * np.sin(np.linspace(0.0, 9.0, rows)) + 4.0 + rng.normal(0.0, 0.05, rows)
     increment = 0.02 - 0.004 * gradient + 0.0007 * gradient**2 + rng.normal(0.0, 0.01, rows)
@@ -73,7 +86,9 @@ def _gradients(rows: int) -> Data:
 
 
 def _dwells(rows: int) -> Data:
-    """Indications of an accelerometer triad at attitudes all round and temperatures from −20 to 125 °C."""
+    """Indications of an accelerometer triad at attitudes all round and temperatures from −20 to 125
+    °C.
+    """
     rng = np.random.default_rng(4)
     reference = attitude.gravity_vector(
         np.degrees(np.arccos(rng.uniform(-1.0, 1.0, rows))), rng.uniform(-180, 180, rows)
@@ -81,9 +96,14 @@ def _dwells(rows: int) -> Data:
     temperature = rng.uniform(-20.0, 125.0, rows)
     share = (temperature - 25.0) / 100.0
     mixed = reference @ (np.eye(3) + rng.normal(0.0, 0.002, (3, 3)))
-    indication = mixed * (1.0 + 0.003 * share + 0.001 * share**2)[:, None] + 0.002 * (1.0 + share + share**3)[:, None]
+    indication = (
+        mixed * (1.0 + 0.003 * share + 0.001 * share**2)[:, None]
+        + 0.002 * (1.0 + share + share**3)[:, None]
+    )
     indication += rng.normal(0.0, 2e-5, (rows, 3))
-    return Data({"indication": indication, "temperature": temperature, "reference": reference}, {}, rows)
+    return Data(
+        {"indication": indication, "temperature": temperature, "reference": reference}, {}, rows
+    )
 
 
 def _lengths(rows: int) -> Data:
@@ -91,7 +111,9 @@ def _lengths(rows: int) -> Data:
     rng = np.random.default_rng(5)
     direction = rng.normal(size=(rows, 3))
     direction /= np.linalg.norm(direction, axis=1)[:, None]
-    indication = direction @ np.array([[1.002, 0.0, 0.0], [0.003, 0.998, 0.0], [-0.002, 0.001, 1.001]]).T
+    indication = (
+        direction @ np.array([[1.002, 0.0, 0.0], [0.003, 0.998, 0.0], [-0.002, 0.001, 1.001]]).T
+    )
     indication += np.array([0.004, -0.003, 0.002]) + rng.normal(0.0, 1e-4, (rows, 3))
     return Data({"indication": indication}, {}, rows)
 
@@ -112,12 +134,18 @@ def _record(rows: int) -> Data:
 
 
 def _units(rows: int) -> Data:
-    """A thousand gyros that warm up, with 200, 2,000, 20,000 samples each where 1e5, 1e6, 1e7 rows are asked for."""
+    """A thousand gyros that warm up, with 200, 2,000, 20,000 samples each where 1e5, 1e6, 1e7 rows
+    are asked for.
+    """
     rng = np.random.default_rng(8)
     units = min(1000, max(rows // 100, 10))
     temperature = 20.0 + np.sort(rng.uniform(0.0, 40.0, (units, 2 * rows // units)), axis=1)
-    indication = 0.02 * temperature - 1e-4 * temperature**2 + rng.normal(0.0, 0.05, temperature.shape)
-    return Data({"temperature": temperature, "indication": indication}, {"order": 3}, temperature.size)
+    indication = (
+        0.02 * temperature - 1e-4 * temperature**2 + rng.normal(0.0, 0.05, temperature.shape)
+    )
+    return Data(
+        {"temperature": temperature, "indication": indication}, {"order": 3}, temperature.size
+    )
 
 
 def _turns(rows: int) -> Data:
@@ -127,10 +155,16 @@ def _turns(rows: int) -> Data:
     faces = np.repeat(np.eye(3), 2, axis=0) * np.array([1.0, -1.0] * 3)[:, None]
     mixing = np.eye(3) + rng.normal(0.0, 0.002, (3, 3))
     still = np.concatenate([faces @ mixing.T + 0.003, np.full((6, 3), 0.05)], axis=1)[:, None, :]
-    rates = np.concatenate([faces[0::2] @ mixing.T + 0.003, np.eye(3) * 360.0 * hertz / count @ mixing + 0.05], axis=1)
+    rates = np.concatenate(
+        [faces[0::2] @ mixing.T + 0.003, np.eye(3) * 360.0 * hertz / count @ mixing + 0.05], axis=1
+    )
     noise = np.array([1e-4] * 3 + [0.01] * 3)
-    made = [base + noise * rng.normal(size=(len(base), count, 6)) for base in (still, rates[:, None, :])]
-    return Data({"still": made[0], "turned": made[1]}, {"hertz": hertz, "angle_deg": 360.0}, 9 * count)
+    made = [
+        base + noise * rng.normal(size=(len(base), count, 6)) for base in (still, rates[:, None, :])
+    ]
+    return Data(
+        {"still": made[0], "turned": made[1]}, {"hertz": hertz, "angle_deg": 360.0}, 9 * count
+    )
 
 
 ROWS = (
@@ -145,7 +179,9 @@ ROWS = (
             reach=1.1,
             faster=False,
             clock="wall",
-            note="calibkit counts every field and hashes the bytes as well; both use every processor",
+            note=(
+                "calibkit counts every field and hashes the bytes as well; both use every processor"
+            ),
         ),
         "read_log",
         _log,
@@ -215,7 +251,10 @@ ROWS = (
             2.5,
             10_000_000,
             digits=17.0,
-            note="np.median of the magnitudes; the deviation is from zero, as that of wavelet details is",
+            note=(
+                "np.median of the magnitudes; the deviation is from zero, as that of wavelet"
+                " details is"
+            ),
         ),
         "mad",
         _values,
@@ -241,7 +280,10 @@ ROWS = (
             3.0,
             2_000_000,
             digits=10.0,
-            note="beside a loop of polyfit, with covariances, of units of 200, 2,000, 20,000 rows; the target holds up to 2,000",
+            note=(
+                "beside a loop of polyfit, with covariances, of units of 200, 2,000, 20,000 rows;"
+                " the target holds up to 2,000"
+            ),
         ),
         "many_polynomials",
         _units,
@@ -254,7 +296,10 @@ ROWS = (
             None,
             1_000_000,
             digits=2.0,
-            note="equal up to noise: imucal takes a bias from one pair of positions, calibkit from all",
+            note=(
+                "equal up to noise: imucal takes a bias from one pair of positions, calibkit"
+                " from all"
+            ),
         ),
         "turntable",
         _turns,

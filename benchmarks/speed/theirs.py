@@ -1,6 +1,8 @@
-"""What the peers do, as their users would write it; each function runs in the peer's own environment.
+"""What the peers do, as their users would write it; each function runs in the peer's own
+environment.
 
-A side gets arrays and settings, and returns what is timed and what makes comparable arrays of its result.
+A side gets arrays and settings, and returns what is timed and what makes comparable arrays of its
+result.
 """
 
 from __future__ import annotations
@@ -18,11 +20,18 @@ if TYPE_CHECKING:
     Prepared = tuple[Callable[[], Any], Callable[[Any], Answer]]
 
 
-def write_log(time_s: Array, temp_case_degc: Array, temp_env_degc: Array, gyro_dph: Array, *, path: str) -> Prepared:
+def write_log(
+    time_s: Array, temp_case_degc: Array, temp_env_degc: Array, gyro_dph: Array, *, path: str
+) -> Prepared:
     """Write a log of four decimals; nothing to compare."""
     import polars as pl
 
-    columns = {"time_s": time_s, "temp_case_degc": temp_case_degc, "temp_env_degc": temp_env_degc, "gyro_dph": gyro_dph}
+    columns = {
+        "time_s": time_s,
+        "temp_case_degc": temp_case_degc,
+        "temp_env_degc": temp_env_degc,
+        "gyro_dph": gyro_dph,
+    }
     frame = pl.DataFrame(columns)
     return (lambda: frame.write_csv(path, float_precision=4)), lambda _: {}
 
@@ -39,13 +48,16 @@ def read_log(*, path: str) -> Prepared:
 
 def _digest(column: Array) -> Array:
     """Digest of a column's numbers, bit for bit."""
-    return np.frombuffer(hashlib.sha256(np.ascontiguousarray(column, dtype="<f8").tobytes()).digest(), np.uint8)
+    return np.frombuffer(
+        hashlib.sha256(np.ascontiguousarray(column, dtype="<f8").tobytes()).digest(), np.uint8
+    )
 
 
 def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
     """PyWavelets: CDF 9/7, universal thresholds by the noise of every level, soft, the ends joined.
 
-    The noise is told from the details `inside`, which are those whose filter lies wholly on the signal.
+    The noise is told from the details `inside`, which are those whose filter lies wholly on the
+    signal.
     """
     import pywt
 
@@ -54,7 +66,9 @@ def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
         for j, (low, high) in enumerate(inside):
             detail = parts[-1 - j]
             noise = np.median(np.abs(detail[low:high])) / 0.6745
-            parts[-1 - j] = pywt.threshold(detail, noise * np.sqrt(2.0 * np.log(signal.size)), mode="soft")
+            parts[-1 - j] = pywt.threshold(
+                detail, noise * np.sqrt(2.0 * np.log(signal.size)), mode="soft"
+            )
         return np.asarray(pywt.waverec(parts, "bior4.4", mode="periodization"))
 
     return run, lambda result: {"signal": result}
@@ -71,12 +85,16 @@ def linear(gradient: Array, increment: Array) -> Prepared:
 
 
 def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> Prepared:
-    """numpy: ten terms an axis by lstsq, temperature mapped to [−1, 1] so that its cube loses no digits."""
+    """numpy: ten terms an axis by lstsq, temperature mapped to [−1, 1] so that its cube loses no
+    digits.
+    """
     crosses = ((1, 2), (2, 0), (0, 1))
 
     def run() -> Array:
         low, high = temperature.min(), temperature.max()
-        powers = np.vander((temperature - (high + low) / 2.0) / ((high - low) / 2.0), 4, increasing=True)
+        powers = np.vander(
+            (temperature - (high + low) / 2.0) / ((high - low) / 2.0), 4, increasing=True
+        )
         found = []
         for axis, (one, other) in enumerate(crosses):
             own = indication[:, axis, None] * powers
@@ -88,7 +106,9 @@ def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> 
 
 
 def magnitude(indication: Array) -> Prepared:
-    """lmfit: nine parameters of a triad from the length of gravity, by leastsq with its own tolerances."""
+    """lmfit: nine parameters of a triad from the length of gravity, by leastsq with its own
+    tolerances.
+    """
     import lmfit
 
     rows, columns = (0, 1, 1, 2, 2, 2), (0, 0, 1, 0, 1, 2)
@@ -108,7 +128,9 @@ def magnitude(indication: Array) -> Prepared:
             start.add(f"b{i}", value=0.0)
         return lmfit.minimize(residuals, start)
 
-    return run, lambda found: {"parameters": np.array([found.params[name].value for name in found.params])}
+    return run, lambda found: {
+        "parameters": np.array([found.params[name].value for name in found.params])
+    }
 
 
 def mad(values: Array) -> Prepared:
@@ -126,15 +148,21 @@ def allan(rate: Array, *, hertz: float) -> Prepared:
         return allantools.oadev(rate, rate=hertz, data_type="freq", taus=factors / hertz)
 
     names = ("tau", "deviation", "error")
-    return run, lambda found: {name: np.asarray(part) for name, part in zip(names, found, strict=False)}
+    return run, lambda found: {
+        name: np.asarray(part) for name, part in zip(names, found, strict=False)
+    }
 
 
 def allan_limits(rate: Array, *, hertz: float, factor: int) -> Prepared:
-    """allantools: 95 % limits of one deviation by the degrees of freedom of white noise, put together by hand."""
+    """allantools: 95 % limits of one deviation by the degrees of freedom of white noise, put
+    together by hand.
+    """
     import allantools
 
     def run() -> Any:  # noqa: ANN401 allantools has no types
-        deviation = allantools.oadev(rate, rate=hertz, data_type="freq", taus=[factor / hertz])[1][0]
+        deviation = allantools.oadev(rate, rate=hertz, data_type="freq", taus=[factor / hertz])[1][
+            0
+        ]
         dof = allantools.edf_greenhall(alpha=0, d=2, m=factor, N=rate.size + 1, overlapping=True)
         return allantools.confidence_interval(deviation, dof, ci=0.95)
 
@@ -157,7 +185,9 @@ def many_polynomials(temperature: Array, indication: Array, *, order: int) -> Pr
 
 
 def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) -> Prepared:
-    """imucal: six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers [g] then gyros [°/s]."""
+    """imucal: six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers
+    [g] then gyros [°/s].
+    """
     import imucal
 
     names = ("x_p", "x_a", "y_p", "y_a", "z_p", "z_a")

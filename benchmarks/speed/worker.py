@@ -1,14 +1,17 @@
-"""One side of a comparison, in a process and an environment of its own: JSON lines on stdin, one answer a line on stdout.
+"""One side of a comparison, in a process and an environment of its own: JSON lines on stdin, one
+answer a line on stdout.
 
     python worker.py ours|theirs
 
-It needs the standard library and numpy, whatever the peer pins. A side is a function of the module that is named: it takes
-arrays (from .npy files) and settings, and returns what is to be timed, a function without arguments, and a function that
-makes named arrays of its result, which are compared with the other side's. Only the first is timed.
+It needs the standard library and numpy, whatever the peer pins. A side is a function of the module
+that is named: it takes arrays (from .npy files) and settings, and returns what is to be timed, a
+function without arguments, and a function that makes named arrays of its result, which are compared
+with the other side's. Only the first is timed.
 
-Asked is {"do": "load", "side", "files", "settings"}, then any of {"do": "weigh"} (one call, and the memory it took),
-{"do": "once", "times": n} (n calls, seconds of wall and processor a call), {"do": "answer", "folder"} (the arrays of the last
-call as .npy); {"do": "versions", "packages"} at any time. An answer with "error" says what went wrong.
+Asked is {"do": "load", "side", "files", "settings"}, then any of {"do": "weigh"} (one call, and the
+memory it took), {"do": "once", "times": n} (n calls, seconds of wall and processor a call), {"do":
+"answer", "folder"} (the arrays of the last call as .npy); {"do": "versions", "packages"} at any
+time. An answer with "error" says what went wrong.
 """
 
 from __future__ import annotations
@@ -78,7 +81,10 @@ class Side:
         wall, processor = time.perf_counter(), time.process_time()
         for _ in range(times):
             self.result = self.run()
-        return {"wall": (time.perf_counter() - wall) / times, "cpu": (time.process_time() - processor) / times}
+        return {
+            "wall": (time.perf_counter() - wall) / times,
+            "cpu": (time.process_time() - processor) / times,
+        }
 
     def answer(self, folder: str) -> dict[str, Any]:
         """Write the arrays of the last result."""

@@ -1,1 +1,3 @@
-"""Comparisons by simulated truth: each module makes data, gives them to calibkit and to a packaged peer, and judges both."""
+"""Comparisons by simulated truth: each module makes data, gives them to calibkit and to a packaged
+peer, and judges both.
+"""

@@ -1,4 +1,6 @@
-"""Allan deviations beside allantools: the same numbers, whether limits hold, and what a gap does."""
+"""Allan deviations beside allantools: the same numbers, whether limits hold, and what a gap
+does.
+"""
 
 from __future__ import annotations
 
@@ -10,7 +12,7 @@ import numpy as np
 from speed import pairs, peers
 from speed.page import table
 
-from calibkit.numeric import allan
+from calibkit.numeric.noise import allan
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -35,11 +37,18 @@ def measured(units: int, environments: Path) -> str:
             peer.ask("load", side="allan", files={"rate": str(path)}, settings={"hertz": 1.0})
             peer.ask("once", times=1)
             theirs, ours = pairs.answers(peer), allan.overlapping(rate, 1.0)
-            digits = min(digits, pairs.agreeing_digits({"d": ours.deviation_dph}, {"d": theirs["deviation"]}))
+            digits = min(
+                digits, pairs.agreeing_digits({"d": ours.deviation_dph}, {"d": theirs["deviation"]})
+            )
             truth, error = 1.0 / np.sqrt(factor), 1.959964 * theirs["error"][at]
             held["calibkit"] += bool(ours.lower_dph[at] <= truth <= ours.upper_dph[at])
             held["allantools"] += bool(abs(theirs["deviation"][at] - truth) <= error)
-            peer.ask("load", side="allan_limits", files={"rate": str(path)}, settings={"hertz": 1.0, "factor": factor})
+            peer.ask(
+                "load",
+                side="allan_limits",
+                files={"rate": str(path)},
+                settings={"hertz": 1.0, "factor": factor},
+            )
             peer.ask("once", times=1)
             low, high = pairs.answers(peer)["limits"]
             held["by hand"] += bool(low <= truth <= high)
@@ -50,16 +59,35 @@ def measured(units: int, environments: Path) -> str:
         gap = pairs.answers(peer)["deviation"]
     own = allan.overlapping(rate, 1.0).deviation_dph
     shares = {key: f"{count / records:.1%}" for key, count in held.items()}
-    own_error = f"{shares['allantools']} by ± 1.96 of the error that `oadev` returns, which takes all differences for independent"
-    by_hand = f"{shares['by hand']} by `edf_greenhall` and `confidence_interval`, told the noise type"
-    asked = f"95 % limits of white noise, {factor} of {samples} samples averaged: how many of {records} records hold the truth"
+    own_error = (
+        f"{shares['allantools']} by ± 1.96 of the error that `oadev` returns, which takes all"
+        " differences for independent"
+    )
+    by_hand = (
+        f"{shares['by hand']} by `edf_greenhall` and `confidence_interval`, told the noise type"
+    )
+    asked = (
+        f"95 % limits of white noise, {factor} of {samples} samples averaged: how many of {records}"
+        " records hold the truth"
+    )
     rows = [
         ["a whole record", f"the same to {digits:.1f} digits", "the same"],
-        [asked, f"{own_error}; {by_hand}", f"{shares['calibkit']}, the noise type told from the record"],
-        ["a gap of 20 samples (NaN)", f"{_missing(gap)} values are NaN", f"{_missing(own)} values are NaN"],
+        [
+            asked,
+            f"{own_error}; {by_hand}",
+            f"{shares['calibkit']}, the noise type told from the record",
+        ],
+        [
+            "a gap of 20 samples (NaN)",
+            f"{_missing(gap)} values are NaN",
+            f"{_missing(own)} values are NaN",
+        ],
     ]
     more = (
-        "allantools has an estimator for records with gaps too (`gradev`), and many kinds of deviation that calibkit has not",
+        (
+            "allantools has an estimator for records with gaps too (`gradev`), and many kinds of"
+            " deviation that calibkit has not"
+        ),
         "(modified, Hadamard, total, time).",
     )
     return f"{table(('', 'allantools `oadev`', 'calibkit'), rows)}\n{' '.join(more)}"

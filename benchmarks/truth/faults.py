@@ -1,4 +1,6 @@
-"""Data that are not what they seem: what peers make of them without a word, and what calibkit says."""
+"""Data that are not what they seem: what peers make of them without a word, and what calibkit
+says.
+"""
 
 from __future__ import annotations
 
@@ -9,7 +11,7 @@ import numpy as np
 from speed import pairs, peers
 from speed.page import table
 
-from calibkit.numeric import fit
+from calibkit.numeric.least_squares import fit
 from truth.product import DATE, run
 
 
@@ -36,7 +38,9 @@ def measured(units: int, environments: Path) -> str:
                 (folder / "logs").mkdir(exist_ok=True)
                 path = folder / "logs" / "log.csv"
                 path.write_text(content, encoding="utf-8")
-                rows.append([what, "polars `read_csv`", _polars(peer, path), _refused(folder / "logs")])
+                rows.append(
+                    [what, "polars `read_csv`", _polars(peer, path), _refused(folder / "logs")]
+                )
     return table(("what is wrong", "tool", "what it says", "calibkit"), rows)
 
 
@@ -44,13 +48,18 @@ def _rank() -> list[str]:
     """A quadratic in seconds over a long log, by lstsq as it is called."""
     t = np.arange(10_000_000.0)
     values = 1.0 + 2e-3 * t - 1e-10 * t**2
-    coefficients, _, rank, _ = np.linalg.lstsq(np.column_stack([np.ones_like(t), t, t * t]), values, rcond=None)
+    coefficients, _, rank, _ = np.linalg.lstsq(
+        np.column_stack([np.ones_like(t), t, t * t]), values, rcond=None
+    )
     ours = fit.polynomial(t, values, 2)[1]
     worst = float(np.max(np.abs(ours / np.array([1.0, 2e-3, -1e-10]) - 1.0)))
     return [
         "a quadratic in time, 10 M seconds, no noise",
         "numpy `lstsq`, `rcond=None`",
-        f"rank {rank} of 3 beside the coefficients {', '.join(f'{c:.3g}' for c in coefficients)}; the truth is 1, 0.002, -1e-10",
+        (
+            f"rank {rank} of 3 beside the coefficients"
+            f" {', '.join(f'{c:.3g}' for c in coefficients)}; the truth is 1, 0.002, -1e-10"
+        ),
         f"right to {worst:.0e}",
     ]
 
@@ -68,6 +77,8 @@ def _polars(peer: pairs.Worker, path: Path) -> str:
 
 def _refused(data: Path) -> str:
     """What `calibkit fit` says of a folder with one log."""
-    done = run("fit", "fog_thermal", "--data", data, "--serial", "G", "--out", data.parent / "runs", *DATE)
+    done = run(
+        "fit", "fog_thermal", "--data", data, "--serial", "G", "--out", data.parent / "runs", *DATE
+    )
     said = done.stderr.strip().splitlines()[0].removeprefix("calibkit: ")
     return f"refused, exit code {done.returncode}: {said}" if done.returncode else said

@@ -1,4 +1,6 @@
-"""Drift on a temperature ramp that was withheld, by the truth of simulated gyros: autopilots' models, least squares, calibkit."""
+"""Drift on a temperature ramp that was withheld, by the truth of simulated gyros: autopilots'
+models, least squares, calibkit.
+"""
 
 from __future__ import annotations
 
@@ -13,8 +15,8 @@ import numpy as np
 from speed import peers
 from speed.page import table
 
-from calibkit.numeric import occupancy
-from calibkit.simulate import fog_thermal as fog
+from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal.numeric import occupancy
 from calibkit.simulate.chamber import Chamber
 from truth.product import DATE, calibkit
 
@@ -41,12 +43,16 @@ def spiked(log: fog.SimulatedLog, rng: np.random.Generator) -> fog.SimulatedLog:
 
 def write(path: Path, log: fog.SimulatedLog) -> None:
     """Write a log as comma-separated text."""
-    values = np.column_stack([np.asarray(values, dtype=np.float64) for values in log.columns.values()])
+    values = np.column_stack(
+        [np.asarray(values, dtype=np.float64) for values in log.columns.values()]
+    )
     np.savetxt(path, values, "%.4f", ",", header=",".join(log.columns), comments="")
 
 
 def slope(time_s: Array, temperature: Array) -> Array:
-    """Temperature rate [°C/min] at block means, over a minute about each: more than a causal instrument could know."""
+    """Temperature rate [°C/min] at block means, over a minute about each: more than a causal
+    instrument could know.
+    """
     reach = 3
     at = np.arange(time_s.size)
     low, high = np.maximum(at - reach, 0), np.minimum(at + reach, time_s.size - 1)
@@ -62,7 +68,9 @@ def plain(logs: Sequence[fog.SimulatedLog]) -> Callable[[fog.SimulatedLog], Arra
         return np.column_stack([t**i * r**j for i in range(4) for j in range(3)])
 
     indication = np.concatenate([means(log, log.columns["gyro_dph"]) for log in logs])
-    powers = np.linalg.lstsq(np.concatenate([columns(log) for log in logs]), indication, rcond=None)[0]
+    powers = np.linalg.lstsq(
+        np.concatenate([columns(log) for log in logs]), indication, rcond=None
+    )[0]
     return lambda log: np.asarray(columns(log) @ powers)
 
 
@@ -72,7 +80,17 @@ def compensated(folder: Path, logs: dict[str, fog.SimulatedLog]) -> dict[str, Ar
     for name, log in logs.items():
         if not name.startswith("withheld/"):
             write(folder / "logs" / name, log)
-    calibkit("fit", "fog_thermal", "--data", folder / "logs", "--serial", "G", "--out", folder / "runs", *DATE)
+    calibkit(
+        "fit",
+        "fog_thermal",
+        "--data",
+        folder / "logs",
+        "--serial",
+        "G",
+        "--out",
+        folder / "runs",
+        *DATE,
+    )
     taken = {}
     for name, log in logs.items():
         if name.startswith("withheld/"):
@@ -82,7 +100,9 @@ def compensated(folder: Path, logs: dict[str, fog.SimulatedLog]) -> dict[str, Ar
             with out.open(encoding="utf-8") as stream:
                 at = stream.readline().strip().split(",").index("gyro_dph")
             after = np.loadtxt(out, delimiter=",", skiprows=1, usecols=at)
-            before = np.loadtxt(file, delimiter=",", skiprows=1, usecols=list(log.columns).index("gyro_dph"))
+            before = np.loadtxt(
+                file, delimiter=",", skiprows=1, usecols=list(log.columns).index("gyro_dph")
+            )
             taken[name] = means(log, before - after)
     return taken
 
@@ -94,10 +114,14 @@ def means(log: fog.SimulatedLog, values: Array) -> Array:
 
 
 def polynomial_drift(log: fog.SimulatedLog, rng_seed: int) -> fog.SimulatedLog:
-    """The log of a gyro whose drift is a polynomial of case temperature and rate: the very model of plain least squares."""
+    """The log of a gyro whose drift is a polynomial of case temperature and rate: the very model of
+    plain least squares.
+    """
     case = log.heat.case
     rate = np.gradient(case) * 60.0
-    factors = np.random.default_rng([rng_seed, 8]).uniform(0.5, 1.0, 6) * np.array([1.0, 0.3, -0.5, 0.6, 0.3, -0.2])
+    factors = np.random.default_rng([rng_seed, 8]).uniform(0.5, 1.0, 6) * np.array(
+        [1.0, 0.3, -0.5, 0.6, 0.3, -0.2]
+    )
     t, r = (case - 10.0) / 50.0, rate / 10.0
     drift = np.column_stack([t, t**2, t**3, r, r * t, r**2 * t]) @ factors
     indication = np.asarray(log.columns["gyro_dph"], dtype=np.float64) - log.drift + drift
@@ -110,7 +134,10 @@ def withheld(seed: int, python: Path, *, hit: bool, physical: bool) -> dict[str,
     if not physical:
         made = {name: polynomial_drift(log, seed) for name, log in made.items()}
     rng = np.random.default_rng([seed, 6])
-    made = {name: spiked(log, rng) if hit and not name.startswith("withheld/") else log for name, log in made.items()}
+    made = {
+        name: spiked(log, rng) if hit and not name.startswith("withheld/") else log
+        for name, log in made.items()
+    }
     fitted = {name: log for name, log in made.items() if not name.startswith("withheld/")}
     powers, even = drift_peers.packaged(python, fitted)[0], drift_peers.cubic(fitted)
     product = plain(list(fitted.values()))
@@ -134,18 +161,29 @@ def withheld(seed: int, python: Path, *, hit: bool, physical: bool) -> dict[str,
 
 
 def measured(units: int, environments: Path) -> str:
-    """Tables of what models leave of withheld ramps, with and without spikes, of two kinds of gyros."""
+    """Tables of what models leave of withheld ramps, with and without spikes, of two kinds of
+    gyros.
+    """
     python = peers.environment(AUTOPILOT, environments)
     kinds = {
         True: "Gyros that are physical, of no fitted family (heat flow, Shupe effect, hysteresis):",
-        False: "Gyros whose drift is a polynomial of case temperature and rate, which is the model of plain least squares:",
+        False: (
+            "Gyros whose drift is a polynomial of case temperature and rate, which is the model of"
+            " plain least squares:"
+        ),
     }
     what = (
-        f"{units} simulated gyros of each kind are fitted on ±1, ±5, ±10 °C/min and judged on ±8 °C/min: rms over {2 * units}",
+        (
+            f"{units} simulated gyros of each kind are fitted on ±1, ±5, ±10 °C/min and judged on"
+            f" ±8 °C/min: rms over {2 * units}"
+        ),
         "withheld ramps of the true drift less what the model takes off, mean removed, in °/h.",
         f"Spikes: {SPIKES:.1%} of the fitted samples are thrown off by 2 to 50 °/h.",
     )
-    tables = [f"{title}\n\n{_table(units, python, physical=physical)}" for physical, title in kinds.items()]
+    tables = [
+        f"{title}\n\n{_table(units, python, physical=physical)}"
+        for physical, title in kinds.items()
+    ]
     return "\n\n".join([" ".join(what), *tables])
 
 
@@ -157,7 +195,14 @@ def _table(units: int, python: Path, *, physical: bool) -> str:
             for key, values in withheld(seed, python, hit=hit, physical=physical).items():
                 pooled.setdefault(key, []).extend(values)
     rows = [
-        [key, *(f"{most(found[key]):.3g}" for found in results.values() for most in (statistics.median, max))]
+        [
+            key,
+            *(
+                f"{most(found[key]):.3g}"
+                for found in results.values()
+                for most in (statistics.median, max)
+            ),
+        ]
         for key in results[False]
     ]
     return table(("model", "median", "largest", "with spikes: median", "largest"), rows)

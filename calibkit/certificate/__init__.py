@@ -1,1 +1,3 @@
-"""Calibration certificates: a pure function of a run folder, a laboratory profile, a validation and a date."""
+"""Calibration certificates: a pure function of a run folder, a laboratory profile, a validation and
+a date.
+"""

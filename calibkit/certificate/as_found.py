@@ -1,4 +1,6 @@
-"""As found and as left: what a validation says before and after the coefficients, on logs that were not fitted."""
+"""As found and as left: what a validation says before and after the coefficients, on logs that were
+not fitted.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,9 @@ FORMATS = ("calibkit-validation/1",)
 
 @dataclass(frozen=True, slots=True)
 class BeforeAfter:
-    """One quantity of one log, as found and as left, in one unit; descriptors, unless an uncertainty is stated."""
+    """One quantity of one log, as found and as left, in one unit; descriptors, unless an
+    uncertainty is stated.
+    """
 
     log: str
     what: Words
@@ -33,7 +37,9 @@ class BeforeAfter:
 
 @dataclass(frozen=True, slots=True)
 class AsFoundAsLeft:
-    """The rows, which logs they come from (name, digest, rows), the limits of the recipe, and the file itself."""
+    """The rows, which logs they come from (name, digest, rows), the limits of the recipe, and the
+    file itself.
+    """
 
     rows: tuple[BeforeAfter, ...]
     check_points: tuple[BeforeAfter, ...]
@@ -45,25 +51,40 @@ class AsFoundAsLeft:
 
 
 def load(path: Path, run: Run) -> AsFoundAsLeft:
-    """Read a validation of a run; CoefficientError for another run's, UsageError where there is no such file."""
+    """Read a validation of a run; CoefficientError for another run's, UsageError where there is no
+    such file.
+    """
     try:
         text = path.read_bytes().decode("utf-8")
     except OSError as error:
-        raise UsageError(f"--validation {path}: {error.strerror}", hint="write one with calibkit validate") from None
+        raise UsageError(
+            f"--validation {path}: {error.strerror}", hint="write one with calibkit validate"
+        ) from None
     except UnicodeDecodeError:
-        raise CoefficientError(f"{path}: not UTF-8 text", hint="name what calibkit validate wrote") from None
+        raise CoefficientError(
+            f"{path}: not UTF-8 text", hint="name what calibkit validate wrote"
+        ) from None
     document = coefficients.unseal(text, str(path), FORMATS)
     if document["run_sha256"] != run.document["sha256"]:
         raise CoefficientError(
-            f"{path}: a validation of {document['serial']} r{document['revision']:03d}, not of {run.name} as it is here",
+            f"{path}: a validation of {document['serial']} r{document['revision']:03d}, not of"
+            f" {run.name} as it is here",
             hint=f"run calibkit validate {run.name}",
         )
     rows = tuple(row for entry in document["logs"] for row in _rows(entry))
     points = tuple(row for entry in document["logs"] for row in _stations(entry))
     logs = tuple((str(e["name"]), str(e["sha256"]), int(e["rows"])) for e in document["logs"])
-    criteria = tuple((c["name"], c["value"], c["limit"], c["unit"], c["passed"]) for c in document["acceptance"])
+    criteria = tuple(
+        (c["name"], c["value"], c["limit"], c["unit"], c["passed"]) for c in document["acceptance"]
+    )
     return AsFoundAsLeft(
-        (*rows, *_pair(document)), points, logs, criteria, tuple(document["flags"]), text, document["sha256"]
+        (*rows, *_pair(document)),
+        points,
+        logs,
+        criteria,
+        tuple(document["flags"]),
+        text,
+        document["sha256"],
     )
 
 
@@ -88,7 +109,9 @@ def _gyro(log: str, gyro: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     name = gyro["gyro"]
     what = Words(f"gyro {name}: scale-factor error", f"{name} 陀螺：标度因数误差")
     u = 2.0 * gyro["scale_factor_error_standard_uncertainty_ppm"]
-    yield BeforeAfter(log, what, before["scale_factor_error_ppm"], after["scale_factor_error_ppm"], "ppm", u)
+    yield BeforeAfter(
+        log, what, before["scale_factor_error_ppm"], after["scale_factor_error_ppm"], "ppm", u
+    )
     what = Words(f"gyro {name}: rate error rms", f"{name} 陀螺：速率误差均方根")
     yield BeforeAfter(log, what, before["rate_error_rms_dps"], after["rate_error_rms_dps"], "deg/s")
 
@@ -118,7 +141,8 @@ def _angles(log: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> It
             what = words
             if span and key.startswith("toolface"):
                 what = words + Words(
-                    f", inclination {span[0]:g}° to {span[1]:g}°", f"（井斜 {span[0]:g}° 至 {span[1]:g}°）"
+                    f", inclination {span[0]:g}° to {span[1]:g}°",
+                    f"（井斜 {span[0]:g}° 至 {span[1]:g}°）",
                 )
             yield BeforeAfter(log, what, before.get(key), after.get(key), unit)
 
@@ -129,13 +153,19 @@ def _stations(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
         if station.get("refused") or station.get("azimuth_error_after_deg") is None:
             continue
         u = station.get("azimuth_standard_uncertainty_deg")
-        what = Words(f"station {station['station']}: azimuth error", f"测站 {station['station']}：方位角误差")
+        what = Words(
+            f"station {station['station']}: azimuth error", f"测站 {station['station']}：方位角误差"
+        )
         before, after = station.get("azimuth_error_before_deg"), station["azimuth_error_after_deg"]
-        yield BeforeAfter(str(entry["name"]), what, before, after, "deg", None if u is None else 2.0 * u)
+        yield BeforeAfter(
+            str(entry["name"]), what, before, after, "deg", None if u is None else 2.0 * u
+        )
 
 
 def _pair(document: Mapping[str, Any]) -> Iterator[BeforeAfter]:
     """N, ε, γ, α: frozen, and found again on other runs."""
     for entry in document.get("pair", ()):
         what = Words(f"{entry['name']}: difference of the new runs", f"{entry['name']}：新测次之差")
-        yield BeforeAfter("", what, None, entry["difference"], entry["unit"], 2.0 * entry["standard_uncertainty"])
+        yield BeforeAfter(
+            "", what, None, entry["difference"], entry["unit"], 2.0 * entry["standard_uncertainty"]
+        )

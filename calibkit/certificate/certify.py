@@ -43,11 +43,13 @@ def certify(
     key: sign.Key | None = None,
     dry_run: bool = False,
 ) -> Issued:
-    """Write the certificate of a run as PDF, with its DCC inside and beside it; nothing is overwritten.
+    """Write the certificate of a run as PDF, with its DCC inside and beside it; nothing is
+    overwritten.
 
-    Before it is signed, a pure function of the run folder, the profile with its overrides, the validation and the date. Raises
-    RecipeError for a faulty profile, CoefficientError for files that are not what they claim to be, UsageError for a key that
-    cannot sign or an `out` that is no .pdf, OutputError where a file exists or a DCC does not fit the schema.
+    Before it is signed, a pure function of the run folder, the profile with its overrides, the
+    validation and the date. Raises RecipeError for a faulty profile, CoefficientError for files
+    that are not what they claim to be, UsageError for a key that cannot sign or an `out` that is no
+    .pdf, OutputError where a file exists or a DCC does not fit the schema.
     """
     beside = _beside(out)
     signer = None if key is None else sign.signer(key)
@@ -66,7 +68,8 @@ def certify(
         if certificate.draft:
             listed = ", ".join(item.key for item in certificate.missing)
             raise UsageError(
-                f"a DRAFT is not signed; missing: {listed}", hint="state what is missing, or leave out --sign"
+                f"a DRAFT is not signed; missing: {listed}",
+                hint="state what is missing, or leave out --sign",
             )
         document = sign.signed(document, signer, key.now)
     store.write_all({out: document, beside: digital.content}, dry_run=dry_run)
@@ -77,7 +80,8 @@ def _beside(out: Path) -> Path:
     """Name of the DCC beside a certificate; neither of the two is there yet."""
     if out.suffix.lower() != ".pdf" or out.is_dir():
         raise UsageError(
-            f"--out {str(out)!r} is no name of a PDF", hint="name a file that ends in .pdf; its DCC is put beside it"
+            f"--out {str(out)!r} is no name of a PDF",
+            hint="name a file that ends in .pdf; its DCC is put beside it",
         )
     beside = out.with_name(f"{out.stem}.xml")
     for path in (out, beside):
@@ -88,7 +92,9 @@ def _beside(out: Path) -> Path:
 def _rendered(
     certificate: content.Certificate, lang: Lang, fonts: tuple[Path, ...], schema_dir: Path | None
 ) -> tuple[content.Certificate, content.Attachment, bytes]:
-    """The certificate with its DCC, the DCC, the PDF; made anew as a DRAFT where no font has a character."""
+    """The certificate with its DCC, the DCC, the PDF; made anew as a DRAFT where no font has a
+    character.
+    """
     digital = dcc.attachment(certificate, lang, schema_dir)
     whole = replace(certificate, attachments=(*certificate.attachments, digital))
     try:
@@ -101,14 +107,18 @@ def _rendered(
 
 
 def said(issued: Issued) -> dict[str, Any]:
-    """What --json says of a certificate: its files, what is missing, every result by its key, every statement."""
+    """What --json says of a certificate: its files, what is missing, every result by its key, every
+    statement.
+    """
     certificate = issued.certificate
     results = [
         {
             "key": r.key,
             "value": r.value,
             "unit": r.unit,
-            "expanded_uncertainty": None if r.uncertainty is None else r.uncertainty.expanded_uncertainty,
+            "expanded_uncertainty": (
+                None if r.uncertainty is None else r.uncertainty.expanded_uncertainty
+            ),
             "coverage_factor": None if r.uncertainty is None else r.uncertainty.coverage_factor,
         }
         for r in certificate.results
@@ -120,5 +130,8 @@ def said(issued: Issued) -> dict[str, Any]:
         "accepted": certificate.run.accepted,
         "missing": [{"key": item.key, "what": item.what.en} for item in issued.missing],
         "results": results,
-        "statements": [{"key": s.result.key, "rule": s.rule, "verdict": s.verdict} for s in certificate.statements],
+        "statements": [
+            {"key": s.result.key, "rule": s.rule, "verdict": s.verdict}
+            for s in certificate.statements
+        ],
     }

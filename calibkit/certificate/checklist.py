@@ -1,4 +1,6 @@
-"""What a calibration certificate must hold (ISO/IEC 17025:2017, 7.8.2 and 7.8.4), and what is missing of it."""
+"""What a calibration certificate must hold (ISO/IEC 17025:2017, 7.8.2 and 7.8.4), and what is
+missing of it.
+"""
 
 from __future__ import annotations
 
@@ -73,7 +75,9 @@ def code(character: str) -> str:
 def glyphs(characters: Iterable[str]) -> Missing:
     """A font with these characters."""
     listed = " ".join(map(code, characters))
-    return Missing(FONTS, Words(f"characters that no font has: {listed}", f"字体中没有的字符：{listed}"))
+    return Missing(
+        FONTS, Words(f"characters that no font has: {listed}", f"字体中没有的字符：{listed}")
+    )
 
 
 def _fields(profile: Profile) -> Iterator[Missing]:
@@ -93,7 +97,9 @@ def _traceability(profile: Profile) -> Iterator[Missing]:
     for standard in profile.standard:
         for name in ("certificate", "date", "laboratory"):
             if not getattr(standard, name):
-                what = Words(f"{name} of the standard '{standard.name}'", f"标准器“{standard.name}”的 {name}")
+                what = Words(
+                    f"{name} of the standard '{standard.name}'", f"标准器“{standard.name}”的 {name}"
+                )
                 yield Missing(f"standard.{name}", what)
         if standard.valid_until is not None and used is not None and standard.valid_until < used:
             what = Words(
@@ -114,14 +120,17 @@ def _order(profile: Profile, issued: dt.date) -> Iterator[Missing]:
     done = profile.dates.performed_until or profile.dates.performed
     if done is not None and done > issued:
         what = Words(
-            f"the work of {done} is later than the date of issue {issued}", f"校准日期 {done} 晚于签发日期 {issued}"
+            f"the work of {done} is later than the date of issue {issued}",
+            f"校准日期 {done} 晚于签发日期 {issued}",
         )
         yield Missing("dates.performed", what)
 
 
 def _amendment(profile: Profile) -> Iterator[Missing]:
     """An amendment says what it changes."""
-    if profile.certificate.amends and not any(change.strip() for change in profile.certificate.changes):
+    if profile.certificate.amends and not any(
+        change.strip() for change in profile.certificate.changes
+    ):
         yield Missing("certificate.changes", Words("what the amendment changes", "修改内容"))
 
 

@@ -1,4 +1,6 @@
-"""Statements of conformity: a result, its limits, the decision rule, and what follows (JCGM 106, ILAC G8)."""
+"""Statements of conformity: a result, its limits, the decision rule, and what follows (JCGM 106,
+ILAC G8).
+"""
 
 from __future__ import annotations
 
@@ -27,7 +29,8 @@ VERDICTS: dict[Verdict, Words] = {
 }
 RULES: dict[Rule, Words] = {
     "guarded": Words(
-        "guarded acceptance: pass when the value lies inside the tolerance by at least U (guard band w = U), else fail",
+        "guarded acceptance: pass when the value lies inside the tolerance by at least U (guard"
+        " band w = U), else fail",
         "保护带接受：结果在允差内且余量不小于 U（保护带 w = U）时合格，否则不合格",
     ),
     "simple": Words(
@@ -35,15 +38,19 @@ RULES: dict[Rule, Words] = {
         "简单接受：结果在允差内即合格，不扣除 U",
     ),
     "four_way": Words(
-        "four-way: pass inside by at least U, conditional pass inside, conditional fail outside by less than U, fail beyond",
-        "四级判定：在允差内余量不小于 U 为合格，在内为有条件合格，超出不足 U 为有条件不合格，再超出为不合格",
+        "four-way: pass inside by at least U, conditional pass inside, conditional fail outside by"
+        " less than U, fail beyond",
+        "四级判定：在允差内余量不小于 U 为合格，在内为有条件合格，超出不足 U 为有条件不合格，"
+        "再超出为不合格",
     ),
 }
 
 
 @dataclass(frozen=True, slots=True)
 class Statement:
-    """One statement: the result, the limits in its unit, the rule, the acceptance limits and the verdict."""
+    """One statement: the result, the limits in its unit, the rule, the acceptance limits and the
+    verdict.
+    """
 
     result: Result
     name: str
@@ -59,13 +66,19 @@ class Statement:
 def statements(
     specifications: Sequence[Specification], results: Sequence[Result], default: Rule
 ) -> tuple[Statement, ...]:
-    """Statement for every result that a specification names; RecipeError where it names none or in another unit."""
+    """Statement for every result that a specification names; RecipeError where it names none or in
+    another unit.
+    """
     made = []
     for k, specification in enumerate(specifications):
         named = [r for r in results if fnmatch.fnmatchcase(r.key, specification.result)]
         if not named:
-            close = difflib.get_close_matches(specification.result, [r.key for r in results], n=1, cutoff=0.3)
-            guess = f"did you mean '{close[0]}'?" if close else "see the keys in docs/certificate.md"
+            close = difflib.get_close_matches(
+                specification.result, [r.key for r in results], n=1, cutoff=0.3
+            )
+            guess = (
+                f"did you mean '{close[0]}'?" if close else "see the keys in docs/certificate.md"
+            )
             raise RecipeError(
                 f"[[specification]] result = '{specification.result}' is no result of this run",
                 hint=guess,
@@ -73,14 +86,16 @@ def statements(
             )
         if not (judged := [r for r in named if not r.by_definition]):
             raise RecipeError(
-                f"[[specification]] result = '{specification.result}' is {named[0].value:g} by definition",
+                f"[[specification]] result = '{specification.result}' is {named[0].value:g} by"
+                " definition",
                 hint="there is nothing to judge; name values at other temperatures",
                 at=("specification", k, "result"),
             )
         for result in judged:
             if specification.unit not in (result.unit, *_spellings(result.unit)):
                 raise RecipeError(
-                    f"[[specification]] '{specification.result}' is in '{specification.unit}', {result.key} in '{result.unit}'",
+                    f"[[specification]] '{specification.result}' is in '{specification.unit}',"
+                    f" {result.key} in '{result.unit}'",
                     hint="state the limits in the unit of the result",
                     at=("specification", k, "unit"),
                 )
@@ -101,13 +116,28 @@ def _statement(result: Result, specification: Specification, rule: Rule) -> Stat
     below, above = expansion(result)
     acceptance = (lower, upper)
     if rule != "simple" and math.isfinite(above):
-        acceptance = (None if lower is None else lower + below, None if upper is None else upper - above)
+        acceptance = (
+            None if lower is None else lower + below,
+            None if upper is None else upper - above,
+        )
     verdict, reason = judge(result, lower, upper, rule)
-    return Statement(result, specification.name, specification.source, lower, upper, rule, acceptance, verdict, reason)
+    return Statement(
+        result,
+        specification.name,
+        specification.source,
+        lower,
+        upper,
+        rule,
+        acceptance,
+        verdict,
+        reason,
+    )
 
 
 def expansion(result: Result) -> tuple[float, float]:
-    """How far the result may lie below and above its value: ± U, or the ends of its interval; infinite where unknown."""
+    """How far the result may lie below and above its value: ± U, or the ends of its interval;
+    infinite where unknown.
+    """
     if result.interval is not None:
         return result.value - result.interval[0], result.interval[1] - result.value
     if result.uncertainty is None:
@@ -116,7 +146,9 @@ def expansion(result: Result) -> tuple[float, float]:
 
 
 def tolerance(result: Result, lower: float | None, upper: float | None) -> float:
-    """Half the width between two limits; of one limit on a quantity that cannot be negative, the limit; else unbounded."""
+    """Half the width between two limits; of one limit on a quantity that cannot be negative, the
+    limit; else unbounded.
+    """
     if lower is not None and upper is not None:
         return (upper - lower) / 2.0
     if result.interval is not None and result.interval[0] >= 0.0 and upper is not None:
@@ -124,8 +156,12 @@ def tolerance(result: Result, lower: float | None, upper: float | None) -> float
     return math.inf
 
 
-def judge(result: Result, lower: float | None, upper: float | None, rule: Rule) -> tuple[Verdict, Words]:
-    """Verdict and why, or that none is possible: no uncertainty, or one larger than the tolerance."""
+def judge(
+    result: Result, lower: float | None, upper: float | None, rule: Rule
+) -> tuple[Verdict, Words]:
+    """Verdict and why, or that none is possible: no uncertainty, or one larger than the
+    tolerance.
+    """
     below, above = expansion(result)
     if not math.isfinite(above):
         return "no statement possible", Words("no uncertainty was determined", "未评定不确定度")
@@ -139,9 +175,11 @@ def judge(result: Result, lower: float | None, upper: float | None, rule: Rule) 
     if (inside if rule == "simple" else guarded) >= 0.0:
         return "pass", Words("")
     if rule != "four_way":
-        return "fail", Words(
-            "inside the tolerance, but by less than U", "在允差内但余量小于 U"
-        ) if inside >= 0.0 else Words("")
+        return "fail", (
+            Words("inside the tolerance, but by less than U", "在允差内但余量小于 U")
+            if inside >= 0.0
+            else Words("")
+        )
     if inside >= 0.0:
         return "conditional pass", Words("")
     reach = max(
@@ -153,4 +191,6 @@ def judge(result: Result, lower: float | None, upper: float | None, rule: Rule) 
 
 def _margin(value: float, lower: float | None, upper: float | None) -> float:
     """How far a value lies inside its limits; negative outside."""
-    return min(math.inf if lower is None else value - lower, math.inf if upper is None else upper - value)
+    return min(
+        math.inf if lower is None else value - lower, math.inf if upper is None else upper - value
+    )

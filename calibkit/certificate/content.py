@@ -1,4 +1,6 @@
-"""The certificate as a record: everything that PDF and DCC state, made from a run, a profile, a validation and a date."""
+"""The certificate as a record: everything that PDF and DCC state, made from a run, a profile, a
+validation and a date.
+"""
 
 from __future__ import annotations
 
@@ -6,20 +8,16 @@ import hashlib
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Literal
 
-from calibkit.certificate import (
-    accelerometer,
-    bias_temperature,
-    checklist,
-    conformity,
-    fog_thermal,
-    gyro,
-    gyro_noise,
-    inclinometer,
-    uncertainty,
-)
+from calibkit.certificate import checklist, conformity, uncertainty
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError, UsageError
+from calibkit.instruments.accelerometer import certificate as accelerometer
+from calibkit.instruments.bias_temperature import certificate as bias_temperature
+from calibkit.instruments.fog_thermal import certificate as fog_thermal
+from calibkit.instruments.gyro_noise import certificate as gyro_noise
+from calibkit.instruments.gyro_scale import certificate as gyro
+from calibkit.instruments.inclinometer import certificate as inclinometer
 from calibkit.recipe import Source, loader, type_b
 from calibkit.store import RUN_FILE
 
@@ -50,7 +48,9 @@ Relationship = Literal["source", "data", "alternative", "supplement"]
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A file inside the certificate, with what it is to it (PDF/A-3 AFRelationship) and its digest."""
+    """A file inside the certificate, with what it is to it (PDF/A-3 AFRelationship) and its
+    digest.
+    """
 
     name: str
     content: bytes
@@ -91,9 +91,12 @@ class RunFacts:
 
     @property
     def content_digest(self) -> Words:
-        """The run with the digest of its content, which is not that of its file: with what to compare it."""
+        """The run with the digest of its content, which is not that of its file: with what to
+        compare it.
+        """
         label = Words(
-            f"Run {self.name}, digest of its content (field sha256 of run.json; the SHA-256 of the file is another): ",
+            f"Run {self.name}, digest of its content (field sha256 of run.json; the SHA-256 of the"
+            " file is another): ",
             f"处理记录 {self.name}，内容摘要（run.json 的 sha256 字段，并非文件的 SHA-256）：",
         )
         return label + Words(self.sha256)
@@ -120,11 +123,17 @@ class Certificate:
 
     @property
     def rejection(self) -> Words:
-        """What is to be known of a run that failed its acceptance limits; nothing of one that held them."""
+        """What is to be known of a run that failed its acceptance limits; nothing of one that held
+        them.
+        """
         if self.run.accepted:
             return Words("")
-        failed = ", ".join(name for name, *_, passed in self.run.criteria if not passed) or "acceptance"
-        return Words(f"The run failed its acceptance limits: {failed}", f"本次处理未满足接受限：{failed}")
+        failed = (
+            ", ".join(name for name, *_, passed in self.run.criteria if not passed) or "acceptance"
+        )
+        return Words(
+            f"The run failed its acceptance limits: {failed}", f"本次处理未满足接受限：{failed}"
+        )
 
     @property
     def draft(self) -> bool:
@@ -144,7 +153,10 @@ def build(
     _amended_before(profile, issued)
     procedure = str(run.document["procedure"])
     if procedure not in LAYOUTS:
-        raise UsageError(f"{run.name}: no certificate layout for procedure '{procedure}'", hint="use a newer calibkit")
+        raise UsageError(
+            f"{run.name}: no certificate layout for procedure '{procedure}'",
+            hint="use a newer calibkit",
+        )
     recipe = run.document["recipe"]
     spec = loader.parse(Source(recipe["name"], recipe["text"], tuple(recipe["overrides"])))
     terms = uncertainty.Source.of(type_b.loads(run.document.get("type_b", ())), profile.type_b)
@@ -160,7 +172,9 @@ def build(
         issued=issued,
         run=_facts(run, spec.title),
         blocks=blocks,
-        statements=conformity.statements(profile.specification, results, profile.results.decision_rule),
+        statements=conformity.statements(
+            profile.specification, results, profile.results.decision_rule
+        ),
         as_found=as_found,
         attachments=_attachments(run, as_found, profile_text),
         unused_terms=uncertainty.unused(terms.terms, used),
@@ -180,7 +194,9 @@ def _amended_before(profile: Profile, issued: dt.date) -> None:
 
 
 def without_glyphs(certificate: Certificate, characters: Iterable[str]) -> Certificate:
-    """The certificate with characters that no font has: they are printed by their numbers and make it a DRAFT."""
+    """The certificate with characters that no font has: they are printed by their numbers and make
+    it a DRAFT.
+    """
     unshown = "".join(sorted({*certificate.unshown, *characters}))
     if not unshown:
         return certificate
@@ -206,7 +222,9 @@ def _facts(run: Run, title: str) -> RunFacts:
         recipe_sha256=str(get("recipe")["sha256"]),
         inputs=tuple((e["name"], e["sha256"], e["rows"]) for e in get("inputs")),
         excluded=tuple((_range(e), e["reason"], e["person"]) for e in get("excluded")),
-        criteria=tuple((c["name"], c["value"], c["limit"], c["unit"], c["passed"]) for c in get("acceptance")),
+        criteria=tuple(
+            (c["name"], c["value"], c["limit"], c["unit"], c["passed"]) for c in get("acceptance")
+        ),
         flags=tuple(get("flags")),
         conditions=tuple(conditions.values()),
         accepted=bool(document["accepted"]),
@@ -216,24 +234,46 @@ def _facts(run: Run, title: str) -> RunFacts:
 def _range(entry: Mapping[str, object]) -> str:
     """A log, or the range of it, that was left out."""
     ends = [
-        f"{word} {entry[key]:g} s" for word, key in (("from", "from_s"), ("to", "to_s")) if entry.get(key) is not None
+        f"{word} {entry[key]:g} s"
+        for word, key in (("from", "from_s"), ("to", "to_s"))
+        if entry.get(key) is not None
     ]
     return " ".join((str(entry["log"]), *ends))
 
 
-def _attachments(run: Run, as_found: AsFoundAsLeft | None, profile_text: str) -> tuple[Attachment, ...]:
-    """The coefficient files, the run's own record, the validation, the profile: all that the certificate is made from."""
+def _attachments(
+    run: Run, as_found: AsFoundAsLeft | None, profile_text: str
+) -> tuple[Attachment, ...]:
+    """The coefficient files, the run's own record, the validation, the profile: all that the
+    certificate is made from.
+    """
     names = [entry["name"] for entry in run.document["files"] if entry["name"] in run.records]
     files = [
-        Attachment(name, (run.folder / name).read_bytes(), "application/json", "data", f"coefficient file {name}")
+        Attachment(
+            name,
+            (run.folder / name).read_bytes(),
+            "application/json",
+            "data",
+            f"coefficient file {name}",
+        )
         for name in sorted(names)
     ]
     content = (run.folder / RUN_FILE).read_bytes()
-    files.append(Attachment(RUN_FILE, content, "application/json", "source", "recipe, logs and software of the run"))
+    files.append(
+        Attachment(
+            RUN_FILE, content, "application/json", "source", "recipe, logs and software of the run"
+        )
+    )
     if as_found is not None:
         text = as_found.text.encode()
-        files.append(Attachment("validation.json", text, "application/json", "data", "as-found and as-left results"))
+        files.append(
+            Attachment(
+                "validation.json", text, "application/json", "data", "as-found and as-left results"
+            )
+        )
     if profile_text:
         text = profile_text.encode()
-        files.append(Attachment("profile.toml", text, "application/toml", "source", "laboratory profile"))
+        files.append(
+            Attachment("profile.toml", text, "application/toml", "source", "laboratory profile")
+        )
     return tuple(files)

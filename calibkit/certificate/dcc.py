@@ -1,8 +1,9 @@
-"""The certificate as a digital calibration certificate: DCC 3.3.0 of the PTB with quantities of D-SI 2.2.1.
+"""The certificate as a digital calibration certificate: DCC 3.3.0 of the PTB with quantities of
+D-SI 2.2.1.
 
-What it holds is what the PDF holds, besides every parameter with its covariance and the coefficient files themselves. What the
-schema wants and nobody has stated stands there as "not stated", a country as ZZ, a date of work as 0001-01-01, and the
-certificate is a DRAFT.
+What it holds is what the PDF holds, besides every parameter with its covariance and the coefficient
+files themselves. What the schema wants and nobody has stated stands there as "not stated", a
+country as ZZ, a date of work as 0001-01-01, and the certificate is a DRAFT.
 """
 
 from __future__ import annotations
@@ -53,7 +54,9 @@ PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other
 
 
 def attachment(certificate: Certificate, lang: Lang, schema_dir: Path | None = None) -> Attachment:
-    """The DCC as a file of the certificate, its structure checked, and held against the schema where a folder has it."""
+    """The DCC as a file of the certificate, its structure checked, and held against the schema
+    where a folder has it.
+    """
     made = render(certificate, lang)
     dcc_check.structure(made)
     if schema_dir is not None:
@@ -64,7 +67,9 @@ def attachment(certificate: Certificate, lang: Lang, schema_dir: Path | None = N
 def render(certificate: Certificate, lang: Lang) -> bytes:
     """XML of a certificate, the same bytes for the same certificate."""
     etree = xml.etree()
-    root = etree.Element(f"{{{xml.DCC}}}digitalCalibrationCertificate", nsmap=xml.NAMES, schemaVersion=VERSION)
+    root = etree.Element(
+        f"{{{xml.DCC}}}digitalCalibrationCertificate", nsmap=xml.NAMES, schemaVersion=VERSION
+    )
     root.set(f"{{{xml.XSI}}}schemaLocation", f"{xml.DCC} {xml.DCC}/v{VERSION}/dcc.xsd")
     _administrative(add(root, "dcc:administrativeData"), certificate, lang)
     _measurements(add(root, "dcc:measurementResults"), certificate, lang)
@@ -139,12 +144,16 @@ def _items(parent: _Element, certificate: Certificate, lang: Lang) -> None:
         add(made, "dcc:model", xml.line(item.model))
     known = add(made, "dcc:identifications")
     serial = Words("serial number", "编号")
-    _identification(known, "manufacturer", certificate.run.serial, serial, lang, refType="basic_serialNumber")
+    _identification(
+        known, "manufacturer", certificate.run.serial, serial, lang, refType="basic_serialNumber"
+    )
     if item.identification.strip():
         _identification(known, "other", item.identification, Words("identification", "标识"), lang)
 
 
-def _identification(parent: _Element, issuer: str, value: str, name: Words, lang: Lang, **attributes: str) -> None:
+def _identification(
+    parent: _Element, issuer: str, value: str, name: Words, lang: Lang, **attributes: str
+) -> None:
     """One identification with who gave it."""
     made = add(parent, "dcc:identification", **attributes)
     add(made, "dcc:issuer", issuer)
@@ -167,7 +176,9 @@ def _party(parent: _Element, party: Party, lang: Lang) -> None:
 
 
 def _statements(parent: _Element, certificate: Certificate, lang: Lang) -> None:
-    """What holds for the whole certificate: validity, draft, adjustment, amendment, remarks, conformity."""
+    """What holds for the whole certificate: validity, draft, adjustment, amendment, remarks,
+    conformity.
+    """
     profile = certificate.profile
     only = Words(
         "The results relate only to the item calibrated, as it was when it was calibrated.",
@@ -176,15 +187,29 @@ def _statements(parent: _Element, certificate: Certificate, lang: Lang) -> None:
     said: list[tuple[Words, list[Words | str]]] = [(Words("Validity", "有效范围"), [only])]
     if certificate.draft:
         listed: list[Words | str] = [Words(f"{m.key}: ") + m.what for m in certificate.missing]
-        said.append((Words("DRAFT: not a calibration certificate; missing", "草稿：非正式校准证书；尚缺"), listed))
+        said.append(
+            (
+                Words(
+                    "DRAFT: not a calibration certificate; missing", "草稿：非正式校准证书；尚缺"
+                ),
+                listed,
+            )
+        )
     said.append((Words("Place of work", "校准地点"), [profile.laboratory.place_of_work]))
     said.append((Words("Adjustment", "调整"), [profile.adjustment.statement]))
     said.append((Words("Amendment", "修改说明"), list(profile.certificate.changes)))
     said.append((Words("Remarks", "备注"), list(profile.remarks)))
-    said.append((Words("Left out", "剔除数据"), [f"{w}: {why} ({who})" for w, why, who in certificate.run.excluded]))
+    said.append(
+        (
+            Words("Left out", "剔除数据"),
+            [f"{w}: {why} ({who})" for w, why, who in certificate.run.excluded],
+        )
+    )
     said.append((Words("Flags of the evaluation", "数据处理提示"), list(certificate.run.flags)))
     for name, texts in said:
-        shown = [words for words in texts if (words if isinstance(words, str) else words.en).strip()]
+        shown = [
+            words for words in texts if (words if isinstance(words, str) else words.en).strip()
+        ]
         if shown:
             made = add(parent, "dcc:statement")
             xml.text(made, "dcc:name", name, lang)
@@ -201,7 +226,12 @@ def _conformity(parent: _Element, statement: Statement, lang: Lang) -> None:
         for word, value in (("lower limit", statement.lower), ("upper limit", statement.upper))
         if value is not None
     ]
-    xml.text(parent, "dcc:name", " ".join(filter(None, (statement.name, statement.source))) or "specification", lang)
+    xml.text(
+        parent,
+        "dcc:name",
+        " ".join(filter(None, (statement.name, statement.source))) or "specification",
+        lang,
+    )
     add(parent, "dcc:norm", f"decision rule: {statement.rule}")
     add(parent, "dcc:reference", xml.line(statement.result.key))
     verdict = Words(f"{'; '.join(limits)}: {statement.verdict}") + (
@@ -272,12 +302,15 @@ def _methods(parent: _Element, certificate: Certificate, block: Block, lang: Lan
         Words("From external providers: ", "外部提供的部分：") + Words(method.external_providers),
     ]
     given = (method.revision, method.deviations, method.external_providers)
-    xml.rich(made, "dcc:description", [w for w, v in zip(facts, given, strict=True) if v.strip()], lang)
+    xml.rich(
+        made, "dcc:description", [w for w, v in zip(facts, given, strict=True) if v.strip()], lang
+    )
     made = add(methods, "dcc:usedMethod")
     xml.text(made, "dcc:name", f"{run.software}: {run.procedure}, {block.stage}", lang)
     where = [equation.where for equation in block.equations]
     recipe = Words(
-        f"Recipe {run.recipe}, digest of its text and of what --set changed (field recipe.sha256 of run.json): ",
+        f"Recipe {run.recipe}, digest of its text and of what --set changed (field recipe.sha256 of"
+        " run.json): ",
         f"配方 {run.recipe}，文本及 --set 修改的摘要（run.json 的 recipe.sha256 字段）：",
     ) + Words(run.recipe_sha256)
     xml.rich(
@@ -289,7 +322,9 @@ def _methods(parent: _Element, certificate: Certificate, block: Block, lang: Lan
     )
 
 
-def _influences(parent: _Element, certificate: Certificate, gravity: float | None, lang: Lang) -> None:
+def _influences(
+    parent: _Element, certificate: Certificate, gravity: float | None, lang: Lang
+) -> None:
     """Conditions of the laboratory in words, and those of the computation as numbers."""
     from calibkit.certificate.sheet import CONDITIONS
 
@@ -315,20 +350,32 @@ def _file(parent: _Element, attached: Attachment, gravity: float | None, lang: L
         if model.coefficients:
             dcc_results.parameters(parent, record.stage, model, gravity, lang)
     made = add(parent, "dcc:result")
-    xml.text(made, "dcc:name", Words(f"Coefficient file {attached.name}", f"系数文件 {attached.name}"), lang)
+    xml.text(
+        made,
+        "dcc:name",
+        Words(f"Coefficient file {attached.name}", f"系数文件 {attached.name}"),
+        lang,
+    )
     xml.rich(made, "dcc:description", [f"SHA-256 {attached.sha256}"], lang)
     xml.file(add(made, "dcc:data"), attached)
 
 
-def _as_found(parent: _Element, certificate: Certificate, gravity: float | None, lang: Lang) -> None:
-    """As-found and as-left results of a validation, descriptors but for those that state an uncertainty."""
+def _as_found(
+    parent: _Element, certificate: Certificate, gravity: float | None, lang: Lang
+) -> None:
+    """As-found and as-left results of a validation, descriptors but for those that state an
+    uncertainty.
+    """
     xml.text(parent, "dcc:name", Words("As found and as left", "调整前与调整后"), lang)
     results = add(parent, "dcc:results")
     found = certificate.as_found
     rows = () if found is None else (*found.rows, *found.check_points)
     before = [(row, row.found, None) for row in rows]
     after = [(row, row.left, row.left_u) for row in rows]
-    for head, stated in ((Words("as found", "调整前"), before), (Words("as left", "调整后"), after)):
+    for head, stated in (
+        (Words("as found", "调整前"), before),
+        (Words("as left", "调整后"), after),
+    ):
         made = add(results, "dcc:result")
         xml.text(made, "dcc:name", head, lang)
         data = add(made, "dcc:data")
@@ -340,7 +387,11 @@ def _as_found(parent: _Element, certificate: Certificate, gravity: float | None,
 
 
 def _descriptor(
-    parent: _Element, row: BeforeAfter, stated: tuple[float, float | None], gravity: float | None, lang: Lang
+    parent: _Element,
+    row: BeforeAfter,
+    stated: tuple[float, float | None],
+    gravity: float | None,
+    lang: Lang,
 ) -> None:
     """One figure of a validation, with U (k = 2) where it states one."""
     value, U = stated

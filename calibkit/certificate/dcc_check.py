@@ -1,4 +1,6 @@
-"""What makes a digital calibration certificate one: its structure, checked always; the schemas, where the user has them."""
+"""What makes a digital calibration certificate one: its structure, checked always; the schemas,
+where the user has them.
+"""
 
 from __future__ import annotations
 
@@ -112,7 +114,9 @@ def _formatted(element: _Element) -> Iterator[str]:
 
 
 def _lists(values: _Element) -> Iterator[str]:
-    """A list whose parts differ in length, or whose covariance is no square of it or not symmetric."""
+    """A list whose parts differ in length, or whose covariance is no square of it or not
+    symmetric.
+    """
     stated = values.findall("si:valueXMLList", xml.NAMES)
     n = len((stated[0].text or "").split()) if stated else 0
     for name in ("labelXMLList", "valueXMLList", "unitXMLList", "valueExpandedMUXMLList"):
@@ -122,7 +126,10 @@ def _lists(values: _Element) -> Iterator[str]:
             if len((part.text or "").split()) != (1 if single else n):
                 yield f"{name} of {n} values is not as long"
     columns = values.findall(".//si:columnXMLList", xml.NAMES)
-    matrix = [[float(entry.findtext("si:valueXMLList", "nan", xml.NAMES)) for entry in column] for column in columns]
+    matrix = [
+        [float(entry.findtext("si:valueXMLList", "nan", xml.NAMES)) for entry in column]
+        for column in columns
+    ]
     if matrix and ([len(column) for column in matrix] != [n] * n or len(matrix) != n):
         yield f"covariance of {n} values is not {n} × {n}"
     elif not all(_alike(matrix, i, j) for i in range(len(matrix)) for j in range(i)):
@@ -136,16 +143,26 @@ def _alike(matrix: list[list[float]], i: int, j: int) -> bool:
 
 
 def schema(document: bytes, folder: Path) -> None:
-    """Hold a document against the schemas in a folder; OutputError with the first faults, UsageError without schemas."""
+    """Hold a document against the schemas in a folder; OutputError with the first faults,
+    UsageError without schemas.
+    """
     etree = xml.etree()
     absent = [name for name in SCHEMAS if not (folder / name).is_file()]
     if absent:
-        raise UsageError(f"--schema-dir {folder}: no {', '.join(absent)}", hint=f"it holds {', '.join(SCHEMAS)}")
+        raise UsageError(
+            f"--schema-dir {folder}: no {', '.join(absent)}", hint=f"it holds {', '.join(SCHEMAS)}"
+        )
     parser = etree.XMLParser(no_network=True)
     try:
         found = etree.XMLSchema(etree.parse(str(folder / SCHEMA), parser))
     except (etree.XMLSchemaParseError, etree.XMLSyntaxError) as error:
-        raise UsageError(f"--schema-dir {folder}: {error}", hint="restore the schemas of DCC 3.3.0") from None
+        raise UsageError(
+            f"--schema-dir {folder}: {error}", hint="restore the schemas of DCC 3.3.0"
+        ) from None
     if not found.validate(parse(document)):
-        faults = "; ".join(f"line {entry.line}: {entry.message}" for entry in list(found.error_log)[:3])
-        raise OutputError(f"dcc.xml does not fit {SCHEMA}: {faults}", hint="use the schemas of DCC 3.3.0")
+        faults = "; ".join(
+            f"line {entry.line}: {entry.message}" for entry in list(found.error_log)[:3]
+        )
+        raise OutputError(
+            f"dcc.xml does not fit {SCHEMA}: {faults}", hint="use the schemas of DCC 3.3.0"
+        )

@@ -1,8 +1,9 @@
 """Units of coefficient files → D-SI: products of powers of units that the SI Brochure knows.
 
-D-SI has no standard gravity, no part per million that every reader knows, no revolution: such a unit becomes a number times
-others. Which acceleration 1 g is, is a fact of the site: with the local gravity known, g is that many m/s²; without it, a
-value in g stays the ratio to local gravity that it is.
+D-SI has no standard gravity, no part per million that every reader knows, no revolution: such a
+unit becomes a number times others. Which acceleration 1 g is, is a fact of the site: with the local
+gravity known, g is that many m/s²; without it, a value in g stays the ratio to local gravity that
+it is.
 """
 
 from __future__ import annotations
@@ -61,7 +62,9 @@ _TOKEN = re.compile(r"sqrt\(|[()/*]|\^?-?\d+(?:\.\d+)?|[A-Za-z%]+")
 
 @dataclass(frozen=True, slots=True)
 class Unit:
-    """A D-SI unit as powers of its parts, the factor that a value is multiplied by, and the power of local gravity in it."""
+    """A D-SI unit as powers of its parts, the factor that a value is multiplied by, and the power
+    of local gravity in it.
+    """
 
     powers: Mapping[str, Fraction] = field(default_factory=dict)
     factor: float = 1.0
@@ -69,7 +72,9 @@ class Unit:
 
     def __mul__(self, other: Unit) -> Unit:
         names = dict.fromkeys((*self.powers, *other.powers))
-        powers = {n: self.powers.get(n, Fraction(0)) + other.powers.get(n, Fraction(0)) for n in names}
+        powers = {
+            n: self.powers.get(n, Fraction(0)) + other.powers.get(n, Fraction(0)) for n in names
+        }
         kept = {name: power for name, power in powers.items() if power}
         return Unit(kept, self.factor * other.factor, self.gravity + other.gravity)
 
@@ -88,7 +93,9 @@ class Unit:
     def text(self) -> str:
         r"""Spelling in D-SI: \degree\hour\tothe{-1}, \one for a pure number."""
         parts = (
-            name if power == 1 else f"{name}\\tothe{{{float(power):g}}}" for name, power in self.powers.items() if power
+            name if power == 1 else f"{name}\\tothe{{{float(power):g}}}"
+            for name, power in self.powers.items()
+            if power
         )
         return "".join(parts) or r"\one"
 
@@ -133,6 +140,9 @@ def _atom(name: str, whole: str) -> Unit:
     if name in GRAVITY:
         return Unit(factor=GRAVITY[name], gravity=Fraction(1))
     if name not in ATOMS:
-        raise OutputError(f"unit '{whole}' has no D-SI spelling: '{name}' is not in the table", hint="this is a bug")
+        raise OutputError(
+            f"unit '{whole}' has no D-SI spelling: '{name}' is not in the table",
+            hint="this is a bug",
+        )
     spelling, factor = ATOMS[name]
     return Unit({spelling: Fraction(1)} if spelling else {}, factor)

@@ -1,4 +1,6 @@
-"""Elements of a digital calibration certificate: names of the two schemas, texts in their languages, numbers in their formats."""
+"""Elements of a digital calibration certificate: names of the two schemas, texts in their
+languages, numbers in their formats.
+"""
 
 from __future__ import annotations
 
@@ -33,7 +35,9 @@ def etree() -> ModuleType:
     try:
         from lxml import etree as module
     except ImportError:
-        raise OutputError("digital calibration certificates need lxml", hint="pip install 'calibkit[dcc]'") from None
+        raise OutputError(
+            "digital calibration certificates need lxml", hint="pip install 'calibkit[dcc]'"
+        ) from None
     found: ModuleType = module
     return found
 
@@ -44,7 +48,9 @@ def clean(text: str) -> str:
 
 
 def line(text: str, absent: str = NOT_STATED) -> str:
-    """Text on one line with single spaces, which is what the schema calls a string that is not empty."""
+    """Text on one line with single spaces, which is what the schema calls a string that is not
+    empty.
+    """
     return " ".join(clean(text).split()) or absent
 
 
@@ -58,7 +64,9 @@ def add(parent: _Element, name: str, text: str | None = None, **attributes: str)
 
 
 def content(parent: _Element, words: Words | str, lang: Lang) -> None:
-    """`dcc:content` in each language of the certificate; a user's text has no language of its own."""
+    """`dcc:content` in each language of the certificate; a user's text has no language of its
+    own.
+    """
     if isinstance(words, str):
         add(parent, "dcc:content", line(words))
         return
@@ -77,7 +85,9 @@ def text(parent: _Element, name: str, words: Words | str, lang: Lang) -> _Elemen
 def rich(
     parent: _Element, name: str, said: Iterable[Words | str], lang: Lang, latex: Sequence[str] = ()
 ) -> _Element | None:
-    """Element of the schema's rich content type with texts and formulas, or nothing where nothing is said."""
+    """Element of the schema's rich content type with texts and formulas, or nothing where nothing
+    is said.
+    """
     shown = [words for words in said if (words if isinstance(words, str) else words.en).strip()]
     if not shown and not latex:
         return None
@@ -100,7 +110,9 @@ def file(parent: _Element, attachment: Attachment) -> None:
 def number(value: float) -> str:
     """A decimal number with all its digits and a decimal point."""
     if not math.isfinite(value):
-        raise OutputError(f"{value} is no number that a certificate can state", hint="this is a bug")
+        raise OutputError(
+            f"{value} is no number that a certificate can state", hint="this is a bug"
+        )
     mantissa, e, exponent = repr(float(value)).partition("e")
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{exponent}"
 
@@ -128,7 +140,9 @@ def expanded(parent: _Element, uncertainty: Uncertainty, scale: float) -> None:
     add(made, "si:coverageProbability", probability(uncertainty.probability))
 
 
-def interval(parent: _Element, uncertainty: Uncertainty, ends: tuple[float, float], scale: float) -> None:
+def interval(
+    parent: _Element, uncertainty: Uncertainty, ends: tuple[float, float], scale: float
+) -> None:
     """Coverage interval of one value."""
     made = add(add(parent, "si:measurementUncertaintyUnivariate"), "si:coverageIntervalMU")
     add(made, "si:valueStandardMU", number(uncertainty.standard_uncertainty * scale))
@@ -140,6 +154,16 @@ def interval(parent: _Element, uncertainty: Uncertainty, ends: tuple[float, floa
 def expanded_list(parent: _Element, uncertainties: Sequence[Uncertainty], scale: float) -> None:
     """Expanded uncertainties of a list of values."""
     made = add(add(parent, "si:measurementUncertaintyUnivariateXMLList"), "si:expandedMUXMLList")
-    add(made, "si:valueExpandedMUXMLList", " ".join(number(u.expanded_uncertainty * scale) for u in uncertainties))
-    add(made, "si:coverageFactorXMLList", " ".join(factor(u.coverage_factor) for u in uncertainties))
-    add(made, "si:coverageProbabilityXMLList", " ".join(probability(u.probability) for u in uncertainties))
+    add(
+        made,
+        "si:valueExpandedMUXMLList",
+        " ".join(number(u.expanded_uncertainty * scale) for u in uncertainties),
+    )
+    add(
+        made, "si:coverageFactorXMLList", " ".join(factor(u.coverage_factor) for u in uncertainties)
+    )
+    add(
+        made,
+        "si:coverageProbabilityXMLList",
+        " ".join(probability(u.probability) for u in uncertainties),
+    )

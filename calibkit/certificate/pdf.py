@@ -1,4 +1,6 @@
-"""A certificate as PDF/A-3b: typst sets the sheet, which travels as JSON; the files are attached."""
+"""A certificate as PDF/A-3b: typst sets the sheet, which travels as JSON; the files are
+attached.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ TEMPLATE = Path(__file__).with_name("certificate.typ")
 LONGEST_WORD = 36
 """Characters without a space, behind which a line may break."""
 JOINERS = "\u00ad\u200b\u200c\u200d\u200e\u200f\u2060"
-"""Invisible characters that text may hold: hyphenation, joiners, and marks of direction that reorder nothing."""
+"""Invisible characters that text may hold: hyphenation, joiners, and marks of direction that
+reorder nothing.
+"""
 FIRST_CJK = 0x2E80
 _UNSHOWN = re.compile(r'the text `"(.*?)"` could not be displayed', re.DOTALL)
 _ESCAPE = re.compile(r"\\u\{([0-9a-f]+)\}")
@@ -39,15 +43,22 @@ class UnshownError(Exception):
         self.characters = characters
 
 
-def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = (), more: Sequence[Attachment] = ()) -> bytes:
-    """PDF/A-3b bytes of a certificate, the same for the same input; `more` is attached beside its own files.
+def render(
+    certificate: Certificate,
+    lang: Lang,
+    fonts: Sequence[Path] = (),
+    more: Sequence[Attachment] = (),
+) -> bytes:
+    """PDF/A-3b bytes of a certificate, the same for the same input; `more` is attached beside its
+    own files.
 
-    Raises UnshownError for characters that no font has, UsageError for Chinese without a font that has it, or for a font
-    that is none; OutputError without typst.
+    Raises UnshownError for characters that no font has, UsageError for Chinese without a font that
+    has it, or for a font that is none; OutputError without typst.
     """
     if lang != "en" and not fonts:
         raise UsageError(
-            f"--lang {lang} needs a font with Chinese", hint='name one in the profile: [certificate] fonts = ["…"]'
+            f"--lang {lang} needs a font with Chinese",
+            hint='name one in the profile: [certificate] fonts = ["…"]',
         )
     document = cleaned(sheet(certificate, lang), certificate.unshown)
     attached = [
@@ -71,8 +82,12 @@ def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = (), mor
         return _shown(document, compiled, lang)
 
 
-def _shown(document: dict[str, Any], compiled: Callable[[dict[str, Any]], bytes], lang: Lang) -> bytes:
-    """Compile; UnshownError for characters that no font has, UsageError where the certificate's own words are among them."""
+def _shown(
+    document: dict[str, Any], compiled: Callable[[dict[str, Any]], bytes], lang: Lang
+) -> bytes:
+    """Compile; UnshownError for characters that no font has, UsageError where the certificate's own
+    words are among them.
+    """
     import typst
 
     try:
@@ -82,18 +97,29 @@ def _shown(document: dict[str, Any], compiled: Callable[[dict[str, Any]], bytes]
         if not unshown:
             raise OutputError(f"typst: {error.message}", hint="this is a bug") from error
     if lang != "en" and (own := sorted(unshown & _chinese())):
-        raise UsageError(f"no font has {''.join(own[:10])}", hint="name a font with Chinese in [certificate] fonts")
+        raise UsageError(
+            f"no font has {''.join(own[:10])}",
+            hint="name a font with Chinese in [certificate] fonts",
+        )
     raise UnshownError("".join(sorted(unshown)))
 
 
 def _chinese() -> set[str]:
     """Characters of the certificate's own words in Chinese that no text in English has."""
-    return {c for words in (*HEADINGS.values(), *SENTENCES.values()) for c in words.zh if ord(c) >= FIRST_CJK}
+    return {
+        c
+        for words in (*HEADINGS.values(), *SENTENCES.values())
+        for c in words.zh
+        if ord(c) >= FIRST_CJK
+    }
 
 
 def _unshown(diagnostic: str) -> list[str]:
     """Characters that a typst diagnostic says no font has."""
-    texts = (_ESCAPE.sub(lambda m: chr(int(m.group(1), 16)), text) for text in _UNSHOWN.findall(diagnostic))
+    texts = (
+        _ESCAPE.sub(lambda m: chr(int(m.group(1), 16)), text)
+        for text in _UNSHOWN.findall(diagnostic)
+    )
     return [character for text in texts for character in text]
 
 
@@ -115,7 +141,9 @@ def _compiled(data: dict[str, Any], font_folder: str, issued: dt.datetime) -> by
 
 
 def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
-    """Families of the named font files, copied where nothing else lies, so that no other font is ever taken."""
+    """Families of the named font files, copied where nothing else lies, so that no other font is
+    ever taken.
+    """
     if not fonts:
         return []
     try:
@@ -126,17 +154,25 @@ def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
         try:
             shutil.copyfile(font, folder / f"{k:03d}{font.suffix}")
         except OSError as error:
-            raise RecipeError(f"certificate.fonts: {font}: {error.strerror}", hint="name a font file") from None
-    found = typst.Fonts(include_system_fonts=False, include_embedded_fonts=False, font_paths=[str(folder)])
+            raise RecipeError(
+                f"certificate.fonts: {font}: {error.strerror}", hint="name a font file"
+            ) from None
+    found = typst.Fonts(
+        include_system_fonts=False, include_embedded_fonts=False, font_paths=[str(folder)]
+    )
     families = sorted({font.family for font in found.fonts()})
     if not families:
         listed = ", ".join(str(font) for font in fonts)
-        raise RecipeError(f"certificate.fonts: no font in {listed}", hint="name .ttf, .otf or .ttc files")
+        raise RecipeError(
+            f"certificate.fonts: no font in {listed}", hint="name .ttf, .otf or .ttc files"
+        )
     return families
 
 
 def cleaned(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
-    """The sheet without control characters, overrides of direction, and what no font has; long words with places to break."""
+    """The sheet without control characters, overrides of direction, and what no font has; long
+    words with places to break.
+    """
 
     def change(text: str) -> str:
         return _breakable("".join(code(c) if c in unshown else _safe(c) for c in text))

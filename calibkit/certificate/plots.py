@@ -1,4 +1,6 @@
-"""Figures as data → what the PDF's template draws: ticks with labels, and curves in shares of the plot's width and height."""
+"""Figures as data → what the PDF's template draws: ticks with labels, and curves in shares of the
+plot's width and height.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,10 @@ STEPS = (1.0, 2.0, 5.0, 10.0)
 def drawing(figure: Figure, lang: Lang) -> dict[str, Any]:
     """JSON object of a figure; the template draws it as vectors, in the certificate's own fonts."""
     if figure.log:
-        return drawing(_logarithmic(figure), lang) | {"x_ticks": _decades(figure, 0), "y_ticks": _decades(figure, 1)}
+        return drawing(_logarithmic(figure), lang) | {
+            "x_ticks": _decades(figure, 0),
+            "y_ticks": _decades(figure, 1),
+        }
     x = [value for series in figure.series for value in series.x]
     y = [edge for series in figure.series for edge in (*_lower(series), *_upper(series))]
     x_span, y_span = _span(x), _span(y)
@@ -40,7 +45,11 @@ def _logarithmic(figure: Figure) -> Figure:
             s,
             x=tuple(map(math.log10, s.x)),
             y=tuple(map(math.log10, s.y)),
-            y_u=tuple(math.log10((y + u) / y) for y, u in zip(s.y, s.y_u, strict=True)) if s.y_u else (),
+            y_u=(
+                tuple(math.log10((y + u) / y) for y, u in zip(s.y, s.y_u, strict=True))
+                if s.y_u
+                else ()
+            ),
         )
         for s in figure.series
     )
@@ -53,23 +62,32 @@ def _decades(figure: Figure, axis: int) -> list[dict[str, Any]]:
     if axis == 0:
         span = _span([value for series in plain.series for value in series.x])
     else:
-        span = _span([edge for series in plain.series for edge in (*_lower(series), *_upper(series))])
+        span = _span(
+            [edge for series in plain.series for edge in (*_lower(series), *_upper(series))]
+        )
     return [
-        {"at": _share(k, span), "label": f"{10.0**k:g}"} for k in range(math.ceil(span[0]), math.floor(span[1]) + 1)
+        {"at": _share(k, span), "label": f"{10.0**k:g}"}
+        for k in range(math.ceil(span[0]), math.floor(span[1]) + 1)
     ]
 
 
 def _lower(series: Series) -> tuple[float, ...]:
     """Lower edge of a curve."""
-    return tuple(y - u for y, u in zip(series.y, series.y_u, strict=True)) if series.y_u else series.y
+    return (
+        tuple(y - u for y, u in zip(series.y, series.y_u, strict=True)) if series.y_u else series.y
+    )
 
 
 def _upper(series: Series) -> tuple[float, ...]:
     """Upper edge of a curve."""
-    return tuple(y + u for y, u in zip(series.y, series.y_u, strict=True)) if series.y_u else series.y
+    return (
+        tuple(y + u for y, u in zip(series.y, series.y_u, strict=True)) if series.y_u else series.y
+    )
 
 
-def _curve(series: Series, x_span: tuple[float, float], y_span: tuple[float, float], lang: Lang) -> dict[str, Any]:
+def _curve(
+    series: Series, x_span: tuple[float, float], y_span: tuple[float, float], lang: Lang
+) -> dict[str, Any]:
     """One series in shares of the plot, y upwards."""
     x = [_share(value, x_span) for value in series.x]
     return {

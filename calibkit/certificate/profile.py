@@ -1,6 +1,8 @@
-"""The laboratory profile: what a certificate says that no log can tell. Strict TOML; what is absent makes a DRAFT.
+"""The laboratory profile: what a certificate says that no log can tell. Strict TOML; what is absent
+makes a DRAFT.
 
-The same file may serve many certificates: what changes from one to the next is given with --set table.key=value.
+The same file may serve many certificates: what changes from one to the next is given with --set
+table.key=value.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ def _as_date(value: object) -> object:
 
 
 class Party(Table):
-    """A laboratory or a customer: who, where, how to reach; the country is a code of two letters (ISO 3166-1)."""
+    """A laboratory or a customer: who, where, how to reach; the country is a code of two letters
+    (ISO 3166-1).
+    """
 
     name: str = ""
     address: str = ""
@@ -48,7 +52,9 @@ class Laboratory(Party):
 
 
 class Numbering(Table):
-    """The certificate's own number; of an amendment, which certificate it replaces and what changed."""
+    """The certificate's own number; of an amendment, which certificate it replaces and what
+    changed.
+    """
 
     number: str = ""
     title: str = ""
@@ -56,7 +62,9 @@ class Numbering(Table):
     amends_issued: dt.date | None = None
     changes: Annotated[tuple[str, ...], Many] = ()
     fonts: Annotated[tuple[str, ...], Many] = ()
-    """Font files for scripts that the built-in fonts lack, Chinese above all; relative to the profile."""
+    """Font files for scripts that the built-in fonts lack, Chinese above all; relative to the
+    profile.
+    """
 
     _dates = field_validator("amends_issued", mode="before")(_as_date)
 
@@ -65,7 +73,9 @@ class Numbering(Table):
         if self.amends and self.amends == self.number:
             raise ValueError(f"an amendment of {self.amends} needs a number of its own")
         if self.amends_issued is not None and not self.amends.strip():
-            raise ValueError(f"amends_issued = {self.amends_issued}, but amends names no certificate")
+            raise ValueError(
+                f"amends_issued = {self.amends_issued}, but amends names no certificate"
+            )
         return self
 
 
@@ -90,14 +100,20 @@ class Dates(Table):
 
     @model_validator(mode="after")
     def _ordered(self) -> Dates:
-        stated = [date for date in (self.received, self.performed, self.performed_until) if date is not None]
+        stated = [
+            date
+            for date in (self.received, self.performed, self.performed_until)
+            if date is not None
+        ]
         if stated != sorted(stated):
             raise ValueError("received, performed and performed_until are out of order")
         return self
 
 
 class Method(Table):
-    """The procedure with its revision; deviations and external providers are answered, if only with "none"."""
+    """The procedure with its revision; deviations and external providers are answered, if only with
+    "none".
+    """
 
     name: str = ""
     revision: str = ""
@@ -112,7 +128,9 @@ class Conditions(Table):
     laboratory_temperature: str = ""
     local_gravity: str = ""
     local_gravity_mps2: Annotated[float, Field(gt=9.7, lt=9.9)] | None = None
-    """Local gravity as a number [m/s²], by which the DCC states values in g where the run does not know it."""
+    """Local gravity as a number [m/s²], by which the DCC states values in g where the run does not
+    know it.
+    """
     latitude: str = ""
     earth_rate: str = ""
     supply: str = ""
@@ -148,14 +166,18 @@ class Adjustment(Table):
 
 
 class Results(Table):
-    """At which temperatures values are stated, and the decision rule where a specification names none."""
+    """At which temperatures values are stated, and the decision rule where a specification names
+    none.
+    """
 
     temperatures_degc: Annotated[tuple[float, ...], Many] = ()
     decision_rule: Rule = "guarded"
 
 
 class Specification(Table):
-    """A limit that results are held against; `result` is a result's key, with * for any part of it."""
+    """A limit that results are held against; `result` is a result's key, with * for any part of
+    it.
+    """
 
     result: Annotated[str, Field(min_length=1)]
     unit: Annotated[str, Field(min_length=1)]
@@ -170,12 +192,16 @@ class Specification(Table):
         if self.lower is None and self.upper is None:
             raise ValueError(f"'{self.result}' has neither a lower nor an upper limit")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:
-            raise ValueError(f"'{self.result}': lower = {self.lower:g} is not below upper = {self.upper:g}")
+            raise ValueError(
+                f"'{self.result}': lower = {self.lower:g} is not below upper = {self.upper:g}"
+            )
         return self
 
 
 class Profile(Table):
-    """Everything that a laboratory says on a certificate; complete when made, empty where nothing was said."""
+    """Everything that a laboratory says on a certificate; complete when made, empty where nothing
+    was said.
+    """
 
     certificate: Numbering = Numbering()
     laboratory: Laboratory = Laboratory()
@@ -194,7 +220,9 @@ class Profile(Table):
 
 
 def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, str]:
-    """Profile and its text with the overrides behind it, or an empty one; RecipeError with every fault, one a line."""
+    """Profile and its text with the overrides behind it, or an empty one; RecipeError with every
+    fault, one a line.
+    """
     if path is None:
         text, name = "", "profile"
     else:
@@ -202,7 +230,9 @@ def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, s
         try:
             text = path.read_bytes().decode("utf-8-sig").replace("\r\n", "\n")
         except (OSError, UnicodeDecodeError) as error:
-            raise RecipeError(f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile") from None
+            raise RecipeError(
+                f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile"
+            ) from None
     said = "".join(f"# --set {override}\n" for override in overrides)
     end = "\n" if said and text and not text.endswith("\n") else ""
     return parsed(name, text, overrides), text + end + said

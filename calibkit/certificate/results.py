@@ -1,4 +1,6 @@
-"""What a certificate states: results with their uncertainty, in tables and blocks, whatever they are rendered as."""
+"""What a certificate states: results with their uncertainty, in tables and blocks, whatever they
+are rendered as.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Contribution:
-    """One line of an uncertainty budget: an input in its unit, and what it contributes in the unit of the result."""
+    """One line of an uncertainty budget: an input in its unit, and what it contributes in the unit
+    of the result.
+    """
 
     name: str
     kind: Literal["A", "B"]
@@ -29,7 +33,9 @@ class Contribution:
 
 @dataclass(frozen=True, slots=True)
 class Uncertainty:
-    """A combined and expanded uncertainty, in the unit of the result, with the contributions that it comes from."""
+    """A combined and expanded uncertainty, in the unit of the result, with the contributions that
+    it comes from.
+    """
 
     contributions: tuple[Contribution, ...]
     standard_uncertainty: float
@@ -53,9 +59,10 @@ class Uncertainty:
 class Result:
     """One stated number.
 
-    `key` is `<stage>.<model>.<name>`, for a value at a condition with `@` and the condition behind it: profiles name results
-    by it. A quantity that cannot be negative has a coverage interval instead of ± U. A result without an
-    uncertainty is a descriptor: no statement of conformity can rest on it.
+    `key` is `<stage>.<model>.<name>`, for a value at a condition with `@` and the condition behind
+    it: profiles name results by it. A quantity that cannot be negative has a coverage interval
+    instead of ± U. A result without an uncertainty is a descriptor: no statement of conformity can
+    rest on it.
     """
 
     key: str
@@ -73,7 +80,9 @@ class Result:
     principal: bool = False
     """Whether its budget is printed in full."""
     by_definition: bool = False
-    """Whether it is what others are stated against: it has no uncertainty, and nothing can be judged by it."""
+    """Whether it is what others are stated against: it has no uncertainty, and nothing can be
+    judged by it.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -87,7 +96,8 @@ class ListTable:
 
 @dataclass(frozen=True, slots=True)
 class GridTable:
-    """Results of several quantities (columns) at several conditions (rows); an absent one is outside its range.
+    """Results of several quantities (columns) at several conditions (rows); an absent one is
+    outside its range.
 
     Units are those of the columns, or where by_row of the rows.
     """
@@ -127,7 +137,9 @@ class Figure:
 
 @dataclass(frozen=True, slots=True)
 class Equation:
-    """A model's equation by the name of its form (the PDF's template knows it), in LaTeX, and what its letters mean."""
+    """A model's equation by the name of its form (the PDF's template knows it), in LaTeX, and what
+    its letters mean.
+    """
 
     form: str
     latex: str
@@ -160,7 +172,9 @@ class Block:
 
 @dataclass(frozen=True, slots=True)
 class Printed:
-    """A value and its uncertainty as they are printed: mantissas and a power of ten common to both (0: none)."""
+    """A value and its uncertainty as they are printed: mantissas and a power of ten common to both
+    (0: none).
+    """
 
     value: str
     uncertainty: str
@@ -178,7 +192,9 @@ COUNTS = 100_000
 
 
 def printed(value: float, uncertainty: float, *, digits: int = 2) -> Printed:
-    """Value and uncertainty with two significant digits of the uncertainty, the value to the same place (JCGM 100 7.2.6)."""
+    """Value and uncertainty with two significant digits of the uncertainty, the value to the same
+    place (JCGM 100 7.2.6).
+    """
     shown, u = gum.rounded(value, uncertainty, digits=digits)
     exponent = max(Decimal(shown).adjusted() if Decimal(shown) else -999, Decimal(u).adjusted())
     if exponent in PLAIN:
@@ -186,12 +202,16 @@ def printed(value: float, uncertainty: float, *, digits: int = 2) -> Printed:
     place = Decimal(1).scaleb(
         Decimal(u).adjusted() - digits + 1 - exponent
     )  # zeros before the point are no digits behind it
-    scaled = [Decimal(text).scaleb(-exponent).quantize(place, context=DIGITS) for text in (shown, u)]
+    scaled = [
+        Decimal(text).scaleb(-exponent).quantize(place, context=DIGITS) for text in (shown, u)
+    ]
     return Printed(f"{scaled[0]:f}", f"{scaled[1]:f}", exponent)
 
 
 def descriptor(value: float) -> Printed:
-    """A number without an uncertainty: a count as it is, anything else to three significant digits."""
+    """A number without an uncertainty: a count as it is, anything else to three significant
+    digits.
+    """
     if value == int(value) and abs(value) < COUNTS:
         return Printed(f"{int(value)}", "")
     exact = Decimal(f"{value:.2e}")

@@ -1,4 +1,6 @@
-"""A certificate in the words of one language or both: the JSON object that the PDF's template sets in type."""
+"""A certificate in the words of one language or both: the JSON object that the PDF's template sets
+in type.
+"""
 
 from __future__ import annotations
 
@@ -48,15 +50,18 @@ SENTENCES = {
         "结果仅与被校件及其校准时的状态有关。",
     ),
     "uncertainty": Words(
-        "The expanded uncertainty U is the combined standard uncertainty times the coverage factor k that stands with each "
-        "table, for a coverage probability of about 95 %. It combines the uncertainty of the fit (type A, from its covariance) "
-        "with what is known of the equipment (type B). It holds at the time and under the conditions of the calibration; "
-        "the item's long-term stability is not in it.",
-        "扩展不确定度 U 为合成标准不确定度乘以各表所示包含因子 k，包含概率约 95 %。其中包括拟合不确定度（A 类，来自协方差）"
+        "The expanded uncertainty U is the combined standard uncertainty times the coverage factor"
+        " k that stands with each table, for a coverage probability of about 95 %. It combines the"
+        " uncertainty of the fit (type A, from its covariance) with what is known of the equipment"
+        " (type B). It holds at the time and under the conditions of the calibration; the item's"
+        " long-term stability is not in it.",
+        "扩展不确定度 U 为合成标准不确定度乘以各表所示包含因子 k，包含概率约 95 %。"
+        "其中包括拟合不确定度（A 类，来自协方差）"
         "与设备不确定度（B 类），仅对校准时的时间与条件有效，不含被校件的长期稳定性。",
     ),
     "attached": Words(
-        "The files below are attached to this PDF. The coefficients in them have all their digits and their covariance.",
+        "The files below are attached to this PDF. The coefficients in them have all their digits"
+        " and their covariance.",
         "以下文件附于本 PDF 中，其中的系数含全部有效数字及协方差。",
     ),
 }
@@ -72,7 +77,8 @@ def sheet(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         "number": profile.certificate.number,
         "laboratory": profile.laboratory.name,
         "words": {
-            key: words.of(lang) for key, words in (HEADINGS | {f"s_{k}": v for k, v in SENTENCES.items()}).items()
+            key: words.of(lang)
+            for key, words in (HEADINGS | {f"s_{k}": v for k, v in SENTENCES.items()}).items()
         },
         "missing": [[m.key, m.what.of(lang)] for m in certificate.missing],
         "rejected": certificate.rejection.of(lang),
@@ -108,13 +114,19 @@ def _party(party: Party, lang: Lang, *, laboratory: bool) -> Rows:
         (Words("Telephone", "电话"), party.phone),
     ]
     needed = 4 if laboratory else 2
-    return [[words.of(lang), text] for k, (words, text) in enumerate(rows) if text.strip() or (k < needed and k != 2)]
+    return [
+        [words.of(lang), text]
+        for k, (words, text) in enumerate(rows)
+        if text.strip() or (k < needed and k != 2)
+    ]
 
 
 def _item(certificate: Certificate, lang: Lang) -> Rows:
     """What was calibrated, in which state, when."""
     item, dates, run = certificate.profile.item, certificate.profile.dates, certificate.run
-    performed = str(dates.performed or "") + (f" … {dates.performed_until}" if dates.performed_until else "")
+    performed = str(dates.performed or "") + (
+        f" … {dates.performed_until}" if dates.performed_until else ""
+    )
     rows = [
         (Words("Item", "名称"), item.type),
         (Words("Maker", "制造商"), item.maker),
@@ -135,10 +147,16 @@ def _method(certificate: Certificate, lang: Lang) -> Rows:
     rows = [
         (Words("Method", "方法"), method.name),
         (Words("Revision", "版本"), method.revision),
-        (Words("Evaluation", "数据处理"), f"{run.software}, {run.recipe} ({run.procedure}), {run.name}"),
+        (
+            Words("Evaluation", "数据处理"),
+            f"{run.software}, {run.recipe} ({run.procedure}), {run.name}",
+        ),
         (Words("Deviations from the method", "对方法的偏离"), method.deviations),
         (Words("From external providers", "外部提供的部分"), method.external_providers),
-        *((Words("Left out", "剔除数据"), f"{what}: {why} ({person})") for what, why, person in run.excluded),
+        *(
+            (Words("Left out", "剔除数据"), f"{what}: {why} ({person})")
+            for what, why, person in run.excluded
+        ),
     ]
     return [[words.of(lang), text] for words, text in rows]
 
@@ -160,12 +178,16 @@ def _conditions(certificate: Certificate, lang: Lang) -> Rows:
     rows = [[words.of(lang), getattr(stated, key)] for key, words in CONDITIONS]
     rows += [["", text] for text in stated.others if text.strip()]
     for condition in certificate.run.conditions:
-        label = Words("In the computation: ", "计算中采用：") + Words(condition.name.replace("_", " "))
+        label = Words("In the computation: ", "计算中采用：") + Words(
+            condition.name.replace("_", " ")
+        )
         unit = unit_mark(condition.unit)
         text = f"{tables.plain(condition.value, 8)} {unit}".strip()
         if condition.standard_uncertainty > 0.0:
             said = Words("standard uncertainty", "标准不确定度").of(lang)
-            text += f" ({said} {f'{tables.plain(condition.standard_uncertainty, 2)} {unit}'.strip()})"
+            text += (
+                f" ({said} {f'{tables.plain(condition.standard_uncertainty, 2)} {unit}'.strip()})"
+            )
         rows.append([label.of(lang), text])
     return rows
 
@@ -181,7 +203,11 @@ def _traceability(profile: Profile, lang: Lang) -> dict[str, Any]:
     ]
     rows = []
     for s in profile.standard:
-        until = Words(" (valid until ", "（有效期至 ").of(lang) + f"{s.valid_until})" if s.valid_until else ""
+        until = (
+            Words(" (valid until ", "（有效期至 ").of(lang) + f"{s.valid_until})"
+            if s.valid_until
+            else ""
+        )
         rows.append([s.name, s.serial, s.certificate, f"{s.date or ''}{until}", s.laboratory])
     return {
         "title": "",
@@ -197,7 +223,11 @@ def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]
     """Equation, tables, figures and notes of one coefficient file."""
     shown: list[dict[str, Any]] = []
     for table in block.tables:
-        shown += [tables.of_list(table, lang)] if isinstance(table, ListTable) else tables.of_grid(table, lang)
+        shown += (
+            [tables.of_list(table, lang)]
+            if isinstance(table, ListTable)
+            else tables.of_grid(table, lang)
+        )
     digest = next((a.sha256 for a in certificate.attachments if a.name == block.file), "")
     return {
         "title": block.title.of(lang),
@@ -205,7 +235,11 @@ def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]
         "sha256": digest,
         "equations": [{"form": e.form, "where": e.where.of(lang)} for e in block.equations],
         "tables": [table for table in shown if table["rows"]],
-        "figures": [plots.drawing(figure, lang) for figure in block.figures if any(s.x for s in figure.series)],
+        "figures": [
+            plots.drawing(figure, lang)
+            for figure in block.figures
+            if any(s.x for s in figure.series)
+        ],
         "notes": [note.of(lang) for note in block.notes],
     }
 
@@ -218,16 +252,23 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         return {"statement": statement, "tables": [], "notes": []}
     notes = [
         Words(
-            "As found: without the coefficients of this certificate (raw, or with those before). As left: with them. "
-            "The logs are other data than those the coefficients were fitted to.",
+            "As found: without the coefficients of this certificate (raw, or with those before). As"
+            " left: with them. The logs are other data than those the coefficients were fitted to.",
             "调整前：未使用本证书系数；调整后：使用本证书系数。所用数据与拟合数据不同。",
         )
     ]
     notes += [
-        _criterion(name, value, limit, unit, passed=passed) for name, value, limit, unit, passed in found.criteria
+        _criterion(name, value, limit, unit, passed=passed)
+        for name, value, limit, unit, passed in found.criteria
     ]
     notes += [Words(flag) for flag in found.flags]
-    shown = [_before_after(found.rows, Words("Validation on logs that were not fitted", "未参与拟合数据的验证"), lang)]
+    shown = [
+        _before_after(
+            found.rows,
+            Words("Validation on logs that were not fitted", "未参与拟合数据的验证"),
+            lang,
+        )
+    ]
     if found.check_points:
         shown.append(_before_after(found.check_points, Words("Check points", "检验点"), lang))
     return {"statement": statement, "tables": shown, "notes": [note.of(lang) for note in notes]}
@@ -265,8 +306,19 @@ def _before_after(rows: Iterable[BeforeAfter], title: Words, lang: Lang) -> dict
         shown.append([row.log, row.what.of(lang), before, after, *u, unit])
     align = ["left", "left", "right", "right", *(["right"] if certain else []), "left"]
     labels = ["", "", *(head.of(lang) for head in heads)]
-    notes = [Words("U with k = 2 (type A of the validation).", "U：k = 2（验证的 A 类）。").of(lang)] if certain else []
-    return {"title": title.of(lang), "groups": [], "heads": labels, "align": align, "rows": shown, "notes": notes}
+    notes = (
+        [Words("U with k = 2 (type A of the validation).", "U：k = 2（验证的 A 类）。").of(lang)]
+        if certain
+        else []
+    )
+    return {
+        "title": title.of(lang),
+        "groups": [],
+        "heads": labels,
+        "align": align,
+        "rows": shown,
+        "notes": notes,
+    }
 
 
 def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
@@ -288,11 +340,16 @@ def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     for s in certificate.statements:
         value, U = tables.cells(s.result)
         unit = unit_mark(s.result.unit)
-        verdict = conformity.VERDICTS[s.verdict].of(lang) + (f": {s.reason.of(lang)}" if s.reason.en else "")
+        verdict = conformity.VERDICTS[s.verdict].of(lang) + (
+            f": {s.reason.of(lang)}" if s.reason.en else ""
+        )
         named = " ".join(filter(None, (s.name, s.source)))
         stated = [None if limit is None else tables.exact(limit) for limit in (s.lower, s.upper)]
         limits = f"{tables.limits(*stated)} {unit}".strip()
-        accepted = [tables.acceptance(*pair, s.result) for pair in zip(s.acceptance, (s.lower, s.upper), strict=True)]
+        accepted = [
+            tables.acceptance(*pair, s.result)
+            for pair in zip(s.acceptance, (s.lower, s.upper), strict=True)
+        ]
         rows.append(
             [
                 tables.breakable(s.result.key),
@@ -305,15 +362,29 @@ def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
                 verdict,
             ]
         )
-    rules = [f"{conformity.RULES[rule].of(lang)}." for rule in sorted({s.rule for s in certificate.statements})]
-    text = Words("Compared without rounding, in the unit of the limits.", "以未修约数值比较，单位同限值。")
+    rules = [
+        f"{conformity.RULES[rule].of(lang)}."
+        for rule in sorted({s.rule for s in certificate.statements})
+    ]
+    text = Words(
+        "Compared without rounding, in the unit of the limits.", "以未修约数值比较，单位同限值。"
+    )
     align = ["left", "left", "right", "right", "left", "left", "left", "left"]
-    table = {"title": "", "groups": [], "heads": [h.of(lang) for h in heads], "align": align, "rows": rows, "notes": []}
+    table = {
+        "title": "",
+        "groups": [],
+        "heads": [h.of(lang) for h in heads],
+        "align": align,
+        "rows": rows,
+        "notes": [],
+    }
     return {"text": text.of(lang), "table": table, "rules": rules}
 
 
 def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
-    """Budgets of the principal results and of the kinds that statements of conformity rest on, one condition of each."""
+    """Budgets of the principal results and of the kinds that statements of conformity rest on, one
+    condition of each.
+    """
     chosen = {_kind(r): r for r in certificate.results if r.principal}
     for statement in certificate.statements:
         chosen.setdefault(_kind(statement.result), statement.result)
@@ -336,7 +407,11 @@ def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
             "|c|·u(x)",
             "ν",
         ],
-        "budgets": [tables.budget(r, r.uncertainty, lang) for r in chosen.values() if r.uncertainty is not None],
+        "budgets": [
+            tables.budget(r, r.uncertainty, lang)
+            for r in chosen.values()
+            if r.uncertainty is not None
+        ],
         "notes": notes,
     }
 
@@ -353,7 +428,10 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     logs = [[name, str(rows), digest] for name, digest, rows in run.inputs]
     if certificate.as_found is not None:
         word = Words("validation", "验证").of(lang)
-        logs += [[f"{name} ({word})", str(rows), digest] for name, digest, rows in certificate.as_found.logs]
+        logs += [
+            [f"{name} ({word})", str(rows), digest]
+            for name, digest, rows in certificate.as_found.logs
+        ]
     notes = [
         run.content_digest.of(lang),
         Words("Coefficients hold from ", "系数生效日期 ").of(lang) + run.effective_from,
@@ -382,7 +460,10 @@ def _amendment(profile: Profile, lang: Lang) -> dict[str, Any] | None:
         f"This certificate replaces certificate {stated.amends}{issued}, which is no longer valid.",
         f"本证书替代证书 {stated.amends}{issued}，原证书作废。",
     )
-    return {"text": text.of(lang), "changes": [change for change in stated.changes if change.strip()]}
+    return {
+        "text": text.of(lang),
+        "changes": [change for change in stated.changes if change.strip()],
+    }
 
 
 def _authorisation(certificate: Certificate, lang: Lang) -> Rows:

@@ -1,4 +1,6 @@
-"""A certificate signed with the user's key: PAdES, a certification signature that allows no change, over the whole file."""
+"""A certificate signed with the user's key: PAdES, a certification signature that allows no change,
+over the whole file.
+"""
 
 from __future__ import annotations
 
@@ -42,7 +44,9 @@ class Key:
 
 
 def signer(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
-    """Signer of a PKCS#12 file, opened before anything is made; UsageError where it cannot sign, OutputError without pyHanko."""
+    """Signer of a PKCS#12 file, opened before anything is made; UsageError where it cannot sign,
+    OutputError without pyHanko.
+    """
     try:
         from pyhanko.sign import signers
     except ImportError:
@@ -50,28 +54,37 @@ def signer(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
     try:
         content = key.path.read_bytes()
     except OSError as error:
-        raise UsageError(f"--sign {key.path}: {error.strerror}", hint="name a PKCS#12 file (.p12, .pfx)") from None
+        raise UsageError(
+            f"--sign {key.path}: {error.strerror}", hint="name a PKCS#12 file (.p12, .pfx)"
+        ) from None
     with quiet():
         try:
             found = signers.SimpleSigner.load_pkcs12_data(
-                content, other_certs=(), passphrase=key.passphrase.encode() if key.passphrase else None
+                content,
+                other_certs=(),
+                passphrase=key.passphrase.encode() if key.passphrase else None,
             )
         except (ValueError, TypeError):
             found = None
     if found is None:
-        state = f"{PASSPHRASE} is not its passphrase" if key.passphrase else f"{PASSPHRASE} is not set"
+        state = (
+            f"{PASSPHRASE} is not its passphrase" if key.passphrase else f"{PASSPHRASE} is not set"
+        )
         raise UsageError(
-            f"--sign {key.path}: cannot be opened: {state}, or it is no PKCS#12 file", hint=f"set {PASSPHRASE}"
+            f"--sign {key.path}: cannot be opened: {state}, or it is no PKCS#12 file",
+            hint=f"set {PASSPHRASE}",
         )
     if found.signing_cert is None:
         raise UsageError(
-            f"--sign {key.path}: holds no certificate for its key", hint="export key and certificate together"
+            f"--sign {key.path}: holds no certificate for its key",
+            hint="export key and certificate together",
         )
     valid = found.signing_cert["tbs_certificate"]["validity"]
     first, last = valid["not_before"].native, valid["not_after"].native
     if not first <= key.now <= last:
         raise UsageError(
-            f"--sign {key.path}: the key's certificate is valid from {first:%Y-%m-%d} to {last:%Y-%m-%d}",
+            f"--sign {key.path}: the key's certificate is valid from {first:%Y-%m-%d} to"
+            f" {last:%Y-%m-%d}",
             hint="sign with a certificate that is valid now",
         )
     found.signed_attr_prov_spec = _attributes(found)
@@ -79,9 +92,11 @@ def signer(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
 
 
 def _attributes(by: Any) -> Any:  # noqa: ANN401 (classes of an optional library)
-    """Signed attributes: every certificate that travels with the signature by its digest (RFC 5035), the signer's first.
+    """Signed attributes: every certificate that travels with the signature by its digest (RFC
+    5035), the signer's first.
 
-    So none of them can be changed or replaced either, though the signature itself only needs the signer's.
+    So none of them can be changed or replaced either, though the signature itself only needs the
+    signer's.
     """
     from asn1crypto import tsp
     from pyhanko.sign.attributes import SignedAttributeProviderSpec, SigningCertificateV2Provider
@@ -90,7 +105,9 @@ def _attributes(by: Any) -> Any:  # noqa: ANN401 (classes of an optional library
     class Chain(SigningCertificateV2Provider):
         async def build_attr_value(self, dry_run: bool = False) -> tsp.SigningCertificateV2:  # noqa: ARG002, FBT001, FBT002 (pyHanko's signature)
             others = [one for one in by.cert_registry if one.dump() != by.signing_cert.dump()]
-            listed = [as_signing_certificate_v2(one)["certs"][0] for one in (by.signing_cert, *others)]
+            listed = [
+                as_signing_certificate_v2(one)["certs"][0] for one in (by.signing_cert, *others)
+            ]
             return tsp.SigningCertificateV2({"certs": listed})
 
     class Attributes(SignedAttributeProviderSpec):
@@ -114,9 +131,13 @@ def signed(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa: ANN401
         docmdp_permissions=fields.MDPPerm.NO_CHANGES,
         md_algorithm="sha256",
     )
-    made = fields.SigFieldSpec(FIELD, invis_sig_settings=fields.InvisSigSettings(set_print_flag=True))
+    made = fields.SigFieldSpec(
+        FIELD, invis_sig_settings=fields.InvisSigSettings(set_print_flag=True)
+    )
     with quiet():
-        return asyncio.run(_signed(document, signers.PdfSigner(meta, signer=by, new_field_spec=made), now))
+        return asyncio.run(
+            _signed(document, signers.PdfSigner(meta, signer=by, new_field_spec=made), now)
+        )
 
 
 async def _signed(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa: ANN401 (a class of an optional library)
@@ -127,7 +148,9 @@ async def _signed(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa:
     session = by.init_signing_session(IncrementalPdfFileWriter(io.BytesIO(document)))
     session.system_time = now
     none = await session.perform_presign_validation()
-    prepared = session.prepare_tbs_document(none, await session.estimate_signature_container_size(none, tight=False))
+    prepared = session.prepare_tbs_document(
+        none, await session.estimate_signature_container_size(none, tight=False)
+    )
     digest, out = prepared.digest_tbs_document(output=io.BytesIO())
     attributes = PdfCMSSignedAttributes(signing_time=now)
     done = await prepared.perform_signature(digest.document_digest, pdf_cms_signed_attrs=attributes)

@@ -1,4 +1,6 @@
-"""Models of coefficient files → results: a weighted sum of coefficients with the uncertainty that the covariance gives it."""
+"""Models of coefficient files → results: a weighted sum of coefficients with the uncertainty that
+the covariance gives it.
+"""
 
 from __future__ import annotations
 
@@ -26,14 +28,17 @@ MOST_TEMPERATURES = 8
 """Temperatures that values are stated at where the profile names none."""
 COEFFICIENTS = Words("Coefficients", "系数")
 COEFFICIENT_NOTE = Words(
-    "Rounded values cannot be recombined: their uncertainties are correlated. Compute with the attached file.",
+    "Rounded values cannot be recombined: their uncertainties are correlated. Compute with the"
+    " attached file.",
     "系数之间相关，修约后的数值不可重新组合计算；计算请使用所附文件。",
 )
 
 
 @dataclass(frozen=True, slots=True)
 class Stated:
-    """What every layout needs: the files, the type B terms, the temperatures, the recipe's reference temperature."""
+    """What every layout needs: the files, the type B terms, the temperatures, the recipe's
+    reference temperature.
+    """
 
     records: Mapping[str, Record]
     source: Source
@@ -41,7 +46,9 @@ class Stated:
     reference_degc: float
 
     def grid(self, model: Model, column: str = TEMPERATURE) -> tuple[float, ...]:
-        """Temperatures [°C] inside a model's range: the profile's, else round ones and the reference."""
+        """Temperatures [°C] inside a model's range: the profile's, else round ones and the
+        reference.
+        """
         if column not in model.valid:
             return ()
         low, high = model.valid[column]
@@ -61,7 +68,8 @@ class Stated:
         listed = ", ".join(outside)
         return (
             Words(
-                f"Nothing is stated at {listed}: outside the calibrated range, {low:.1f} °C to {high:.1f} °C.",
+                f"Nothing is stated at {listed}: outside the calibrated range, {low:.1f} °C to"
+                f" {high:.1f} °C.",
                 f"{listed} 超出校准范围（{low:.1f} °C 至 {high:.1f} °C），不给出结果。",
             ),
         )
@@ -85,10 +93,16 @@ class Stated:
         principal: bool = False,
         more: tuple[tuple[str, float, float], ...] = (),
     ) -> Result:
-        """Result with its expanded uncertainty; `called` are other names that type B terms may use, `more` is type A too."""
-        found = self.source.uncertainty((key, *called), value, unit, ((TYPE_A, type_a, dof), *more), sensitivities)
+        """Result with its expanded uncertainty; `called` are other names that type B terms may use,
+        `more` is type A too.
+        """
+        found = self.source.uncertainty(
+            (key, *called), value, unit, ((TYPE_A, type_a, dof), *more), sensitivities
+        )
         interval = magnitude_interval(value, found) if magnitude and found is not None else None
-        return Result(key, file, symbol, name, value, unit, found, interval, at, standard, principal)
+        return Result(
+            key, file, symbol, name, value, unit, found, interval, at, standard, principal
+        )
 
     def linear(
         self,
@@ -107,7 +121,9 @@ class Stated:
         condition: tuple[str, str] = (TEMPERATURE, "degC"),
         more: tuple[tuple[str, float, float], ...] = (),
     ) -> Result:
-        """Σ w_i c_i of a model's coefficients with u² = wᵀ C w; slope holds dw/dT where it depends on temperature."""
+        """Σ w_i c_i of a model's coefficients with u² = wᵀ C w; slope holds dw/dT where it depends
+        on temperature.
+        """
         value, type_a = weighted(model, weights)
         known = dict(sensitivities or {})
         if slope is not None and at is not None:
@@ -140,7 +156,9 @@ class Stated:
         magnitude: bool = False,
         sensitivities: Mapping[str, tuple[float, float]] | None = None,
     ) -> Result:
-        """A figure of a coefficient file; one whose uncertainty was not determined is a descriptor."""
+        """A figure of a coefficient file; one whose uncertainty was not determined is a
+        descriptor.
+        """
         return self.result(
             f"{record.stage}.json",
             f"{record.stage}.{figure.name}",
@@ -163,7 +181,9 @@ class Stated:
         title: Words = COEFFICIENTS,
         sensitivities: Callable[[float], Mapping[str, tuple[float, float]]] | None = None,
     ) -> ListTable:
-        """Every fitted coefficient of a model; sensitivities of one by its value where an influence scales them all."""
+        """Every fitted coefficient of a model; sensitivities of one by its value where an influence
+        scales them all.
+        """
         results = tuple(
             self.linear(
                 record,
@@ -201,15 +221,21 @@ class Stated:
 
 
 def weighted(model: Model, weights: Mapping[str, float]) -> tuple[float, float]:
-    """Σ w_i c_i of a model's coefficients, and its type A standard uncertainty from the covariance."""
+    """Σ w_i c_i of a model's coefficients, and its type A standard uncertainty from the
+    covariance.
+    """
     w = np.array([weights.get(c.name, 0.0) for c in model.coefficients])
     values = np.array([c.value for c in model.coefficients])
     variance = float(w @ np.array(model.covariance) @ w)
     return float(w @ values), math.sqrt(max(variance, 0.0))
 
 
-def powers(prefix: str, model: Model, x: float, first: int = 0) -> tuple[dict[str, float], dict[str, float]]:
-    """Weights of prefix<first>, prefix<first + 1>, … as ascending powers of x, and their derivatives by x."""
+def powers(
+    prefix: str, model: Model, x: float, first: int = 0
+) -> tuple[dict[str, float], dict[str, float]]:
+    """Weights of prefix<first>, prefix<first + 1>, … as ascending powers of x, and their
+    derivatives by x.
+    """
     names = {c.name for c in model.coefficients}
     weights, slope, k = {}, {}, 0
     while f"{prefix}{first + k}" in names:
@@ -275,7 +301,8 @@ def residual_words(model: Model) -> Words:
     """What the fit left, called by its name."""
     rms, unit = f"{model.residual_rms:.2g}", unit_mark(model.residual_unit)
     return Words(
-        f"Model {model.name}: residual rms of the fit {f'{rms} {unit}'.strip()}, {model.dof} degrees of freedom "
-        "(a descriptor, not an uncertainty).",
-        f"模型 {model.name}：拟合残差均方根 {rms} {unit}，自由度 {model.dof}（仅为描述量，并非不确定度）。",
+        f"Model {model.name}: residual rms of the fit {f'{rms} {unit}'.strip()}, {model.dof}"
+        " degrees of freedom (a descriptor, not an uncertainty).",
+        f"模型 {model.name}：拟合残差均方根 {rms} {unit}，自由度 {model.dof}（仅为描述量，"
+        "并非不确定度）。",
     )

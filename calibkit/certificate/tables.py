@@ -1,4 +1,6 @@
-"""Tables of results → rows of text: value and U with two significant digits, one coverage factor a table or one a row."""
+"""Tables of results → rows of text: value and U with two significant digits, one coverage factor a
+table or one a row.
+"""
 
 from __future__ import annotations
 
@@ -65,7 +67,9 @@ def cells(result: Result | None) -> tuple[str, str]:
 
 
 def plain(value: float | None, digits: int = 4) -> str:
-    """A number without an uncertainty, in a few significant digits; a dash for none, ∞ for infinity."""
+    """A number without an uncertainty, in a few significant digits; a dash for none, ∞ for
+    infinity.
+    """
     if value is None:
         return ABSENT
     if math.isinf(value):
@@ -90,7 +94,9 @@ def limits(lower: str | None, upper: str | None) -> str:
 
 
 def beside(value: float, limit: float) -> str:
-    """A number beside a limit that it was judged by: to the limit's place, and as far as it takes to lie on its side."""
+    """A number beside a limit that it was judged by: to the limit's place, and as far as it takes
+    to lie on its side.
+    """
     if not (math.isfinite(value) and math.isfinite(limit)):
         return plain(value)
     found, stated = Decimal(repr(value)), Decimal(repr(limit))
@@ -141,7 +147,9 @@ def _beside(rows: list[list[str]], parts: int) -> list[list[str]]:
     """A long list of rows as parts that stand side by side."""
     height = -(-len(rows) // parts) if rows else 0
     filled = rows + [[""] * len(rows[0])] * (height * parts - len(rows)) if rows else []
-    return [[cell for part in range(parts) for cell in filled[part * height + k]] for k in range(height)]
+    return [
+        [cell for part in range(parts) for cell in filled[part * height + k]] for k in range(height)
+    ]
 
 
 def of_grid(table: GridTable, lang: Lang) -> list[dict[str, Any]]:
@@ -151,12 +159,18 @@ def of_grid(table: GridTable, lang: Lang) -> list[dict[str, Any]]:
         ends.append(_fitting(table, ends[-1], lang))
     each = -(-total // max(len(ends) - 1, 1))  # as many in the last part as in the others
     starts = range(0, total, each)
-    return [_part(table, slice(start, start + each), lang, last=start == starts[-1]) for start in starts]
+    return [
+        _part(table, slice(start, start + each), lang, last=start == starts[-1]) for start in starts
+    ]
 
 
 def _fitting(table: GridTable, start: int, lang: Lang) -> int:
     """End of the columns from `start` that fit side by side: one at least."""
-    room = WIDEST - max((len(_label(label, lang)) for label in table.labels), default=0) - (14 if table.by_row else 0)
+    room = (
+        WIDEST
+        - max((len(_label(label, lang)) for label in table.labels), default=0)
+        - (14 if table.by_row else 0)
+    )
     for k in range(start, len(table.heads)):
         pairs = [cells(row[k]) for row in table.cells]
         value, expanded = (max((len(pair[i]) for pair in pairs), default=0) for i in (0, 1))
@@ -169,7 +183,10 @@ def _fitting(table: GridTable, start: int, lang: Lang) -> int:
 def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[str, Any]:
     """Some columns of a grid; notes stand under the last of them."""
     part = [row[chosen] for row in table.cells]
-    certain = [any(r is not None and r.uncertainty is not None for r in column) for column in zip(*part, strict=True)]
+    certain = [
+        any(r is not None and r.uncertainty is not None for r in column)
+        for column in zip(*part, strict=True)
+    ]
     groups: list[list[Any]] = [["", 1]]
     heads, align = [table.row_head.of(lang)], ["left"]
     for k, (head, has_u) in enumerate(zip(table.heads[chosen], certain, strict=True)):
@@ -179,7 +196,11 @@ def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[st
         align += ["right", "right"] if has_u else ["right"]
     rows = []
     for k, (label, row) in enumerate(zip(table.labels, part, strict=True)):
-        shown = [text for r, has_u in zip(row, certain, strict=True) for text in cells(r)[: 2 if has_u else 1]]
+        shown = [
+            text
+            for r, has_u in zip(row, certain, strict=True)
+            for text in cells(r)[: 2 if has_u else 1]
+        ]
         last_cell = [unit_mark(table.units[k]) or "1"] if table.by_row else []
         rows.append([_label(label, lang), *shown, *last_cell])
     if table.by_row:
@@ -213,7 +234,14 @@ def _table(
 ) -> dict[str, Any]:
     """JSON object of a table."""
     said = [note.of(lang) for note in notes if note is not None]
-    return {"title": title.of(lang), "groups": groups, "heads": heads, "align": align, "rows": rows, "notes": said}
+    return {
+        "title": title.of(lang),
+        "groups": groups,
+        "heads": heads,
+        "align": align,
+        "rows": rows,
+        "notes": said,
+    }
 
 
 def factor_words(results: Sequence[Result]) -> Words | None:
@@ -231,7 +259,8 @@ def factor_words(results: Sequence[Result]) -> Words | None:
     )
     if any(r.interval is not None for r in results):
         words += Words(
-            " Brackets hold the coverage interval of a quantity that cannot be negative (Monte Carlo).",
+            " Brackets hold the coverage interval of a quantity that cannot be negative (Monte"
+            " Carlo).",
             "方括号内为非负量的包含区间（蒙特卡洛法）。",
         )
     return words
@@ -254,7 +283,8 @@ def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, An
             TERMS.get(part.name, Words(part.name)).of(lang),
             part.kind,
             TERMS.get(part.distribution, Words(part.distribution)).of(lang),
-            f"{significant(part.standard_uncertainty)} {unit_mark(part.unit) if part.quantity else unit}".strip(),
+            f"{significant(part.standard_uncertainty)}"
+            f" {unit_mark(part.unit) if part.quantity else unit}".strip(),
             plain(part.sensitivity, 3),
             significant(part.contribution),
             _dof(part.dof),

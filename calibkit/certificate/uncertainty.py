@@ -1,4 +1,6 @@
-"""Type A from the fit, type B from recipe and profile: one uncertainty a result, added after the fit (JCGM 100)."""
+"""Type A from the fit, type B from recipe and profile: one uncertainty a result, added after the
+fit (JCGM 100).
+"""
 
 from __future__ import annotations
 
@@ -30,7 +32,9 @@ TRIALS = 20_000
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where type B terms come from, and which were used, so that a term that says nothing is named."""
+    """Where type B terms come from, and which were used, so that a term that says nothing is
+    named.
+    """
 
     terms: tuple[TypeB, ...]
 
@@ -49,27 +53,36 @@ class Source:
     ) -> Uncertainty | None:
         """Combined and expanded uncertainty of a result, or none where nothing is known of it.
 
-        names are those a term may call the result by; type_a holds names, standard uncertainties and degrees of freedom;
-        sensitivities are those of `type_b.terms_of`. Below one degree of freedom there is no coverage factor: such a
-        contribution is left out, and a result that has no other is stated without an uncertainty.
+        names are those a term may call the result by; type_a holds names, standard uncertainties
+        and degrees of freedom; sensitivities are those of `type_b.terms_of`. Below one degree of
+        freedom there is no coverage factor: such a contribution is left out, and a result that has
+        no other is stated without an uncertainty.
         """
         components = [
-            gum.Component(name, estimate, u, "A", 1.0, dof) for name, u, dof in type_a if u > 0.0 and dof >= 1.0
+            gum.Component(name, estimate, u, "A", 1.0, dof)
+            for name, u, dof in type_a
+            if u > 0.0 and dof >= 1.0
         ]
         quantities = [("", "")] * len(components)
         for stated in self.terms:
             if not {stated.quantity, stated.result} & {*names, *(sensitivities or ())}:
                 continue
             term = _in_base(stated, unit if stated.quantity in names else None)
-            called = next((name for name in names if name in (term.quantity, term.result)), names[0])
+            called = next(
+                (name for name in names if name in (term.quantity, term.result)), names[0]
+            )
             applied = type_b.terms_of((term,), called, estimate, sensitivities).components
             applied = tuple(part for part in applied if part.sensitivity)
             components += applied
-            quantities += [(term.quantity, _unit(term, unit if term.quantity in names else None))] * len(applied)
+            quantities += [
+                (term.quantity, _unit(term, unit if term.quantity in names else None))
+            ] * len(applied)
         if not components:
             return None
         expanded = gum.combine(components)
-        lines = tuple(_line(part, *quantity) for part, quantity in zip(components, quantities, strict=True))
+        lines = tuple(
+            _line(part, *quantity) for part, quantity in zip(components, quantities, strict=True)
+        )
         return Uncertainty(
             lines,
             expanded.standard_uncertainty,
@@ -81,15 +94,23 @@ class Source:
 
 
 def _unit(term: TypeB, result_unit: str | None) -> str:
-    """Unit that a component of the term is in: of a stated sensitivity the term's own, else the quantity's."""
+    """Unit that a component of the term is in: of a stated sensitivity the term's own, else the
+    quantity's.
+    """
     if term.sensitivity is not None:
         return term.unit
     return type_b.quantity_unit(term.quantity) or result_unit or units.column_unit(term.quantity)
 
 
 def _in_base(term: TypeB, result_unit: str | None) -> TypeB:
-    """The term in the unit of the result that it is stated of; RecipeError where the unit is of another dimension."""
-    if term.sensitivity is not None or term.unit in type_b.RELATIVE or type_b.quantity_unit(term.quantity) is not None:
+    """The term in the unit of the result that it is stated of; RecipeError where the unit is of
+    another dimension.
+    """
+    if (
+        term.sensitivity is not None
+        or term.unit in type_b.RELATIVE
+        or type_b.quantity_unit(term.quantity) is not None
+    ):
         return term
     target = result_unit or units.column_unit(term.quantity)
     if term.unit == target:
@@ -127,7 +148,9 @@ def unused(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ..
 
 
 def magnitude_interval(value: float, uncertainty: Uncertainty) -> tuple[float, float]:
-    """95.45 % coverage interval of a quantity that cannot be negative: |value + u·t| by Monte Carlo (JCGM 101)."""
+    """95.45 % coverage interval of a quantity that cannot be negative: |value + u·t| by Monte Carlo
+    (JCGM 101).
+    """
     dof = uncertainty.effective_dof
     found = gum.monte_carlo(
         lambda drawn: np.abs(value + uncertainty.standard_uncertainty * drawn[:, 0]),
@@ -139,8 +162,12 @@ def magnitude_interval(value: float, uncertainty: Uncertainty) -> tuple[float, f
 
 @lru_cache
 def _draws(dof: int) -> NDArray[np.float64]:
-    """Equally probable draws [trials, 1] of Student's distribution, of the normal one for 0: the same on every machine."""
+    """Equally probable draws [trials, 1] of Student's distribution, of the normal one for 0: the
+    same on every machine.
+    """
     from scipy.special import ndtri, stdtrit
 
     probability = (np.arange(TRIALS) + 0.5) / TRIALS
-    return np.asarray(stdtrit(dof, probability) if dof else ndtri(probability), dtype=np.float64)[:, None]
+    return np.asarray(stdtrit(dof, probability) if dof else ndtri(probability), dtype=np.float64)[
+        :, None
+    ]

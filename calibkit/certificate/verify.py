@@ -1,8 +1,9 @@
-"""A certificate checked by itself: signature, attachments, digests, and that what is printed follows from what is attached.
+"""A certificate checked by itself: signature, attachments, digests, and that what is printed
+follows from what is attached.
 
-The attached files are all that a certificate is made from. So it is made again from them, as a record, and both its DCC and
-the text of its pages are held against that. An unsigned certificate can be checked so far and no further: nobody knows who
-made it.
+The attached files are all that a certificate is made from. So it is made again from them, as a
+record, and both its DCC and the text of its pages are held against that. An unsigned certificate
+can be checked so far and no further: nobody knows who made it.
 """
 
 from __future__ import annotations
@@ -49,7 +50,9 @@ MOST = 6
 VALIDATION, PROFILE = "validation.json", "profile.toml"
 OVERRIDE = "# --set "
 SAME = 1e-9
-"""Relative difference up to which a number recomputed on another machine is the same: far below any printed digit."""
+"""Relative difference up to which a number recomputed on another machine is the same: far below any
+printed digit.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -69,7 +72,9 @@ def is_certificate(path: Path) -> bool:
 
 
 def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
-    """Check a certificate; raises CoefficientError that lists what is wrong, OutputError where a library is absent."""
+    """Check a certificate; raises CoefficientError that lists what is wrong, OutputError where a
+    library is absent.
+    """
     document = path.read_bytes()
     if path.suffix.lower() == ".xml":
         return _alone(path, document, schema_dir)
@@ -83,7 +88,9 @@ def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = Non
     except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
         raise _failed(path, [*faults, f"the PDF cannot be read: {type(error).__name__}"]) from None
     if not {store.RUN_FILE, dcc.FILE} & attached.keys():
-        raise _failed(path, [*faults, "no run.json and no dcc.xml is attached: not a certificate of calibkit"])
+        raise _failed(
+            path, [*faults, "no run.json and no dcc.xml is attached: not a certificate of calibkit"]
+        )
     faults += [f"{name} is attached twice" for name in twice]
     faults += _digests(attached, pages)
     count, draft = 0, False
@@ -102,13 +109,18 @@ def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = Non
 
 
 def _alone(path: Path, document: bytes, schema_dir: Path | None) -> Verified:
-    """A DCC beside its PDF: structure, schema, and the coefficient files in it by their own digests."""
+    """A DCC beside its PDF: structure, schema, and the coefficient files in it by their own
+    digests.
+    """
     try:
         root = dcc_check.parse(document)
         dcc_check.structure(document)
         if schema_dir is not None:
             dcc_check.schema(document, schema_dir)
-        files = {one.findtext("dcc:fileName", "", NAMES): one for one in root.iterfind(".//dcc:byteData", NAMES)}
+        files = {
+            one.findtext("dcc:fileName", "", NAMES): one
+            for one in root.iterfind(".//dcc:byteData", NAMES)
+        }
         for name, one in files.items():
             data = base64.b64decode(one.findtext("dcc:dataBase64", "", NAMES))
             coefficients.loads(data.decode("utf-8"), name)
@@ -116,7 +128,9 @@ def _alone(path: Path, document: bytes, schema_dir: Path | None) -> Verified:
         raise _failed(path, [str(getattr(error, "message", error))]) from None
     number = root.findtext(".//dcc:uniqueIdentifier", "", NAMES)
     warning = "not signed: check the certificate that it came with, which holds the same file"
-    return Verified(f"DCC {dcc.VERSION} of certificate {number}, {len(files)} coefficient files", (warning,))
+    return Verified(
+        f"DCC {dcc.VERSION} of certificate {number}, {len(files)} coefficient files", (warning,)
+    )
 
 
 def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:
@@ -124,7 +138,8 @@ def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:
     listed = list(dict.fromkeys(faults))
     more = f"; and {len(listed) - MOST} more" if len(listed) > MOST else ""
     return CoefficientError(
-        f"{path}: {'; '.join(listed[:MOST])}{more}", hint="do not rely on it; ask the laboratory for the original"
+        f"{path}: {'; '.join(listed[:MOST])}{more}",
+        hint="do not rely on it; ask the laboratory for the original",
     )
 
 
@@ -133,16 +148,24 @@ def _read(document: bytes) -> tuple[list[str], dict[str, bytes], list[str]]:
     try:
         from pypdf import PdfReader
     except ImportError:
-        raise OutputError("certificates are read with pypdf", hint=verify_signature.INSTALL) from None
+        raise OutputError(
+            "certificates are read with pypdf", hint=verify_signature.INSTALL
+        ) from None
     with quiet():
         reader = PdfReader(io.BytesIO(document))
         pages = [page.extract_text() for page in reader.pages]
         found = {name: list(contents) for name, contents in reader.attachments.items()}
-    return pages, {name: contents[0] for name, contents in found.items()}, [n for n, c in found.items() if len(c) > 1]
+    return (
+        pages,
+        {name: contents[0] for name, contents in found.items()},
+        [n for n, c in found.items() if len(c) > 1],
+    )
 
 
 def _digests(attached: Mapping[str, bytes], pages: Sequence[str]) -> Iterator[str]:
-    """Attachments whose SHA-256 is not printed, or that are not what they or run.json say they are."""
+    """Attachments whose SHA-256 is not printed, or that are not what they or run.json say they
+    are.
+    """
     text = verify_text.compact("".join(pages))
     for name, data in attached.items():
         if hashlib.sha256(data).hexdigest() not in text:
@@ -187,7 +210,9 @@ def _document(attached: Mapping[str, bytes]) -> dict[str, Any]:
 def _remade(
     attached: Mapping[str, bytes], pages: Sequence[str], schema_dir: Path | None
 ) -> tuple[list[str], int, bool]:
-    """What DCC and pages say otherwise than a certificate made from the attached files; how many rows agree; whether a DRAFT."""
+    """What DCC and pages say otherwise than a certificate made from the attached files; how many
+    rows agree; whether a DRAFT.
+    """
     stated = attached[dcc.FILE]
     try:
         root = dcc_check.parse(stated)
@@ -198,14 +223,19 @@ def _remade(
     except (OutputError, ValueError) as error:
         return [str(getattr(error, "message", error))], 0, False
     other = (
-        f" (made by calibkit {release}, checked by {dcc.RELEASE}: check it with that)" if release != dcc.RELEASE else ""
+        f" (made by calibkit {release}, checked by {dcc.RELEASE}: check it with that)"
+        if release != dcc.RELEASE
+        else ""
     )
     try:
         certificate = content.without_glyphs(rebuilt(attached, issued), _unshown(root))
         made = dcc.render(certificate, lang)
     except (CalibkitError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
         return [f"the attached files do not make a certificate: {error}{other}"], 0, False
-    faults = [f"{dcc.FILE}: {difference}{other}" for difference in _differences(root, dcc_check.parse(made))]
+    faults = [
+        f"{dcc.FILE}: {difference}{other}"
+        for difference in _differences(root, dcc_check.parse(made))
+    ]
     data = Attachment(dcc.FILE, stated, *dcc.DESCRIBED)
     whole = replace(certificate, attachments=(*certificate.attachments, data))
     missing, count = verify_text.faults(pdf.cleaned(sheet.sheet(whole, lang), whole.unshown), pages)
@@ -213,23 +243,39 @@ def _remade(
 
 
 def _facts(root: _Element) -> tuple[Lang, dt.date, str]:
-    """Languages, date of issue, release of calibkit that a DCC states; ValueError where it states none."""
+    """Languages, date of issue, release of calibkit that a DCC states; ValueError where it states
+    none.
+    """
     import datetime as dt
 
     core = "dcc:administrativeData/dcc:coreData"
     codes = {one.text for one in root.iterfind(f"{core}/dcc:usedLangCodeISO639_1", NAMES)}
     lang: Lang = "both" if codes == {"en", "zh"} else "zh" if codes == {"zh"} else "en"
     issued = dt.date.fromisoformat(root.findtext(f"{core}/dcc:issueDate", "", NAMES))
-    return lang, issued, root.findtext("dcc:administrativeData/dcc:dccSoftware/dcc:software/dcc:release", "", NAMES)
+    return (
+        lang,
+        issued,
+        root.findtext("dcc:administrativeData/dcc:dccSoftware/dcc:software/dcc:release", "", NAMES),
+    )
 
 
 def _unshown(root: _Element) -> set[str]:
     """Characters that the DCC of a DRAFT says no font had: the fonts are not attached."""
     statements = root.iterfind("dcc:administrativeData/dcc:statements/dcc:statement", NAMES)
-    drafts = (s for s in statements if s.findtext("dcc:name/dcc:content", "", NAMES).startswith(("DRAFT", "草稿")))
-    texts = (one.text or "" for s in drafts for one in s.iterfind("dcc:declaration/dcc:content", NAMES))
+    drafts = (
+        s
+        for s in statements
+        if s.findtext("dcc:name/dcc:content", "", NAMES).startswith(("DRAFT", "草稿"))
+    )
+    texts = (
+        one.text or "" for s in drafts for one in s.iterfind("dcc:declaration/dcc:content", NAMES)
+    )
     listed = (text for text in texts if text.startswith(f"{checklist.FONTS}: "))
-    return {chr(int(digits, 16)) for text in listed for digits in re.findall(r"\[U\+([0-9A-F]{4,6})\]", text)}
+    return {
+        chr(int(digits, 16))
+        for text in listed
+        for digits in re.findall(r"\[U\+([0-9A-F]{4,6})\]", text)
+    }
 
 
 def rebuilt(attached: Mapping[str, bytes], issued: dt.date) -> content.Certificate:
@@ -261,7 +307,9 @@ def _profile(text: str) -> tuple[profile.Profile, str]:
 
 
 def _differences(stated: _Element, made: _Element) -> Iterator[str]:
-    """First difference between two documents: elements, attributes, texts, numbers to nine digits."""
+    """First difference between two documents: elements, attributes, texts, numbers to nine
+    digits.
+    """
     pairs = zip(stated.iter(), made.iter(), strict=False)
     near = ""
     for one, other in pairs:
@@ -270,7 +318,10 @@ def _differences(stated: _Element, made: _Element) -> Iterator[str]:
             yield f"{name} is not what the attached files give{near}"
             return
         if not _same(one.text or "", other.text or ""):
-            yield f"{name} '{(one.text or '')[:40]}' is not what the attached files give, '{(other.text or '')[:40]}'{near}"
+            yield (
+                f"{name} '{(one.text or '')[:40]}' is not what the attached files give,"
+                f" '{(other.text or '')[:40]}'{near}"
+            )
             return
         if name in {"label", "labelXMLList"}:
             near = f", at {(one.text or '').split(' ', 1)[0]}"
@@ -288,12 +339,14 @@ def _same(one: str, other: str) -> bool:
     return all(math.isclose(a, b, rel_tol=SAME, abs_tol=1e-300) for a, b in pairs)
 
 
-def _what(attached: Mapping[str, bytes], signatures: Sequence[verify_signature.Signature], count: int) -> str:
+def _what(
+    attached: Mapping[str, bytes], signatures: Sequence[verify_signature.Signature], count: int
+) -> str:
     """A certificate in one line."""
     run = _document(attached)
     number = dcc_check.parse(attached[dcc.FILE]).findtext(".//dcc:uniqueIdentifier", "", NAMES)
     signed = "".join(f", signed by {one.signer}, who states {one.claimed}" for one in signatures)
     return (
-        f"certificate {number} of {run['serial']} r{run['revision']:03d}, {len(attached)} attachments as printed, "
-        f"{count} rows of numbers as the attached files give them{signed}"
+        f"certificate {number} of {run['serial']} r{run['revision']:03d}, {len(attached)}"
+        f" attachments as printed, {count} rows of numbers as the attached files give them{signed}"
     )

@@ -1,4 +1,6 @@
-"""What a certificate's signature says: whether any byte was changed behind it, who signed, and whether that one is trusted."""
+"""What a certificate's signature says: whether any byte was changed behind it, who signed, and
+whether that one is trusted.
+"""
 
 from __future__ import annotations
 
@@ -19,7 +21,9 @@ INSTALL = "pip install 'calibkit[verify]'"
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Who signed and when the signer says it was, what is wrong with it, and what should be known of it."""
+    """Who signed and when the signer says it was, what is wrong with it, and what should be known
+    of it.
+    """
 
     signer: str
     claimed: str
@@ -40,18 +44,24 @@ def trust_roots(paths: Sequence[Path]) -> list[Any]:
         try:
             found += list(keys.load_certs_from_pemder([str(path)]))  # type: ignore[no-untyped-call]
         except (OSError, ValueError) as error:
-            raise UsageError(f"--trust {path}: no certificate: {error}", hint="name a PEM or DER file") from None
+            raise UsageError(
+                f"--trust {path}: no certificate: {error}", hint="name a PEM or DER file"
+            ) from None
     return found
 
 
 def signatures(document: bytes, roots: Sequence[Any]) -> tuple[Signature, ...]:
-    """Every signature of a PDF, none for an unsigned one; OutputError without pyHanko where there is something to check."""
+    """Every signature of a PDF, none for an unsigned one; OutputError without pyHanko where there
+    is something to check.
+    """
     if b"/ByteRange" not in document:
         return ()
     try:
         from pyhanko.pdf_utils.reader import PdfFileReader
     except ImportError:
-        raise OutputError("the certificate is signed; its signature needs pyHanko", hint=INSTALL) from None
+        raise OutputError(
+            "the certificate is signed; its signature needs pyHanko", hint=INSTALL
+        ) from None
     with quiet():
         try:
             embedded = PdfFileReader(io.BytesIO(document), strict=True).embedded_signatures
@@ -84,7 +94,9 @@ def _checked(document: bytes, embedded: Any, roots: Sequence[Any], *, last: bool
         warnings.append(f"the signature is intact, but its signer is not trusted: {signer}")
     if not faults and status.docmdp_ok is None:
         warnings.append("the signature is not a certification signature")
-    return Signature(signer, "" if claimed is None else claimed.isoformat(), tuple(faults), tuple(warnings))
+    return Signature(
+        signer, "" if claimed is None else claimed.isoformat(), tuple(faults), tuple(warnings)
+    )
 
 
 def _end(embedded: Any) -> int:  # noqa: ANN401 (a class of an optional library)
@@ -119,13 +131,23 @@ def _container(document: bytes, embedded: Any) -> Iterator[str]:  # noqa: ANN401
     start, length, after, rest = (int(number) for number in embedded.byte_range)
     gap = document[start + length : after]
     der = _der(bytes.fromhex(gap[1:-1].decode("ascii"))) if len(gap) > 2 else b""
-    plain = {b"<" + text.ljust(len(gap) - 2, b"0") + b">" for text in (der.hex().encode(), der.hex().upper().encode())}
-    if start != 0 or after + rest > len(document) or gap not in plain or not _regular(der, embedded.signer_cert):
+    plain = {
+        b"<" + text.ljust(len(gap) - 2, b"0") + b">"
+        for text in (der.hex().encode(), der.hex().upper().encode())
+    }
+    if (
+        start != 0
+        or after + rest > len(document)
+        or gap not in plain
+        or not _regular(der, embedded.signer_cert)
+    ):
         yield "the signature's own bytes were changed"
 
 
 def _regular(der: bytes, signer: Any) -> bool:  # noqa: ANN401 (a class of an optional library)
-    """Whether what the signature does not cover of its own container says again what it covers (RFC 5652, 5.1 and 5.3)."""
+    """Whether what the signature does not cover of its own container says again what it covers (RFC
+    5652, 5.1 and 5.3).
+    """
     from asn1crypto import cms, core
 
     found = []
@@ -137,7 +159,9 @@ def _regular(der: bytes, signer: Any) -> bool:  # noqa: ANN401 (a class of an op
         named = own["sid"].name == "issuer_and_serial_number"
         if named:
             serial = {"issuer": signer.issuer, "serial_number": signer.serial_number}
-            own["sid"] = cms.SignerIdentifier("issuer_and_serial_number", cms.IssuerAndSerialNumber(serial))
+            own["sid"] = cms.SignerIdentifier(
+                "issuer_and_serial_number", cms.IssuerAndSerialNumber(serial)
+            )
         own["version"] = data["version"] = "v1" if named else "v3"
         own["digest_algorithm"] = cms.DigestAlgorithm(algorithm)
         data["digest_algorithms"] = cms.DigestAlgorithms([cms.DigestAlgorithm(algorithm)])
@@ -154,18 +178,29 @@ def _der(content: bytes) -> bytes:
 
 
 def _bag(embedded: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optional library)
-    """Every certificate that travels with a signature is one that it names, or one that is signed by another of them."""
+    """Every certificate that travels with a signature is one that it names, or one that is signed
+    by another of them.
+    """
     from cryptography import x509
 
     listed = _named(embedded)
-    others = [one for one in embedded.other_embedded_certs if hashlib.sha256(one.dump()).digest() not in listed]
+    others = [
+        one
+        for one in embedded.other_embedded_certs
+        if hashlib.sha256(one.dump()).digest() not in listed
+    ]
     every = [
-        x509.load_der_x509_certificate(one.dump()) for one in (embedded.signer_cert, *embedded.other_embedded_certs)
+        x509.load_der_x509_certificate(one.dump())
+        for one in (embedded.signer_cert, *embedded.other_embedded_certs)
     ]
     for one in others:
         certificate = x509.load_der_x509_certificate(one.dump())
         issuers = [other for other in every if other.subject == certificate.issuer]
-        if len(listed) > 1 or not issuers or not any(_issued(certificate, issuer) for issuer in issuers):
+        if (
+            len(listed) > 1
+            or not issuers
+            or not any(_issued(certificate, issuer) for issuer in issuers)
+        ):
             yield "a certificate beside the signer's is not one that was signed with"
 
 
@@ -173,7 +208,9 @@ def _named(embedded: Any) -> set[bytes]:  # noqa: ANN401 (a class of an optional
     """Digests (SHA-256) of the certificates that the signed attributes name."""
     from pyhanko.sign.general import find_unique_cms_attribute
 
-    value = find_unique_cms_attribute(embedded.signer_info["signed_attrs"], "signing_certificate_v2")
+    value = find_unique_cms_attribute(
+        embedded.signer_info["signed_attrs"], "signing_certificate_v2"
+    )
     return {entry["cert_hash"].native for entry in value["certs"]}
 
 

@@ -1,7 +1,9 @@
-"""What a certificate prints, read back from its PDF, against the sheet that the attached files give.
+"""What a certificate prints, read back from its PDF, against the sheet that the attached files
+give.
 
-Rows of numbers are looked for in the order of printing, blanks aside; a number is another one as soon as it has a digit, a
-point or a sign more. Words in scripts that come out of a PDF in another order than they went in are passed over.
+Rows of numbers are looked for in the order of printing, blanks aside; a number is another one as
+soon as it has a digit, a point or a sign more. Words in scripts that come out of a PDF in another
+order than they went in are passed over.
 """
 
 from __future__ import annotations
@@ -24,7 +26,9 @@ PART_OF_NUMBER = frozenset("0123456789.−")
 
 @dataclass(frozen=True, slots=True)
 class Text:
-    """A PDF's text without blanks, and for each character whether a blank stands before it; pages apart."""
+    """A PDF's text without blanks, and for each character whether a blank stands before it; pages
+    apart.
+    """
 
     characters: str
     apart: tuple[bool, ...]
@@ -58,7 +62,9 @@ class Text:
         return -1
 
     def _follow(self, begin: int, length: int, rest: Segments) -> int:
-        """End of a row, cells directly behind each other but for what may be anything; -1 where a number goes on."""
+        """End of a row, cells directly behind each other but for what may be anything; -1 where a
+        number goes on.
+        """
         end, gap = begin + length, 0
         whole = self._apart(begin) and self._apart(end)
         for segment in rest:
@@ -73,7 +79,9 @@ class Text:
         return end if whole else -1
 
     def _apart(self, place: int) -> bool:
-        """Whether no number goes on over a place: a digit, point or sign directly before it and one directly behind."""
+        """Whether no number goes on over a place: a digit, point or sign directly before it and one
+        directly behind.
+        """
         if place in {0, len(self.characters)} or self.apart[place]:
             return True
         return not {self.characters[place - 1], self.characters[place]} <= PART_OF_NUMBER
@@ -92,7 +100,9 @@ def compact(text: str) -> str:
 
 
 def readable(text: str) -> bool:
-    """Whether a text comes out of a PDF as it went in: Latin, Greek, Cyrillic, signs; no combining marks, no right-to-left."""
+    """Whether a text comes out of a PDF as it went in: Latin, Greek, Cyrillic, signs; no combining
+    marks, no right-to-left.
+    """
     return "[U+" not in text and all(
         (ord(c) < 0x530 or 0x2000 <= ord(c) < 0x2400 or c in LIGATURES)
         and not unicodedata.combining(c)
@@ -146,14 +156,22 @@ def _facts(sheet: dict[str, Any], text: Text) -> Iterator[str]:
     body = "".join(_body(sheet, page) for page in text.pages)
     if readable(sheet["rejected"]) and compact(sheet["rejected"]) not in body:
         yield f"'{sheet['rejected']}' is not printed"
-    groups = [*sheet["parties"], sheet["item"], sheet["method"], sheet["conditions"], sheet["authorisation"]]
+    groups = [
+        *sheet["parties"],
+        sheet["item"],
+        sheet["method"],
+        sheet["conditions"],
+        sheet["authorisation"],
+    ]
     for label, value in (row for group in groups for row in group):
         if value.strip() and readable(value) and compact(value) not in body:
             yield f"{label}: '{' '.join(value.split())[:60]}' is not printed"
 
 
 def _body(sheet: dict[str, Any], page: str) -> str:
-    """A page without its head and foot, which may stand in the middle of a text that goes on overleaf."""
+    """A page without its head and foot, which may stand in the middle of a text that goes on
+    overleaf.
+    """
     for head in (
         sheet["words"]["s_draft"],
         sheet["laboratory"],

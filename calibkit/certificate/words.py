@@ -10,7 +10,9 @@ Lang = Literal["en", "zh", "both"]
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """The same words in English and in Chinese; symbols and names that are alike in both are given once."""
+    """The same words in English and in Chinese; symbols and names that are alike in both are given
+    once.
+    """
 
     en: str
     zh: str = ""
@@ -34,7 +36,8 @@ UNIT_MARKS = {
     "ug": "µg",
     "deg/sqrt(h)": "°/√h",
 }
-"""Printed form of units, and of parts of compound units, that differ from their spelling in files."""
+"""Printed form of units, and of parts of compound units, that differ from their spelling in files.
+"""
 POWERS = str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹")
 
 

@@ -1,4 +1,6 @@
-"""What a log must hold before anything can be said of it: rows, finite numbers, a clock that runs, plausible values."""
+"""What a log must hold before anything can be said of it: rows, finite numbers, a clock that runs,
+plausible values.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ GAP = 2.5
 
 
 def line(log: Log, row: int) -> int:
-    """Line of the file that a row of the frame came from, in the part of a split log that holds it."""
+    """Line of the file that a row of the frame came from, in the part of a split log that holds
+    it.
+    """
     return int(log.place(row).rsplit(":", 1)[1])
 
 
@@ -42,7 +46,9 @@ def at_row(
     severity: Severity = "refuse",
     figure: float | None = None,
 ) -> Finding:
-    """Finding at a row of a log: its place names file, line and column, and it carries the row's time where there is one."""
+    """Finding at a row of a log: its place names file, line and column, and it carries the row's
+    time where there is one.
+    """
     timed = "time_s" in log.frame.columns
     time = float(log.frame["time_s"].iloc[row]) if timed else None
     place = f"{log.place(row)}: column '{column}'"
@@ -55,7 +61,16 @@ def rows(log: Log, minimum: int) -> list[Finding]:
     if count >= minimum:
         return []
     advice = "log longer, or lower min_rows in the recipe"
-    return [Finding(log.file, f"{count} rows", f"at least {minimum}", advice, name="rows", figure=float(count))]
+    return [
+        Finding(
+            log.file,
+            f"{count} rows",
+            f"at least {minimum}",
+            advice,
+            name="rows",
+            figure=float(count),
+        )
+    ]
 
 
 def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
@@ -66,11 +81,22 @@ def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
             continue
         bad = spans.where(values(log.frame, column), lambda data: ~np.isfinite(data))
         if bad.size:
-            found = f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on"
+            found = (
+                f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on"
+            )
             advice = "leave the range out with [[exclude]], or repair the log"
             expected = "a number in every row"
             findings.append(
-                at_row(log, int(bad[0]), column, found, expected, advice, "missing", figure=float(bad.size))
+                at_row(
+                    log,
+                    int(bad[0]),
+                    column,
+                    found,
+                    expected,
+                    advice,
+                    "missing",
+                    figure=float(bad.size),
+                )
             )
     return findings
 
@@ -88,7 +114,18 @@ def monotonic(log: Log) -> list[Finding]:
     rows = f"({back.size} such row{'s' if back.size > 1 else ''})"
     found = f"time {word} at {time[k]:.10g} s → {time[k + 1]:.10g} s {rows}"
     advice = "sort or split the log, or leave the rows out with [[exclude]]"
-    return [at_row(log, k + 1, "time_s", found, "strictly increasing time", advice, "clock", figure=float(back.size))]
+    return [
+        at_row(
+            log,
+            k + 1,
+            "time_s",
+            found,
+            "strictly increasing time",
+            advice,
+            "clock",
+            figure=float(back.size),
+        )
+    ]
 
 
 def gaps(log: Log, limit_s: float) -> list[Finding]:
@@ -104,7 +141,10 @@ def gaps(log: Log, limit_s: float) -> list[Finding]:
     missing = spans.where(time, lambda step: step > GAP * usual, step=True)
     step = time[missing + 1] - time[missing]
     long = step > limit_s
-    told = [_long_gap(log, int(k), float(length), limit_s) for k, length in zip(missing[long], step[long], strict=True)]
+    told = [
+        _long_gap(log, int(k), float(length), limit_s)
+        for k, length in zip(missing[long], step[long], strict=True)
+    ]
     return [*told, *_short_gaps(log, missing[~long], step[~long], usual)]
 
 
@@ -115,11 +155,16 @@ def _long_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
     left_out = int(log.frame.index[k + 1]) - int(log.frame.index[k]) - 1
     if left_out > 0 and any("excluded by" in note for note in log.notes):
         found += f", made by [[exclude]], which leaves out {left_out} rows"
-        advice = "exclude from the log's start or to its end, split the log there, or raise max_gap_s in the recipe"
+        advice = (
+            "exclude from the log's start or to its end, split the log there, or raise max_gap_s in"
+            " the recipe"
+        )
     return at_row(log, k + 1, "time_s", found, f"at most {limit_s:g} s", advice, "gap", figure=step)
 
 
-def _short_gaps(log: Log, missing: NDArray[np.int64], step: NDArray[np.float64], usual: float) -> list[Finding]:
+def _short_gaps(
+    log: Log, missing: NDArray[np.int64], step: NDArray[np.float64], usual: float
+) -> list[Finding]:
     """Gaps that are allowed, told in one finding."""
     if not missing.size:
         return []
@@ -129,11 +174,14 @@ def _short_gaps(log: Log, missing: NDArray[np.int64], step: NDArray[np.float64],
     advice = "see that no row was lost; what lies between them is not known"
     largest = float(step.max())
     every = f"a row every {usual:g} s"
-    return [at_row(log, k + 1, "time_s", found, every, advice, "gap", severity="warn", figure=largest)]
+    return [
+        at_row(log, k + 1, "time_s", found, every, advice, "gap", severity="warn", figure=largest)
+    ]
 
 
 def bridged(log: Log) -> list[str]:
-    """Flag for the gaps that a compensation with a memory runs across: their number, the longest, the time they take.
+    """Flag for the gaps that a compensation with a memory runs across: their number, the longest,
+    the time they take.
 
     What happened in them it does not know, and what it remembers from before them may be over.
     """
@@ -144,7 +192,11 @@ def bridged(log: Log) -> list[str]:
     missing = spans.where(time, lambda step: step > limit, step=True)
     step = time[missing + 1] - time[missing]
     k = int(missing[np.argmax(step)])
-    count = "a gap" if missing.size == 1 else f"{missing.size} gaps, {step.sum():g} s together, the longest"
+    count = (
+        "a gap"
+        if missing.size == 1
+        else f"{missing.size} gaps, {step.sum():g} s together, the longest"
+    )
     them = "it" if missing.size == 1 else "them"
     said = f"{log.place(k + 1)}: {count} of {step.max():g} s from {time[k]:g} s"
     return [f"{said}: the compensation runs across {them} and knows nothing of what happened there"]
@@ -174,10 +226,15 @@ def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
         bad = spans.where(data, lambda part: (part < COLDEST_DEGC) | (part > HOTTEST_DEGC))
         if bad.size:
             found = f"{data[bad[0]]:g} °C ({bad.size} such row{'s' if bad.size > 1 else ''})"
-            advice = f"state the log's unit in [columns.{column}], or leave the rows out with [[exclude]]"
+            advice = (
+                f"state the log's unit in [columns.{column}], or leave the rows out with"
+                " [[exclude]]"
+            )
             expected = f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} °C"
             figure = float(data[bad[0]])
-            findings.append(at_row(log, int(bad[0]), column, found, expected, advice, "range", figure=figure))
+            findings.append(
+                at_row(log, int(bad[0]), column, found, expected, advice, "range", figure=figure)
+            )
     return findings
 
 
@@ -193,4 +250,8 @@ def plausible_rate(log: Log, column: str) -> list[Finding]:
     found = f"{data[wild[0]]:g} deg/h ({wild.size} such row{'s' if wild.size > 1 else ''})"
     advice = f"state the log's unit in [columns.{column}], or leave the rows out with [[exclude]]"
     expected = f"at most {LARGEST_RATE_DPH:g} deg/h"
-    return [at_row(log, int(wild[0]), column, found, expected, advice, "range", figure=float(data[wild[0]]))]
+    return [
+        at_row(
+            log, int(wild[0]), column, found, expected, advice, "range", figure=float(data[wild[0]])
+        )
+    ]

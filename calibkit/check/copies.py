@@ -1,7 +1,9 @@
-"""Logs that came in twice under two names: one would vouch for the other when it is left out, or held against its own fit.
+"""Logs that came in twice under two names: one would vouch for the other when it is left out, or
+held against its own fit.
 
-The same bytes are a copy, and so are the same values written otherwise: other line ends, other separators, a row less. Of
-logs that are at hand the first rows are compared, of a run's logs the fingerprints that its run.json keeps of them.
+The same bytes are a copy, and so are the same values written otherwise: other line ends, other
+separators, a row less. Of logs that are at hand the first rows are compared, of a run's logs the
+fingerprints that its run.json keeps of them.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ if TYPE_CHECKING:
     from calibkit.frame import Log
 
 SHARED = 0.9
-"""Share of the shorter log's rows from which two logs are copies; noise makes the rows of two measurements differ."""
+"""Share of the shorter log's rows from which two logs are copies; noise makes the rows of two
+measurements differ.
+"""
 FEWEST = 3
 """Different rows below which nothing tells a copy from a log that stands still."""
 FINGERPRINT = "fingerprint"
@@ -27,7 +31,9 @@ FINGERPRINT = "fingerprint"
 
 
 def of(logs: Iterable[tuple[str, str, frozenset[bytes]]]) -> list[tuple[str, str]]:
-    """Copies among logs of (file, SHA-256, first rows as `frame.first_rows`): each with what it is a copy of."""
+    """Copies among logs of (file, SHA-256, first rows as `frame.first_rows`): each with what it is
+    a copy of.
+    """
     seen: list[tuple[str, str, frozenset[bytes]]] = []
     found = []
     for file, sha256, content in logs:
@@ -41,7 +47,9 @@ def of(logs: Iterable[tuple[str, str, frozenset[bytes]]]) -> list[tuple[str, str
 
 
 def distinct(logs: Iterable[Log]) -> Iterator[Log]:
-    """Pass logs through as they are read; FrameError for the first that is a copy of one before it."""
+    """Pass logs through as they are read; FrameError for the first that is a copy of one before
+    it.
+    """
     seen: list[tuple[str, str, frozenset[bytes]]] = []
     for log in logs:
         one = (log.file, log.sha256, log.first_rows())
@@ -68,7 +76,9 @@ def _are_copies(shared: int, fewer: int) -> bool:
 
 
 def alike(one: str, other: str) -> bool:
-    """Whether two fingerprints are of copies: their rows up to the digest that both samples reach."""
+    """Whether two fingerprints are of copies: their rows up to the digest that both samples
+    reach.
+    """
     samples = [_digests(one), _digests(other)]
     if samples[0].isdisjoint(samples[1]):
         return False
@@ -90,13 +100,17 @@ def fitted(sha256: str, rows: frozenset[bytes], inputs: Sequence[Mapping[str, ob
 
 
 def same_entry(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
-    """Whether two logs, as run.json lists them, are one measurement; of runs that keep no fingerprint only by their bytes."""
+    """Whether two logs, as run.json lists them, are one measurement; of runs that keep no
+    fingerprint only by their bytes.
+    """
     marks = str(one.get(FINGERPRINT, "")), str(other.get(FINGERPRINT, ""))
     return one["sha256"] == other["sha256"] or (all(marks) and alike(*marks))
 
 
 def entry(log: Input) -> dict[str, object]:
-    """A log as run.json lists it: what identifies it, a fingerprint of its values, how it was read."""
+    """A log as run.json lists it: what identifies it, a fingerprint of its values, how it was
+    read.
+    """
     values = fingerprint(log.content)
     return {
         **log.identity(),
@@ -106,11 +120,15 @@ def entry(log: Input) -> dict[str, object]:
 
 
 def marks(one: Mapping[str, object]) -> frozenset[str]:
-    """Digests of a log, as run.json lists it, and of its rows: a copy has at least one of them too."""
+    """Digests of a log, as run.json lists it, and of its rows: a copy has at least one of them
+    too.
+    """
     return _digests(str(one.get(FINGERPRINT, ""))) | {str(one["sha256"])}
 
 
-def shared(some: Sequence[Mapping[str, object]], others: Sequence[Mapping[str, object]]) -> list[str]:
+def shared(
+    some: Sequence[Mapping[str, object]], others: Sequence[Mapping[str, object]]
+) -> list[str]:
     """Names of the logs that are among others too, both as run.json lists them."""
     return [str(one["name"]) for one in some if any(same_entry(one, other) for other in others)]
 

@@ -1,4 +1,6 @@
-"""What a log holds, as numbers: rows, duration, sampling, span and resolution of every column, temperature occupancy."""
+"""What a log holds, as numbers: rows, duration, sampling, span and resolution of every column,
+temperature occupancy.
+"""
 
 from __future__ import annotations
 
@@ -26,7 +28,9 @@ GAP = 2.5
 
 @dataclass(frozen=True, slots=True)
 class ColumnFacts:
-    """One column: unit, smallest and largest value, resolution, standard deviation of its noise, missing values."""
+    """One column: unit, smallest and largest value, resolution, standard deviation of its noise,
+    missing values.
+    """
 
     name: str
     unit: str
@@ -48,7 +52,9 @@ class Occupancy:
 
 @dataclass(frozen=True, slots=True)
 class Facts:
-    """One log: rows, duration [s], rows a second, relative spread of the sampling interval, gaps, columns, occupancy."""
+    """One log: rows, duration [s], rows a second, relative spread of the sampling interval, gaps,
+    columns, occupancy.
+    """
 
     rows: int
     duration_s: float
@@ -86,11 +92,15 @@ def _column(name: str, data: Array) -> ColumnFacts:
         return ColumnFacts(name, unit, 0.0, 0.0, 0.0, 0.0, data.size)
     low, high = float(good.min()), float(good.max())
     missing = int(data.size - good.size)
-    return ColumnFacts(name, unit, low, high, anomalies.resolution(good), anomalies.scatter(good), missing)
+    return ColumnFacts(
+        name, unit, low, high, anomalies.resolution(good), anomalies.scatter(good), missing
+    )
 
 
 def occupied(temperature: Array) -> tuple[Occupancy, ...]:
-    """Occupancy of a temperature [n, °C] in bins of ten degrees, from the coldest to the hottest."""
+    """Occupancy of a temperature [n, °C] in bins of ten degrees, from the coldest to the
+    hottest.
+    """
     good = temperature[np.isfinite(temperature)]
     if not good.size:
         return ()
@@ -100,7 +110,8 @@ def occupied(temperature: Array) -> tuple[Occupancy, ...]:
         return ()
     share = np.bincount(number) / good.size
     return tuple(
-        Occupancy((first + k) * BIN_DEGC, (first + k + 1) * BIN_DEGC, float(part)) for k, part in enumerate(share)
+        Occupancy((first + k) * BIN_DEGC, (first + k + 1) * BIN_DEGC, float(part))
+        for k, part in enumerate(share)
     )
 
 
@@ -111,7 +122,9 @@ def joined(parts: Sequence[Facts]) -> Facts:
     occupancy: dict[tuple[float, float], float] = {}
     for part in parts:
         for place in part.occupancy:
-            occupancy[place.low, place.high] = occupancy.get((place.low, place.high), 0.0) + place.share * part.rows
+            occupancy[place.low, place.high] = (
+                occupancy.get((place.low, place.high), 0.0) + place.share * part.rows
+            )
     rates = [part.rate_hz for part in parts if part.rate_hz]
     between = [1.0 / rate for rate in rates[:-1]]
     return Facts(
@@ -121,7 +134,9 @@ def joined(parts: Sequence[Facts]) -> Facts:
         max(part.irregularity for part in parts),
         sum(part.gaps for part in parts),
         tuple(_joined([part.columns[k] for part in parts]) for k in range(len(names))),
-        tuple(Occupancy(low, high, share / rows) for (low, high), share in sorted(occupancy.items())),
+        tuple(
+            Occupancy(low, high, share / rows) for (low, high), share in sorted(occupancy.items())
+        ),
     )
 
 

@@ -1,4 +1,6 @@
-"""Units and signs that the size of the numbers gives away, and indications that were compensated before."""
+"""Units and signs that the size of the numbers gives away, and indications that were compensated
+before.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,9 @@ if TYPE_CHECKING:
 QUIETEST_DPH = 0.02
 """Span [°/h] that the indication of no logged gyro stays within: its white noise alone is wider."""
 QUIETEST_MEAN_DPH = 0.1
-"""Indication [°/h] of a still gyro below which so small a span is another unit's: the earth's rate alone is larger."""
+"""Indication [°/h] of a still gyro below which so small a span is another unit's: the earth's rate
+alone is larger.
+"""
 SLOWEST_SAMPLING_S = 100.0
 """Interval [s] at which nobody records the noise of a gyro."""
 FASTEST_DPH = 36_000.0
@@ -41,10 +45,14 @@ ALIKE_LOGS = 3
 ALIKE = 0.3
 """Median deviation of their slopes, of their median, up to which they agree."""
 COMPENSATED_SHARE = 0.4
-"""Share of the others' slope below which a log looks compensated; on 64 simulated ramps it is 0.77 to 1.25."""
+"""Share of the others' slope below which a log looks compensated; on 64 simulated ramps it is 0.77
+to 1.25.
+"""
 PARTS = 100
 """Block means of a log that are held against the drift taken off it."""
-COMPENSATED = re.compile(r"comp(?!are|ass|ute|onent|lete)|correct|补偿|修正|校正|kompens|korrig", re.IGNORECASE)
+COMPENSATED = re.compile(
+    r"comp(?!are|ass|ute|onent|lete)|correct|补偿|修正|校正|kompens|korrig", re.IGNORECASE
+)
 """Words in a column's name that say it was corrected before."""
 
 
@@ -67,13 +75,19 @@ def gyro(log: Log, column: str) -> list[Finding]:
 
 
 def at_rest(log: Log, column: str) -> list[Finding]:
-    """A gyro in a record of noise whose indication is too small or too large for °/h; what is missing is left out.
+    """A gyro in a record of noise whose indication is too small or too large for °/h; what is
+    missing is left out.
 
-    Its noise alone may be that of a quiet gyro: the span tells °/s only where the whole indication is that small too.
+    Its noise alone may be that of a quiet gyro: the span tells °/s only where the whole indication
+    is that small too.
     """
     data = values(log.frame, column)
     kept = data[np.isfinite(data)]
-    if kept.size and float(np.ptp(kept)) < QUIETEST_DPH and abs(float(np.median(kept))) > QUIETEST_MEAN_DPH:
+    if (
+        kept.size
+        and float(np.ptp(kept)) < QUIETEST_DPH
+        and abs(float(np.median(kept))) > QUIETEST_MEAN_DPH
+    ):
         return []
     return gyro(replace(log, frame=log.frame[np.isfinite(data)]), column)
 
@@ -84,7 +98,17 @@ def interval(log: Log) -> list[Finding]:
     if step < SLOWEST_SAMPLING_S:
         return []
     advice = 'time looks like milliseconds: state it, [columns.time_s] unit = "ms"'
-    return [_warn(log, "time_s", f"a sample every {step:g} s", "a gyro sampled faster", advice, "unit", step)]
+    return [
+        _warn(
+            log,
+            "time_s",
+            f"a sample every {step:g} s",
+            "a gyro sampled faster",
+            advice,
+            "unit",
+            step,
+        )
+    ]
 
 
 def clock(log: Log, air: str) -> list[Finding]:
@@ -118,13 +142,19 @@ def gravity(log: Log, axes: Sequence[str]) -> list[Finding]:
     if len(axes) < 3 or 0.8 < usual < 1.25:
         return []
     unit = next((unit for unit, g in G_OF_UNIT.items() if 0.8 < usual / g < 1.25), None)
-    advice = f'it looks like {unit}: state it, [columns.{axes[0]}] unit = "{unit}"' if unit else "state the log's unit"
+    advice = (
+        f'it looks like {unit}: state it, [columns.{axes[0]}] unit = "{unit}"'
+        if unit
+        else "state the log's unit"
+    )
     what = f"the three axes have a length of {usual:.4g} g in most rows"
     return [_warn(log, axes[0], what, "1 g", advice, "unit", usual)]
 
 
 def sense(log: Log, axes: Sequence[str], expected: Callable[[int, int], Array]) -> list[Finding]:
-    """A triad that has the opposite sign of what its attitude lets expect in rows first … stop − 1: [k, 3]."""
+    """A triad that has the opposite sign of what its attitude lets expect in rows first … stop − 1:
+    [k, 3].
+    """
     columns, sums = [values(log.frame, axis) for axis in axes], np.zeros(3)
     for a, b in spans.along(*columns):
         shown, there = np.column_stack([column[a:b] for column in columns]), expected(a, b)
@@ -133,8 +163,21 @@ def sense(log: Log, axes: Sequence[str], expected: Callable[[int, int], Array]) 
     if agreement > -0.5:
         return []
     what = f"the triad is opposite to its attitude (correlation {agreement:.2f})"
-    advice = 'set reference.convention to the other of "gravity" and "specific_force", or sign = -1 in [columns]'
-    return [_warn(log, axes[0], what, "indications along the convention of the recipe", advice, "sign", agreement)]
+    advice = (
+        'set reference.convention to the other of "gravity" and "specific_force", or sign = -1 in'
+        " [columns]"
+    )
+    return [
+        _warn(
+            log,
+            axes[0],
+            what,
+            "indications along the convention of the recipe",
+            advice,
+            "sign",
+            agreement,
+        )
+    ]
 
 
 def rotation(log: Log, column: str, rate: str) -> list[Finding]:
@@ -146,39 +189,56 @@ def rotation(log: Log, column: str, rate: str) -> list[Finding]:
     if together > -0.9:
         return []
     what = f"its counts fall while the table rate rises (correlation {together:.3f})"
-    advice = f"state sign = -1 in [columns.{column}] or [columns.{rate}] where that is not the gyro's own sense"
+    advice = (
+        f"state sign = -1 in [columns.{column}] or [columns.{rate}] where that is not the gyro's"
+        " own sense"
+    )
     finding = _warn(log, column, what, "counts that rise with the rate", advice, "sign", together)
     return [finding]
 
 
 def compensated(log: Log, recipe: Recipe, columns: Sequence[str]) -> list[Finding]:
-    """Indications whose own name in the log says that they were corrected before: never compensate twice."""
+    """Indications whose own name in the log says that they were corrected before: never compensate
+    twice.
+    """
     found = []
     for column in columns:
         source = recipe.columns[column].source if column in recipe.columns else column
         if COMPENSATED.search(source):
             what = f"its column in the log is called '{source}'"
-            advice = "map the column that was not compensated; a log that was must not be compensated twice"
+            advice = (
+                "map the column that was not compensated; a log that was must not be compensated"
+                " twice"
+            )
             found.append(
                 Finding(
-                    f"{log.file}:1: column '{column}'", what, "an indication as it was measured", advice, "warn",
-                    "double_compensation", 1,
+                    f"{log.file}:1: column '{column}'",
+                    what,
+                    "an indication as it was measured",
+                    advice,
+                    "warn",
+                    "double_compensation",
+                    1,
                 )
-            )  # fmt: skip
+            )
     return found
 
 
 def drift_slope(case: Array, indication: Array) -> float:
-    """Slope [°/h/K] of an indication [n, °/h] over the case temperature [n, °C] by least squares; 0 where it stands still."""
+    """Slope [°/h/K] of an indication [n, °/h] over the case temperature [n, °C] by least squares; 0
+    where it stands still.
+    """
     above = case - case.mean()
     power = float(above @ above)
     return float(above @ indication) / power if power > 0.0 else 0.0
 
 
 def compensated_before(slopes: Mapping[str, float]) -> list[tuple[str, Finding]]:
-    """Logs whose drift over temperature is missing, or the other way round, while that of all others agrees.
+    """Logs whose drift over temperature is missing, or the other way round, while that of all
+    others agrees.
 
-    Of one instrument the slopes [°/h/K] of at least four logs are compared, each with the median of the others.
+    Of one instrument the slopes [°/h/K] of at least four logs are compared, each with the median of
+    the others.
     """
     found = []
     for file, slope in slopes.items():
@@ -188,28 +248,43 @@ def compensated_before(slopes: Mapping[str, float]) -> list[tuple[str, Finding]]
         usual = float(np.median(others))
         agree = float(np.median(np.abs(others - usual))) < ALIKE * abs(usual)
         if agree and slope / usual < COMPENSATED_SHARE:
-            what = f"the indication moves by {slope:.3g} deg/h/°C, that of the other logs by {usual:.3g}"
+            what = (
+                f"the indication moves by {slope:.3g} deg/h/°C, that of the other logs by"
+                f" {usual:.3g}"
+            )
             opposite = "its sign may be the other (sign = -1 in [columns.gyro_dph]), or "
-            advice = (opposite if slope / usual < -COMPENSATED_SHARE else "") + (
-                "it may have been compensated before: take the log as it was measured, or leave it out with [[exclude]]; "
-                "never compensate twice"
+            advice = (
+                (opposite if slope / usual < -COMPENSATED_SHARE else "")
+                + "it may have been compensated before: take the log as it was measured, or leave"
+                " it out with [[exclude]]; never compensate twice"
             )
             share = slope / usual
             place = f"{file}: column 'gyro_dph'"
             expected = "logs of one gyro to drift alike"
-            found.append((file, Finding(place, what, expected, advice, "warn", "double_compensation", figure=share)))
+            found.append(
+                (
+                    file,
+                    Finding(
+                        place, what, expected, advice, "warn", "double_compensation", figure=share
+                    ),
+                )
+            )
     return found
 
 
 def undrifting(file: str, predicted: Array, indication: Array) -> list[str]:
-    """Flag for a log [n, °/h] that does not show the drift [n, °/h] that is about to be taken off it.
+    """Flag for a log [n, °/h] that does not show the drift [n, °/h] that is about to be taken off
+    it.
 
     The indication is held against the prediction by a straight line through a hundred block means.
     """
     if predicted.size < 10 * PARTS:
         return []
     edges = np.linspace(0, predicted.size, PARTS + 1).astype(np.int64).tolist()
-    x, y = (np.array([spans.mean(column[a:b]) for a, b in pairwise(edges)]) for column in (predicted, indication))
+    x, y = (
+        np.array([spans.mean(column[a:b]) for a, b in pairwise(edges)])
+        for column in (predicted, indication)
+    )
     power = float(np.sum((x - x.mean()) ** 2))
     if power == 0.0:
         return []
@@ -220,12 +295,28 @@ def undrifting(file: str, predicted: Array, indication: Array) -> list[str]:
     if gain + 3.0 * uncertainty > COMPENSATED_SHARE:
         return []
     share = f"{gain:.2f} ± {3.0 * uncertainty:.2f}"
-    said = f"{file}: the log follows the drift of this run's model with a gain of {share}, expected 1"
+    said = (
+        f"{file}: the log follows the drift of this run's model with a gain of {share}, expected 1"
+    )
     if gain < -COMPENSATED_SHARE:
-        return [f"{said}: its sign is the other: state sign = -1 in [columns.gyro_dph]; or it is another gyro's"]
-    return [f"{said}: it may have been compensated before, and must not be twice; or it is another gyro's"]
+        return [
+            (
+                f"{said}: its sign is the other: state sign = -1 in [columns.gyro_dph]; or it is"
+                " another gyro's"
+            )
+        ]
+    return [
+        (
+            f"{said}: it may have been compensated before, and must not be twice; or it is another"
+            " gyro's"
+        )
+    ]
 
 
-def _warn(log: Log, column: str, what: str, expected: str, advice: str, name: str, figure: float) -> Finding:
+def _warn(
+    log: Log, column: str, what: str, expected: str, advice: str, name: str, figure: float
+) -> Finding:
     """Warning about a column as a whole."""
-    return Finding(f"{log.file}: column '{column}'", what, expected, advice, "warn", name, None, None, figure)
+    return Finding(
+        f"{log.file}: column '{column}'", what, expected, advice, "warn", name, None, None, figure
+    )

@@ -1,4 +1,6 @@
-"""What `calibkit check` says of the logs of a folder: as a document for scripts, and as lines for people."""
+"""What `calibkit check` says of the logs of a folder: as a document for scripts, and as lines for
+people.
+"""
 
 from __future__ import annotations
 
@@ -34,12 +36,17 @@ class HeldCondition:
     def __str__(self) -> str:
         sign = "+" if self.unit == "°C/min" else ""
         level = f"{self.level:{sign}.4g} {self.unit}"
-        return f"{self.kind} {level} from {self.first:g} to {self.last:g}{' (pinned)' if self.pinned else ''}"
+        return (
+            f"{self.kind} {level} from {self.first:g} to"
+            f" {self.last:g}{' (pinned)' if self.pinned else ''}"
+        )
 
 
 @dataclass(frozen=True, slots=True)
 class LogReport:
-    """One log: how it was read, what it holds, what was found. Facts are absent where it could not be read."""
+    """One log: how it was read, what it holds, what was found. Facts are absent where it could not
+    be read.
+    """
 
     file: str
     sha256: str
@@ -56,8 +63,12 @@ class LogReport:
 
 
 def document(reports: Sequence[LogReport]) -> dict[str, Any]:
-    """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it, then each log."""
-    refused = [(report, finding) for report in reports for finding in report.findings if finding.refused]
+    """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it,
+    then each log.
+    """
+    refused = [
+        (report, finding) for report in reports for finding in report.findings if finding.refused
+    ]
     if not refused:
         return {"ok": True, "logs": [_entry(report) for report in reports]}
     first, count = refused[0][1], len({report.file for report, _ in refused})

@@ -1,7 +1,7 @@
 """What a sensor or its logger did to a column that physics did not, as findings with their places.
 
-A column is judged in pieces of at most PIECE rows, so that a log of any length is judged alike, whether it is read whole
-or a piece at a time.
+A column is judged in pieces of at most PIECE rows, so that a log of any length is judged alike,
+whether it is read whole or a piece at a time.
 """
 
 from __future__ import annotations
@@ -41,7 +41,9 @@ LEVELS = 16
 
 
 def indication(log: Log, column: str, unit: str) -> list[Finding]:
-    """Spikes, stuck and clipped values, jumps of the bias, start-up rows and coarse steps of a static indication."""
+    """Spikes, stuck and clipped values, jumps of the bias, start-up rows and coarse steps of a
+    static indication.
+    """
     data = values(log.frame, column)
     early = start_up(log, column, data, unit)
     stuck = anomalies.stuck(data)
@@ -69,7 +71,8 @@ def temperatures(log: Log, case: str, air: str) -> list[Finding]:
         anomalies.frozen(of_case, SPIKE_DEGC, runs),
     )
     found += stuck_runs(log, case, of_case, np.unique(np.concatenate(frozen), axis=0), "°C")
-    # a case comes to meet the air that stands still; a case that leaves it was driven by air that the log does not show
+    # a case comes to meet the air that stands still; a case that leaves it was driven by air that
+    # the log does not show
     runs = anomalies.equal_runs(of_air, anomalies.SHORTEST_RUN)
     first, last = runs[:, 0], runs[:, 1] - 1
     left = np.abs(of_case[last] - of_air[last]) - np.abs(of_case[first] - of_air[first]) > moved
@@ -83,7 +86,8 @@ def temperature(log: Log, column: str) -> list[Finding]:
 
 
 def turned_back(log: Log, column: str) -> list[Finding]:
-    """A run one way, from a temperature to another, that turns back on its way: the chamber stopped or was opened.
+    """A run one way, from a temperature to another, that turns back on its way: the chamber stopped
+    or was opened.
 
     A log that ends near where it began was ordered both ways and is not judged.
     """
@@ -103,27 +107,44 @@ def turned_back(log: Log, column: str) -> list[Finding]:
         return []
     first = int(np.argmax(course[: k + 1]))
     word = "falls" if net > 0.0 else "rises"
-    found = f"{word} by {back[k]:.1f} °C from {_seconds(log, first * block, (k + 1) * block)} of a run that goes the other way"
-    advice = "leave the run out or cut it with [[segment]] or [[exclude]], if the chamber was not ordered so"
+    found = (
+        f"{word} by {back[k]:.1f} °C from {_seconds(log, first * block, (k + 1) * block)} of a run"
+        " that goes the other way"
+    )
+    advice = (
+        "leave the run out or cut it with [[segment]] or [[exclude]], if the chamber was not"
+        " ordered so"
+    )
     expected = "a temperature that goes one way"
     return [
         at_row(
-            log, first * block, column, found, expected, advice, "turned_back", severity="warn", figure=float(back[k])
+            log,
+            first * block,
+            column,
+            found,
+            expected,
+            advice,
+            "turned_back",
+            severity="warn",
+            figure=float(back[k]),
         )
     ]
 
 
 def driven(log: Log, column: str, driver: str, unit: str, full_span: float) -> list[Finding]:
-    """Stuck or clipped values of an indication: it stands still while what drives it moves by a hundredth of its span.
+    """Stuck or clipped values of an indication: it stands still while what drives it moves by a
+    hundredth of its span.
 
-    `full_span` is the largest span of an indication in the log: a table's unevenness is a share of it, across its axis too.
+    `full_span` is the largest span of an indication in the log: a table's unevenness is a share of
+    it, across its axis too.
     """
     data, cause = values(log.frame, column), values(log.frame, driver)
     low, high = log.extremes(driver)
     runs = anomalies.equal_runs(data, anomalies.SHORTEST_RUN)
     runs = anomalies.stuck_against(cause, 0.01 * (high - low), runs)
     noisy = anomalies.stuck(data)
-    # an indication of held rates may be coarser than its noise: only values at an extreme are called clipped then
+    # an indication of held rates may be coarser than its noise: only values at an extreme are
+    # called clipped then
     at_end = np.isin(data[noisy[:, 0]], log.extremes(column))
     joined = np.unique(np.concatenate((runs, noisy[at_end])), axis=0)
     return [
@@ -132,14 +153,20 @@ def driven(log: Log, column: str, driver: str, unit: str, full_span: float) -> l
     ]
 
 
-def _held_spikes(log: Log, column: str, data: Array, cause: Array, unit: str, least: float) -> list[Finding]:
-    """Spikes of an indication while what drives it is held, each hold by its own scatter: an acceleration is no spike."""
+def _held_spikes(
+    log: Log, column: str, data: Array, cause: Array, unit: str, least: float
+) -> list[Finding]:
+    """Spikes of an indication while what drives it is held, each hold by its own scatter: an
+    acceleration is no spike.
+    """
     low, high = spans.extremes(cause)
     limit, shortest, last = 1e-3 * (high - low), 8 * anomalies.WIDTH + 6, 0
     holds: list[tuple[int, int]] = []
     for start, stop in spans.along(cause):
         moving = np.flatnonzero(np.abs(np.diff(cause[start : stop + 1])) > limit) + start + 1
-        bounds = np.concatenate(([last], moving, [data.size] if stop == data.size else [])).astype(np.int64)
+        bounds = np.concatenate(([last], moving, [data.size] if stop == data.size else [])).astype(
+            np.int64
+        )
         long = np.flatnonzero(np.diff(bounds) >= shortest)
         holds += zip(bounds[long].tolist(), bounds[long + 1].tolist(), strict=True)
         last = int(bounds[-1])
@@ -149,7 +176,9 @@ def _held_spikes(log: Log, column: str, data: Array, cause: Array, unit: str, le
 
 def spikes(log: Log, column: str, data: Array, unit: str, *, least: float = 0.0) -> list[Finding]:
     """Single rows far from their neighbours, told in one finding at the worst."""
-    return _told(log, column, data, _pieces(data, lambda part: anomalies.spikes(part, least=least)), unit)
+    return _told(
+        log, column, data, _pieces(data, lambda part: anomalies.spikes(part, least=least)), unit
+    )
 
 
 def _told(log: Log, column: str, data: Array, found: Rows, unit: str) -> list[Finding]:
@@ -161,10 +190,25 @@ def _told(log: Log, column: str, data: Array, found: Rows, unit: str) -> list[Fi
     worst = int(found[np.argmax(off)])
     count = int(np.sum(np.diff(found, prepend=-2) > 1))
     before, after = data[max(worst - 1, 0)], data[min(worst + 1, data.size - 1)]
-    what = f"a spike: {data[worst]:g} {unit} between {before:g} and {after:g} ({count} in the log, this the largest)"
+    what = (
+        f"a spike: {data[worst]:g} {unit} between {before:g} and {after:g} ({count} in the log,"
+        " this the largest)"
+    )
     advice = "leave spikes out with [[exclude]]; only the models on levels are robust against them"
     expected = "samples that scatter alike"
-    return [at_row(log, worst, column, what, expected, advice, "spike", severity="warn", figure=float(off.max()))]
+    return [
+        at_row(
+            log,
+            worst,
+            column,
+            what,
+            expected,
+            advice,
+            "spike",
+            severity="warn",
+            figure=float(off.max()),
+        )
+    ]
 
 
 PIECE = 1 << 20
@@ -191,9 +235,24 @@ def stuck_runs(log: Log, column: str, data: Array, runs: Rows, unit: str) -> lis
     what = f"{word} at {value:g} {unit} for {stop - first} rows{span}{others}"
     advice = "leave the range out with [[exclude]], and see to the sensor"
     if word == "saturated":
-        advice = "the range of the sensor or its logger ended there: leave the rows out with [[exclude]] or log again"
+        advice = (
+            "the range of the sensor or its logger ended there: leave the rows out with [[exclude]]"
+            " or log again"
+        )
     name = word
-    return [at_row(log, first, column, what, "values that move", advice, name, severity="warn", figure=value)]
+    return [
+        at_row(
+            log,
+            first,
+            column,
+            what,
+            "values that move",
+            advice,
+            name,
+            severity="warn",
+            figure=value,
+        )
+    ]
 
 
 def column_is_indication(column: str) -> bool:
@@ -214,10 +273,15 @@ def clipped(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
         return []
     count, value = pile
     what = f"saturated: {count} rows at the extreme value {value:g} {unit}"
-    advice = "the range of the sensor or its logger ended there: leave the rows out with [[exclude]] or log again"
+    advice = (
+        "the range of the sensor or its logger ended there: leave the rows out with [[exclude]] or"
+        " log again"
+    )
     row = int(np.flatnonzero(data == value)[0])
     expected = "extremes that few rows reach"
-    return [at_row(log, row, column, what, expected, advice, "saturated", severity="warn", figure=value)]
+    return [
+        at_row(log, row, column, what, expected, advice, "saturated", severity="warn", figure=value)
+    ]
 
 
 def jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
@@ -230,11 +294,24 @@ def jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     others = f", the largest of {rows.size}" if rows.size > 1 else ""
     what = f"the bias jumps by {change[k]:+.3g} {unit} and stays{others}"
     advice = (
-        "split the log there or leave the part behind it out with [[exclude]]; see that nothing was moved or restarted"
+        "split the log there or leave the part behind it out with [[exclude]]; see that nothing was"
+        " moved or restarted"
     )
     expected = "a bias that drifts"
     figure = float(change[k])
-    return [at_row(log, int(rows[k]), column, what, expected, advice, "jump", severity="warn", figure=figure)]
+    return [
+        at_row(
+            log,
+            int(rows[k]),
+            column,
+            what,
+            expected,
+            advice,
+            "jump",
+            severity="warn",
+            figure=figure,
+        )
+    ]
 
 
 def start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
@@ -243,12 +320,19 @@ def start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     if not count:
         return []
     after = float(np.median(data[count : count + 100]))
-    what = f"{count} start-up row{'s' if count > 1 else ''}: {data[0]:g} {unit} at first, {after:g} {unit} behind them"
+    what = (
+        f"{count} start-up row{'s' if count > 1 else ''}: {data[0]:g} {unit} at first, {after:g}"
+        f" {unit} behind them"
+    )
     advice = "leave them out with [[exclude]]"
     if "time_s" in log.frame.columns and count < len(data):
         advice += f": to_s = {float(log.frame['time_s'].iloc[count - 1]):g}"
     expected = "a log that begins with the instrument running"
-    return [at_row(log, 0, column, what, expected, advice, "start_up", severity="warn", figure=float(count))]
+    return [
+        at_row(
+            log, 0, column, what, expected, advice, "start_up", severity="warn", figure=float(count)
+        )
+    ]
 
 
 def coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
@@ -262,9 +346,14 @@ def coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     if step < COARSE * anomalies.scatter(data) and distinct > 4:
         return []
     what = f"{distinct} distinct values in {data.size} rows, {step:g} {unit} apart"
-    advice = "log with a finer resolution: what is smaller than a step is not seen, and noise does not average out"
+    advice = (
+        "log with a finer resolution: what is smaller than a step is not seen, and noise does not"
+        " average out"
+    )
     expected = "steps smaller than the noise"
-    return [at_row(log, 0, column, what, expected, advice, "quantisation", severity="warn", figure=step)]
+    return [
+        at_row(log, 0, column, what, expected, advice, "quantisation", severity="warn", figure=step)
+    ]
 
 
 def each(log: Log, columns: Sequence[str], unit: str) -> list[Finding]:

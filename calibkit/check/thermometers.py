@@ -1,7 +1,8 @@
 """Case and chamber air: whether they are read in one unit and sign, and which of the two is which.
 
-On a ramp the case follows the air behind a lag, and in time it moves as far: case − air = offset + (gain − 1) · air − lag · rate
-with a gain of 1 and a positive lag. A gain of 9/5 or 5/9 with the zero point of °F is a unit, a negative lag an exchange.
+On a ramp the case follows the air behind a lag, and in time it moves as far: case − air = offset +
+(gain − 1) · air − lag · rate with a gain of 1 and a positive lag. A gain of 9/5 or 5/9 with the
+zero point of °F is a unit, a negative lag an exchange.
 """
 
 from __future__ import annotations
@@ -11,8 +12,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.check import lead
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import lead
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -31,23 +32,31 @@ STILL_DEGC = 0.3
 """Change [°C] within a fiftieth of a log below which a temperature stands still."""
 FAHRENHEIT, ZERO_DEGF = 1.8, 32.0
 GAIN, OFFSET_DEGF = 0.12, 15.0
-"""Relative deviation of the gain from 9/5, and deviation of the zero point [°F], up to which they are those of °F.
+"""Relative deviation of the gain from 9/5, and deviation of the zero point [°F], up to which they
+are those of °F.
 
-On 400 simulated ramps of 1 to 10 °C/min in one unit the gain is 0.91 to 1 (air over case: 1 to 1.05): a lag of more than one
-node is no pure delay."""
+On 400 simulated ramps of 1 to 10 °C/min in one unit the gain is 0.91 to 1 (air over case: 1 to
+1.05): a lag of more than one node is no pure delay.
+"""
 LEAST_LEAD_DEGC = 2.0
 """Lead of the case over the air [°C] that noisy thermometers do not show."""
 SURE = 0.5
-"""Correlation of the lead with the rate from which it is one; on the same ramps, exchanged, it is 0.8 and more."""
+"""Correlation of the lead with the rate from which it is one; on the same ramps, exchanged, it is
+0.8 and more.
+"""
 ORDERED = 0.3
 """Relative deviation of a measured rate from the recipe's that a chamber may have."""
 _NUMBER = re.compile(r"\d+(?:\.\d+)?")
 AGREE = 0.06
-"""Relative deviation of measured rates from 9/5 of those that were ordered, up to which all are that."""
+"""Relative deviation of measured rates from 9/5 of those that were ordered, up to which all are
+that.
+"""
 
 
 def pair(log: Log, case: str, air: str) -> list[Finding]:
-    """Case and chamber air that do not move together, or do not meet in a soak, as one unit and sign do, or are exchanged."""
+    """Case and chamber air that do not move together, or do not meet in a soak, as one unit and
+    sign do, or are exchanged.
+    """
     (a_low, a_high), (b_low, b_high) = log.extremes(case), log.extremes(air)
     if b_high - b_low < 2.0 * SPAN_DEGC or a_high - a_low < SPAN_DEGC:
         return []
@@ -55,14 +64,25 @@ def pair(log: Log, case: str, air: str) -> list[Finding]:
     thinned = slice(None, None, a.size // 20_000 + 1)
     together = float(np.corrcoef(a[thinned], b[thinned])[0, 1])
     if together < -0.5:
-        advice = f"a sign is wrong: state sign = -1 in [columns.{case}] or [columns.{air}], or see to the wiring"
+        advice = (
+            f"a sign is wrong: state sign = -1 in [columns.{case}] or [columns.{air}], or see to"
+            " the wiring"
+        )
         return [
             _finding(
-                log, case, "it falls while the chamber air rises", "both to rise together", advice, "sign", together
+                log,
+                case,
+                "it falls while the chamber air rises",
+                "both to rise together",
+                advice,
+                "sign",
+                together,
             )
         ]
     found = lead.of(values(log.frame, "time_s"), a, b)
-    return [*_unit(log, case, air, found), *_apart(log, case, air, a, b)][:1] or _exchanged(log, case, air, found)
+    return [*_unit(log, case, air, found), *_apart(log, case, air, a, b)][:1] or _exchanged(
+        log, case, air, found
+    )
 
 
 def _unit(log: Log, case: str, air: str, found: lead.Lead) -> list[Finding]:
@@ -92,9 +112,16 @@ def _exchanged(log: Log, case: str, air: str, found: lead.Lead) -> list[Finding]
     """A case that runs ahead of the air that drives it."""
     if found.correlation > -SURE or found.swing < LEAST_LEAD_DEGC:
         return []
-    what = f"it runs ahead of the chamber air, by {found.swing:.1f} °C at the log's fastest ({-found.lag_s:.3g} s)"
+    what = (
+        f"it runs ahead of the chamber air, by {found.swing:.1f} °C at the log's fastest"
+        f" ({-found.lag_s:.3g} s)"
+    )
     advice = f"{case} and {air} are swapped, in the log or in [columns]"
-    return [_finding(log, case, what, "a case that lags behind", advice, "swapped", -found.lag_s, refuse=True)]
+    return [
+        _finding(
+            log, case, what, "a case that lags behind", advice, "swapped", -found.lag_s, refuse=True
+        )
+    ]
 
 
 def _soaked(case: Array, air: Array) -> list[tuple[float, float]]:
@@ -116,7 +143,10 @@ def _fahrenheit(case: str, air: str, of_case: float, of_air: float) -> str:
     for column, value, other in ((case, of_case, of_air), (air, of_air, of_case)):
         if abs((value - ZERO_DEGF) / FAHRENHEIT - other) < APART_DEGC / 2.0:
             return f'it looks like °F: state it, [columns.{column}] unit = "degF"'
-    return f"one of them is in another unit or belongs to another sensor: see [columns.{case}] and [columns.{air}]"
+    return (
+        f"one of them is in another unit or belongs to another sensor: see [columns.{case}] and"
+        f" [columns.{air}]"
+    )
 
 
 def given(log: Log, air: str, said: float, measured: float) -> list[Finding]:
@@ -125,39 +155,63 @@ def given(log: Log, air: str, said: float, measured: float) -> list[Finding]:
         return []
     advice = "correct the rate in [drift.rates_degc_min], or leave it out: it is measured then"
     if said and abs(measured / said / FAHRENHEIT - 1.0) <= AGREE:
-        advice = 'the temperatures look like °F (9/5): state unit = "degF" of each in [columns]; or correct the rate'
+        advice = (
+            'the temperatures look like °F (9/5): state unit = "degF" of each in [columns]; or'
+            " correct the rate"
+        )
     what = f"the chamber air changes at {measured:+.3g} °C/min, the recipe says {said:+g}"
     return [_finding(log, air, what, "the rate that the recipe gives", advice, "unit", measured)]
 
 
 def named(measured: Mapping[str, float]) -> list[tuple[str, Finding]]:
-    """Logs that are named after their rates and ran 9/5 times as fast; `measured` is log file → rate [°C/min]."""
-    numbers = {file: [float(text) for text in _NUMBER.findall(file.rsplit(".", 1)[0])] for file in measured}
+    """Logs that are named after their rates and ran 9/5 times as fast; `measured` is log file →
+    rate [°C/min].
+    """
+    numbers = {
+        file: [float(text) for text in _NUMBER.findall(file.rsplit(".", 1)[0])] for file in measured
+    }
     places = range(min(map(len, numbers.values()), default=0))
     rates = ({file: (numbers[file][k], rate) for file, rate in measured.items()} for k in places)
     return next(filter(None, map(ordered, rates)), [])
 
 
 def ordered(rates: Mapping[str, tuple[float, float]]) -> list[tuple[str, Finding]]:
-    """Logs whose chamber changed 9/5 times as fast as was ordered: all temperatures are in °F, which no other check can tell.
+    """Logs whose chamber changed 9/5 times as fast as was ordered: all temperatures are in °F,
+    which no other check can tell.
 
-    `rates` holds log file → (ordered, measured) rate [°C/min]; at least two different ones must agree.
+    `rates` holds log file → (ordered, measured) rate [°C/min]; at least two different ones must
+    agree.
     """
     ratios = {file: abs(measured / said) for file, (said, measured) in rates.items() if said}
     different = {abs(said) for said, _ in rates.values()}
-    if len(different) < 2 or any(abs(ratio / FAHRENHEIT - 1.0) > AGREE for ratio in ratios.values()):
+    if len(different) < 2 or any(
+        abs(ratio / FAHRENHEIT - 1.0) > AGREE for ratio in ratios.values()
+    ):
         return []
     file = next(iter(ratios))
     said, measured = rates[file]
-    what = f"{abs(measured):.3g} °C/min where {abs(said):g} was ordered, and as much too fast in all {len(rates)} logs (9/5)"
+    what = (
+        f"{abs(measured):.3g} °C/min where {abs(said):g} was ordered, and as much too fast in all"
+        f" {len(rates)} logs (9/5)"
+    )
     advice = 'all temperatures look like °F: state unit = "degF" of each temperature in [columns]'
     expected = "the rates that the logs are named after"
     return [(file, Finding(file, what, expected, advice, "warn", "unit", figure=ratios[file]))]
 
 
 def _finding(
-    log: Log, column: str, what: str, expected: str, advice: str, name: str, figure: float, *, refuse: bool = False
+    log: Log,
+    column: str,
+    what: str,
+    expected: str,
+    advice: str,
+    name: str,
+    figure: float,
+    *,
+    refuse: bool = False,
 ) -> Finding:
     """Finding about a column as a whole."""
     severity: Severity = "refuse" if refuse else "warn"
-    return Finding(f"{log.file}: column '{column}'", what, expected, advice, severity, name, None, None, figure)
+    return Finding(
+        f"{log.file}: column '{column}'", what, expected, advice, severity, name, None, None, figure
+    )

@@ -1,4 +1,6 @@
-"""Command line: parse, call, print, exit status; nothing else. Heavy libraries are imported inside the commands."""
+"""Command line: parse, call, print, exit status; nothing else. Heavy libraries are imported inside
+the commands.
+"""
 
 from __future__ import annotations
 
@@ -24,7 +26,19 @@ from calibkit.cli.console import (
 )
 from calibkit.cli.ending import guarded
 from calibkit.cli.memory import settle
-from calibkit.cli.options import DATA, DRY, JSON, RECIPE, RUN, RUNS, SET, Group, day_of, now, rehearsed
+from calibkit.cli.options import (
+    DATA,
+    DRY,
+    JSON,
+    RECIPE,
+    RUN,
+    RUNS,
+    SET,
+    Group,
+    day_of,
+    now,
+    rehearsed,
+)
 from calibkit.cli.pipe import forgive
 from calibkit.errors import FrameError
 
@@ -35,27 +49,41 @@ if TYPE_CHECKING:
     from calibkit.certificate.words import Lang
 
 
-@click.group(cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110})
+@click.group(
+    cls=Group, context_settings={"help_option_names": ["-h", "--help"], "max_content_width": 110}
+)
 @click.version_option(__version__, prog_name="calibkit", message="%(prog)s %(version)s")
 def cli() -> None:
-    """From laboratory logs to versioned coefficient files of gyros, accelerometers and inclinometers.
+    """From laboratory logs to versioned coefficient files of gyros, accelerometers and
+    inclinometers.
 
     \b
     calibkit fit fog_thermal --data logs --serial FOG-0001
     calibkit apply FOG-0001 --data field.csv --out compensated.csv
 
-    Exit codes: 0 accepted, 1 an acceptance limit failed, 2 usage or recipe, 3 data unreadable or unusable,
-    4 output or verification, 70 internal error, 130 interrupted.
+    Exit codes: 0 accepted, 1 an acceptance limit failed, 2 usage or recipe, 3 data unreadable or
+    unusable, 4 output or verification, 70 internal error, 130 interrupted.
     """
 
 
 @cli.command()
 @RECIPE
 @DATA
-@click.option("--serial", default="", help="serial number of the instrument (default: the recipe's)")
-@click.option("--out", default="runs", show_default=True, type=click.Path(path_type=Path), help="where runs are kept")
 @click.option(
-    "--date", default=None, metavar="YYYY-MM-DD", help="date from which the coefficients hold (default: today)"
+    "--serial", default="", help="serial number of the instrument (default: the recipe's)"
+)
+@click.option(
+    "--out",
+    default="runs",
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="where runs are kept",
+)
+@click.option(
+    "--date",
+    default=None,
+    metavar="YYYY-MM-DD",
+    help="date from which the coefficients hold (default: today)",
 )
 @DRY
 @SET
@@ -82,7 +110,9 @@ def fit(
     from calibkit import pipeline
     from calibkit.recipe import find
 
-    outcome = pipeline.fit(find(recipe, overrides), data, serial, out, day, progress, dry_run=dry_run)
+    outcome = pipeline.fit(
+        find(recipe, overrides), data, serial, out, day, progress, dry_run=dry_run
+    )
     for entry in outcome.document["inputs"]:
         tell(f"read {entry['name']}: {entry['rows']} rows, sha256 {entry['sha256']}")
     for guess in outcome.guesses:
@@ -100,10 +130,14 @@ def fit(
 @cli.command()
 @RECIPE
 @DATA
-@click.option("--figure", default=None, type=click.Path(path_type=Path), help="PDF to write, one page a log")
+@click.option(
+    "--figure", default=None, type=click.Path(path_type=Path), help="PDF to write, one page a log"
+)
 @SET
 @JSON
-def check(recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ...], *, as_json: bool) -> int:
+def check(
+    recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ...], *, as_json: bool
+) -> int:
     """Say what would be read and what is wrong with it; nothing is fitted.
 
     \b
@@ -124,7 +158,9 @@ def check(recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ..
 
 
 @cli.command()
-@click.option("--from", "folder", required=True, type=click.Path(path_type=Path), help="folder with the logs")
+@click.option(
+    "--from", "folder", required=True, type=click.Path(path_type=Path), help="folder with the logs"
+)
 @JSON
 def init(folder: Path, *, as_json: bool) -> int:
     """Propose a recipe for the logs of a folder, on stdout.
@@ -134,7 +170,7 @@ def init(folder: Path, *, as_json: bool) -> int:
     calibkit init --from logs --json
     """
     from calibkit import pipeline
-    from calibkit.stages.proposal import UNSTATED
+    from calibkit.ingest.proposal import UNSTATED
 
     text = pipeline.init(folder)
     if as_json:
@@ -151,7 +187,12 @@ def init(folder: Path, *, as_json: bool) -> int:
 @RUN
 @click.option("--data", required=True, type=click.Path(path_type=Path), help="one log")
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="file to write")
-@click.option("--as-firmware", default=None, metavar="NUMBER", help="as the export in f32, f64, q31 or q15 will do it")
+@click.option(
+    "--as-firmware",
+    default=None,
+    metavar="NUMBER",
+    help="as the export in f32, f64, q31 or q15 will do it",
+)
 @SET
 @RUNS
 @DRY
@@ -179,7 +220,15 @@ def apply(
     found = store.load(store.find(run, runs))
     flags = pipeline.apply(found, data, out, overrides, as_firmware=as_firmware, dry_run=dry_run)
     if as_json:
-        print_json({"ok": True, "run": found.name, "out": str(out), "flags": list(flags), **rehearsed(dry_run=dry_run)})
+        print_json(
+            {
+                "ok": True,
+                "run": found.name,
+                "out": str(out),
+                "flags": list(flags),
+                **rehearsed(dry_run=dry_run),
+            }
+        )
     else:
         for flag in flags:
             say(f"! {flag}")
@@ -204,7 +253,9 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
     settle()
     from calibkit import pipeline, store
 
-    document, summary = pipeline.validate(store.load(store.find(run, runs)), data, out, progress, dry_run=dry_run)
+    document, summary = pipeline.validate(
+        store.load(store.find(run, runs)), data, out, progress, dry_run=dry_run
+    )
     if as_json:
         print_json({"ok": True, **document, **rehearsed(dry_run=dry_run)})
     else:
@@ -216,13 +267,34 @@ def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_j
 @cli.command()
 @RUN
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="PDF file to write")
-@click.option("--profile", type=click.Path(path_type=Path), help="laboratory profile; without one: a DRAFT")
-@click.option("--validation", type=click.Path(path_type=Path), help="as found and as left, from calibkit validate")
+@click.option(
+    "--profile", type=click.Path(path_type=Path), help="laboratory profile; without one: a DRAFT"
+)
+@click.option(
+    "--validation",
+    type=click.Path(path_type=Path),
+    help="as found and as left, from calibkit validate",
+)
 @click.option("--date", default=None, metavar="YYYY-MM-DD", help="date of issue (default: today)")
 @click.option("--lang", type=click.Choice(["en", "zh", "both"]), default="en", show_default=True)
-@click.option("--sign", "key", type=click.Path(path_type=Path), help="PKCS#12 key; CALIBKIT_SIGN_PASSPHRASE opens it")
-@click.option("--schema-dir", type=click.Path(path_type=Path), help="folder with dcc.xsd, to hold the DCC against it")
-@click.option("--set", "overrides", multiple=True, metavar="table.key=value", help="override a key of the profile")
+@click.option(
+    "--sign",
+    "key",
+    type=click.Path(path_type=Path),
+    help="PKCS#12 key; CALIBKIT_SIGN_PASSPHRASE opens it",
+)
+@click.option(
+    "--schema-dir",
+    type=click.Path(path_type=Path),
+    help="folder with dcc.xsd, to hold the DCC against it",
+)
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="table.key=value",
+    help="override a key of the profile",
+)
 @RUNS
 @DRY
 @JSON
@@ -241,12 +313,12 @@ def certify(
     dry_run: bool,
     as_json: bool,
 ) -> int:
-    """Write the calibration certificate of a run as PDF/A-3 with its DCC; what is missing makes it a DRAFT.
+    """Write the calibration certificate of a run as PDF/A-3 with its DCC; what is missing makes it
+    a DRAFT.
 
-    \b
-    calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf
-    calibkit certify FOG-0001 --profile lab.toml --validation validation.json --lang both --out certificate.pdf
-    calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
+    \b calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf calibkit certify FOG-0001
+    --profile lab.toml --validation validation.json --lang both --out certificate.pdf calibkit
+    certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
     """
     day = day_of(date)
     from calibkit import store
@@ -275,13 +347,22 @@ def certify(
     return 0
 
 
-for kept in (fleets.fleet, firmware.export, records.verify, records.show, records.diff, records.history):
+for kept in (
+    fleets.fleet,
+    firmware.export,
+    records.verify,
+    records.show,
+    records.diff,
+    records.history,
+):
     cli.add_command(kept)
 
 
 @cli.command()
 @click.argument("procedure")
-@click.option("--out", required=True, type=click.Path(path_type=Path), help="folder to write the logs into")
+@click.option(
+    "--out", required=True, type=click.Path(path_type=Path), help="folder to write the logs into"
+)
 @click.option("--seed", required=True, type=click.IntRange(min=0), help="seed of everything random")
 @DRY
 @JSON
@@ -306,7 +387,8 @@ def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool, as_json: bo
 @click.argument("shell", type=click.Choice(completion.SHELLS))
 @JSON
 def complete(shell: str, *, as_json: bool) -> int:
-    """Print the script that lets a shell complete commands, options, recipes, serials and revisions.
+    """Print the script that lets a shell complete commands, options, recipes, serials and
+    revisions.
 
     \b
     calibkit completion bash >> ~/.bashrc
@@ -346,9 +428,15 @@ def _verdict(document: Any) -> dict[str, Any]:  # noqa: ANN401 (a JSON object)
 
 def main(arguments: Sequence[str] | None = None) -> NoReturn:
     """Run the command line and exit with the contract's codes."""
-    # one thread a factorisation: these are tall and narrow, threads only wait for each other, and the sums keep their order
+    # one thread a factorisation: these are tall and narrow, threads only wait for each other, and
+    # the sums keep their order
     os.environ.setdefault("OPENBLAS_NUM_THREADS", "1")
     argv = list(sys.argv[1:] if arguments is None else arguments)
     forgive()
     prepare(argv)
-    sys.exit(guarded(lambda: cli.main(argv, prog_name="calibkit", standalone_mode=False), as_json="--json" in argv))
+    sys.exit(
+        guarded(
+            lambda: cli.main(argv, prog_name="calibkit", standalone_mode=False),
+            as_json="--json" in argv,
+        )
+    )

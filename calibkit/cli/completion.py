@@ -1,4 +1,6 @@
-"""What a shell offers for a RECIPE, a RUN or a SERIAL that is being typed, and the script that makes it do so."""
+"""What a shell offers for a RECIPE, a RUN or a SERIAL that is being typed, and the script that
+makes it do so.
+"""
 
 from __future__ import annotations
 
@@ -37,7 +39,9 @@ def runs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[Co
 def _folders(root: Path) -> list[str]:
     """Names of the folders in a folder that begin with a letter or a digit."""
     try:
-        return sorted(entry.name for entry in os.scandir(root) if entry.is_dir() and entry.name[0].isalnum())
+        return sorted(
+            entry.name for entry in os.scandir(root) if entry.is_dir() and entry.name[0].isalnum()
+        )
     except OSError:
         return []
 

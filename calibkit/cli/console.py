@@ -1,4 +1,6 @@
-"""What a command prints: data on stdout, talk and progress on stderr, both also on consoles of another encoding."""
+"""What a command prints: data on stdout, talk and progress on stderr, both also on consoles of
+another encoding.
+"""
 
 from __future__ import annotations
 
@@ -76,7 +78,9 @@ TALK = Talk()
 
 
 def prepare(arguments: Sequence[str]) -> None:
-    """Make the streams print anything: LF, UTF-8 where redirected, stand-ins where a console lacks a character."""
+    """Make the streams print anything: LF, UTF-8 where redirected, stand-ins where a console lacks
+    a character.
+    """
     codecs.register_error("calibkit", _readable)
     for stream in (sys.stdout, sys.stderr):
         if hasattr(stream, "reconfigure"):
@@ -92,7 +96,12 @@ def _readable(error: UnicodeError) -> tuple[str, int]:
     """Stand-ins for the characters that an encoding lacks (an error handler of `codecs`)."""
     if not isinstance(error, UnicodeEncodeError):
         raise error
-    return "".join(READABLE.get(character, "?") for character in error.object[error.start : error.end]), error.end
+    return (
+        "".join(
+            READABLE.get(character, "?") for character in error.object[error.start : error.end]
+        ),
+        error.end,
+    )
 
 
 def note(level: str, text: str) -> None:
@@ -134,7 +143,11 @@ def console(*, err: bool = False) -> Console:
 
     plain = bool(os.environ.get("NO_COLOR"))
     wide = Console(highlight=False, stderr=err, color_system=None if plain else "auto")
-    return wide if wide.is_terminal else Console(highlight=False, stderr=err, width=WIDTH, color_system=None)
+    return (
+        wide
+        if wide.is_terminal
+        else Console(highlight=False, stderr=err, width=WIDTH, color_system=None)
+    )
 
 
 def progress(items: Sequence[str], what: str) -> Iterable[str]:
@@ -163,7 +176,9 @@ def print_summary(summary: Summary) -> None:
 
 
 def print_verdict(summary: Summary) -> None:
-    """Print the summary of a command that writes something else; --quiet leaves only what is flagged or was rejected."""
+    """Print the summary of a command that writes something else; --quiet leaves only what is
+    flagged or was rejected.
+    """
     if not TALK.quiet:
         print_summary(summary)
         return
@@ -174,7 +189,9 @@ def print_verdict(summary: Summary) -> None:
 
 
 def print_json(document: dict[str, Any]) -> None:
-    """Print one JSON document on stdout; where that is not Unicode, other characters are escaped and nothing is lost."""
+    """Print one JSON document on stdout; where that is not Unicode, other characters are escaped
+    and nothing is lost.
+    """
     unicode = codecs.lookup(sys.stdout.encoding or "utf-8").name.startswith("utf")
     click.echo(json.dumps(document, ensure_ascii=not unicode, indent=1))
 
@@ -190,6 +207,8 @@ def print_written(names: Iterable[object], *, dry_run: bool) -> None:
 
 
 def print_data(text: str) -> None:
-    """Print a text of data on stdout; a character that the console lacks is escaped as \\uXXXX, not replaced."""
+    """Print a text of data on stdout; a character that the console lacks is escaped as \\uXXXX, not
+    replaced.
+    """
     encoding = sys.stdout.encoding or "utf-8"
     click.echo(text.encode(encoding, "backslashreplace").decode(encoding), nl=False)

@@ -18,13 +18,17 @@ if TYPE_CHECKING:
 
 
 BROKEN_PIPE = 141
-"""Exit code of a command that a closed pipe ended, as shells count it (128 + SIGPIPE); 1 would say that a limit failed."""
+"""Exit code of a command that a closed pipe ended, as shells count it (128 + SIGPIPE); 1 would say
+that a limit failed.
+"""
 FULL = (errno.ENOSPC, errno.EDQUOT, errno.EFBIG, errno.EIO)
 """Errors of a write to a stream; files that calibkit writes itself have OutputError."""
 
 
 def _silence_stdout() -> None:
-    """Send what is still buffered for stdout nowhere: the interpreter would try to write it again at the end."""
+    """Send what is still buffered for stdout nowhere: the interpreter would try to write it again
+    at the end.
+    """
     with contextlib.suppress(OSError, ValueError):
         nowhere = os.open(os.devnull, os.O_WRONLY)
         os.dup2(nowhere, sys.stdout.fileno())
@@ -39,7 +43,9 @@ def guarded(run: Callable[[], Any], *, as_json: bool) -> int:
 
 
 def _outcome(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 (one return a kind of ending)
-    """Exit code of a command; every failure becomes one message, and one JSON document where JSON was asked for."""
+    """Exit code of a command; every failure becomes one message, and one JSON document where JSON
+    was asked for.
+    """
     try:
         code = run()
     except CalibkitError as error:
@@ -52,21 +58,38 @@ def _outcome(run: Callable[[], Any], *, as_json: bool) -> int:  # noqa: PLR0911 
         hint = f"see {context.command_path} --help" if context else "see calibkit --help"
         return _fail(2, "usage", error.format_message().rstrip("."), hint, as_json=as_json)
     except (KeyboardInterrupt, click.Abort):
-        return _fail(130, "interrupted", "interrupted; what was not finished was not written", "", as_json=as_json)
-    except BrokenPipeError:  # of another pipe than stdout and stderr, or where the system cannot tell whose it is
+        return _fail(
+            130,
+            "interrupted",
+            "interrupted; what was not finished was not written",
+            "",
+            as_json=as_json,
+        )
+    except (
+        BrokenPipeError
+    ):  # of another pipe than stdout and stderr, or where the system cannot tell whose it is
         _silence_stdout()
         return BROKEN_PIPE
     except Exception as error:  # noqa: BLE001 (the last resort: a traceback helps nobody at the bench)
         if isinstance(error, OSError) and error.filename is None and error.errno in FULL:
             _silence_stdout()
-            message, hint = f"stdout: cannot be written: {error.strerror}", "free space; what was printed is not whole"
+            message, hint = (
+                f"stdout: cannot be written: {error.strerror}",
+                "free space; what was printed is not whole",
+            )
             return _fail(OutputError.exit_code, OutputError.code, message, hint, as_json=False)
         import traceback
 
         if os.environ.get("CALIBKIT_DEBUG"):
             traceback.print_exc()
         message = f"internal error: {type(error).__name__}: {error}"
-        return _fail(70, "internal", message, "set CALIBKIT_DEBUG=1 and report what it prints", as_json=as_json)
+        return _fail(
+            70,
+            "internal",
+            message,
+            "set CALIBKIT_DEBUG=1 and report what it prints",
+            as_json=as_json,
+        )
     return code if isinstance(code, int) else 0
 
 

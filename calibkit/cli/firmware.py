@@ -16,17 +16,28 @@ def _address(context: click.Context, parameter: click.Parameter, value: str) -> 
     try:
         return int(value, 0)
     except ValueError:
-        raise click.BadParameter(f"'{value}' is no address; write 0x08040000 or 134479872") from None
+        raise click.BadParameter(
+            f"'{value}' is no address; write 0x08040000 or 134479872"
+        ) from None
 
 
 @command()
 @click.argument("run", nargs=-1, required=True)
 @click.option("--target", required=True, help="c, blob, hex, srec, px4, ardupilot or csv")
 @click.option("--number", default="f32", show_default=True, help="f32, f64, q31 or q15")
-@click.option("--prefix", default="cal", show_default=True, help="what every generated name starts with")
+@click.option(
+    "--prefix", default="cal", show_default=True, help="what every generated name starts with"
+)
 @click.option("--out", required=True, type=click.Path(path_type=Path), help="folder to write into")
-@click.option("--address", default="0", callback=_address, help="where hex and srec place the blob: 0x08040000")
-@click.option("--allow-rejected", is_flag=True, help="export a run that failed its limits, marked as rejected")
+@click.option(
+    "--address",
+    default="0",
+    callback=_address,
+    help="where hex and srec place the blob: 0x08040000",
+)
+@click.option(
+    "--allow-rejected", is_flag=True, help="export a run that failed its limits, marked as rejected"
+)
 @RUNS
 @DRY
 @JSON
@@ -55,7 +66,14 @@ def export(
 
     found = [store.load(store.find(name, runs)) for name in run]
     files = pipeline.export(
-        found, target, number, prefix, out, address=address, allow_rejected=allow_rejected, dry_run=dry_run
+        found,
+        target,
+        number,
+        prefix,
+        out,
+        address=address,
+        allow_rejected=allow_rejected,
+        dry_run=dry_run,
     )
     if as_json:
         named = {"runs": [one.name for one in found], "files": list(map(str, files))}

@@ -1,4 +1,6 @@
-"""The log file of a command: what was called, what was said, how it ended. It is talk: no result is ever read from it."""
+"""The log file of a command: what was called, what was said, how it ended. It is talk: no result is
+ever read from it.
+"""
 
 from __future__ import annotations
 
@@ -13,7 +15,8 @@ if TYPE_CHECKING:
 
 
 def write(path: Path, level: str, text: str) -> None:
-    """Append lines to a log file, each with the time (UTC) and its kind; OutputError where that is not possible.
+    """Append lines to a log file, each with the time (UTC) and its kind; OutputError where that is
+    not possible.
 
     A log file is the one file that calibkit adds to; it is never opened inside a run folder.
     """
@@ -24,4 +27,6 @@ def write(path: Path, level: str, text: str) -> None:
         with path.open("a", encoding="utf-8", errors="backslashreplace", newline="\n") as stream:
             stream.write(lines)
     except OSError as error:
-        raise OutputError(f"--log-file {path}: {error.strerror}", hint="give another file") from None
+        raise OutputError(
+            f"--log-file {path}: {error.strerror}", hint="give another file"
+        ) from None

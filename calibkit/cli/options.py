@@ -19,12 +19,24 @@ EXAMPLE = "calibkit "
 
 RECIPE = click.argument("recipe", shell_complete=completion.recipes)
 RUN = click.argument("run", shell_complete=completion.runs)
-DATA = click.option("--data", required=True, type=click.Path(path_type=Path), help="folder with the logs")
-RUNS = click.option("--runs", default="runs", show_default=True, type=click.Path(path_type=Path), help="where runs are")
-JSON = click.option("--json", "as_json", is_flag=True, help="one JSON document on stdout, also on failure")
+DATA = click.option(
+    "--data", required=True, type=click.Path(path_type=Path), help="folder with the logs"
+)
+RUNS = click.option(
+    "--runs",
+    default="runs",
+    show_default=True,
+    type=click.Path(path_type=Path),
+    help="where runs are",
+)
+JSON = click.option(
+    "--json", "as_json", is_flag=True, help="one JSON document on stdout, also on failure"
+)
 CSV = click.option("--csv", "as_csv", is_flag=True, help="CSV on stdout, one line a number")
 DRY = click.option("--dry-run", is_flag=True, help="do it all but write nothing")
-SET = click.option("--set", "overrides", multiple=True, metavar="table.key=value", help="override a recipe key")
+SET = click.option(
+    "--set", "overrides", multiple=True, metavar="table.key=value", help="override a recipe key"
+)
 
 
 def _quiet(ctx: click.Context, param: click.Parameter, value: bool) -> None:  # noqa: ARG001, FBT001 (click's signature)
@@ -56,7 +68,11 @@ def _common() -> list[click.Option]:
         help="say only what matters",
     )
     verbose = click.Option(
-        ["-v", "--verbose"], is_flag=True, expose_value=False, callback=_verbose, help="say what is done as it is done"
+        ["-v", "--verbose"],
+        is_flag=True,
+        expose_value=False,
+        callback=_verbose,
+        help="say what is done as it is done",
     )
     log_file = click.Option(
         ["--log-file"],
@@ -69,7 +85,9 @@ def _common() -> list[click.Option]:
 
 
 class Explained(click.Command):
-    """A command or group whose help starts with its examples: the lines of its docstring that call calibkit."""
+    """A command or group whose help starts with its examples: the lines of its docstring that call
+    calibkit.
+    """
 
     def format_help(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """Examples, then usage, text and options."""
@@ -117,7 +135,9 @@ class Group(Explained, click.Group):
 
 
 def day_of(text: str | None) -> str:
-    """Date as given, or today's, the only clock that calibkit reads; UsageError for what is not a date."""
+    """Date as given, or today's, the only clock that calibkit reads; UsageError for what is not a
+    date.
+    """
     if text is None:
         return dt.datetime.now().astimezone().date().isoformat()
     try:

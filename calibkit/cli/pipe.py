@@ -1,4 +1,6 @@
-"""A stream whose reader may leave: `calibkit show | head` has seen enough, and the command ends as it would have."""
+"""A stream whose reader may leave: `calibkit show | head` has seen enough, and the command ends as
+it would have.
+"""
 
 from __future__ import annotations
 
@@ -26,12 +28,20 @@ class Pipe(io.FileIO):
 
 
 def forgive() -> None:
-    """Put a Pipe below stdout and stderr of the process, where they are redirected: on a terminal somebody reads."""
+    """Put a Pipe below stdout and stderr of the process, where they are redirected: on a terminal
+    somebody reads.
+    """
     for name in ("stdout", "stderr"):
         stream = getattr(sys, name)
-        if stream is getattr(sys, f"__{name}__") and isinstance(stream, io.TextIOWrapper) and not stream.isatty():
+        if (
+            stream is getattr(sys, f"__{name}__")
+            and isinstance(stream, io.TextIOWrapper)
+            and not stream.isatty()
+        ):
             stream.flush()
             raw = io.BufferedWriter(Pipe(stream.fileno(), "wb", closefd=False))
             made = io.TextIOWrapper(raw, encoding=stream.encoding, errors=stream.errors)
-            made.reconfigure(line_buffering=stream.line_buffering, write_through=stream.write_through)
+            made.reconfigure(
+                line_buffering=stream.line_buffering, write_through=stream.write_through
+            )
             setattr(sys, name, made)

@@ -12,18 +12,30 @@ from calibkit.cli.console import as_document, print_data, print_json, print_summ
 from calibkit.cli.options import CSV, JSON, RUN, RUNS, command, day_of
 from calibkit.errors import CalibkitError, CoefficientError, UsageError
 
-ON = click.option("--date", default=None, metavar="YYYY-MM-DD", help="of a SERIAL, the run in force on that date")
+ON = click.option(
+    "--date", default=None, metavar="YYYY-MM-DD", help="of a SERIAL, the run in force on that date"
+)
 
 
 @command()
 @click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
 @click.option(
-    "--trust", multiple=True, type=click.Path(path_type=Path), help="certificate whose signatures are trusted"
+    "--trust",
+    multiple=True,
+    type=click.Path(path_type=Path),
+    help="certificate whose signatures are trusted",
 )
-@click.option("--schema-dir", type=click.Path(path_type=Path), help="folder with dcc.xsd, to hold DCCs against it")
+@click.option(
+    "--schema-dir",
+    type=click.Path(path_type=Path),
+    help="folder with dcc.xsd, to hold DCCs against it",
+)
 @JSON
-def verify(files: tuple[Path, ...], trust: tuple[Path, ...], schema_dir: Path | None, *, as_json: bool) -> int:
-    """Check what calibkit wrote: digests, an export's vectors, a certificate's signature, attachments and printed numbers.
+def verify(
+    files: tuple[Path, ...], trust: tuple[Path, ...], schema_dir: Path | None, *, as_json: bool
+) -> int:
+    """Check what calibkit wrote: digests, an export's vectors, a certificate's signature,
+    attachments and printed numbers.
 
     \b
     calibkit verify certificate.pdf --trust laboratory.pem
@@ -37,13 +49,22 @@ def verify(files: tuple[Path, ...], trust: tuple[Path, ...], schema_dir: Path | 
     for path in files:
         try:
             found = pipeline.verified(path, trust, schema_dir)
-            results.append({"file": str(path), "ok": True, "what": found.what, "warnings": list(found.warnings)})
+            results.append(
+                {
+                    "file": str(path),
+                    "ok": True,
+                    "what": found.what,
+                    "warnings": list(found.warnings),
+                }
+            )
         except CalibkitError as error:
             results.append({"file": str(path), "ok": False, "what": str(error), "warnings": []})
             failed.append(error)
     worst = max(failed, key=lambda error: error.exit_code, default=None)
     if as_json:
-        print_json({"ok": not failed, **({"error": as_document(worst)} if worst else {}), "files": results})
+        print_json(
+            {"ok": not failed, **({"error": as_document(worst)} if worst else {}), "files": results}
+        )
     else:
         for result in results:
             line = f"{'ok    ' if result['ok'] else 'FAILED'} {result['file']}: {result['what']}"
@@ -93,13 +114,15 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
 @CSV
 @JSON
 def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) -> int:
-    """Say what changed from one run to another, in units and in standard uncertainties of the difference.
+    """Say what changed from one run to another, in units and in standard uncertainties of the
+    difference.
 
     \b
     calibkit diff FOG-0001@r001 FOG-0001
     calibkit diff FOG-0001@2024-05-01 FOG-0001@2026-05-01 --json
 
-    A coefficient has moved when it differs by more than two standard uncertainties (type A) of the difference.
+    A coefficient has moved when it differs by more than two standard uncertainties (type A) of the
+    difference.
     """
     from calibkit import store
     from calibkit.history import difference, said
@@ -119,18 +142,29 @@ def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) ->
 @command()
 @click.argument("serial", shell_complete=completion.runs)
 @RUNS
-@click.option("--only", default="", metavar="PATTERN", help="coefficients and figures to follow, stage.model.name")
-@click.option("--figure", type=click.Path(path_type=Path), help="PDF or PNG to write: each quantity over time")
+@click.option(
+    "--only",
+    default="",
+    metavar="PATTERN",
+    help="coefficients and figures to follow, stage.model.name",
+)
+@click.option(
+    "--figure", type=click.Path(path_type=Path), help="PDF or PNG to write: each quantity over time"
+)
 @CSV
 @JSON
-def history(serial: str, runs: Path, only: str, figure: Path | None, *, as_csv: bool, as_json: bool) -> int:
-    """List all runs of a serial: which holds when, whether each supersedes the one before, how its numbers moved.
+def history(
+    serial: str, runs: Path, only: str, figure: Path | None, *, as_csv: bool, as_json: bool
+) -> int:
+    """List all runs of a serial: which holds when, whether each supersedes the one before, how its
+    numbers moved.
 
     \b
     calibkit history FOG-0001
     calibkit history FOG-0001 --only 'gyro_scale.*.K' --figure drift.pdf
 
-    Exit code 4 where a revision is missing, cannot be trusted, or does not supersede the one before.
+    Exit code 4 where a revision is missing, cannot be trusted, or does not supersede the one
+    before.
     """
     from calibkit import store
     from calibkit.history import figure as drawing
@@ -143,7 +177,9 @@ def history(serial: str, runs: Path, only: str, figure: Path | None, *, as_csv: 
     broken = None
     if not found.sound:
         faults = (*(entry.reason for entry in found.refused), *found.breaks)
-        broken = CoefficientError(f"{serial}: {faults[0]}", hint="restore the run folders from a copy")
+        broken = CoefficientError(
+            f"{serial}: {faults[0]}", hint="restore the run folders from a copy"
+        )
     if as_json:
         error = {"error": as_document(broken)} if broken else {}
         print_json({"ok": found.sound, **error, **said.timeline_document(found)})

@@ -1,10 +1,13 @@
-"""One unit's numbers as bytes: header, tables, self-test vectors, the facts in words, CRC-32; and the same read again.
+"""One unit's numbers as bytes: header, tables, self-test vectors, the facts in words, CRC-32; and
+the same read again.
 
-Little-endian. Header of 112 bytes: magic "CALB", schema major and minor (u16), length of the whole (u32), bits of a number (u16),
-flags (u16, bit 0: accepted), layout (8 bytes: which program the numbers are for), revision (u32), serial (32 bytes of UTF-8,
-zeros behind), digest of run.json (32 bytes), effective date (10 characters and 2 zeros), numbers (u32), vectors (u32).
-Then the numbers of every table in the order of the layout; a tolerance an output; the vectors, each inputs, outputs and,
-as numbers, updates and status; the facts and the layout as text; CRC-32 (IEEE 802.3) of everything before it.
+Little-endian. Header of 112 bytes: magic "CALB", schema major and minor (u16), length of the whole
+(u32), bits of a number (u16), flags (u16, bit 0: accepted), layout (8 bytes: which program the
+numbers are for), revision (u32), serial (32 bytes of UTF-8, zeros behind), digest of run.json (32
+bytes), effective date (10 characters and 2 zeros), numbers (u32), vectors (u32). Then the numbers
+of every table in the order of the layout; a tolerance an output; the vectors, each inputs, outputs
+and, as numbers, updates and status; the facts and the layout as text; CRC-32 (IEEE 802.3) of
+everything before it.
 """
 
 from __future__ import annotations
@@ -35,7 +38,9 @@ SERIAL_BYTES = 32
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """What one loader fits: the tables in order with their lengths, and the digest that a blob of it carries."""
+    """What one loader fits: the tables in order with their lengths, and the digest that a blob of
+    it carries.
+    """
 
     tables: tuple[tuple[str, int], ...]
     lines: tuple[str, ...]
@@ -78,12 +83,14 @@ def render(export: Export) -> bytes:
     serial = identity.serial.encode()
     if len(serial) > SERIAL_BYTES:
         raise OutputError(
-            f"serial '{identity.serial}' has {len(serial)} bytes, a blob holds {SERIAL_BYTES}", hint="use --target c"
+            f"serial '{identity.serial}' has {len(serial)} bytes, a blob holds {SERIAL_BYTES}",
+            hint="use --target c",
         )
     structure, rows = program.structure, export.vectors
     body = [x for name, _ in found.tables for x in program.tables[name]]
     body += [
-        program.format.nearest(Fraction(c_source.tolerance_of(export, output.name))) for output in structure.outputs
+        program.format.nearest(Fraction(c_source.tolerance_of(export, output.name)))
+        for output in structure.outputs
     ]
     for k, status in enumerate(rows.status):
         body += [rows.inputs[entry.name][k] for entry in structure.inputs]
@@ -98,7 +105,18 @@ def render(export: Export) -> bytes:
     length = HEADER.size + len(content) + 4
     flags = int(identity.accepted)
     head = HEADER.pack(
-        MAGIC, MAJOR, MINOR, length, bits, flags, found.digest, identity.revision, serial, digest, day, *counts
+        MAGIC,
+        MAJOR,
+        MINOR,
+        length,
+        bits,
+        flags,
+        found.digest,
+        identity.revision,
+        serial,
+        digest,
+        day,
+        *counts,
     )
     return head + content + struct.pack("<I", zlib.crc32(head + content))
 
@@ -111,21 +129,32 @@ def _code(program: Program) -> str:
 def verify(name: str, content: bytes) -> str:
     """Check a blob's CRC and recompute its vectors from its own numbers; returns what it is."""
     if len(content) < HEADER.size + 4 or content[:4] != MAGIC:
-        raise CoefficientError(f"{name}: not a blob that calibkit wrote", hint="verify takes calibkit's own files")
+        raise CoefficientError(
+            f"{name}: not a blob that calibkit wrote", hint="verify takes calibkit's own files"
+        )
     head = HEADER.unpack_from(content)
     _, major, _, length, bits, flags, digest, revision, serial, _, day, count, rows = head
     if major != MAJOR:
-        raise CoefficientError(f"{name}: blob of schema {major}, expected {MAJOR}", hint="use a newer calibkit")
+        raise CoefficientError(
+            f"{name}: blob of schema {major}, expected {MAJOR}", hint="use a newer calibkit"
+        )
     if length != len(content) or zlib.crc32(content[:-4]) != struct.unpack("<I", content[-4:])[0]:
-        raise CoefficientError(f"{name}: its length or CRC is not that of its content", hint="export it again")
+        raise CoefficientError(
+            f"{name}: its length or CRC is not that of its content", hint="export it again"
+        )
     program, stated = _read(content, bits, digest, count, rows, name)
     again = vectors.recomputed(program, stated.inputs, stated.updates)
     if (again.outputs, again.status) != (stated.outputs, stated.status):
-        raise CoefficientError(f"{name}: its vectors are not those of its numbers", hint="export it again")
+        raise CoefficientError(
+            f"{name}: its vectors are not those of its numbers", hint="export it again"
+        )
     unit = serial.rstrip(b"\0").decode()
     mark = "" if flags & 1 else ", REJECTED"
     kind = f"{program.format.name}, {count} numbers, {rows} vectors recomputed{mark}"
-    return f"blob of {unit} revision {revision}, effective from {day.rstrip(bytes(1)).decode()}, {kind}"
+    return (
+        f"blob of {unit} revision {revision}, effective from {day.rstrip(bytes(1)).decode()},"
+        f" {kind}"
+    )
 
 
 def _read(
@@ -135,21 +164,31 @@ def _read(
     code = {32: "f", 64: "d"}.get(bits)
     lines = _layout_lines(content)
     if code is None or hashlib.sha256("\n".join(lines).encode()).digest()[:8] != digest:
-        raise CoefficientError(f"{name}: its layout is not the one it states", hint="export it again")
+        raise CoefficientError(
+            f"{name}: its layout is not the one it states", hint="export it again"
+        )
     try:
         lengths: dict[str, int] = dict(json.loads(lines[-1])["tables"])
         bare = layout.program(lines[:-1], {}, name)
-        inputs, outputs = ([entry.name for entry in side] for side in (bare.structure.inputs, bare.structure.outputs))
+        inputs, outputs = (
+            [entry.name for entry in side]
+            for side in (bare.structure.inputs, bare.structure.outputs)
+        )
         width = len(inputs) + len(outputs) + 2
         total = count + len(outputs) + rows * width
         numbers = struct.unpack_from(f"<{total}{code}", content, HEADER.size)
     except (ValueError, KeyError, TypeError, struct.error) as error:
-        raise CoefficientError(f"{name}: its layout cannot be read: {error}", hint="export it again") from None
+        raise CoefficientError(
+            f"{name}: its layout cannot be read: {error}", hint="export it again"
+        ) from None
     program = layout.program(lines[:-1], _tables(lengths, numbers), name)
     flat = numbers[count + len(outputs) :]
     columns = [flat[k::width] for k in range(width)]
     # a result may have the name of an input: accel_x_g is corrected to accel_x_g
-    given, results = dict(zip(inputs, columns, strict=False)), dict(zip(outputs, columns[len(inputs) :], strict=False))
+    given, results = (
+        dict(zip(inputs, columns, strict=False)),
+        dict(zip(outputs, columns[len(inputs) :], strict=False)),
+    )
     updates, status = (tuple(map(int, column)) for column in columns[-2:])
     stated = vectors.Vectors(given, updates, results, status)
     return program, stated

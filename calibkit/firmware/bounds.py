@@ -1,9 +1,11 @@
-"""Worst-case difference between what a firmware computes and the exact chain, over the whole range of its inputs.
+"""Worst-case difference between what a firmware computes and the exact chain, over the whole range
+of its inputs.
 
-First-order running error analysis with the program's own rounding of every number (Higham 2002, Accuracy and Stability of
-Numerical Algorithms, chapter 3). A polynomial of degree n comes out within 2⁻²⁴ (S (1 + 2n) + 3 D), S = Σ|c_k|, D = Σ k|c_k|,
-in single precision; here each rounding is counted where it stands, which is tighter. Contraction to fused multiply-add only
-leaves roundings out.
+First-order running error analysis with the program's own rounding of every number (Higham 2002,
+Accuracy and Stability of Numerical Algorithms, chapter 3). A polynomial of degree n comes out
+within 2⁻²⁴ (S (1 + 2n) + 3 D), S = Σ|c_k|, D = Σ k|c_k|, in single precision; here each rounding is
+counted where it stands, which is tighter. Contraction to fused multiply-add only leaves roundings
+out.
 """
 
 from __future__ import annotations
@@ -24,17 +26,27 @@ if TYPE_CHECKING:
     from calibkit.firmware.ranges import Range
 
 ALLOWANCE = 1.01
-"""For products of errors, which first order leaves out, and for the roundings of this analysis itself."""
+"""For products of errors, which first order leaves out, and for the roundings of this analysis
+itself.
+"""
 
 
 def of(chain: Chain, program: Program) -> dict[str, float]:
-    """Bound of each output in its unit, two digits rounded up; of a chain that sums, what one update may add to it."""
+    """Bound of each output in its unit, two digits rounded up; of a chain that sums, what one
+    update may add to it.
+    """
     known = ranges.of(chain, usual=True)
     states = [step.name for step in chain.structure.memories if step.source in chain.gains]
     start = _Analysis(chain, program, known, dict.fromkeys(states, 0.0)).run()
-    columns = [_Analysis(chain, program, known, {s: float(s == state) for s in states}).run() for state in states]
+    columns = [
+        _Analysis(chain, program, known, {s: float(s == state) for s in states}).run()
+        for state in states
+    ]
     sources = [step.source for step in chain.structure.memories if step.source in chain.gains]
-    growth = [[columns[k].inner[source] - start.inner[source] for k in range(len(states))] for source in sources]
+    growth = [
+        [columns[k].inner[source] - start.inner[source] for k in range(len(states))]
+        for source in sources
+    ]
     settled = _settled(growth, [start.inner[source] for source in sources])
     done = _Analysis(chain, program, known, dict(zip(states, settled, strict=True))).run()
     found = {}
@@ -68,7 +80,8 @@ class _Analysis:
     states: Mapping[str, float]
     errors: dict[str, float] = field(default_factory=dict)
     inner: dict[str, float] = field(default_factory=dict)
-    """Errors of filtered values by rounding alone, without the error of the map that drives them."""
+    """Errors of filtered values by rounding alone, without the error of the map that drives them.
+    """
 
     def run(self) -> _Analysis:
         """Walk the steps."""
@@ -80,7 +93,9 @@ class _Analysis:
                 quiet = {**self.errors, **self.inner, **dict.fromkeys(mapped, 0.0)}
                 self.inner[step.name] = self.step(step, quiet)
                 driven = max(self.errors[name] for name in mapped)
-                self.errors[step.name] = self.inner[step.name] + float(self.chain.gains[step.name]) * driven
+                self.errors[step.name] = (
+                    self.inner[step.name] + float(self.chain.gains[step.name]) * driven
+                )
             else:
                 self.errors[step.name] = self.step(step, self.errors)
         return self
@@ -113,7 +128,9 @@ class _Analysis:
         if isinstance(step, Sum):
             return self.sum(step, errors)
         if isinstance(step, Limit):
-            return errors[step.source] + max(self.off(step.table, self.program.scales.get(step.name, 0)))
+            return errors[step.source] + max(
+                self.off(step.table, self.program.scales.get(step.name, 0))
+            )
         if isinstance(step, Memory):
             if step.name in self.states:
                 return self.states[step.name]
@@ -135,10 +152,14 @@ class _Analysis:
         first = 0.0 if self.program.format.fixed else self.rounding(distance, step.source)
         limits = max(self.off(step.table, scales.get(step.name, 0))[2:])
         difference = errors[step.source] + first + middle
-        return difference * reciprocal + distance * inverse + self.rounding(reach, step.name) + limits
+        return (
+            difference * reciprocal + distance * inverse + self.rounding(reach, step.name) + limits
+        )
 
     def sum(self, step: Sum, errors: Mapping[str, float]) -> float:
-        """Roundings of every term and partial sum; the errors of a value that stands in several terms together."""
+        """Roundings of every term and partial sum; the errors of a value that stands in several
+        terms together.
+        """
         total = sum(self.term(step, k, entry, errors) for k, entry in enumerate(step.terms))
         shared: dict[tuple[str, ...], list[Range]] = {}
         partial = Fraction(0)
@@ -147,7 +168,9 @@ class _Analysis:
             shared.setdefault(entry.factors, []).append(parts[0])
             partial += ranges.magnitude(parts[-1])
             if number and not self.program.format.fixed:
-                total += self.rounding(min(float(partial), self.whole(step, number, float(partial))), step.name)
+                total += self.rounding(
+                    min(float(partial), self.whole(step, number, float(partial))), step.name
+                )
         for factors, coefficients in shared.items():
             together = (
                 sum((low for low, _ in coefficients), Fraction(0)),
@@ -162,7 +185,9 @@ class _Analysis:
         return total
 
     def whole(self, step: Sum, number: int, partial: float) -> float:
-        """Magnitude of the last partial sum is that of the sum itself, which may have a bound of its own."""
+        """Magnitude of the last partial sum is that of the sum itself, which may have a bound of
+        its own.
+        """
         return self.reach(step.name) if number == len(step.terms) - 1 else partial
 
     def term(self, step: Sum, number: int, entry: Term, errors: Mapping[str, float]) -> float:
@@ -200,7 +225,9 @@ class _Analysis:
         """Quotient; cut off towards 0 in fixed point."""
         low, high = self.known[step.denominator]
         least, reach = float(min(abs(low), abs(high))), self.reach(step.name)
-        error = (errors[step.numerator] + reach * errors[step.denominator]) / (least - errors[step.denominator])
+        error = (errors[step.numerator] + reach * errors[step.denominator]) / (
+            least - errors[step.denominator]
+        )
         return error + self.rounding(reach, step.name) * (2.0 if self.program.format.fixed else 1.0)
 
     def slope(self, step: Slope, errors: Mapping[str, float]) -> float:
@@ -212,5 +239,6 @@ class _Analysis:
         error = weights * 2.0 * errors[step.source] + off * apart
         if self.program.format.fixed:
             return error + (step.length - 1) * self.rounding(0.0, step.name)
-        # a difference, a product and a sum of each weight, the partial sums no larger than all together
+        # a difference, a product and a sum of each weight, the partial sums no larger than all
+        # together
         return error + self.rounding(weights * apart, step.name) * (step.length + 1)

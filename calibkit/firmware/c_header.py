@@ -12,11 +12,17 @@ if TYPE_CHECKING:
 
 STATUS = {
     "TEMP_CLAMPED": "temperature outside the fitted range: the correction at its end was used",
-    "AIR_CLAMPED": "temperature of the air outside the range of the input: the end of the range was used",
+    "AIR_CLAMPED": (
+        "temperature of the air outside the range of the input: the end of the range was used"
+    ),
     "RATE_CLAMPED": "rate outside its range: the end of the range was used",
-    "GRADIENT_CLAMPED": "temperature gradient outside the fitted range: the correction at its end was used",
+    "GRADIENT_CLAMPED": (
+        "temperature gradient outside the fitted range: the correction at its end was used"
+    ),
     "ACCEL_CLAMPED": "indication beyond the range of the input: its end was used",
-    "RATE_STARTING": "fewer values than half a window since the reset: temperature rates are taken as 0",
+    "RATE_STARTING": (
+        "fewer values than half a window since the reset: temperature rates are taken as 0"
+    ),
     "HELD": "the air is at rest, or moves on a side that was not fitted: the drift is held",
     "DRIFT_LIMITED": "the summed drift reached its limit: reset or anchor it",
 }
@@ -27,7 +33,9 @@ def render(export: Export) -> str:
     """Text of the header."""
     guard = f"{export.prefix.upper()}_H"
     parts = [
-        c_text.comment([f"{export.prefix}: correction chain as firmware", "", *c_text.facts(export)]),
+        c_text.comment(
+            [f"{export.prefix}: correction chain as firmware", "", *c_text.facts(export)]
+        ),
         f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
         '#ifdef __cplusplus\nextern "C" {\n#endif\n',
         _identity(export),
@@ -58,8 +66,16 @@ def statuses(export: Export) -> str:
     lines = ["/* status: 0, or the sum of */", "#define @P_OK 0x0000U"]
     for k, flag in enumerate(export.chain.structure.flags):
         lines.append(f"#define @P_{flag} 0x{1 << k:04x}U /* {STATUS[flag]} */")
-    none = "no number in, no number out" if export.chain.structure.interval_s is None else "drift and state are held"
-    kind = "the word that stands for no number" if export.program.format.fixed else "a NaN or an infinity"
+    none = (
+        "no number in, no number out"
+        if export.chain.structure.interval_s is None
+        else "drift and state are held"
+    )
+    kind = (
+        "the word that stands for no number"
+        if export.program.format.fixed
+        else "a NaN or an infinity"
+    )
     lines.append(f"#define @P_INVALID 0x{INVALID:04x}U /* an input is {kind}: {none} */")
     return "\n".join(lines) + "\n"
 
@@ -71,8 +87,14 @@ def _scales(export: Export) -> str:
         ["/* a word stands for word * 2^-BITS of the unit; the least word for no number */"],
     )
     structure = export.chain.structure
-    lines += [f"#define @P_IN_{entry.name.upper()}_BITS ({scales[entry.name]})" for entry in structure.inputs]
-    lines += [f"#define @P_OUT_{o.name.upper()}_BITS ({scales[f'out.{o.name}']})" for o in structure.outputs]
+    lines += [
+        f"#define @P_IN_{entry.name.upper()}_BITS ({scales[entry.name]})"
+        for entry in structure.inputs
+    ]
+    lines += [
+        f"#define @P_OUT_{o.name.upper()}_BITS ({scales[f'out.{o.name}']})"
+        for o in structure.outputs
+    ]
     word = "INT32_MIN" if export.program.format.bits == 32 else "INT16_MIN"
     return "\n".join([*lines, f"#define @P_NO_NUMBER {word}"]) + "\n"
 
@@ -85,10 +107,14 @@ def structs(export: Export) -> str:
     for entry in structure.inputs:
         low, high = export.chain.tables[entry.table]
         lines.append(
-            f"    {kind} {entry.name}; /* [{entry.unit}] {entry.meaning}; {float(low):.6g} to {float(high):.6g} */"
+            f"    {kind} {entry.name}; /* [{entry.unit}] {entry.meaning}; {float(low):.6g} to"
+            f" {float(high):.6g} */"
         )
     lines += ["} @p_in;", "", "typedef struct {"]
-    lines += [f"    {kind} {output.name}; /* [{output.unit}] {output.meaning} */" for output in structure.outputs]
+    lines += [
+        f"    {kind} {output.name}; /* [{output.unit}] {output.meaning} */"
+        for output in structure.outputs
+    ]
     lines.append("} @p_out;")
     if structure.interval_s is not None:
         word = "int32_t" if program.format.fixed else kind
@@ -105,15 +131,24 @@ def functions(export: Export) -> str:
     """Prototypes."""
     structure, lines = export.chain.structure, []
     if structure.interval_s is None:
-        lines.append("/* corrects one set of indications; returns a status, of which 0 is all right */")
+        lines.append(
+            "/* corrects one set of indications; returns a status, of which 0 is all right */"
+        )
         lines.append("uint32_t @p_correct(const @p_in *in, @p_out *out);")
     else:
         lines.append("/* forgets the past: the next update starts at rest, in equilibrium */")
         lines.append("void @p_reset(@p_state *state);")
         if structure.summing:
-            lines.append("/* sets the drift where a bias reference tells it, in the unit of the output */")
-            lines.append(f"void @p_anchor(@p_state *state, {export.program.format.c_type} drift_dph);")
-        lines.append(f"/* call it every {structure.interval_s:g} s; returns a status, of which 0 is all right */")
+            lines.append(
+                "/* sets the drift where a bias reference tells it, in the unit of the output */"
+            )
+            lines.append(
+                f"void @p_anchor(@p_state *state, {export.program.format.c_type} drift_dph);"
+            )
+        lines.append(
+            f"/* call it every {structure.interval_s:g} s; returns a status, of which 0 is all"
+            " right */"
+        )
         lines.append("uint32_t @p_update(@p_state *state, const @p_in *in, @p_out *out);")
     return "\n".join([*lines, *SELFTEST]) + "\n"
 

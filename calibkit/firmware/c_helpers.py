@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 FLOAT = {
-    "limited": """
+    "limited": (
+        """
 /* x brought into [range[0], range[1]] */
 static @real @p_limited(@real x, const @real range[], uint32_t flag, uint32_t *status)
 {
@@ -20,8 +21,10 @@ static @real @p_limited(@real x, const @real range[], uint32_t flag, uint32_t *s
     }
     return y;
 }
-""",
-    "mapped": """
+"""
+    ),
+    "mapped": (
+        """
 /* u = (x - middle) / half, brought into its range */
 static @real @p_mapped(@real x, const @p_map *map, uint32_t flag, uint32_t *status)
 {
@@ -29,8 +32,10 @@ static @real @p_mapped(@real x, const @p_map *map, uint32_t flag, uint32_t *stat
 
     return @p_limited(u, map->range, flag, status);
 }
-""",
-    "polynomial": """
+"""
+    ),
+    "polynomial": (
+        """
 /* c[0] + c[1] x + ... + c[count - 1] x^(count - 1) by Horner's scheme: ascending, index = power */
 static @real @p_polynomial(const @real c[], uint32_t count, @real x)
 {
@@ -42,8 +47,10 @@ static @real @p_polynomial(const @real c[], uint32_t count, @real x)
     }
     return y;
 }
-""",
-    "slope": """
+"""
+    ),
+    "slope": (
+        """
 /* rate of the last values, history[0] the newest: sum of w[i - 1] (history[i] - history[0]) */
 static @real @p_slope(@real history[], @real x, uint32_t updates, const @real weights[], uint32_t flag,
                       uint32_t *status)
@@ -70,14 +77,17 @@ static @real @p_slope(@real history[], @real x, uint32_t updates, const @real we
     }
     return rate;
 }
-""",
-    "finite": """
+"""
+    ),
+    "finite": (
+        """
 /* 0 for a NaN or an infinity */
 static uint32_t @p_finite(@real x)
 {
     return ((x >= -@max) && (x <= @max)) ? 1U : 0U;
 }
-""",
+"""
+    ),
 }
 """Floating point."""
 
@@ -92,7 +102,8 @@ static uint32_t @p_near(@real found, @real expected, @real tolerance)
 """What the self-test of a floating format calls."""
 
 FIXED = {
-    "limited": """
+    "limited": (
+        """
 /* x brought into [range[0], range[1]] */
 static int32_t @p_limited(@wide x, const @word range[], uint32_t flag, uint32_t *status)
 {
@@ -109,8 +120,10 @@ static int32_t @p_limited(@wide x, const @word range[], uint32_t flag, uint32_t 
     }
     return (int32_t)y;
 }
-""",
-    "rounded": """
+"""
+    ),
+    "rounded": (
+        """
 /* x 2^-places, halves up, 1 <= places; only unsigned words are shifted, which C defines for every value */
 static @wide @p_rounded(@wide x, uint32_t places)
 {
@@ -123,15 +136,19 @@ static @wide @p_rounded(@wide x, uint32_t places)
 
     return (@wide)lifted - (@wide)lift;
 }
-""",
-    "scaled": """
+"""
+    ),
+    "scaled": (
+        """
 /* a b 2^-places */
 static int32_t @p_scaled(int32_t a, int32_t b, uint32_t places)
 {
     return (int32_t)@p_rounded((@wide)a * (@wide)b, places);
 }
-""",
-    "mapped": """
+"""
+    ),
+    "mapped": (
+        """
 /* u = (x - middle) / half by a reciprocal of @reciprocal bits, brought into its range */
 static int32_t @p_mapped(int32_t x, const @p_map *map, uint32_t flag, uint32_t *status)
 {
@@ -140,8 +157,10 @@ static int32_t @p_mapped(int32_t x, const @p_map *map, uint32_t flag, uint32_t *
 
     return @p_limited(u, map->range, flag, status);
 }
-""",
-    "polynomial": """
+"""
+    ),
+    "polynomial": (
+        """
 /* c[0] + c[1] x + ... + c[count - 1] x^(count - 1) by Horner's scheme: ascending, index = power */
 static int32_t @p_polynomial(const @word c[], uint32_t count, int32_t x, uint32_t places)
 {
@@ -153,8 +172,10 @@ static int32_t @p_polynomial(const @word c[], uint32_t count, int32_t x, uint32_
     }
     return y;
 }
-""",
-    "quotient": """
+"""
+    ),
+    "quotient": (
+        """
 /* numerator 2^places / denominator, cut off towards 0 */
 static int32_t @p_quotient(int32_t numerator, int32_t denominator, uint32_t places)
 {
@@ -163,8 +184,10 @@ static int32_t @p_quotient(int32_t numerator, int32_t denominator, uint32_t plac
 
     return (int32_t)ratio;
 }
-""",
-    "slope": """
+"""
+    ),
+    "slope": (
+        """
 /* rate of the last values, history[0] the newest: sum of w[i - 1] (history[i] - history[0]) */
 static int32_t @p_slope(int32_t history[], int32_t x, uint32_t updates, const @word weights[], uint32_t places,
                         uint32_t flag, uint32_t *status)
@@ -191,8 +214,10 @@ static int32_t @p_slope(int32_t history[], int32_t x, uint32_t updates, const @w
     }
     return rate;
 }
-""",
-    "narrow": """
+"""
+    ),
+    "narrow": (
+        """
 /* an output word of 16 bits from one of 32; never the word that stands for no number */
 static int16_t @p_narrow(int32_t x)
 {
@@ -201,7 +226,8 @@ static int16_t @p_narrow(int32_t x)
 
     return (int16_t)@p_limited(@p_rounded((@wide)x, 16U), range, 0U, &ignored);
 }
-""",
+"""
+    ),
 }
 """Fixed point: values are int32_t, products @wide."""
 
@@ -216,7 +242,9 @@ NEEDS = {
 
 
 def wanted(body: str, *, fixed: bool) -> list[str]:
-    """Helpers that a source calls, directly or through another, in the order in which C must see them."""
+    """Helpers that a source calls, directly or through another, in the order in which C must see
+    them.
+    """
     table, found = (FIXED if fixed else FLOAT), set()
 
     def add(name: str) -> None:

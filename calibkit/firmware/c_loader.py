@@ -1,4 +1,6 @@
-"""C99 that takes a chain's numbers from a blob: one loader for all units of a layout, one blob a unit."""
+"""C99 that takes a chain's numbers from a blob: one loader for all units of a layout, one blob a
+unit.
+"""
 
 from __future__ import annotations
 
@@ -111,13 +113,17 @@ TAKE = {
 def header(export: Export) -> bytes:
     """Header of the loader."""
     found, guard = blob.shape(export.program), f"{export.prefix.upper()}_H"
-    reasons = [f"#define @P_{name} {number}U /* {meaning} */" for number, (name, meaning) in enumerate(REASONS)]
+    reasons = [
+        f"#define @P_{name} {number}U /* {meaning} */"
+        for number, (name, meaning) in enumerate(REASONS)
+    ]
     parts = [
         c_text.comment(_title(export, found)),
         f"#ifndef {guard}\n#define {guard}\n\n#include <stdint.h>\n",
         '#ifdef __cplusplus\nextern "C" {\n#endif\n',
         c_header.statuses(export)
-        + f"#define @P_NOT_LOADED 0x{NOT_LOADED:04x}U /* no blob was accepted: no number out (with @P_INVALID) */\n",
+        + f"#define @P_NOT_LOADED 0x{NOT_LOADED:04x}U /* no blob was accepted: no number out (with"
+        " @P_INVALID) */\n",
         "/* what @p_load returns */\n" + "\n".join(reasons) + "\n",
         _structs(export),
         LOAD,
@@ -139,7 +145,10 @@ def _title(export: Export, found: Shape) -> list[str]:
         f"forms         {', '.join(structure.forms)}",
         f"number        {number}: {c_text.NUMBERS[number]}",
         c_text.ascii_only(f"formula       {structure.formula}"),
-        "units         of every input and output below; ranges and error bounds are each unit's own and stand in",
+        (
+            "units         of every input and output below; ranges and error bounds are each unit's"
+            " own and stand in"
+        ),
         "              the text of its blob",
     ]
 
@@ -150,19 +159,30 @@ def _structs(export: Export) -> str:
     for line in c_header.structs(export).splitlines():
         kept, mark, _ = line.partition("; /* [")
         tail = line[len(kept) :]
-        lines.append(f"{kept}{tail.rpartition(';')[0]} */" if mark and tail.count(";") > 1 else line)
+        lines.append(
+            f"{kept}{tail.rpartition(';')[0]} */" if mark and tail.count(";") > 1 else line
+        )
     return "\n".join(lines) + "\n"
 
 
 def source(export: Export) -> bytes:
-    """Source of the loader: empty tables, what fills them, the chain, and a wrapper that corrects nothing before."""
+    """Source of the loader: empty tables, what fills them, the chain, and a wrapper that corrects
+    nothing before.
+    """
     found = blob.shape(export.program)
     chain = c_source.functions(export)
     for name in ("correct", "update"):
         chain = chain.replace(f"uint32_t @p_{name}(", "static uint32_t @p_evaluated(")
     bits, take, nan = TAKE[export.program.format.bits]
-    bytes_ = BYTES.lstrip("\n").replace("@bits bits", f"{bits} bits").replace("@take", take).replace("@nan", nan)
-    load = "\n".join([c_helpers.NEAR, _fill(export, found), _sane(export, found), _vectors(export), _load(found)])
+    bytes_ = (
+        BYTES.lstrip("\n")
+        .replace("@bits bits", f"{bits} bits")
+        .replace("@take", take)
+        .replace("@nan", nan)
+    )
+    load = "\n".join(
+        [c_helpers.NEAR, _fill(export, found), _sane(export, found), _vectors(export), _load(found)]
+    )
     body = "\n".join([chain, _wrapper(export), load, _selftest()])
     parts = [
         c_text.comment([*_title(export, found), "", c_source.CONTRACT[False]]),
@@ -174,7 +194,8 @@ def source(export: Export) -> bytes:
         *(helper.lstrip("\n") for helper in c_helpers.wanted(body, fixed=False)),
         bytes_,
         body,
-        "\n".join(["/*", *(f" * {line}" for line in ("The steps above:", *found.lines)), " */"]) + "\n",
+        "\n".join(["/*", *(f" * {line}" for line in ("The steps above:", *found.lines)), " */"])
+        + "\n",
     ]
     text = "\n".join(part for part in parts if part)
     return c_text.sealed(c_text.named(c_source.typed(text, export), export.prefix)).encode("ascii")
@@ -186,7 +207,10 @@ def _places(export: Export, found: Shape) -> str:
     tests = blob.HEADER.size + size * found.numbers
     width = len(structure.inputs) + len(structure.outputs) + 2
     needed = tests + size * (len(structure.outputs) + width * len(export.vectors.status)) + 4
-    return f"#define @P_TESTS_AT {tests}U /* tolerances, then vectors */\n#define @P_NEEDED {needed}U\n"
+    return (
+        f"#define @P_TESTS_AT {tests}U /* tolerances, then vectors */\n#define @P_NEEDED"
+        f" {needed}U\n"
+    )
 
 
 def _maps(export: Export) -> set[str]:
@@ -210,14 +234,19 @@ def _tables(export: Export, found: Shape) -> str:
     """Empty tables."""
     maps, indexed, lines = _maps(export), _indexed(export), []
     if maps:
-        lines.append("typedef struct {\n    @real middle;\n    @real reciprocal;\n    @real range[2];\n} @p_map;\n")
+        lines.append(
+            "typedef struct {\n    @real middle;\n    @real reciprocal;\n    @real range[2];\n}"
+            " @p_map;\n"
+        )
     for name, length in found.tables:
         if name in maps:
             lines.append(f"static @p_map @p_{name};")
         else:
             lines.append(f"static @real @p_{name}{f'[{length}]' if name in indexed else ''};")
     lines += ["static uint32_t @p_ready = 0U; /* 1: a blob was accepted */"]
-    lines += ["static const uint8_t *@p_tests = (const uint8_t *)0; /* its tolerances and vectors */"]
+    lines += [
+        "static const uint8_t *@p_tests = (const uint8_t *)0; /* its tolerances and vectors */"
+    ]
     return "\n".join(lines) + "\n"
 
 
@@ -228,7 +257,9 @@ def _fill(export: Export, found: Shape) -> str:
     places: list[str] = []
     for name, length in found.tables:
         if name in maps:
-            places += [f"@p_{name}.{field}" for field in ("middle", "reciprocal", "range[0]", "range[1]")]
+            places += [
+                f"@p_{name}.{field}" for field in ("middle", "reciprocal", "range[0]", "range[1]")
+            ]
         elif name in indexed:
             places += [f"@p_{name}[{k}]" for k in range(length)]
         else:
@@ -251,8 +282,14 @@ def _fill(export: Export, found: Shape) -> str:
 
 def _sane(export: Export, found: Shape) -> str:
     """Function that says whether every range has a width."""
-    checks = [f"(@p_{entry.table}[0] < @p_{entry.table}[1])" for entry in export.chain.structure.inputs]
-    checks += [f"(@p_{name}.range[0] < @p_{name}.range[1])" for name, _ in found.tables if name in _maps(export)]
+    checks = [
+        f"(@p_{entry.table}[0] < @p_{entry.table}[1])" for entry in export.chain.structure.inputs
+    ]
+    checks += [
+        f"(@p_{name}.range[0] < @p_{name}.range[1])"
+        for name, _ in found.tables
+        if name in _maps(export)
+    ]
     test = "\n        && ".join(dict.fromkeys(checks))
     return f"static uint32_t @p_sane(void)\n{{\n    return ({test}) ? 1U : 0U;\n}}\n"
 
@@ -265,7 +302,8 @@ def _vectors(export: Export) -> str:
     memory = structure.interval_s is not None
     checks = [f"(status != (uint32_t)@p_number(&row[{size * (width - 1)}]))"]
     checks += [
-        f"(@p_near(out.{output.name}, @p_number(&row[{size * (len(inputs) + k)}]), @p_number(&at[{size * k}])) == 0U)"
+        f"(@p_near(out.{output.name}, @p_number(&row[{size * (len(inputs) + k)}]),"
+        f" @p_number(&at[{size * k}])) == 0U)"
         for k, output in enumerate(outputs)
     ]
     rows = len(export.vectors.status)
@@ -284,7 +322,10 @@ def _vectors(export: Export) -> str:
         "        uint32_t status = @P_OK;",
         *(["        uint32_t updates;", "        uint32_t n;"] if memory else []),
         "",
-        *(f"        in.{entry.name} = @p_number(&row[{size * k}]);" for k, entry in enumerate(inputs)),
+        *(
+            f"        in.{entry.name} = @p_number(&row[{size * k}]);"
+            for k, entry in enumerate(inputs)
+        ),
         *_calls(structure, size * (width - 2)),
         "        if (" + "\n            || ".join(checks) + ") {",
         "            holds = 0U;",

@@ -1,4 +1,6 @@
-"""A generated C source read again: its digest, its numbers, its steps, and its vectors worked out anew."""
+"""A generated C source read again: its digest, its numbers, its steps, and its vectors worked out
+anew.
+"""
 
 from __future__ import annotations
 
@@ -33,16 +35,23 @@ def verify_header(name: str, content: bytes) -> str:
 
 
 def verify_source(name: str, content: bytes) -> str:
-    """Check a source's digest and recompute its vectors from its own numbers; returns what it is."""
+    """Check a source's digest and recompute its vectors from its own numbers; returns what it
+    is.
+    """
     text = c_text.unsealed(_ascii(name, content), name)
     if LOADER in text[:200]:
         return "C source of a loader of blobs"
     program, stated = read(text, name)
     again = vectors.recomputed(program, stated.inputs, stated.updates)
     if (again.outputs, again.status) != (stated.outputs, stated.status):
-        raise CoefficientError(f"{name}: its vectors are not those of its coefficients", hint="export it again")
+        raise CoefficientError(
+            f"{name}: its vectors are not those of its coefficients", hint="export it again"
+        )
     count, number = len(stated.status), program.format.name
-    return f"C source of {_found(DEVICE, text, name)}, {number}, {count} vectors recomputed{_mark(text)}"
+    return (
+        f"C source of {_found(DEVICE, text, name)}, {number}, {count} vectors"
+        f" recomputed{_mark(text)}"
+    )
 
 
 def read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
@@ -54,7 +63,9 @@ def read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
     for found in CONSTANT.finditer(COMMENT.sub("", text)):
         table = found.group(1).removeprefix(f"{prefix}_")
         numbers = tuple(_number(digits, bare.format) for digits in NUMBER.findall(found.group(2)))
-        tables[table] = numbers[:4] if table in maps else numbers  # a fixed-point map has its shift behind
+        tables[table] = (
+            numbers[:4] if table in maps else numbers
+        )  # a fixed-point map has its shift behind
     try:
         inputs, outputs, status = (tables.pop(f"test_{side}") for side in ("in", "out", "status"))
         updates = tables.pop("test_updates", (1,) * len(status))
@@ -63,7 +74,10 @@ def read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
     names_in = [entry.name for entry in bare.structure.inputs]
     names_out = [output.name for output in bare.structure.outputs]
     stated = vectors.Vectors(
-        _columns(names_in, inputs), tuple(map(int, updates)), _columns(names_out, outputs), tuple(map(int, status))
+        _columns(names_in, inputs),
+        tuple(map(int, updates)),
+        _columns(names_out, outputs),
+        tuple(map(int, status)),
     )
     return layout.program(lines, tables, name), stated
 
@@ -89,7 +103,9 @@ def _found(pattern: re.Pattern[str], text: str, name: str) -> str:
     """First group of a pattern, or CoefficientError."""
     found = pattern.search(text)
     if found is None:
-        raise CoefficientError(f"{name}: not a source that calibkit wrote", hint="verify takes calibkit's own files")
+        raise CoefficientError(
+            f"{name}: not a source that calibkit wrote", hint="verify takes calibkit's own files"
+        )
     return found.group(1)
 
 

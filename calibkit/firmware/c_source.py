@@ -1,4 +1,6 @@
-"""The source: tables, helpers, the chain as one function, the self-test, and the steps again for `calibkit verify`."""
+"""The source: tables, helpers, the chain as one function, the self-test, and the steps again for
+`calibkit verify`.
+"""
 
 from __future__ import annotations
 
@@ -14,7 +16,10 @@ if TYPE_CHECKING:
     from calibkit.firmware.export import Export
 
 CONTRACT = {
-    False: "Results are bit for bit those of calibkit's twin with -ffp-contract=off; else within twice the error bound.",
+    False: (
+        "Results are bit for bit those of calibkit's twin with -ffp-contract=off; else within twice"
+        " the error bound."
+    ),
     True: "Results are bit for bit those of calibkit's twin.",
 }
 
@@ -26,7 +31,11 @@ FLOAT_GUARD = """#include <float.h>
 """
 """Refuses compilers that take every number for finite."""
 
-COUNTED = ("        if (state->updates < UINT32_MAX) {", "            state->updates++;", "        }")
+COUNTED = (
+    "        if (state->updates < UINT32_MAX) {",
+    "            state->updates++;",
+    "        }",
+)
 """Counts the updates, and never starts anew."""
 
 
@@ -125,19 +134,30 @@ def _array(export: Export, name: str, word: str, remark: str) -> str:
     if len(text) > c_text.WIDTH:
         width = 4 if len(numbers) <= 16 else export.chain.structure.slopes[0].length - 1
         rows = (", ".join(numbers[k : k + width]) for k in range(0, len(numbers), width))
-        text = f"static const {word} @p_{name}[{len(numbers)}] = {{\n    " + ",\n    ".join(rows) + "\n};"
+        text = (
+            f"static const {word} @p_{name}[{len(numbers)}] = {{\n    "
+            + ",\n    ".join(rows)
+            + "\n};"
+        )
     return f"{text} /* {remark} */" if remark else text
 
 
 def _scalar(export: Export, name: str, word: str) -> str:
     """A single number."""
-    return f"static const {word} @p_{name} = {export.program.format.text(export.program.tables[name][0])};"
+    return (
+        f"static const {word} @p_{name} ="
+        f" {export.program.format.text(export.program.tables[name][0])};"
+    )
 
 
 def functions(export: Export) -> str:
     """The chain, and what handles its state."""
     structure = export.chain.structure
-    return _correct(export) if structure.interval_s is None else "\n".join([_reset(export), _update(export)])
+    return (
+        _correct(export)
+        if structure.interval_s is None
+        else "\n".join([_reset(export), _update(export)])
+    )
 
 
 def _chain(export: Export) -> list[str]:
@@ -328,13 +348,19 @@ def _differences(export: Export) -> list[str]:
 def _words(name: str, texts: list[str]) -> str:
     """Table of one word a vector."""
     rows = (", ".join(texts[k : k + 12]) for k in range(0, len(texts), 12))
-    return f"static const uint32_t @p_test_{name}[@P_TESTS] = {{\n    " + ",\n    ".join(rows) + "\n};"
+    return (
+        f"static const uint32_t @p_test_{name}[@P_TESTS] = {{\n    " + ",\n    ".join(rows) + "\n};"
+    )
 
 
 def tolerance_of(export: Export, output: str) -> float:
-    """Difference that the self-test allows: both sides may be off by the bound, which a sum adds up."""
+    """Difference that the self-test allows: both sides may be off by the bound, which a sum adds
+    up.
+    """
     summed = vectors.SUMMED if export.chain.structure.summing else 1
-    jumps = 2.0 if export.chain.condition else 1.0  # the test's temperatures jump, which the bound leaves out
+    jumps = (
+        2.0 if export.chain.condition else 1.0
+    )  # the test's temperatures jump, which the bound leaves out
     return float(f"{2.0 * jumps * export.bounds[output] * summed:.2g}")
 
 
@@ -343,12 +369,16 @@ def _rows(export: Export, side: str, names: list[str]) -> list[str]:
     table = export.vectors.inputs if side == "in" else export.vectors.outputs
     text = export.program.format.text
     rows = [
-        "    {" + ", ".join(text(table[name][k]) for name in names) + "}" for k in range(len(export.vectors.status))
+        "    {" + ", ".join(text(table[name][k]) for name in names) + "}"
+        for k in range(len(export.vectors.status))
     ]
     return [f"static const @p_{side} @p_test_{side}[@P_TESTS] = {{", ",\n".join(rows), "};"]
 
 
 def _listing(export: Export) -> str:
     """The steps in a form that is read back."""
-    lines = ["The steps above as `calibkit verify` reads them again:", *layout.lines(export.program)]
+    lines = [
+        "The steps above as `calibkit verify` reads them again:",
+        *layout.lines(export.program),
+    ]
     return "\n".join(["/*", *(f" * {line}" for line in lines), " */"]) + "\n"

@@ -60,7 +60,9 @@ class Body:
             return self._quotient(step)
         if isinstance(step, Memory):
             kept = f"state->{step.source}"
-            return f"(state->updates == 0U) ? {step.source} : {kept}" if step.start == "same" else kept
+            return (
+                f"(state->updates == 0U) ? {step.source} : {kept}" if step.start == "same" else kept
+            )
         return self._slope(step) if isinstance(step, Slope) else ""
 
     def _flag(self, name: str) -> str:
@@ -71,7 +73,11 @@ class Body:
         """Terms from left to right."""
         values = [self._term(step, number, entry) for number, entry in enumerate(step.terms)]
         if len(values) == 1 and values[0].startswith("(") and step.terms[0].sign > 0:
-            return values[0][1:-1] if values[0].count("(") == 1 or not values[0].startswith("(int") else values[0]
+            return (
+                values[0][1:-1]
+                if values[0].count("(") == 1 or not values[0].startswith("(int")
+                else values[0]
+            )
         signs = ["- " if entry.sign < 0 else "+ " for entry in step.terms]
         first = f"-{values[0]}" if step.terms[0].sign < 0 else values[0]
         parts = [first, *(sign + value for sign, value in zip(signs[1:], values[1:], strict=True))]
@@ -88,10 +94,15 @@ class Body:
         for k, name in factors:
             if self.program.format.fixed:
                 target = scales[f"{step.name}.{number}.{k}"]
-                value, scale = f"@p_scaled({value}, {name}, {scale + scales[name] - target}U)", target
+                value, scale = (
+                    f"@p_scaled({value}, {name}, {scale + scales[name] - target}U)",
+                    target,
+                )
             else:
                 value = f"({value} * {name})"
-        return self._shifted(value, scale - scales[step.name]) if self.program.format.fixed else value
+        return (
+            self._shifted(value, scale - scales[step.name]) if self.program.format.fixed else value
+        )
 
     def _polynomial(self, entry: Term) -> str:
         """Polynomial, or the plain number."""
@@ -123,8 +134,8 @@ class Body:
         if self.program.format.fixed:
             places = f" {scales[step.table] + scales[step.source] - scales[step.name]}U,"
         return (
-            f"@p_slope(state->{step.name}_history, {step.source}, state->updates, @p_{step.table},{places}\n"
-            f"    {self._flag(step.flag)}, &status)"
+            f"@p_slope(state->{step.name}_history, {step.source}, state->updates,"
+            f" @p_{step.table},{places}\n    {self._flag(step.flag)}, &status)"
         )
 
     def _select(self, step: Select) -> Iterator[str]:
@@ -138,11 +149,17 @@ class Body:
             if self.program.format.fixed:
                 scales = self.program.scales
                 value = self._shifted(value, scales[case.value] - scales[step.name])
-            yield f"{word} {holds} {{\n    {step.name} = {value};\n    status |= status_{case.group};"
+            yield (
+                f"{word} {holds} {{\n    {step.name} = {value};\n    status |= status_{case.group};"
+            )
             word = "} else if"
         yield f"}} else {{\n    status |= {self._flag(step.flag)};\n}}"
 
 
 def groups(program: Program) -> list[str]:
     """Sides that have a status of their own."""
-    return list(dict.fromkeys(step.group for step in program.structure.steps if isinstance(step, Map) and step.group))
+    return list(
+        dict.fromkeys(
+            step.group for step in program.structure.steps if isinstance(step, Map) and step.group
+        )
+    )

@@ -23,17 +23,24 @@ NUMBERS = {
 }
 WIDTH = 100
 CONTENT = "content digest (field sha256)"
-"""A sealed file's digest of its other keys, which the file states itself; that of its bytes is another."""
+"""A sealed file's digest of its other keys, which the file states itself; that of its bytes is
+another.
+"""
 REJECTED = "REJECTED"
 DIGEST = re.compile(r"/\* sha256 of all lines above: ([0-9a-f]{64}) \*/\n\Z")
 
 
 def facts(export: Export) -> list[str]:
-    """What a reader must know, one fact a line: device, form, digests, number format, formula, ranges, bounds."""
+    """What a reader must know, one fact a line: device, form, digests, number format, formula,
+    ranges, bounds.
+    """
     identity, structure = export.identity, export.chain.structure
     number = export.program.format.name
     lines = [
-        f"device        {identity.serial} revision {identity.revision}, effective from {identity.effective_from}",
+        (
+            f"device        {identity.serial} revision {identity.revision}, effective from"
+            f" {identity.effective_from}"
+        ),
         f"forms         {', '.join(structure.forms)}",
         *(f"coefficients  {name} {CONTENT} {digest}" for name, digest in identity.files.items()),
         f"run           run.json {CONTENT} {identity.run_sha256}",
@@ -46,7 +53,9 @@ def facts(export: Export) -> list[str]:
     if structure.interval_s is not None:
         lines.append(f"interval      update every {structure.interval_s:g} s, with means over it")
     if not identity.accepted:
-        lines.insert(0, f"{REJECTED}      this run failed its acceptance limits: not for use in a product")
+        lines.insert(
+            0, f"{REJECTED}      this run failed its acceptance limits: not for use in a product"
+        )
     return [ascii_only(line) for line in lines + _bounds(export)]
 
 
@@ -60,7 +69,10 @@ def _bounds(export: Export) -> list[str]:
     if export.chain.condition:
         lines.append(f"              (worst case of evaluation, while {export.chain.condition})")
     else:
-        lines.append("              (worst case of evaluation against the exact chain, over all inputs in range)")
+        lines.append(
+            "              (worst case of evaluation against the exact chain, over all inputs in"
+            " range)"
+        )
     return lines
 
 
@@ -83,7 +95,9 @@ def comment(lines: Iterable[str]) -> str:
     """Block comment, long lines broken."""
     broken = []
     for line in lines:
-        broken += textwrap.wrap(line, WIDTH, subsequent_indent=" " * 14, break_on_hyphens=False) or [""]
+        broken += textwrap.wrap(
+            line, WIDTH, subsequent_indent=" " * 14, break_on_hyphens=False
+        ) or [""]
     return "\n".join(["/*", *(f" * {line}".rstrip() for line in broken), " */"]) + "\n"
 
 
@@ -96,10 +110,14 @@ def unsealed(text: str, name: str) -> str:
     """Text without its digest, or CoefficientError where that is not its own."""
     found = DIGEST.search(text)
     if found is None:
-        raise CoefficientError(f"{name}: no digest in its last line", hint="it is not an export, or its end is missing")
+        raise CoefficientError(
+            f"{name}: no digest in its last line", hint="it is not an export, or its end is missing"
+        )
     body = text[: found.start()]
     if hashlib.sha256(body.encode()).hexdigest() != found.group(1):
-        raise CoefficientError(f"{name}: its digest is not that of its content", hint="it was changed after the export")
+        raise CoefficientError(
+            f"{name}: its digest is not that of its content", hint="it was changed after the export"
+        )
     return body
 
 

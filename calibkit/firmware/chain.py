@@ -1,8 +1,9 @@
-"""The correction chain of a run as a short list of steps on normalised variables, with exact coefficients.
+"""The correction chain of a run as a short list of steps on normalised variables, with exact
+coefficients.
 
-A step names the values it takes and the table its numbers stand in; the same steps are evaluated by the numpy twin, bounded
-by the error analysis and printed as C. Temperatures and other drivers enter as u = (x − middle)/half, within [−1, 1] over
-the fitted range.
+A step names the values it takes and the table its numbers stand in; the same steps are evaluated by
+the numpy twin, bounded by the error analysis and printed as C. Temperatures and other drivers enter
+as u = (x − middle)/half, within [−1, 1] over the fitted range.
 """
 
 from __future__ import annotations
@@ -19,7 +20,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Input:
-    """A quantity that the application hands over, in the unit that its name ends in; table: least and greatest value."""
+    """A quantity that the application hands over, in the unit that its name ends in; table: least
+    and greatest value.
+    """
 
     name: str
     unit: str
@@ -31,7 +34,9 @@ class Input:
 
 @dataclass(frozen=True, slots=True)
 class Map:
-    """u = (x − middle)/half, brought into its range; table: middle, 1/half, least and greatest u."""
+    """u = (x − middle)/half, brought into its range; table: middle, 1/half, least and greatest
+    u.
+    """
 
     name: str
     source: str
@@ -43,7 +48,9 @@ class Map:
 
 @dataclass(frozen=True, slots=True)
 class Term:
-    """± polynomial(over) · factors; without a table the polynomial is 1, without `over` the table holds one number."""
+    """± polynomial(over) · factors; without a table the polynomial is 1, without `over` the table
+    holds one number.
+    """
 
     table: str = ""
     over: str = ""
@@ -80,7 +87,9 @@ class Quotient:
 
 @dataclass(frozen=True, slots=True)
 class Memory:
-    """Value that `source` had at the update before; at the first update its present value ("same") or 0 ("zero")."""
+    """Value that `source` had at the update before; at the first update its present value ("same")
+    or 0 ("zero").
+    """
 
     name: str
     source: str
@@ -91,8 +100,8 @@ class Memory:
 class Slope:
     """Rate of `source` from its last values: Σ_i w_i (v_i − v_0), v_0 the newest.
 
-    The table holds a row of `length` − 1 weights w_1 … for each number of values from `least` to `length`; with fewer
-    values the rate is 0 and the flag is returned.
+    The table holds a row of `length` − 1 weights w_1 … for each number of values from `least` to
+    `length`; with fewer values the rate is 0 and the flag is returned.
     """
 
     name: str
@@ -105,7 +114,9 @@ class Slope:
 
 @dataclass(frozen=True, slots=True)
 class Case:
-    """A value that a Select takes on one side: where source ≥ threshold (side 1), ≤ −threshold (−1), either (0)."""
+    """A value that a Select takes on one side: where source ≥ threshold (side 1), ≤ −threshold
+    (−1), either (0).
+    """
 
     value: str
     side: int
@@ -153,7 +164,11 @@ class Structure:
     @property
     def flags(self) -> tuple[str, ...]:
         """Statuses in the order of their bits."""
-        named = [entry.flag for entry in (*self.inputs, *self.steps) if not isinstance(entry, Sum | Quotient | Memory)]
+        named = [
+            entry.flag
+            for entry in (*self.inputs, *self.steps)
+            if not isinstance(entry, Sum | Quotient | Memory)
+        ]
         return tuple(dict.fromkeys(flag for flag in named if flag))
 
     @property
@@ -181,9 +196,10 @@ class Structure:
 class Chain:
     """A structure with its exact numbers: table → numbers.
 
-    `limits` bounds values that depend on their own past, whatever the inputs do; `usual` bounds them, tighter, where the
-    inputs keep to `condition`, under which alone the printed error bound holds. `gains` is the greatest error [u] of a
-    remembered value for each unit of error of the mapped input that drives it.
+    `limits` bounds values that depend on their own past, whatever the inputs do; `usual` bounds
+    them, tighter, where the inputs keep to `condition`, under which alone the printed error bound
+    holds. `gains` is the greatest error [u] of a remembered value for each unit of error of the
+    mapped input that drives it.
     """
 
     structure: Structure

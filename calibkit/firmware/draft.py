@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from calibkit.firmware.chain import Output, Step
 
 BEYOND = Fraction(5, 4)
-"""How far [u] an input may leave the fitted range before a chain with memory refuses to follow it."""
+"""How far [u] an input may leave the fitted range before a chain with memory refuses to follow it.
+"""
 
 
 @dataclass(slots=True)
@@ -37,7 +38,9 @@ class Draft:
         self.tables[name] = tuple(numbers)
         return name
 
-    def input(self, name: str, unit: str, meaning: str, span: tuple[Fraction, Fraction], flag: str = "") -> str:
+    def input(
+        self, name: str, unit: str, meaning: str, span: tuple[Fraction, Fraction], flag: str = ""
+    ) -> str:
         """Add an input once; without a flag its range only says how large it can be."""
         if name not in [entry.name for entry in self.inputs]:
             self.inputs.append(Input(name, unit, meaning, self.table(f"{name}_range", span), flag))
@@ -53,7 +56,9 @@ class Draft:
         group: str = "",
         beyond: Fraction | None = None,
     ) -> tuple[Fraction, Fraction]:
-        """Map a value to u over its fitted range, clamped to it (or, with `beyond`, to ±beyond); returns middle and half."""
+        """Map a value to u over its fitted range, clamped to it (or, with `beyond`, to ±beyond);
+        returns middle and half.
+        """
         middle, half = exact.span(*valid)
         low, high = ((Fraction(limit) - middle) / half for limit in valid)
         if beyond is not None:
@@ -62,10 +67,17 @@ class Draft:
         self.steps.append(Map(name, source, table, flag, group))
         return middle, half
 
-    def temperature(self, valid: tuple[float, float], name: str = "u", column: str = "temp_case_degc") -> exact.Poly:
+    def temperature(
+        self, valid: tuple[float, float], name: str = "u", column: str = "temp_case_degc"
+    ) -> exact.Poly:
         """Case temperature as u, clamped to its fitted range; returns middle and half [°C]."""
         middle, half = exact.span(*valid)
-        self.input(column, "degC", "temperature of the sensor case", (middle - BEYOND * half, middle + BEYOND * half))
+        self.input(
+            column,
+            "degC",
+            "temperature of the sensor case",
+            (middle - BEYOND * half, middle + BEYOND * half),
+        )
         self.ranges.append(f"{column} {valid[0]:.4g} to {valid[1]:.4g} degC")
         return self.map(name, column, valid, flag="TEMP_CLAMPED")
 
@@ -77,7 +89,9 @@ class Draft:
     def polynomial(
         self, table: str, numbers: Sequence[Fraction], over: str, *factors: str, sign: int = 1
     ) -> list[Term]:
-        """Term sign · polynomial(over) · factors: none where it vanishes, a plain number where it does not vary."""
+        """Term sign · polynomial(over) · factors: none where it vanishes, a plain number where it
+        does not vary.
+        """
         found = exact.trimmed(numbers)
         if not found:
             return []
@@ -92,7 +106,12 @@ class Draft:
         return name
 
     def chain(
-        self, forms: Iterable[str], formula: str, *, interval_s: float | None = None, condition: str = ""
+        self,
+        forms: Iterable[str],
+        formula: str,
+        *,
+        interval_s: float | None = None,
+        condition: str = "",
     ) -> Chain:
         """The finished chain."""
         used = _used(self.steps, [output.source for output in self.outputs])
@@ -104,7 +123,15 @@ class Draft:
             tuple(self.outputs),
             interval_s,
         )
-        return Chain(structure, self.tables, self.limits, self.usual, self.gains, condition, tuple(self.ranges))
+        return Chain(
+            structure,
+            self.tables,
+            self.limits,
+            self.usual,
+            self.gains,
+            condition,
+            tuple(self.ranges),
+        )
 
 
 def _used(steps: Sequence[Step], wanted: Sequence[str]) -> set[str]:

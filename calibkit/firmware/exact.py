@@ -1,4 +1,6 @@
-"""Exact arithmetic of coefficients: nothing printed may hang on the last bit of a mathematics library."""
+"""Exact arithmetic of coefficients: nothing printed may hang on the last bit of a mathematics
+library.
+"""
 
 from __future__ import annotations
 
@@ -34,7 +36,9 @@ def _decimal(x: Fraction) -> Decimal:
 
 def add(*polynomials: Sequence[Fraction]) -> Poly:
     """Sum of polynomials."""
-    return tuple(sum(column, Fraction(0)) for column in zip_longest(*polynomials, fillvalue=Fraction(0)))
+    return tuple(
+        sum(column, Fraction(0)) for column in zip_longest(*polynomials, fillvalue=Fraction(0))
+    )
 
 
 def scale(polynomial: Sequence[Fraction], factor: Fraction) -> Poly:
@@ -84,9 +88,11 @@ def power_of_two(x: Fraction) -> int:
 
 
 def span(low: float, high: float) -> tuple[Fraction, Fraction]:
-    """Middle and half of a range as short binary numbers, the half rounded outwards; half > 0 also for a single point.
+    """Middle and half of a range as short binary numbers, the half rounded outwards; half > 0 also
+    for a single point.
 
-    Both are exact in every number format, so that the map to u adds no error of its own constants but the reciprocal's.
+    Both are exact in every number format, so that the map to u adds no error of its own constants
+    but the reciprocal's.
     """
     width = Fraction(high) - Fraction(low)
     quantum = Fraction(2) ** (power_of_two(width) - 10) if width > 0 else Fraction(1)
@@ -106,5 +112,7 @@ def solve(matrix: Sequence[Sequence[Fraction]], right: Sequence[Fraction]) -> Po
         rows[column] = [entry / rows[column][column] for entry in rows[column]]
         for k in range(size):
             if k != column:
-                rows[k] = [x - rows[k][column] * y for x, y in zip(rows[k], rows[column], strict=True)]
+                rows[k] = [
+                    x - rows[k][column] * y for x, y in zip(rows[k], rows[column], strict=True)
+                ]
     return tuple(row[-1] for row in rows)

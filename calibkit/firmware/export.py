@@ -1,4 +1,6 @@
-"""All that a target needs to know of one run: its chain in a number format, whose it is, its bounds and its test vectors."""
+"""All that a target needs to know of one run: its chain in a number format, whose it is, its bounds
+and its test vectors.
+"""
 
 from __future__ import annotations
 
@@ -43,16 +45,26 @@ class Export:
     chain: Chain
     program: Program
     bounds: Mapping[str, float]
-    """Worst-case evaluation error of each output in its unit; of a recursive chain that of one update."""
+    """Worst-case evaluation error of each output in its unit; of a recursive chain that of one
+    update.
+    """
     vectors: Vectors
     sources: tuple[str, ...] = ()
     """What the inputs and indications were made of in calibration, one a line."""
 
 
-def of(chain: Chain, identity: Identity, number: Format, prefix: str, sources: tuple[str, ...] = ()) -> Export:
+def of(
+    chain: Chain, identity: Identity, number: Format, prefix: str, sources: tuple[str, ...] = ()
+) -> Export:
     """Quantise a chain, bound its error and work out its self-test."""
     identifiers.check_prefix(prefix)
     quantised = program.of(chain, number)
     return Export(
-        prefix, identity, chain, quantised, bounds.of(chain, quantised), vectors.of(chain, quantised), sources
+        prefix,
+        identity,
+        chain,
+        quantised,
+        bounds.of(chain, quantised),
+        vectors.of(chain, quantised),
+        sources,
     )

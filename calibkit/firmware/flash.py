@@ -1,4 +1,6 @@
-"""A blob as records with addresses, as programmers of flash memory take them: Intel HEX and Motorola S-records."""
+"""A blob as records with addresses, as programmers of flash memory take them: Intel HEX and
+Motorola S-records.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ def _bincopy() -> ModuleType:
     try:
         import bincopy
     except ImportError:
-        raise OutputError("Intel HEX and S-records need bincopy", hint="pip install 'calibkit[hex]'") from None
+        raise OutputError(
+            "Intel HEX and S-records need bincopy", hint="pip install 'calibkit[hex]'"
+        ) from None
     module: ModuleType = bincopy
     return module
 
@@ -29,7 +33,9 @@ def intel_hex(content: bytes, address: int) -> bytes:
 
 
 def s_records(content: bytes, address: int) -> bytes:
-    """Motorola S-records with 32-bit addresses of a blob at an address; OutputError where it leaves 32 bits."""
+    """Motorola S-records with 32-bit addresses of a blob at an address; OutputError where it leaves
+    32 bits.
+    """
     return _placed(content, address, "as_srec")
 
 
@@ -37,7 +43,8 @@ def _placed(content: bytes, address: int, how: str) -> bytes:
     """Text of the records."""
     if not 0 <= address <= LARGEST - len(content):
         raise OutputError(
-            f"--address 0x{address:x}: {len(content)} bytes from there leave 32 bits", hint="give another"
+            f"--address 0x{address:x}: {len(content)} bytes from there leave 32 bits",
+            hint="give another",
         )
     image = _bincopy().BinFile()
     image.add_binary(content, address)
@@ -63,9 +70,13 @@ def _verified(name: str, content: bytes, how: str, kind: str) -> str:
         getattr(image, how)(content.decode("ascii"))
         segments = list(image.segments)
     except (library.Error, UnicodeDecodeError, ValueError, IndexError) as error:
-        raise CoefficientError(f"{name}: not {kind} that can be read: {error}", hint="export it again") from None
+        raise CoefficientError(
+            f"{name}: not {kind} that can be read: {error}", hint="export it again"
+        ) from None
     if len(segments) != 1:
-        raise CoefficientError(f"{name}: {len(segments)} pieces, expected one", hint="records are missing")
+        raise CoefficientError(
+            f"{name}: {len(segments)} pieces, expected one", hint="records are missing"
+        )
     try:
         inside = blob.verify(name, bytes(segments[0].data))
     except CalibkitError as error:

@@ -50,5 +50,7 @@ FORMATS = {
 def of(name: str) -> Format:
     """Number format of that name, or UsageError."""
     if name not in FORMATS:
-        raise UsageError(f"--number {name}: no such number format", hint=f"the formats are {', '.join(FORMATS)}")
+        raise UsageError(
+            f"--number {name}: no such number format", hint=f"the formats are {', '.join(FORMATS)}"
+        )
     return FORMATS[name]

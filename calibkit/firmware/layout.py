@@ -1,4 +1,6 @@
-"""Steps of a program as lines of JSON, and back: what a file needs beside its numbers to be evaluated again."""
+"""Steps of a program as lines of JSON, and back: what a file needs beside its numbers to be
+evaluated again.
+"""
 
 from __future__ import annotations
 
@@ -15,7 +17,15 @@ if TYPE_CHECKING:
 
 STEPS = {
     kind.__name__.lower(): kind
-    for kind in (chain.Map, chain.Sum, chain.Limit, chain.Quotient, chain.Memory, chain.Slope, chain.Select)
+    for kind in (
+        chain.Map,
+        chain.Sum,
+        chain.Limit,
+        chain.Quotient,
+        chain.Memory,
+        chain.Slope,
+        chain.Select,
+    )
 }
 
 
@@ -57,19 +67,30 @@ def program(texts: Sequence[str], tables: Mapping[str, tuple[float, ...]], name:
             else:
                 steps.append(_step(kind, fields))
         structure = chain.Structure(
-            tuple(head["forms"]), head["formula"], tuple(inputs), tuple(steps), tuple(outputs), head["interval_s"]
+            tuple(head["forms"]),
+            head["formula"],
+            tuple(inputs),
+            tuple(steps),
+            tuple(outputs),
+            head["interval_s"],
         )
         return Program(structure, formats.of(head["number"]), dict(tables), head["scales"])
     except (ValueError, KeyError, TypeError, IndexError) as error:
-        raise CoefficientError(f"{name}: its steps cannot be read: {error}", hint="export it again") from None
+        raise CoefficientError(
+            f"{name}: its steps cannot be read: {error}", hint="export it again"
+        ) from None
 
 
 def _step(kind: str, fields: dict[str, Any]) -> chain.Step:
     """A step of its JSON object."""
     if kind == "sum":
-        terms = tuple(chain.Term(**{**term, "factors": tuple(term["factors"])}) for term in fields["terms"])
+        terms = tuple(
+            chain.Term(**{**term, "factors": tuple(term["factors"])}) for term in fields["terms"]
+        )
         return chain.Sum(fields["name"], terms)
     if kind == "select":
-        return chain.Select(**{**fields, "cases": tuple(chain.Case(**case) for case in fields["cases"])})
+        return chain.Select(
+            **{**fields, "cases": tuple(chain.Case(**case) for case in fields["cases"])}
+        )
     step: chain.Step = STEPS[kind](**fields)
     return step

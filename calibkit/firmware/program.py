@@ -19,15 +19,18 @@ if TYPE_CHECKING:
 SLACK = {16: 64, 32: 4096}
 """Words at either end that roundings may not reach: 64 of 32768."""
 RECIPROCAL_BITS = {16: 14, 32: 30}
-"""Of the reciprocal of half in fixed point, which has no leading zeros: the obvious 1/half would have a handful of bits."""
+"""Of the reciprocal of half in fixed point, which has no leading zeros: the obvious 1/half would
+have a handful of bits.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Program:
     """Steps and numbers of a firmware; everything that decides a result bit for bit.
 
-    In fixed point a stored word w stands for w · 2^−scale; scales hold one entry a value, a table, a partial product
-    ("sum.term.factor"), a map's reciprocal ("table.reciprocal") and an output ("out.name").
+    In fixed point a stored word w stands for w · 2^−scale; scales hold one entry a value, a table,
+    a partial product ("sum.term.factor"), a map's reciprocal ("table.reciprocal") and an output
+    ("out.name").
     """
 
     structure: Structure
@@ -37,14 +40,20 @@ class Program:
 
     @property
     def word(self) -> int:
-        """Width of the words that are calculated with: a chain with memory never rounds to 16 bits."""
+        """Width of the words that are calculated with: a chain with memory never rounds to 16
+        bits.
+        """
         return 32 if self.structure.interval_s is not None else self.format.bits
 
 
 def of(chain: Chain, number: Format) -> Program:
-    """Program of a chain in a number format; OutputError where a fixed-point format cannot hold it."""
+    """Program of a chain in a number format; OutputError where a fixed-point format cannot hold
+    it.
+    """
     if not number.fixed:
-        tables = {name: tuple(map(number.nearest, numbers)) for name, numbers in chain.tables.items()}
+        tables = {
+            name: tuple(map(number.nearest, numbers)) for name, numbers in chain.tables.items()
+        }
         return Program(chain.structure, number, tables, {})
     empty = Program(chain.structure, number, {}, {})
     scales = _scales(chain, empty.word, number.bits)
@@ -109,7 +118,9 @@ def _inner_scales(
     return found
 
 
-def _reach(chain: Chain, table: str, part: Range, known: Mapping[str, Range], over: str) -> Fraction:
+def _reach(
+    chain: Chain, table: str, part: Range, known: Mapping[str, Range], over: str
+) -> Fraction:
     """Largest magnitude of a partial product, and of every stage of Horner's scheme."""
     reach = ranges.magnitude(part)
     if table and over:
@@ -127,7 +138,9 @@ def _fixed_tables(chain: Chain, scales: Mapping[str, int]) -> dict[str, tuple[in
     def words(name: str, scale: int) -> tuple[int, ...]:
         return tuple(_word(x, scale) for x in chain.tables[name])
 
-    found = {entry.table: words(entry.table, scales[entry.name]) for entry in chain.structure.inputs}
+    found = {
+        entry.table: words(entry.table, scales[entry.name]) for entry in chain.structure.inputs
+    }
     for step in chain.structure.steps:
         if isinstance(step, Map):
             middle, reciprocal, low, high = chain.tables[step.table]

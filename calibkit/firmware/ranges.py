@@ -1,4 +1,6 @@
-"""Range of every value of a chain, in exact interval arithmetic: what fixed-point words must hold, what errors scale with."""
+"""Range of every value of a chain, in exact interval arithmetic: what fixed-point words must hold,
+what errors scale with.
+"""
 
 from __future__ import annotations
 
@@ -46,7 +48,9 @@ def term(chain: Chain, entry: Term, known: Mapping[str, Range]) -> list[Range]:
 
 
 def of(chain: Chain, *, usual: bool) -> dict[str, Range]:
-    """Range of every input and step; remembered values have the chain's limits, or the tighter ones of usual use."""
+    """Range of every input and step; remembered values have the chain's limits, or the tighter ones
+    of usual use.
+    """
     bounds = {**chain.limits, **(chain.usual if usual else {})}
     known: dict[str, Range] = {}
     for entry in chain.structure.inputs:
@@ -60,8 +64,10 @@ def of(chain: Chain, *, usual: bool) -> dict[str, Range]:
     return known
 
 
-def _step(chain: Chain, step: Step, known: Mapping[str, Range], bounds: Mapping[str, Fraction]) -> Range:  # noqa: PLR0911
-    """Range of one step; one return a kind of step."""
+def _step(  # noqa: PLR0911 (one return a kind of step)
+    chain: Chain, step: Step, known: Mapping[str, Range], bounds: Mapping[str, Fraction]
+) -> Range:
+    """Range of one step."""
     if isinstance(step, Map):
         return chain.tables[step.table][2], chain.tables[step.table][3]
     if isinstance(step, Limit):
@@ -70,7 +76,9 @@ def _step(chain: Chain, step: Step, known: Mapping[str, Range], bounds: Mapping[
         return known[step.source]
     if isinstance(step, Sum):
         parts = [term(chain, entry, known)[-1] for entry in step.terms]
-        return sum((low for low, _ in parts), Fraction(0)), sum((high for _, high in parts), Fraction(0))
+        return sum((low for low, _ in parts), Fraction(0)), sum(
+            (high for _, high in parts), Fraction(0)
+        )
     if isinstance(step, Quotient):
         low, high = known[step.denominator]
         return times(known[step.numerator], (1 / high, 1 / low))
@@ -78,7 +86,9 @@ def _step(chain: Chain, step: Step, known: Mapping[str, Range], bounds: Mapping[
         reach = heaviest(chain, step) * difference(step, known, bounds)
         return -reach, reach
     parts = [known[case.value] for case in step.cases]
-    return min(Fraction(0), *(low for low, _ in parts)), max(Fraction(0), *(high for _, high in parts))
+    return min(Fraction(0), *(low for low, _ in parts)), max(
+        Fraction(0), *(high for _, high in parts)
+    )
 
 
 def difference(step: Slope, known: Mapping[str, Range], bounds: Mapping[str, Fraction]) -> Fraction:

@@ -26,13 +26,18 @@ MARGIN = Fraction(21, 20)
 
 
 def bias(record: Record, reference_degc: float) -> Chain:
-    """Bias of each channel, zero at the reference temperature (the middle of an abscissa that is none)."""
+    """Bias of each channel, zero at the reference temperature (the middle of an abscissa that is
+    none).
+    """
     draft = Draft()
     for number, model in enumerate(record.models):
         (column, valid), name = next(iter(model.valid.items())), model.name
         for text in (column, name):
             if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text):
-                raise OutputError(f"column '{text}' cannot be a name in C", hint="rename it in the recipe's [columns]")
+                raise OutputError(
+                    f"column '{text}' cannot be a name in C",
+                    hint="rename it in the recipe's [columns]",
+                )
         unit = units.column_unit(column)
         middle, half = exact.span(*valid)
         reach = (middle - BEYOND * half, middle + BEYOND * half)
@@ -46,17 +51,22 @@ def bias(record: Record, reference_degc: float) -> Chain:
         at_rest = exact.value(found, (min(max(reference, low), high) - middle) / half)
         terms = draft.polynomial(f"p_{name}", exact.add(found, (-at_rest,)), "u")
         if not terms:
-            raise OutputError(f"{name}: the bias does not vary", hint="there is nothing to correct: leave it out")
+            raise OutputError(
+                f"{name}: the bias does not vary", hint="there is nothing to correct: leave it out"
+            )
         source = draft.sum(f"bias_{name}", terms)
         meaning = f"bias of {name}, to be subtracted from it"
         draft.outputs.append(Output(f"bias_{name}", units.column_unit(name), source, meaning))
     return draft.chain(
-        [model.form for model in record.models], "corrected = indication - bias, each channel in its unit"
+        [model.form for model in record.models],
+        "corrected = indication - bias, each channel in its unit",
     )
 
 
 def inclinometer(record: Record) -> Chain:
-    """s(T) of each gyro, which multiplies its indication; a station's own s is the matter of its solution."""
+    """s(T) of each gyro, which multiplies its indication; a station's own s is the matter of its
+    solution.
+    """
     draft = Draft()
     for model in record.models:
         raw, name = powers(model, "s"), f"s_{model.name}"
@@ -69,13 +79,19 @@ def inclinometer(record: Record) -> Chain:
         source = draft.sum(name, draft.polynomial(f"{name}_of_t", raw, over))
         meaning = f"scale factor of the {model.name} gyro, to be multiplied with its indication"
         draft.outputs.append(Output(f"scale_{model.name}", "1", source, meaning))
-    return draft.chain([model.form for model in record.models], "corrected = scale * indication, for each gyro")
+    return draft.chain(
+        [model.form for model in record.models], "corrected = scale * indication, for each gyro"
+    )
 
 
-def gyro(scale: Record, orthogonality: Record | None, gyros: Sequence[tuple[str, str]], added_dps: float) -> Chain:
-    """Rates of gyros, (F − F0(T))/K(T); of a pair also the rate across the first gyro's axis in their plane.
+def gyro(
+    scale: Record, orthogonality: Record | None, gyros: Sequence[tuple[str, str]], added_dps: float
+) -> Chain:
+    """Rates of gyros, (F − F0(T))/K(T); of a pair also the rate across the first gyro's axis in
+    their plane.
 
-    `gyros` are names of columns and models; added_dps [°/s] is the earth's rate where the recipe leaves it in.
+    `gyros` are names of columns and models; added_dps [°/s] is the earth's rate where the recipe
+    leaves it in.
     """
     draft, models = Draft(), {model.name: model for model in scale.models}
     forms = []
@@ -95,7 +111,9 @@ def gyro(scale: Record, orthogonality: Record | None, gyros: Sequence[tuple[str,
     return draft.chain(forms, f"rate = (indication - F0(T)) / K(T), in deg/s{end}")
 
 
-def _line(draft: Draft, line: Model, models: dict[str, Model], column: str) -> tuple[exact.Poly, exact.Poly, str]:
+def _line(
+    draft: Draft, line: Model, models: dict[str, Model], column: str
+) -> tuple[exact.Poly, exact.Poly, str]:
     """K and F0 as polynomials of u (or plain numbers), and the name of u."""
     curves = [models.get(f"{line.name}.{letter}_over_temperature") for letter in ("K", "F0")]
     found = [model for model in curves if model is not None]
@@ -108,27 +126,44 @@ def _line(draft: Draft, line: Model, models: dict[str, Model], column: str) -> t
 
 
 def _rate(
-    draft: Draft, line: Model, curves: tuple[exact.Poly, exact.Poly], over: str, column: str, added_dps: float
+    draft: Draft,
+    line: Model,
+    curves: tuple[exact.Poly, exact.Poly],
+    over: str,
+    column: str,
+    added_dps: float,
 ) -> None:
     """Rate of one gyro."""
     (K, F0), fastest = curves, max(abs(Fraction(limit)) for limit in line.valid[RATE])
     largest = Fraction(ceil(MARGIN * fastest * sum(map(abs, K)) + sum(map(abs, F0))))
     name = f"gyro_{column}_lsb"
-    draft.input(name, "1/s", f"indication of gyro {column}, counts per second", (-largest, largest), "RATE_CLAMPED")
+    draft.input(
+        name,
+        "1/s",
+        f"indication of gyro {column}, counts per second",
+        (-largest, largest),
+        "RATE_CLAMPED",
+    )
     low, high = line.valid[RATE]
     draft.ranges.append(f"rate of gyro {column} {low:.4g} to {high:.4g} deg/s")
-    draft.sum(f"above_{column}", draft.polynomial(f"zero_{column}", F0, over, sign=-1), factor(name))
+    draft.sum(
+        f"above_{column}", draft.polynomial(f"zero_{column}", F0, over, sign=-1), factor(name)
+    )
     draft.sum(f"scale_{column}", draft.polynomial(f"scale_factor_{column}", K, over))
     source = f"rate_{column}"
     draft.steps.append(Quotient(source, f"above_{column}", f"scale_{column}"))
     if added_dps:
         earth = draft.polynomial("earth_rate", (Fraction(added_dps),), "")
         source = draft.sum(f"inertial_{column}", earth, factor(source))
-    draft.outputs.append(Output(f"gyro_{column}_dps", "deg/s", source, f"rate about the axis of gyro {column}"))
+    draft.outputs.append(
+        Output(f"gyro_{column}_dps", "deg/s", source, f"rate about the axis of gyro {column}")
+    )
 
 
 def _across(draft: Draft, pair: Model, columns: Sequence[str]) -> str:
-    """Misalignment: from the rates about both axes that about the axis at right angles to the first in their plane."""
+    """Misalignment: from the rates about both axes that about the axis at right angles to the first
+    in their plane.
+    """
     (gamma,) = numbers(pair, "gamma")
     if abs(gamma) < 1:
         first, second = (output.source for output in draft.outputs)

@@ -1,4 +1,6 @@
-"""Where the quantities of an export came from in calibration: column, unit, scale and sign, as the run's recipe maps them."""
+"""Where the quantities of an export came from in calibration: column, unit, scale and sign, as the
+run's recipe maps them.
+"""
 
 from __future__ import annotations
 
@@ -9,8 +11,8 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import RecipeError
-from calibkit.firmware.triad_chain import SENSE
-from calibkit.recipe.accelerometer import AccelerometerRecipe
+from calibkit.instruments.accelerometer.firmware import SENSE
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 if TYPE_CHECKING:
     from calibkit.firmware.chain import Structure
@@ -18,30 +20,51 @@ if TYPE_CHECKING:
     from calibkit.recipe.tables import Column
 
 UNSAFE = re.compile(r"[^ !-~]|[\\*?@{}']")
-"""What could end a comment, join its lines, or be taken for a mark of the generator; "'" stands around the name."""
+"""What could end a comment, join its lines, or be taken for a mark of the generator; "'" stands
+around the name.
+"""
 CORRECTED = {"fog_thermal": ("gyro_dph",)}
 """Indications that the application corrects itself with a result, and does not hand over."""
 
 
 def quoted(name: str) -> str:
-    """A column's name as it is safe in a C comment: printable ASCII, anything else by its number, in hexadecimal."""
+    """A column's name as it is safe in a C comment: printable ASCII, anything else by its number,
+    in hexadecimal.
+    """
     return f"'{UNSAFE.sub(lambda found: _escaped(ord(found.group())), name)}'"
 
 
 def _escaped(code: int) -> str:
     """Escape of a character."""
-    return next(f"\\{letter}{code:0{width}x}" for letter, width in (("x", 2), ("u", 4), ("U", 8)) if code < 16**width)
+    return next(
+        f"\\{letter}{code:0{width}x}"
+        for letter, width in (("x", 2), ("u", 4), ("U", 8))
+        if code < 16**width
+    )
 
 
 def lines(spec: Recipe, structure: Structure) -> tuple[str, ...]:
-    """One line a quantity that a chain takes or corrects: its unit, and how the recipe made it of a column of the logs."""
+    """One line a quantity that a chain takes or corrects: its unit, and how the recipe made it of a
+    column of the logs.
+    """
     taken = [entry.name for entry in structure.inputs]
-    said = [f"input         {name} [{units.column_unit(name)}] = {_made(spec, name)}" for name in taken]
+    said = [
+        f"input         {name} [{units.column_unit(name)}] = {_made(spec, name)}" for name in taken
+    ]
     corrected = [name for name in _corrected(spec, structure) if name not in taken]
-    said += [f"indication    {name} [{units.column_unit(name)}] = {_made(spec, name)}" for name in corrected]
+    said += [
+        f"indication    {name} [{units.column_unit(name)}] = {_made(spec, name)}"
+        for name in corrected
+    ]
     if isinstance(spec, AccelerometerRecipe):
         said.append(f"convention    accelerometers in and out: {SENSE[spec.reference.convention]}")
-    return (*said, "sign          feed and correct what the right-hand sides give, not the columns as they were logged")
+    return (
+        *said,
+        (
+            "sign          feed and correct what the right-hand sides give, not the columns as they"
+            " were logged"
+        ),
+    )
 
 
 def _corrected(spec: Recipe, structure: Structure) -> tuple[str, ...]:
@@ -69,7 +92,9 @@ def _made(spec: Recipe, name: str) -> str:
 
 
 def _mapped(spec: Recipe, name: str, column: Column | None, source: str) -> str:
-    """The sum sign · (scale · column + offset), as one factor and one constant where the recipe tells the unit."""
+    """The sum sign · (scale · column + offset), as one factor and one constant where the recipe
+    tells the unit.
+    """
     target = units.column_unit(name)
     sign, scale, offset = (column.sign, column.scale, column.offset) if column else (1, 1.0, 0.0)
     told = ", ".join(
@@ -84,13 +109,19 @@ def _mapped(spec: Recipe, name: str, column: Column | None, source: str) -> str:
     inner = f"({inner} {'-' if offset < 0 else '+'} {abs(offset):.12g})" if offset else inner
     if column and (column.accumulated or own == "1/sample"):
         kind = ", its counts since the row before" if column.accumulated else ", counts per sample"
-        per = f"{column.interval_s:.12g} s" if column.interval_s is not None else "s since the row before"
+        per = (
+            f"{column.interval_s:.12g} s"
+            if column.interval_s is not None
+            else "s since the row before"
+        )
         return f"{'-' if sign < 0 else ''}{inner}{kind}, / ({per}) (recipe: {told})"
     if not own:
         at_home = f"in {target}, or in the unit that its header states"
         return f"{'-1 * ' if sign < 0 else ''}{inner}, {at_home} (recipe: {told})"
     try:
-        ends = units.convert(np.array([offset, scale + offset]), own, target, gravity_mps2=spec.site.gravity_mps2)
+        ends = units.convert(
+            np.array([offset, scale + offset]), own, target, gravity_mps2=spec.site.gravity_mps2
+        )
     except RecipeError:  # local g, which the recipe knows by latitude alone
         return f"{'-1 * ' if sign < 0 else ''}{inner}, converted from {own} (recipe: {told})"
     constant, factor = sign * float(ends[0]), sign * float(ends[1] - ends[0])

@@ -1,4 +1,6 @@
-"""One row a unit, for factory flashing: every number under a name of its own, what it means, and enough to prove the row."""
+"""One row a unit, for factory flashing: every number under a name of its own, what it means, and
+enough to prove the row.
+"""
 
 from __future__ import annotations
 
@@ -16,7 +18,16 @@ if TYPE_CHECKING:
 
     from calibkit.firmware.export import Export
 
-FACTS = ("serial", "revision", "effective_from", "accepted", "run_sha256", "number", "formula", "fitted_over")
+FACTS = (
+    "serial",
+    "revision",
+    "effective_from",
+    "accepted",
+    "run_sha256",
+    "number",
+    "formula",
+    "fitted_over",
+)
 PROOF = ("program", "vectors", "row_sha256")
 
 
@@ -27,8 +38,8 @@ def render(exports: Sequence[Export]) -> bytes:
     for row, export in zip(rows, exports, strict=True):
         if list(row) != heads:
             raise OutputError(
-                f"{export.identity.serial} and {exports[0].identity.serial} need different columns: their models differ in "
-                "form or degree",
+                f"{export.identity.serial} and {exports[0].identity.serial} need different columns:"
+                " their models differ in form or degree",
                 hint="pin models and orders in the recipe, or export them apart",
             )
     buffer = io.StringIO()
@@ -39,7 +50,9 @@ def render(exports: Sequence[Export]) -> bytes:
 
 
 def _row(export: Export) -> dict[str, str]:
-    """Column → text of one unit; a table's number k stands under table[k], index = power where it is a polynomial."""
+    """Column → text of one unit; a table's number k stands under table[k], index = power where it
+    is a polynomial.
+    """
     identity, program, structure = export.identity, export.program, export.chain.structure
     row = {
         "serial": identity.serial,
@@ -52,7 +65,10 @@ def _row(export: Export) -> dict[str, str]:
         "fitted_over": "; ".join(export.chain.ranges),
         "made_of": "; ".join(" ".join(line.split()) for line in export.sources),
     }
-    row |= {f"bound_{output.name} [{output.unit}]": f"{export.bounds[output.name]:.1e}" for output in structure.outputs}
+    row |= {
+        f"bound_{output.name} [{output.unit}]": f"{export.bounds[output.name]:.1e}"
+        for output in structure.outputs
+    }
     for name in blob.table_names(structure):
         numbers = program.tables[name]
         row |= {f"{name}[{k}]": program.format.text(x).rstrip("F") for k, x in enumerate(numbers)}
@@ -60,7 +76,12 @@ def _row(export: Export) -> dict[str, str]:
     stated = export.vectors
     row["program"] = "\n".join(layout.lines(program))
     row["vectors"] = json.dumps(
-        {"inputs": stated.inputs, "updates": stated.updates, "outputs": stated.outputs, "status": stated.status},
+        {
+            "inputs": stated.inputs,
+            "updates": stated.updates,
+            "outputs": stated.outputs,
+            "status": stated.status,
+        },
         separators=(",", ":"),
     )
     return row
@@ -68,22 +89,32 @@ def _row(export: Export) -> dict[str, str]:
 
 def _digest(row: Mapping[str, str]) -> str:
     """SHA-256 over all names and texts of a row."""
-    return hashlib.sha256("\0".join(f"{name}={text}" for name, text in row.items()).encode()).hexdigest()
+    return hashlib.sha256(
+        "\0".join(f"{name}={text}" for name, text in row.items()).encode()
+    ).hexdigest()
 
 
 def verify(name: str, content: bytes) -> str:
-    """Check every row's digest and recompute its vectors from its own numbers; returns what the file is."""
+    """Check every row's digest and recompute its vectors from its own numbers; returns what the
+    file is.
+    """
     try:
         rows = list(csv.DictReader(io.StringIO(content.decode("utf-8"), newline=""), strict=True))
     except (UnicodeDecodeError, csv.Error) as error:
-        raise CoefficientError(f"{name}: not a table that calibkit wrote: {error}", hint="export it again") from None
+        raise CoefficientError(
+            f"{name}: not a table that calibkit wrote: {error}", hint="export it again"
+        ) from None
     if not rows or not {*FACTS, *PROOF} <= set(rows[0]):
-        raise CoefficientError(f"{name}: not a table of units", hint="verify takes calibkit's own files")
+        raise CoefficientError(
+            f"{name}: not a table of units", hint="verify takes calibkit's own files"
+        )
     for number, row in enumerate(rows, start=1):
         place = f"{name}: row {number}"
         stated = row.pop(PROOF[-1])
         if None in row or None in row.values() or _digest(row) != stated:
-            raise CoefficientError(f"{place}: its digest is not that of its content", hint="export it again")
+            raise CoefficientError(
+                f"{place}: its digest is not that of its content", hint="export it again"
+            )
         _recomputed(row, place)
     rejected = [row["serial"] for row in rows if row["accepted"] != "1"]
     mark = f", {c_text.REJECTED}: {', '.join(rejected)}" if rejected else ""
@@ -106,6 +137,10 @@ def _recomputed(row: Mapping[str, str], place: str) -> None:
         outputs = {key: tuple(column) for key, column in stated["outputs"].items()}
         same = (dict(again.outputs), again.status) == (outputs, tuple(stated["status"]))
     except (ValueError, KeyError, TypeError) as error:
-        raise CoefficientError(f"{place}: its vectors cannot be read: {error}", hint="export it again") from None
+        raise CoefficientError(
+            f"{place}: its vectors cannot be read: {error}", hint="export it again"
+        ) from None
     if not same:
-        raise CoefficientError(f"{place}: its vectors are not those of its numbers", hint="export it again")
+        raise CoefficientError(
+            f"{place}: its vectors are not those of its numbers", hint="export it again"
+        )

@@ -1,4 +1,6 @@
-"""Targets of `calibkit export`: what each writes of one run or of a fleet's, and how a written file is verified again."""
+"""Targets of `calibkit export`: what each writes of one run or of a fleet's, and how a written file
+is verified again.
+"""
 
 from __future__ import annotations
 
@@ -8,7 +10,17 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import coefficients
 from calibkit.errors import CoefficientError, OutputError, UsageError
-from calibkit.firmware import blob, c_header, c_loader, c_reader, c_source, c_text, flash, parameters, table
+from calibkit.firmware import (
+    blob,
+    c_header,
+    c_loader,
+    c_reader,
+    c_source,
+    c_text,
+    flash,
+    parameters,
+    table,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -22,7 +34,9 @@ FLOATS = ("f32", "f64")
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A kind of export: its number formats, the files of one unit (by a stem of their names), the files of all units."""
+    """A kind of export: its number formats, the files of one unit (by a stem of their names), the
+    files of all units.
+    """
 
     numbers: tuple[str, ...]
     unit: Callable[[Export, str, int], dict[str, bytes]]
@@ -62,8 +76,8 @@ def _loader(exports: Sequence[Export]) -> dict[str, bytes]:
     for other in exports[1:]:
         if blob.shape(other.program).digest != blob.shape(first.program).digest:
             raise OutputError(
-                f"{other.identity.serial} and {first.identity.serial} need different loaders: their models differ in form "
-                "or degree",
+                f"{other.identity.serial} and {first.identity.serial} need different loaders: their"
+                " models differ in form or degree",
                 hint="pin models and orders in the recipe, or export them apart",
             )
     return {
@@ -114,28 +128,39 @@ READERS: Mapping[str, Callable[[str, bytes], str]] = {
     ".params": parameters.verify,
     ".param": parameters.verify,
 }
-"""Suffix → function that checks a file's content and says what it is, or raises CoefficientError."""
+"""Suffix → function that checks a file's content and says what it is, or raises CoefficientError.
+"""
 
 
 def of(name: str, number: str) -> Target:
     """Target of that name, or UsageError where there is none or it has no such number format."""
     if name not in TARGETS:
-        raise UsageError(f"--target {name}: no such target", hint=f"the targets are {', '.join(TARGETS)}")
+        raise UsageError(
+            f"--target {name}: no such target", hint=f"the targets are {', '.join(TARGETS)}"
+        )
     target = TARGETS[name]
     if number not in target.numbers:
         raise UsageError(
-            f"--target {name} with --number {number}", hint=f"its number formats are {', '.join(target.numbers)}"
+            f"--target {name} with --number {number}",
+            hint=f"its number formats are {', '.join(target.numbers)}",
         )
     return target
 
 
 def files(target: Target, exports: Sequence[Export], address: int) -> dict[str, bytes]:
-    """Files of one run, or of several with a manifest; raises OutputError for what one set of files cannot hold."""
+    """Files of one run, or of several with a manifest; raises OutputError for what one set of files
+    cannot hold.
+    """
     if len(exports) > 1 and not target.several:
-        raise OutputError(f"{len(exports)} runs: this target takes one", hint="export them one by one, or as a blob")
+        raise OutputError(
+            f"{len(exports)} runs: this target takes one",
+            hint="export them one by one, or as a blob",
+        )
     serials = [export.identity.serial for export in exports]
     if twice := next((serial for serial in serials if serials.count(serial) > 1), None):
-        raise OutputError(f"{twice} stands twice among the runs", hint="name one revision of each unit")
+        raise OutputError(
+            f"{twice} stands twice among the runs", hint="name one revision of each unit"
+        )
     prefix, shared = exports[0].prefix, target.shared(exports)
     if len(exports) == 1:
         return shared | target.unit(exports[0], prefix, address)
@@ -147,11 +172,16 @@ def files(target: Target, exports: Sequence[Export], address: int) -> dict[str, 
     return everything | {f"{prefix}_manifest.json": _manifest(exports, own, shared)}
 
 
-def _manifest(exports: Sequence[Export], own: Mapping[str, Mapping[str, bytes]], shared: Mapping[str, bytes]) -> bytes:
+def _manifest(
+    exports: Sequence[Export], own: Mapping[str, Mapping[str, bytes]], shared: Mapping[str, bytes]
+) -> bytes:
     """What was delivered: every unit with its run and its files, every file with its digest."""
 
     def listed(content: Mapping[str, bytes]) -> list[dict[str, str]]:
-        return [{"name": name, "sha256": hashlib.sha256(data).hexdigest()} for name, data in sorted(content.items())]
+        return [
+            {"name": name, "sha256": hashlib.sha256(data).hexdigest()}
+            for name, data in sorted(content.items())
+        ]
 
     document: dict[str, Any] = {
         "format": MANIFEST,
@@ -175,13 +205,20 @@ def _manifest(exports: Sequence[Export], own: Mapping[str, Mapping[str, bytes]],
 def verify_manifest(path: Path) -> str:
     """Check a manifest and the digest of every file that it lists beside it; returns what it is."""
     document = coefficients.unseal(path.read_text(encoding="utf-8"), str(path), (MANIFEST,))
-    entries = [*document["files"], *(entry for unit in document["units"] for entry in unit["files"])]
+    entries = [
+        *document["files"],
+        *(entry for unit in document["units"] for entry in unit["files"]),
+    ]
     for entry in entries:
         file = path.parent / entry["name"]
         if not file.is_file():
-            raise CoefficientError(f"{path}: {entry['name']} is missing beside it", hint="deliver all of its files")
+            raise CoefficientError(
+                f"{path}: {entry['name']} is missing beside it", hint="deliver all of its files"
+            )
         if hashlib.sha256(file.read_bytes()).hexdigest() != entry["sha256"]:
-            raise CoefficientError(f"{file}: not the file that the manifest lists", hint="export it again")
+            raise CoefficientError(
+                f"{file}: not the file that the manifest lists", hint="export it again"
+            )
     rejected = [unit["serial"] for unit in document["units"] if not unit["accepted"]]
     mark = f", {c_text.REJECTED}: {', '.join(rejected)}" if rejected else ""
     return f"manifest of {len(document['units'])} units, {len(entries)} files{mark}"

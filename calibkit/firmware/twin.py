@@ -1,7 +1,9 @@
-"""What the firmware computes, bit for bit, in numpy: the same operations on the same words in the same order.
+"""What the firmware computes, bit for bit, in numpy: the same operations on the same words in the
+same order.
 
-Bit for bit holds for C that is compiled without contraction to fused multiply-add (`-ffp-contract=off`); fixed point has
-none. Every value is an array over lanes, so that one call runs many instants of a chain without memory, or many units.
+Bit for bit holds for C that is compiled without contraction to fused multiply-add
+(`-ffp-contract=off`); fixed point has none. Every value is an array over lanes, so that one call
+runs many instants of a chain without memory, or many units.
 """
 
 from __future__ import annotations
@@ -50,12 +52,16 @@ class Result:
 
 
 def encoded(program: Program, name: str, physical: NDArray[np.float64]) -> Words:
-    """Words that an application hands over for physical values; what does not fit becomes the nearest word that does."""
+    """Words that an application hands over for physical values; what does not fit becomes the
+    nearest word that does.
+    """
     if not program.format.fixed:
         return np.asarray(physical, dtype=dtype(program))
     most = (1 << (program.format.bits - 1)) - 1
     scaled = np.rint(np.asarray(physical, dtype=np.float64) * 2.0 ** program.scales[name])
-    words = np.clip(np.nan_to_num(scaled, nan=0.0, posinf=most, neginf=-most), -most, most).astype(np.int64)
+    words = np.clip(np.nan_to_num(scaled, nan=0.0, posinf=most, neginf=-most), -most, most).astype(
+        np.int64
+    )
     return np.where(np.isnan(scaled), -most - 1, words)
 
 
@@ -72,16 +78,24 @@ def reset(program: Program, lanes: int) -> State:
     zero = np.zeros(lanes, dtype=dtype(program))
     return State(
         {memory.name: zero for memory in program.structure.memories},
-        {slope.name: np.zeros((slope.length, lanes), dtype=dtype(program)) for slope in program.structure.slopes},
+        {
+            slope.name: np.zeros((slope.length, lanes), dtype=dtype(program))
+            for slope in program.structure.slopes
+        },
         np.zeros(lanes, dtype=np.int64),
         {output.name: zero for output in program.structure.outputs},
     )
 
 
 def call(program: Program, inputs: Mapping[str, Words], state: State | None = None) -> Result:
-    """One call of the firmware's function on lanes of inputs [n]; a chain with memory needs its state."""
+    """One call of the firmware's function on lanes of inputs [n]; a chain with memory needs its
+    state.
+    """
     bad = np.any([_invalid(program, words) for words in inputs.values()], axis=0)
-    safe = {name: np.where(_invalid(program, words), 0, words).astype(dtype(program)) for name, words in inputs.items()}
+    safe = {
+        name: np.where(_invalid(program, words), 0, words).astype(dtype(program))
+        for name, words in inputs.items()
+    }
     with np.errstate(all="ignore"):
         run = _Run(program, state, np.zeros(bad.size, dtype=np.int64))
         for entry in program.structure.inputs:
@@ -93,11 +107,16 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
     status = np.where(bad, INVALID, run.status)
     if state is None:
         none = -(1 << (program.format.bits - 1)) if program.format.fixed else np.nan
-        outputs = {name: np.where(bad, none, words).astype(words.dtype) for name, words in fresh.items()}
+        outputs = {
+            name: np.where(bad, none, words).astype(words.dtype) for name, words in fresh.items()
+        }
         return Result(outputs, status, None)
     outputs = {name: np.where(bad, state.held[name], words) for name, words in fresh.items()}
     after = State(
-        {m.name: np.where(bad, state.values[m.name], run.values[m.source]) for m in program.structure.memories},
+        {
+            m.name: np.where(bad, state.values[m.name], run.values[m.source])
+            for m in program.structure.memories
+        },
         {name: np.where(bad, state.histories[name], rows) for name, rows in run.histories.items()},
         np.where(bad, state.updates, state.updates + 1),
         outputs,
@@ -107,7 +126,13 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
 
 def dtype(program: Program) -> Any:  # noqa: ANN401 (a numpy type)
     """Type that lanes are kept in."""
-    return np.int64 if program.format.fixed else np.float32 if program.format.bits == 24 else np.float64
+    return (
+        np.int64
+        if program.format.fixed
+        else np.float32
+        if program.format.bits == 24
+        else np.float64
+    )
 
 
 def _invalid(program: Program, words: Words) -> NDArray[np.bool_]:
@@ -118,7 +143,9 @@ def _invalid(program: Program, words: Words) -> NDArray[np.bool_]:
 
 
 class _Run:
-    """One call while it runs: values by name, status, and the status of each side of a selection."""
+    """One call while it runs: values by name, status, and the status of each side of a
+    selection.
+    """
 
     def __init__(self, program: Program, state: State | None, status: Words) -> None:
         self.program, self.state, self.status = program, state, status
@@ -197,7 +224,10 @@ class _Run:
             return -value if entry.sign < 0 else value
         for k, name in factors:
             target = scales[f"{step.name}.{number}.{k}"]
-            value, scale = _rounded(value * self.values[name], scale + scales[name] - target), target
+            value, scale = (
+                _rounded(value * self.values[name], scale + scales[name] - target),
+                target,
+            )
         value = _rounded(value, scale - scales[step.name])
         return -value if entry.sign < 0 else value
 
@@ -209,7 +239,9 @@ class _Run:
         x = self.values[entry.over]
         total = np.full(x.shape, total)
         for c in reversed(lower):
-            product = _rounded(total * x, self.program.scales[entry.over]) if self.fixed else total * x
+            product = (
+                _rounded(total * x, self.program.scales[entry.over]) if self.fixed else total * x
+            )
             total = product + c
         return np.asarray(total)
 
@@ -226,7 +258,11 @@ class _Run:
         """Value of the update before."""
         assert self.state is not None  # noqa: S101 (a chain with memory is called with its state)
         kept = self.state.values[step.name]
-        return np.where(self.state.updates == 0, self.values[step.source], kept) if step.start == "same" else kept
+        return (
+            np.where(self.state.updates == 0, self.values[step.source], kept)
+            if step.start == "same"
+            else kept
+        )
 
     def slope(self, step: Slope) -> Words:
         """Rate over the values that are kept."""
@@ -235,26 +271,35 @@ class _Run:
         self.histories[step.name] = kept
         count = np.minimum(self.state.updates + 1, step.length)
         self.flag(step.flag, count < step.least, "")
-        weights = np.array(self.program.tables[step.table], dtype=dtype(self.program)).reshape(-1, step.length - 1)
+        weights = np.array(self.program.tables[step.table], dtype=dtype(self.program)).reshape(
+            -1, step.length - 1
+        )
         row = weights[np.maximum(count - step.least, 0)]
         total = np.zeros_like(kept[0])
         for i in range(1, step.length):
             product = row[:, i - 1] * (kept[i] - kept[0])
             if self.fixed:
                 scales = self.program.scales
-                product = _rounded(product, scales[step.table] + scales[step.source] - scales[step.name])
+                product = _rounded(
+                    product, scales[step.table] + scales[step.source] - scales[step.name]
+                )
             total = np.where(i < count, total + product, total)
         return np.asarray(np.where(count < step.least, np.zeros_like(total), total))
 
     def select(self, step: Select) -> Words:
         """Value of the first side that holds."""
         source = self.values[step.source]
-        total, open_ = np.zeros_like(self.values[step.cases[0].value]), np.ones(source.shape, dtype=bool)
+        total, open_ = (
+            np.zeros_like(self.values[step.cases[0].value]),
+            np.ones(source.shape, dtype=bool),
+        )
         for case in step.cases:
             here = open_ & self.holds(case, source)
             value = self.values[case.value]
             if self.fixed:
-                value = _rounded(value, self.program.scales[case.value] - self.program.scales[step.name])
+                value = _rounded(
+                    value, self.program.scales[case.value] - self.program.scales[step.name]
+                )
             total = np.where(here, value, total)
             side = self.sides.get(case.group, np.zeros_like(self.status))
             self.status = self.status | np.where(here, side, 0)

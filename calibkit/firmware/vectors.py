@@ -50,13 +50,17 @@ IN_TURN = (
     (-0.2, 0.2, 0.5, 6),
     (0.1, -0.3, -0.2, 12),
 )
-"""A chain with memory, from its reset on: case temperature over the range of its input, how far the air is ahead over the
-largest gradient, rate of the air over the largest fitted one, and how many updates that lasts; both ends of every range."""
+"""A chain with memory, from its reset on: case temperature over the range of its input, how far the
+air is ahead over the largest gradient, rate of the air over the largest fitted one, and how many
+updates that lasts; both ends of every range.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Vectors:
-    """Inputs, outputs and statuses of the self-test, one row a call (the last of `updates`); words as the firmware sees them."""
+    """Inputs, outputs and statuses of the self-test, one row a call (the last of `updates`); words
+    as the firmware sees them.
+    """
 
     inputs: Mapping[str, tuple[float, ...]]
     updates: tuple[int, ...]
@@ -65,29 +69,44 @@ class Vectors:
 
 
 def of(chain: Chain, program: Program) -> Vectors:
-    """Vectors that reach both ends of every range and the clamping beyond, and in which every coefficient counts."""
+    """Vectors that reach both ends of every range and the clamping beyond, and in which every
+    coefficient counts.
+    """
     memory = program.structure.interval_s is not None
     physical, updates = _in_turn(chain) if memory else (_apart(chain), (1,) * COUNT)
     words = {name: twin.encoded(program, name, values) for name, values in physical.items()}
     if program.format.fixed and not memory:  # the word that stands for no number
         name = program.structure.inputs[0].name
         words[name] = np.concatenate([words[name][:-1], [-(1 << (program.format.bits - 1))]])
-    return recomputed(program, {name: tuple(column.tolist()) for name, column in words.items()}, updates)
+    return recomputed(
+        program, {name: tuple(column.tolist()) for name, column in words.items()}, updates
+    )
 
 
-def recomputed(program: Program, inputs: Mapping[str, tuple[float, ...]], updates: tuple[int, ...]) -> Vectors:
+def recomputed(
+    program: Program, inputs: Mapping[str, tuple[float, ...]], updates: tuple[int, ...]
+) -> Vectors:
     """Outputs and statuses of the twin for rows of inputs, in turn where the chain has a memory."""
     columns = {name: np.array(words, dtype=twin.dtype(program)) for name, words in inputs.items()}
     memory = program.structure.interval_s is not None
     found = list(_updated(program, columns, updates)) if memory else [twin.call(program, columns)]
     outputs = {
-        output.name: tuple(np.concatenate([result.outputs[output.name] for result in found]).tolist())
+        output.name: tuple(
+            np.concatenate([result.outputs[output.name] for result in found]).tolist()
+        )
         for output in program.structure.outputs
     }
-    return Vectors(dict(inputs), updates, outputs, tuple(np.concatenate([result.status for result in found]).tolist()))
+    return Vectors(
+        dict(inputs),
+        updates,
+        outputs,
+        tuple(np.concatenate([result.status for result in found]).tolist()),
+    )
 
 
-def _updated(program: Program, columns: Mapping[str, Words], updates: tuple[int, ...]) -> Iterator[Result]:
+def _updated(
+    program: Program, columns: Mapping[str, Words], updates: tuple[int, ...]
+) -> Iterator[Result]:
     """Last result of each row of a chain with memory; one that sums starts anew in every row."""
     state: State | None = twin.reset(program, 1)
     for k, count in enumerate(updates):
@@ -101,7 +120,9 @@ def _updated(program: Program, columns: Mapping[str, Words], updates: tuple[int,
 
 
 def _apart(chain: Chain) -> dict[str, NDArray[np.float64]]:
-    """Inputs over their ranges, each in its own order so that none goes with another, the last ones beyond."""
+    """Inputs over their ranges, each in its own order so that none goes with another, the last ones
+    beyond.
+    """
     known, found = ranges.of(chain, usual=False), {}
     inside = COUNT - 4
     steps = (np.arange(inside) * 2 + 1) / inside - 1.0
@@ -110,9 +131,15 @@ def _apart(chain: Chain) -> dict[str, NDArray[np.float64]]:
         middle, half = (low + high) / 2.0, (high - low) / 2.0
         reach = 0.75 if entry.unit == "degC" else 0.55
         order = (np.arange(inside) * (1, 5, 7, 11)[number % 4] + 3 * number) % inside
-        beyond = np.array([-1.02, 1.02, 0.31, -0.43]) if entry.flag or number == 0 else np.array([0.2, -0.6, 0.5, -0.7])
+        beyond = (
+            np.array([-1.02, 1.02, 0.31, -0.43])
+            if entry.flag or number == 0
+            else np.array([0.2, -0.6, 0.5, -0.7])
+        )
         # short binary fractions, the same in every number format, and as text
-        found[entry.name] = _short(middle + half * np.concatenate([reach * steps[order], beyond]), half)
+        found[entry.name] = _short(
+            middle + half * np.concatenate([reach * steps[order], beyond]), half
+        )
     return found
 
 
@@ -135,7 +162,9 @@ def _in_turn(chain: Chain) -> tuple[dict[str, NDArray[np.float64]], tuple[int, .
 
 def _largest_gradient(chain: Chain) -> float:
     """Largest fitted difference [K] between case and air; 0 where the air does not enter."""
-    maps = [step for step in chain.structure.steps if isinstance(step, Map) and step.source == "apart"]
+    maps = [
+        step for step in chain.structure.steps if isinstance(step, Map) and step.source == "apart"
+    ]
     reach = [abs(chain.tables[step.table][0]) + 1 / chain.tables[step.table][1] for step in maps]
     return float(max(reach, default=0))
 

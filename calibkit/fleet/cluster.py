@@ -1,4 +1,6 @@
-"""Units by Dask workers, on this machine or others; workers see the folders of data and runs by the same paths."""
+"""Units by Dask workers, on this machine or others; workers see the folders of data and runs by the
+same paths.
+"""
 
 from __future__ import annotations
 
@@ -25,7 +27,8 @@ _one_unit = threading.Lock()
 def outcomes(plan: Plan, serials: Sequence[str], address: str) -> Generator[Outcome]:
     """Outcome of each unit as it is finished, in any order.
 
-    Raises UsageError for a scheduler that is not there, has no workers, or has workers that cannot do the work.
+    Raises UsageError for a scheduler that is not there, has no workers, or has workers that cannot
+    do the work.
     """
     try:
         from distributed import Client, as_completed
@@ -34,14 +37,17 @@ def outcomes(plan: Plan, serials: Sequence[str], address: str) -> Generator[Outc
     try:
         client = Client(address, timeout=PATIENCE_S, set_as_default=False)
     except (OSError, ValueError) as error:
-        raise UsageError(f"--cluster {address}: no scheduler there: {error}", hint="start `dask scheduler`") from None
+        raise UsageError(
+            f"--cluster {address}: no scheduler there: {error}", hint="start `dask scheduler`"
+        ) from None
     with client:
         _require_able_workers(client, plan, address)
         futures = client.map(partial(_outcome, plan), serials, pure=False)
         named = {future.key: serial for future, serial in zip(futures, serials, strict=True)}
         try:
             for future in as_completed(futures, loop=client.loop):
-                # the scheduler gives a lost worker's unit to another, a few times, and then calls it an error
+                # the scheduler gives a lost worker's unit to another, a few times, and then calls
+                # it an error
                 serial = named[future.key]
                 yield unit.Failure.lost(serial) if future.status == "error" else future.result()
                 future.release()
@@ -50,7 +56,9 @@ def outcomes(plan: Plan, serials: Sequence[str], address: str) -> Generator[Outc
 
 
 def _outcome(plan: Plan, serial: str) -> Outcome:
-    """One unit; the threads of a worker take turns, because figures are drawn with settings that threads share."""
+    """One unit; the threads of a worker take turns, because figures are drawn with settings that
+    threads share.
+    """
     with _one_unit:
         return unit.outcome(plan, serial)
 
@@ -60,7 +68,9 @@ def _require_able_workers(client: Any, plan: Plan, address: str) -> None:  # noq
     try:
         client.wait_for_workers(1, timeout=PATIENCE_S)
     except TimeoutError:
-        raise UsageError(f"--cluster {address}: has no workers", hint=f"start `dask worker {address}`") from None
+        raise UsageError(
+            f"--cluster {address}: has no workers", hint=f"start `dask worker {address}`"
+        ) from None
     # a dry run makes no folder for runs
     folders = [str(plan.data)] if plan.dry_run else [str(plan.data), str(plan.out)]
     for name, (version, unseen) in sorted(client.run(_able, folders).items()):
@@ -72,7 +82,9 @@ def _require_able_workers(client: Any, plan: Plan, address: str) -> None:  # noq
         if unseen:
             raise UsageError(
                 f"--cluster {address}: worker {name} sees no folder {unseen[0]}",
-                hint="--data and --out must be the same folders under the same path on every worker",
+                hint=(
+                    "--data and --out must be the same folders under the same path on every worker"
+                ),
             )
 
 

@@ -1,4 +1,6 @@
-"""The files that tell of a fleet: table as CSV and Parquet, control charts, and a sealed record of all of them."""
+"""The files that tell of a fleet: table as CSV and Parquet, control charts, and a sealed record of
+all of them.
+"""
 
 from __future__ import annotations
 
@@ -29,11 +31,16 @@ def of(table: Table, plan: Plan, title: str) -> dict[str, bytes]:
         contents["fleet.parquet"] = parquet
     if table.charts:
         contents["control_charts.pdf"] = drawing.pdf(control_charts.pages(title, table.charts))
-    return {store.FLEET_FILE: coefficients.seal(document(table, plan, contents)).encode(), **contents}
+    return {
+        store.FLEET_FILE: coefficients.seal(document(table, plan, contents)).encode(),
+        **contents,
+    }
 
 
 def document(table: Table, plan: Plan, contents: Mapping[str, bytes]) -> dict[str, Any]:
-    """fleet.json: recipe, units with the digests of their runs, lines of every control chart, digests of the files."""
+    """fleet.json: recipe, units with the digests of their runs, lines of every control chart,
+    digests of the files.
+    """
     return {
         "format": store.FLEET_FORMAT,
         "software": pipeline.SOFTWARE,
@@ -57,7 +64,8 @@ def document(table: Table, plan: Plan, contents: Mapping[str, bytes]) -> dict[st
         ],
         "figures": [_figure(table, number) for number in range(len(table.charts))],
         "files": [
-            {"name": name, "sha256": hashlib.sha256(content).hexdigest()} for name, content in sorted(contents.items())
+            {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
+            for name, content in sorted(contents.items())
         ],
     }
 
@@ -100,17 +108,23 @@ def _texts(table: Table) -> list[tuple[str, ...]]:
 
 
 def _numbers(columns: Sequence[Column]) -> list[tuple[str, str, tuple[float, ...]]]:
-    """Header, unit and values of the columns that hold numbers: each figure, and its uncertainty where one is stated."""
+    """Header, unit and values of the columns that hold numbers: each figure, and its uncertainty
+    where one is stated.
+    """
     found = []
     for column in columns:
         found.append((f"{column.name} [{column.unit}]", column.unit, column.values))
         if any(uncertainty > 0.0 for uncertainty in column.standard_uncertainties):
-            found.append((f"u({column.name}) [{column.unit}]", column.unit, column.standard_uncertainties))
+            found.append(
+                (f"u({column.name}) [{column.unit}]", column.unit, column.standard_uncertainties)
+            )
     return found
 
 
 def csv_of(table: Table) -> bytes:
-    """Table as CSV with one header line; numbers keep every digit, a figure that a unit lacks is an empty field."""
+    """Table as CSV with one header line; numbers keep every digit, a figure that a unit lacks is an
+    empty field.
+    """
     numbers = _numbers(table.columns)
     buffer = io.StringIO()
     writer = csv.writer(buffer, lineterminator="\n")
@@ -133,7 +147,9 @@ def parquet_of(table: Table) -> bytes | None:
     arrays = [pa.array(cells, pa.string()) for cells in texts]
     for header, unit, values in _numbers(table.columns):
         fields.append(pa.field(header, pa.float64(), metadata={"unit": unit}))
-        arrays.append(pa.array([None if math.isnan(value) else value for value in values], pa.float64()))
+        arrays.append(
+            pa.array([None if math.isnan(value) else value for value in values], pa.float64())
+        )
     sink = pa.BufferOutputStream()
     parquet.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), sink)
     return bytes(sink.getvalue())

@@ -17,12 +17,16 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class KeyFigure:
-    """One number of a run; figures of one identity (all but the two numbers) stand in one column of the table."""
+    """One number of a run; figures of one identity (all but the two numbers) stand in one column of
+    the table.
+    """
 
     name: str
     """stage.model.coefficient or stage.figure, or the acceptance limit's name."""
     form: str
-    """Of the model; empty for what is no coefficient. Coefficients of different forms are never compared."""
+    """Of the model; empty for what is no coefficient. Coefficients of different forms are never
+    compared.
+    """
     unit: str
     limit: float | None
     """Acceptance limit, where the figure is held against one."""
@@ -65,11 +69,15 @@ KEYS: dict[str, tuple[str, ...]] = {
         r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+",
     ),
 }
-"""Procedure → patterns of whole names of its key figures; a procedure that is not listed shows all of its own."""
+"""Procedure → patterns of whole names of its key figures; a procedure that is not listed shows all
+of its own.
+"""
 
 
 def of(run: Run, reference_temp_degc: float) -> tuple[KeyFigure, ...]:
-    """Key figures of a run: what is held against acceptance limits, then coefficients and figures as they stand there."""
+    """Key figures of a run: what is held against acceptance limits, then coefficients and figures
+    as they stand there.
+    """
     patterns = [re.compile(pattern) for pattern in KEYS.get(run.document["procedure"], (".+",))]
     found = [*_acceptance(run.document["acceptance"])]
     for record in run.records.values():
@@ -81,7 +89,9 @@ def of(run: Run, reference_temp_degc: float) -> tuple[KeyFigure, ...]:
 def _acceptance(criteria: list[dict[str, Any]]) -> Iterator[KeyFigure]:
     """What the run was accepted or rejected by."""
     for entry in criteria:
-        yield KeyFigure(f"acceptance: {entry['name']}", "", entry["unit"], entry["limit"], entry["value"], 0.0)
+        yield KeyFigure(
+            f"acceptance: {entry['name']}", "", entry["unit"], entry["limit"], entry["value"], 0.0
+        )
 
 
 def _all(record: Record, reference_temp_degc: float) -> Iterator[KeyFigure]:
@@ -92,15 +102,31 @@ def _all(record: Record, reference_temp_degc: float) -> Iterator[KeyFigure]:
             yield from _bias(name, model, reference_temp_degc)
         for entry in model.coefficients:
             yield KeyFigure(
-                f"{name}.{entry.name}", model.form, entry.unit, None, entry.value, entry.standard_uncertainty
+                f"{name}.{entry.name}",
+                model.form,
+                entry.unit,
+                None,
+                entry.value,
+                entry.standard_uncertainty,
             )
-        yield KeyFigure(f"{name}.residual_rms", model.form, model.residual_unit, None, model.residual_rms, 0.0)
+        yield KeyFigure(
+            f"{name}.residual_rms", model.form, model.residual_unit, None, model.residual_rms, 0.0
+        )
     for entry in record.figures:
-        yield KeyFigure(f"{record.stage}.{entry.name}", "", entry.unit, None, entry.value, entry.standard_uncertainty)
+        yield KeyFigure(
+            f"{record.stage}.{entry.name}",
+            "",
+            entry.unit,
+            None,
+            entry.value,
+            entry.standard_uncertainty,
+        )
 
 
 def _bias(name: str, model: Model, reference_temp_degc: float) -> Iterator[KeyFigure]:
-    """Bias at the reference temperature, where that was measured: powers of a raw temperature say little one by one."""
+    """Bias at the reference temperature, where that was measured: powers of a raw temperature say
+    little one by one.
+    """
     for column, (low, high) in model.valid.items():
         if not column.endswith("_degc") or not low <= reference_temp_degc <= high:
             continue

@@ -1,7 +1,9 @@
-"""Units by processes of this machine; a process that is killed costs nothing but the time of its unit.
+"""Units by processes of this machine; a process that is killed costs nothing but the time of its
+unit.
 
-The pools of the standard library give up when a process dies and cannot say which task it had. Here every process has a
-pipe of its own: its end says that the process is gone, and whose unit has to be taken up again.
+The pools of the standard library give up when a process dies and cannot say which task it had. Here
+every process has a pipe of its own: its end says that the process is gone, and whose unit has to be
+taken up again.
 """
 
 from __future__ import annotations
@@ -113,7 +115,9 @@ def _dismiss(worker: _Worker) -> None:
 
 
 def by_another(function: Callable[..., dict[str, bytes]], *arguments: object) -> dict[str, bytes]:
-    """What a function gives: by a process that has imported all it needs, or by this one where that does not answer."""
+    """What a function gives: by a process that has imported all it needs, or by this one where that
+    does not answer.
+    """
     context = server.context()
     ours, theirs = context.Pipe(duplex=False)
     process = context.Process(target=_answer, args=(theirs, function, arguments), daemon=True)
@@ -131,16 +135,24 @@ def by_another(function: Callable[..., dict[str, bytes]], *arguments: object) ->
     return given
 
 
-def _answer(pipe: Connection, function: Callable[..., object], arguments: tuple[object, ...]) -> None:
-    """Say what a function gives, or nothing: an error is raised where it can be told, by the process that asked."""
+def _answer(
+    pipe: Connection, function: Callable[..., object], arguments: tuple[object, ...]
+) -> None:
+    """Say what a function gives, or nothing: an error is raised where it can be told, by the
+    process that asked.
+    """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(Exception):
         pipe.send(function(*arguments))
 
 
 def _serve(pipe: Connection, task: Task, plan: Plan) -> None:
-    """What a process does: units until the pipe ends, which it also does when the process at its other end is killed."""
-    signal.signal(signal.SIGINT, signal.SIG_IGN)  # the keyboard interrupts the one who hired, who dismisses
+    """What a process does: units until the pipe ends, which it also does when the process at its
+    other end is killed.
+    """
+    signal.signal(
+        signal.SIGINT, signal.SIG_IGN
+    )  # the keyboard interrupts the one who hired, who dismisses
     signal.signal(signal.SIGTERM, _leave)
     with contextlib.suppress(EOFError, OSError):
         while True:

@@ -26,7 +26,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """A finished fleet: where its table is, what it holds, and the exit code that says the worst of it."""
+    """A finished fleet: where its table is, what it holds, and the exit code that says the worst of
+    it.
+    """
 
     folder: Path
     table: Table
@@ -50,10 +52,12 @@ def run(
     keep_going: bool,
     dry_run: bool = False,
 ) -> Fleet:
-    """Fit a recipe to every sub-folder of a folder, each under its name as serial, and write the table of them all.
+    """Fit a recipe to every sub-folder of a folder, each under its name as serial, and write the
+    table of them all.
 
-    A unit with a run of the same recipe, logs, date and software is not fitted again. Without `keep_going` the first unit
-    that cannot be fitted ends the fleet with its error; what was finished stays. A dry run fits but writes nothing.
+    A unit with a run of the same recipe, logs, date and software is not fitted again. Without
+    `keep_going` the first unit that cannot be fitted ends the fleet with its error; what was
+    finished stays. A dry run fits but writes nothing.
     """
     spec = recipe.parse(source)
     plan = Plan(source, data.resolve(), out.resolve(), date, dry_run)
@@ -75,29 +79,51 @@ def run(
     made = table.of(outcomes, plan.data)
     title = f"{spec.title or spec.procedure}: {len(outcomes)} units"
     here = address or _crew(serials, jobs) == 1
-    contents = files.of(made, plan, title) if here else local.by_another(files.of, made, plan, title)
+    contents = (
+        files.of(made, plan, title) if here else local.by_another(files.of, made, plan, title)
+    )
     folder = _commit(plan.out, contents, dry_run=dry_run)
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
-    return Fleet(folder, made, sum(row.before for row in rows), _guesses(rows), _exit_code(outcomes, made), source.name)
+    return Fleet(
+        folder,
+        made,
+        sum(row.before for row in rows),
+        _guesses(rows),
+        _exit_code(outcomes, made),
+        source.name,
+    )
 
 
 def _stopped(failure: Failure, finished: int) -> CalibkitError:
     """Error of the unit that ends a fleet."""
     error = failure.error()
     stay = f"{finished} units are finished and stay" if finished else "nothing was written"
-    error.hint = "; ".join(filter(None, (error.hint, f"{stay}; --keep-going goes on with the others")))
+    error.hint = "; ".join(
+        filter(None, (error.hint, f"{stay}; --keep-going goes on with the others"))
+    )
     return error
 
 
 def _units(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str], list[Failure]]:
     """Serials in order, and the sub-folders whose names are none; hidden ones are not units."""
     if not data.is_dir():
-        raise UsageError(f"--data {data}: no such folder", hint="name the folder that holds one sub-folder a unit")
+        raise UsageError(
+            f"--data {data}: no such folder",
+            hint="name the folder that holds one sub-folder a unit",
+        )
     if plan.data in (plan.out, *plan.out.parents):
-        raise UsageError(f"--out {plan.out.name} lies in --data: it would be taken for a unit", hint="keep them apart")
-    names = sorted(path.name for path in data.iterdir() if path.is_dir() and not path.name.startswith("."))
+        raise UsageError(
+            f"--out {plan.out.name} lies in --data: it would be taken for a unit",
+            hint="keep them apart",
+        )
+    names = sorted(
+        path.name for path in data.iterdir() if path.is_dir() and not path.name.startswith(".")
+    )
     if not names:
-        raise FrameError(f"{data}: holds no sub-folder, so no unit", hint="a unit is a sub-folder named by its serial")
+        raise FrameError(
+            f"{data}: holds no sub-folder, so no unit",
+            hint="a unit is a sub-folder named by its serial",
+        )
     serials, refused = [], []
     for name in names:
         try:
@@ -114,12 +140,17 @@ def _make(out: Path, *, dry_run: bool) -> None:
     if dry_run:
         there = next(path for path in (out, *out.parents) if os.path.lexists(path))
         if not (there.is_dir() and os.access(there, os.W_OK)):
-            raise OutputError(f"{out}: cannot be written: {there} cannot be written into", hint="give another --out")
+            raise OutputError(
+                f"{out}: cannot be written: {there} cannot be written into",
+                hint="give another --out",
+            )
         return
     try:
         atomic.make_folder(out)
     except OSError as error:
-        raise OutputError(f"{out}: cannot be written: {error.strerror}", hint="give another --out") from None
+        raise OutputError(
+            f"{out}: cannot be written: {error.strerror}", hint="give another --out"
+        ) from None
 
 
 def _outcomes(plan: Plan, serials: Sequence[str], jobs: int, address: str) -> Generator[Outcome]:
@@ -138,7 +169,9 @@ def _crew(serials: Sequence[str], jobs: int) -> int:
 
 
 def _seen(outcome: Outcome, plan: Plan) -> Outcome:
-    """The outcome, or a failure where the run that a worker wrote is not in the folder that this process sees."""
+    """The outcome, or a failure where the run that a worker wrote is not in the folder that this
+    process sees.
+    """
     if plan.dry_run or isinstance(outcome, Failure):
         return outcome
     if not (plan.out / outcome.serial / outcome.run / store.RUN_FILE).is_file():
@@ -151,7 +184,9 @@ def _seen(outcome: Outcome, plan: Plan) -> Outcome:
 
 
 def _commit(out: Path, contents: dict[str, bytes], *, dry_run: bool) -> Path:
-    """Folder of the fleet's table: the one that holds these very bytes already, or the next revision."""
+    """Folder of the fleet's table: the one that holds these very bytes already, or the next
+    revision.
+    """
     with contextlib.nullcontext() if dry_run else store.held(out, store.FLEETS):
         numbers = store.revisions(out / store.FLEETS)
         for number in reversed(numbers):
@@ -160,17 +195,25 @@ def _commit(out: Path, contents: dict[str, bytes], *, dry_run: bool) -> Path:
             if there == contents:
                 return folder
         number = max(numbers, default=0) + 1
-        return out / store.FLEETS / f"r{number:03d}" if dry_run else store.save(out, store.FLEETS, number, contents)
+        return (
+            out / store.FLEETS / f"r{number:03d}"
+            if dry_run
+            else store.save(out, store.FLEETS, number, contents)
+        )
 
 
 def _guesses(rows: Sequence[Row]) -> tuple[str, ...]:
     """What was guessed of how logs are written, one line a guess."""
     made = Counter(said for row in rows for said in row.guesses)
-    return tuple(f"{count} units: {said}; pin it in the recipe" for said, count in sorted(made.items()))
+    return tuple(
+        f"{count} units: {said}; pin it in the recipe" for said, count in sorted(made.items())
+    )
 
 
 def _exit_code(outcomes: Sequence[Outcome], made: Table) -> int:
-    """The worst of all units: 0 accepted, 1 a limit failed, else the highest code of a unit that has no run of its own."""
+    """The worst of all units: 0 accepted, 1 a limit failed, else the highest code of a unit that
+    has no run of its own.
+    """
     codes = [outcome.exit_code for outcome in outcomes if isinstance(outcome, Failure)]
     codes += [FrameError.exit_code for entry in made.entries if entry.verdict == table.COPIED]
     codes += [1 for entry in made.entries if entry.verdict == "rejected"]

@@ -1,7 +1,9 @@
-"""How the processes of a fleet begin: on Linux as copies of one that has imported what they need and runs nothing.
+"""How the processes of a fleet begin: on Linux as copies of one that has imported what they need
+and runs nothing.
 
-What a unit needs takes seven times as long to import as a small unit takes to fit. Elsewhere every process begins anew:
-copies of a process are not safe there with the libraries that numbers and figures use.
+What a unit needs takes seven times as long to import as a small unit takes to fit. Elsewhere every
+process begins anew: copies of a process are not safe there with the libraries that numbers and
+figures use.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ NEEDED = (
 """What every unit needs, whatever its procedure, and the table of them all."""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 ALONE = {"JE_ARROW_MALLOC_CONF": "background_thread:false"}
-"""What keeps a library from starting a thread as it is imported: of a process with threads no safe copy can be made."""
+"""What keeps a library from starting a thread as it is imported: of a process with threads no safe
+copy can be made.
+"""
 
 
 def context() -> SpawnContext | ForkServerContext:
@@ -64,8 +68,14 @@ def ahead() -> None:
 
 @contextlib.contextmanager
 def environment() -> Iterator[None]:
-    """Environment of processes that share the machine: one thread each, sums in one order, modules from where ours are."""
-    own = dict.fromkeys(THREADS, "1") | ALONE | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    """Environment of processes that share the machine: one thread each, sums in one order, modules
+    from where ours are.
+    """
+    own = (
+        dict.fromkeys(THREADS, "1")
+        | ALONE
+        | {"PYTHONPATH": os.pathsep.join(filter(None, sys.path))}
+    )
     before = {name: os.environ.get(name) for name in own}
     os.environ.update(own)
     try:

@@ -65,7 +65,9 @@ class Column:
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """Rows in the order of the serials, key figures in the order of their stages, and a control chart of each."""
+    """Rows in the order of the serials, key figures in the order of their stages, and a control
+    chart of each.
+    """
 
     entries: tuple[Entry, ...]
     columns: tuple[Column, ...]
@@ -85,7 +87,8 @@ def of(outcomes: Sequence[Outcome], data: Path) -> Table:
     identities = list(dict.fromkeys(identity for unit in figures for identity in unit))
     columns = [_column(identity, identities, figures) for identity in identities]
     charts = [
-        _chart(column, serials, _limit(identity, figures)) for identity, column in zip(identities, columns, strict=True)
+        _chart(column, serials, _limit(identity, figures))
+        for identity, column in zip(identities, columns, strict=True)
     ]
     copies = _copies(ordered)
     return Table(
@@ -115,7 +118,9 @@ def _entry(outcome: Outcome, copied: str, data: Path) -> Entry:
 
 
 def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
-    """Serial → the other serials whose logs are the same measurements: one of them has another unit's coefficients."""
+    """Serial → the other serials whose logs are the same measurements: one of them has another
+    unit's coefficients.
+    """
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
     owners: dict[str, list[Row]] = {}
     for row in rows:
@@ -123,8 +128,15 @@ def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
             owners.setdefault(mark, []).append(row)
     found: dict[str, str] = {}
     for row in rows:
-        near = {id(other): other for entry in row.inputs for mark in copies.marks(entry) for other in owners[mark]}
-        alike = sorted(other.serial for other in near.values() if other is not row and _same_logs(row, other))
+        near = {
+            id(other): other
+            for entry in row.inputs
+            for mark in copies.marks(entry)
+            for other in owners[mark]
+        }
+        alike = sorted(
+            other.serial for other in near.values() if other is not row and _same_logs(row, other)
+        )
         if alike:
             found[row.serial] = ", ".join(alike)
     return found
@@ -137,9 +149,13 @@ def _same_logs(one: Row, other: Row) -> bool:
 
 
 def _column(
-    identity: Identity, identities: Sequence[Identity], figures: Sequence[Mapping[Identity, KeyFigure]]
+    identity: Identity,
+    identities: Sequence[Identity],
+    figures: Sequence[Mapping[Identity, KeyFigure]],
 ) -> Column:
-    """Values of one key figure; its form or unit is part of the name where the name alone is not unique."""
+    """Values of one key figure; its form or unit is part of the name where the name alone is not
+    unique.
+    """
     name, form, unit = identity
     alike = [other for other in identities if other[0] == name]
     if len({other[1] for other in alike}) > 1:
@@ -181,6 +197,12 @@ def _chart(column: Column, serials: Sequence[str], acceptance: float) -> Control
 def _outliers(chart: ControlChart) -> list[Outlier]:
     """Units that one chart names, the furthest first."""
     return [
-        Outlier(chart.serials[k], chart.name, float(chart.values[k]), float(chart.control.z[k]), chart.control.limit)
+        Outlier(
+            chart.serials[k],
+            chart.name,
+            float(chart.values[k]),
+            float(chart.control.z[k]),
+            chart.control.limit,
+        )
         for k in chart.control.outliers
     ]

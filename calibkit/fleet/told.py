@@ -19,7 +19,8 @@ MOST = 20
 
 
 def lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
-    """Counts, then each unit that failed, was rejected or stands out, then the folder with the table.
+    """Counts, then each unit that failed, was rejected or stands out, then the folder with the
+    table.
 
     A dry run names every unit with what it would be fitted to.
     """
@@ -29,19 +30,38 @@ def lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
     before = f"; {fleet.before} were fitted before" if fleet.before else ""
     told = [f"{len(table.entries)} units: {counted}{before}"]
     told += [_fitted_to(entry, fleet.recipe) for entry in table.entries if dry_run and entry.run]
-    told += _some([f"{entry.verdict}: {entry.serial}: {entry.error}" for entry in table.entries if entry.error])
-    told += _some([f"rejected: {entry.serial}@{entry.run}" for entry in table.entries if entry.verdict == "rejected"])
     told += _some(
         [
-            f"outlier: {outlier.serial}: {outlier.figure} = {outlier.value:.6g}, z = {outlier.z:.1f}, limit {outlier.limit:.1f}"
+            f"{entry.verdict}: {entry.serial}: {entry.error}"
+            for entry in table.entries
+            if entry.error
+        ]
+    )
+    told += _some(
+        [
+            f"rejected: {entry.serial}@{entry.run}"
+            for entry in table.entries
+            if entry.verdict == "rejected"
+        ]
+    )
+    told += _some(
+        [
+            f"outlier: {outlier.serial}: {outlier.figure} = {outlier.value:.6g}, z ="
+            f" {outlier.z:.1f}, limit {outlier.limit:.1f}"
             for outlier in table.outliers
         ]
     )
     flags = sum(entry.flags for entry in table.entries)
-    told += [f"{flags} flags in {sum(entry.flags > 0 for entry in table.entries)} runs: see their reports"] * bool(
-        flags
-    )
-    return [*told, f"{fleet.folder}{' (dry run: not written)' if dry_run and not fleet.folder.exists() else ''}"]
+    told += [
+        (
+            f"{flags} flags in {sum(entry.flags > 0 for entry in table.entries)} runs: see their"
+            " reports"
+        )
+    ] * bool(flags)
+    return [
+        *told,
+        f"{fleet.folder}{' (dry run: not written)' * (dry_run and not fleet.folder.exists())}",
+    ]
 
 
 def _fitted_to(entry: Entry, recipe: str) -> str:
@@ -57,7 +77,9 @@ def _some(found: Sequence[str]) -> list[str]:
 
 
 def document(fleet: Fleet) -> dict[str, Any]:
-    """One JSON object: units, outliers, the folder with the table; an error where a unit has no run of its own."""
+    """One JSON object: units, outliers, the folder with the table; an error where a unit has no run
+    of its own.
+    """
     entries = fleet.table.entries
     without = [entry.serial for entry in entries if entry.verdict in {FAILED, COPIED}]
     error = {

@@ -12,7 +12,7 @@ from calibkit import atomic, pipeline, procedures, recipe, store
 from calibkit.check import copies
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.fleet import keys
-from calibkit.stages import ingest
+from calibkit.ingest import logs as ingest
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -26,7 +26,9 @@ WAIT_S = 3600.0
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is done to every unit: which recipe, where their folders are, where runs go, from when coefficients hold."""
+    """What is done to every unit: which recipe, where their folders are, where runs go, from when
+    coefficients hold.
+    """
 
     source: recipe.Source
     data: Path
@@ -72,7 +74,9 @@ class Failure:
         """Failure that an error is; what calibkit did not expect is internal."""
         if isinstance(error, CalibkitError):
             return cls(serial, error.code, error.exit_code, error.message, error.hint)
-        return cls(serial, "internal", 70, f"internal error: {type(error).__name__}: {error}", "report it")
+        return cls(
+            serial, "internal", 70, f"internal error: {type(error).__name__}: {error}", "report it"
+        )
 
     @classmethod
     def lost(cls, serial: str) -> Failure:
@@ -101,7 +105,8 @@ def outcome(plan: Plan, serial: str) -> Outcome:
 def _finished(plan: Plan, serial: str) -> Row:
     """Row of a unit: of the run that is there, or of the one that is fitted now.
 
-    The unit is held meanwhile: where two take it up, as when a worker was taken for dead, the second finds the first's run.
+    The unit is held meanwhile: where two take it up, as when a worker was taken for dead, the
+    second finds the first's run.
     """
     spec = recipe.parse(plan.source)
     if plan.dry_run:
@@ -112,23 +117,35 @@ def _finished(plan: Plan, serial: str) -> Row:
         run = already(plan, serial, spec)
         if run is not None:
             return _row(run, spec, before=True)
-        outcome = pipeline.fit(plan.source, plan.data / serial, serial, plan.out, plan.date, procedures.silent)
+        outcome = pipeline.fit(
+            plan.source, plan.data / serial, serial, plan.out, plan.date, procedures.silent
+        )
         return _row(store.load(outcome.folder), spec, before=False)
 
 
 def _rehearsed(plan: Plan, serial: str, spec: recipe.Recipe) -> Row:
-    """Row that a unit would have: everything is done but for what changes a disk, locks included."""
+    """Row that a unit would have: everything is done but for what changes a disk, locks
+    included.
+    """
     run = already(plan, serial, spec)
     if run is not None:
         return _row(run, spec, before=True)
     outcome = pipeline.fit(
-        plan.source, plan.data / serial, serial, plan.out, plan.date, procedures.silent, dry_run=True
+        plan.source,
+        plan.data / serial,
+        serial,
+        plan.out,
+        plan.date,
+        procedures.silent,
+        dry_run=True,
     )
     return _row(store.Run(outcome.folder, outcome.document, outcome.records), spec, before=False)
 
 
 def already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
-    """Newest run of a unit by this software with this recipe, date and logs, whole and with right digests, or None."""
+    """Newest run of a unit by this software with this recipe, date and logs, whole and with right
+    digests, or None.
+    """
     candidates = []
     for number in reversed(store.revisions(plan.out / serial)):
         # what cannot be trusted is never used again, and never touched
@@ -138,7 +155,10 @@ def already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
                 candidates.append(run)
     if not candidates:
         return None
-    logs = {file: ingest.digest(spec, plan.data / serial, file) for file in ingest.find_logs(spec, plan.data / serial)}
+    logs = {
+        file: ingest.digest(spec, plan.data / serial, file)
+        for file in ingest.find_logs(spec, plan.data / serial)
+    }
     beside = _second_loggers(plan.data / serial, spec)
     for run in candidates:
         inputs = {entry["name"]: entry["sha256"] for entry in run.document["inputs"]}
@@ -149,7 +169,9 @@ def already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
 
 
 def _joined(document: Mapping[str, Any]) -> set[str]:
-    """Digests of the second loggers' files that a run's logs were joined with, from what it says of their reading."""
+    """Digests of the second loggers' files that a run's logs were joined with, from what it says of
+    their reading.
+    """
     return {
         digest
         for entry in document["inputs"]
@@ -163,7 +185,9 @@ def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
     if spec.chamber is None:
         return set()
     patterns = [pattern.replace("{log}", "*") for pattern in spec.chamber.files]
-    return {_sha256(path) for pattern in patterns for path in folder.glob(pattern) if path.is_file()}
+    return {
+        _sha256(path) for pattern in patterns for path in folder.glob(pattern) if path.is_file()
+    }
 
 
 def _same_terms(document: Mapping[str, Any], plan: Plan) -> bool:
@@ -194,7 +218,10 @@ def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
         ),
         guesses=tuple(
             dict.fromkeys(
-                said for entry in document["inputs"] for said in entry.get("reading", ()) if "guessed" in said
+                said
+                for entry in document["inputs"]
+                for said in entry.get("reading", ())
+                if "guessed" in said
             )
         ),
         flags=len(document["flags"]),

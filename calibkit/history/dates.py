@@ -17,20 +17,28 @@ if TYPE_CHECKING:
 
 
 def flagged(summary: Summary, runs: Path, serial: str, revision: int, date: str) -> Summary:
-    """The summary of a revision about to be saved, with a flag where it holds from before the one before it did.
+    """The summary of a revision about to be saved, with a flag where it holds from before the one
+    before it did.
 
     Only the dates of the revisions are compared; no clock is read.
     """
     earlier: list[dict[str, Any]] = []
-    for number in reversed([number for number in store.revisions(runs / serial) if number < revision]):
-        with contextlib.suppress(CoefficientError):  # what an old revision holds is no matter of the new one
+    for number in reversed(
+        [number for number in store.revisions(runs / serial) if number < revision]
+    ):
+        with contextlib.suppress(
+            CoefficientError
+        ):  # what an old revision holds is no matter of the new one
             earlier.append(store.own_document(runs, serial, number))
         if earlier and earlier[0]["effective_from"] <= date:
             return summary
     if not earlier:
         return summary
     own = {"revision": revision, "effective_from": date, "accepted": summary.accepted}
-    before = f"effective from {date}, before r{earlier[0]['revision']:03d}'s {earlier[0]['effective_from']}"
+    before = (
+        f"effective from {date}, before r{earlier[0]['revision']:03d}'s"
+        f" {earlier[0]['effective_from']}"
+    )
     newest = f"without a date {serial} is r{revision:03d}, the newest revision"
     return replace(summary, flags=(*summary.flags, f"{before}: {_by_date(own, earlier)}; {newest}"))
 
@@ -44,4 +52,7 @@ def _by_date(own: dict[str, Any], earlier: list[dict[str, Any]]) -> str:
     after = min((since for since in winners if since > date), default="")
     if not after:
         return f"by date {name} is in force from {date} on"
-    return f"by date {name} is in force from {date} until {after}, from then on r{winners[after]:03d} again"
+    return (
+        f"by date {name} is in force from {date} until {after}, from then on r{winners[after]:03d}"
+        " again"
+    )

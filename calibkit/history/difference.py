@@ -1,4 +1,6 @@
-"""Two runs side by side: every coefficient and figure in its unit and in standard uncertainties of the difference."""
+"""Two runs side by side: every coefficient and figure in its unit and in standard uncertainties of
+the difference.
+"""
 
 from __future__ import annotations
 
@@ -29,9 +31,13 @@ MEANING = {
     "fog-drift-lagged/1": ("interval",),
     "accel-q/1": ("temperature",),
 }
-"""Form → parameters that say what its coefficients mean: with another value of one they are other quantities."""
+"""Form → parameters that say what its coefficients mean: with another value of one they are other
+quantities.
+"""
 MEASURED = {"gyro-scale/1": {"temp_case": 0.1}, "fog-drift-gradient/1": {"rate": 0.05}}
-"""Form → parameters that say where its coefficients were measured, with the difference that is worth saying [their unit]."""
+"""Form → parameters that say where its coefficients were measured, with the difference that is
+worth saying [their unit].
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +65,11 @@ class Change:
     @property
     def in_u(self) -> float:
         """Difference in its standard uncertainties; NaN where there is none."""
-        return self.difference / self.standard_uncertainty if self.standard_uncertainty > 0.0 else math.nan
+        return (
+            self.difference / self.standard_uncertainty
+            if self.standard_uncertainty > 0.0
+            else math.nan
+        )
 
 
 @dataclass(frozen=True, slots=True)
@@ -120,21 +130,32 @@ def between(before: Run, after: Run) -> Difference:
         models += _models(old, new)
         figures += _figures(old, new)
     return Difference(
-        before, after, tuple(models), tuple(figures), tuple(_settings(before, after)), _flags(before, after)
+        before,
+        after,
+        tuple(models),
+        tuple(figures),
+        tuple(_settings(before, after)),
+        _flags(before, after),
     )
 
 
 def _models(old: Record | None, new: Record | None) -> Iterator[ModelChange]:
-    """Models of one stage, in the order of the older run; those of one run only have nothing to be held against."""
+    """Models of one stage, in the order of the older run; those of one run only have nothing to be
+    held against.
+    """
     olds = {model.name: model for model in old.models} if old else {}
     news = {model.name: model for model in new.models} if new else {}
     for name in dict.fromkeys([*olds, *news]):
         if old and name not in news:
             model = olds[name]
-            yield ModelChange(old.stage, name, model.form, numbers(model.coefficients, ()), None, ())
+            yield ModelChange(
+                old.stage, name, model.form, numbers(model.coefficients, ()), None, ()
+            )
         elif new and name not in olds:
             model = news[name]
-            yield ModelChange(new.stage, name, model.form, numbers((), model.coefficients), None, ())
+            yield ModelChange(
+                new.stage, name, model.form, numbers((), model.coefficients), None, ()
+            )
         elif new:
             yield _model(new.stage, olds[name], news[name])
 
@@ -167,8 +188,12 @@ def _measured(old: Model, new: Model) -> tuple[str, ...]:
     )
 
 
-def _parameters(old: Model, new: Model, table: Mapping[str, Iterable[str]]) -> Iterator[tuple[str, float, float]]:
-    """Name and both values of the parameters that a table lists for a form; NaN where a model has none."""
+def _parameters(
+    old: Model, new: Model, table: Mapping[str, Iterable[str]]
+) -> Iterator[tuple[str, float, float]]:
+    """Name and both values of the parameters that a table lists for a form; NaN where a model has
+    none.
+    """
     olds = {parameter.name: parameter.value for parameter in old.parameters}
     news = {parameter.name: parameter.value for parameter in new.parameters}
     for name in table.get(old.form, ()):
@@ -176,17 +201,25 @@ def _parameters(old: Model, new: Model, table: Mapping[str, Iterable[str]]) -> I
             yield name, olds.get(name, math.nan), news.get(name, math.nan)
 
 
-def numbers(old: Sequence[Coefficient], new: Sequence[Coefficient], *, comparable: bool = True) -> tuple[Change, ...]:
+def numbers(
+    old: Sequence[Coefficient], new: Sequence[Coefficient], *, comparable: bool = True
+) -> tuple[Change, ...]:
     """Numbers of two lists by name, in the order of the first."""
     olds, news = {entry.name: entry for entry in old}, {entry.name: entry for entry in new}
     changes = []
     for name in dict.fromkeys([*olds, *news]):
         if name not in news:
             a = olds[name]
-            changes.append(Change(name, a.unit, a.value, math.nan, a.standard_uncertainty, math.nan, "gone"))
+            changes.append(
+                Change(name, a.unit, a.value, math.nan, a.standard_uncertainty, math.nan, "gone")
+            )
         elif name not in olds:
             b = news[name]
-            changes.append(Change(name, b.unit, math.nan, b.value, math.nan, b.standard_uncertainty, "appeared"))
+            changes.append(
+                Change(
+                    name, b.unit, math.nan, b.value, math.nan, b.standard_uncertainty, "appeared"
+                )
+            )
         else:
             changes.append(_change(olds[name], news[name], comparable=comparable))
     return tuple(changes)
@@ -196,7 +229,9 @@ def _change(a: Coefficient, b: Coefficient, *, comparable: bool) -> Change:
     """One number of both runs with its verdict."""
     unit = a.unit if a.unit == b.unit else f"{a.unit}, {b.unit}"
     judged = _verdict(a, b) if comparable and a.unit == b.unit else "not comparable"
-    return Change(a.name, unit, a.value, b.value, a.standard_uncertainty, b.standard_uncertainty, judged)
+    return Change(
+        a.name, unit, a.value, b.value, a.standard_uncertainty, b.standard_uncertainty, judged
+    )
 
 
 def _verdict(a: Coefficient, b: Coefficient) -> Verdict:
@@ -210,12 +245,18 @@ def _verdict(a: Coefficient, b: Coefficient) -> Verdict:
 
 
 def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
-    """The whole model's distance, where both runs have the same coefficients in the same units and a covariance."""
+    """The whole model's distance, where both runs have the same coefficients in the same units and
+    a covariance.
+    """
     names = [c.name for c in old.coefficients]
     comparable = names == [c.name for c in new.coefficients] and all(
         entry.verdict in (*JUDGED, "equal", "no uncertainty") for entry in changes
     )
-    if not comparable or len(names) < 2 or not len(old.covariance) == len(new.covariance) == len(names):
+    if (
+        not comparable
+        or len(names) < 2
+        or not len(old.covariance) == len(new.covariance) == len(names)
+    ):
         return None
     covariance = np.asarray(old.covariance) + np.asarray(new.covariance)
     dof = float(min(old.dof, new.dof)) if min(old.dof, new.dof) > 0 else math.inf
@@ -251,10 +292,16 @@ def _conditions(before: Run, after: Run) -> Iterator[Setting]:
         news = {c.name: f"{c.value:.9g} {c.unit}" for c in after.records[stage].conditions}
         for name in sorted({*olds, *news}):
             if olds.get(name) != news.get(name):
-                yield Setting(f"{before.records[stage].stage}: {name}", olds.get(name, "-"), news.get(name, "-"))
+                yield Setting(
+                    f"{before.records[stage].stage}: {name}",
+                    olds.get(name, "-"),
+                    news.get(name, "-"),
+                )
 
 
-def _recipe_lines(a: Mapping[str, object], b: Mapping[str, object]) -> Iterator[tuple[str, str, str]]:
+def _recipe_lines(
+    a: Mapping[str, object], b: Mapping[str, object]
+) -> Iterator[tuple[str, str, str]]:
     """Lines of two recipes, and overrides of the command line, that are in one of them only."""
     texts = [
         [line.strip() for line in str(recipe["text"]).splitlines()]
@@ -281,8 +328,10 @@ def _flags(before: Run, after: Run) -> tuple[str, ...]:
     every = len(old) + len(new) - shared
     if shared:
         flags.append(
-            f"{shared} of {every} logs are in both runs: their errors are common, u of a difference is too "
-            "large, and what moved is due to recipe, software or the other logs"
+            f"{shared} of {every} logs are in both runs: their errors are common, u of a difference"
+            " is too large, and what moved is due to recipe, software or the other logs"
         )
-    flags += [f"{run.name} was not accepted" for run in (before, after) if not run.document["accepted"]]
+    flags += [
+        f"{run.name} was not accepted" for run in (before, after) if not run.document["accepted"]
+    ]
     return tuple(flags)

@@ -22,12 +22,18 @@ SUFFIXES = (".pdf", ".png")
 
 
 def render(found: Timeline, suffix: str) -> bytes:
-    """Figure of a timeline as PDF (as many pages as it needs) or PNG (the first twelve quantities)."""
+    """Figure of a timeline as PDF (as many pages as it needs) or PNG (the first twelve
+    quantities).
+    """
     if suffix not in SUFFIXES:
-        raise UsageError(f"--figure: a file ending in '{suffix}'", hint=f"name one ending in {' or '.join(SUFFIXES)}")
+        raise UsageError(
+            f"--figure: a file ending in '{suffix}'",
+            hint=f"name one ending in {' or '.join(SUFFIXES)}",
+        )
     if not found.series:
         raise UsageError(
-            f"{found.serial}: no quantity with an uncertainty was determined twice", hint="a figure needs two revisions"
+            f"{found.serial}: no quantity with an uncertainty was determined twice",
+            hint="a figure needs two revisions",
         )
     step = ROWS * COLUMNS
     blocks = [found.series[at : at + step] for at in range(0, len(found.series), step)]
@@ -38,7 +44,10 @@ def render(found: Timeline, suffix: str) -> bytes:
 
 def _page(serial: str, block: Sequence[Series]) -> Figure:
     """One page of panels."""
-    title = f"{serial}: coefficients over time, bars U (k = 2, type A), line: weighted slope where three dates or more"
+    title = (
+        f"{serial}: coefficients over time, bars U (k = 2, type A), line: weighted slope where"
+        " three dates or more"
+    )
     rows = -(-len(block) // COLUMNS)
     figure, axes = page(rows, COLUMNS, title=title, height=0.8 + 2.4 * rows)
     for ax, series in zip(axes, block, strict=False):
@@ -81,14 +90,23 @@ def _line(ax: Axes, series: Series) -> None:
         return
     import numpy as np
 
-    days = np.array([dt.date.fromisoformat(p.effective_from).toordinal() for p in series.points], dtype=np.float64)
-    line = trend.intercept + trend.slope * (days / YEAR_DAYS - trend.middle_year) - series.points[0].value
+    days = np.array(
+        [dt.date.fromisoformat(p.effective_from).toordinal() for p in series.points],
+        dtype=np.float64,
+    )
+    line = (
+        trend.intercept
+        + trend.slope * (days / YEAR_DAYS - trend.middle_year)
+        - series.points[0].value
+    )
     ax.plot(days, line, color=MUTED, lw=0.9, ls="--")
 
 
 def _dates(ax: Axes, series: Series) -> None:
     """At most four dates on the abscissa, first and last among them."""
-    days = sorted({dt.date.fromisoformat(point.effective_from).toordinal() for point in series.points})
+    days = sorted(
+        {dt.date.fromisoformat(point.effective_from).toordinal() for point in series.points}
+    )
     shown = days if len(days) <= 4 else [days[round(k * (len(days) - 1) / 3)] for k in range(4)]
     ax.set_xticks(shown, [dt.date.fromordinal(day).isoformat() for day in shown], fontsize=6.5)
     ax.margins(x=0.15)

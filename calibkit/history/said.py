@@ -1,4 +1,6 @@
-"""What `show`, `diff` and `history` say: tables for a person, JSON objects and CSV rows for a script."""
+"""What `show`, `diff` and `history` say: tables for a person, JSON objects and CSV rows for a
+script.
+"""
 
 from __future__ import annotations
 
@@ -21,7 +23,8 @@ if TYPE_CHECKING:
 MOST_SETTINGS = 24
 TYPE_A = "u is type A of both runs as if independent; what the equipment adds is not in it"
 OVER_TIME = (
-    "change: from the first date to the last; step: largest between neighbours; a year: slope of the accepted runs"
+    "change: from the first date to the last; step: largest between neighbours; a year: slope of"
+    " the accepted runs"
 )
 
 
@@ -44,7 +47,10 @@ def difference_summary(found: Difference) -> Summary:
 
 def _title(found: Difference) -> str:
     """Both runs with the dates from which they hold."""
-    old, new = (f"{run.name} (effective from {run.document['effective_from']})" for run in (found.before, found.after))
+    old, new = (
+        f"{run.name} (effective from {run.document['effective_from']})"
+        for run in (found.before, found.after)
+    )
     return f"{old} → {new}"
 
 
@@ -54,16 +60,22 @@ def verdict(found: Difference) -> str:
     if not judged:
         return f"{unpaired}no coefficient could be compared with an uncertainty"
     return (
-        f"{unpaired}{found.count('moved')} of {judged} coefficients moved by more than {SIGNIFICANT:g} u; "
-        f"{CHANCE * judged:.1f} would by chance if none had changed"
+        f"{unpaired}{found.count('moved')} of {judged} coefficients moved by more than"
+        f" {SIGNIFICANT:g} u; {CHANCE * judged:.1f} would by chance if none had changed"
     )
 
 
 def _unpaired(found: Difference) -> str:
-    """Models of one run alone, and coefficients of one run alone in models of both: no uncertainty judges those."""
+    """Models of one run alone, and coefficients of one run alone in models of both: no uncertainty
+    judges those.
+    """
     said = []
     for verdict, where in (("gone", found.before.name), ("appeared", found.after.name)):
-        whole = [m.name for m in found.models if m.changes and all(entry.verdict == verdict for entry in m.changes)]
+        whole = [
+            m.name
+            for m in found.models
+            if m.changes and all(entry.verdict == verdict for entry in m.changes)
+        ]
         single = found.count(verdict) - sum(len(m.changes) for m in found.models if m.name in whole)
         if whole:
             said.append(f"model{'s' if len(whole) > 1 else ''} {', '.join(whole)} only in {where}")
@@ -74,7 +86,9 @@ def _unpaired(found: Difference) -> str:
 
 def _moved(block: ModelChange) -> ModelChange:
     """Figures of a stage that moved; the others are in JSON and CSV."""
-    return replace(block, changes=tuple(entry for entry in block.changes if entry.verdict == "moved"))
+    return replace(
+        block, changes=tuple(entry for entry in block.changes if entry.verdict == "moved")
+    )
 
 
 def _change_table(model: ModelChange) -> SummaryTable:
@@ -92,12 +106,26 @@ def _change_table(model: ModelChange) -> SummaryTable:
         )
         for entry in model.changes
     )
-    columns = ("coefficient" if model.name else "figure", "before", "after", "difference", "u", "unit", "in u", "")
+    columns = (
+        "coefficient" if model.name else "figure",
+        "before",
+        "after",
+        "difference",
+        "u",
+        "unit",
+        "in u",
+        "",
+    )
     together = ""
     if model.joint is not None:
         chance = model.joint.probability
-        together = f"chance that all together differ as much: {f'{chance:.2g}' if chance > 1e-9 else 'below 1e-9'}"
-    title = f"{model.stage}: {f'{model.name} ({model.form})' if model.name else 'figures that moved'}"
+        together = (
+            "chance that all together differ as much:"
+            f" {f'{chance:.2g}' if chance > 1e-9 else 'below 1e-9'}"
+        )
+    title = (
+        f"{model.stage}: {f'{model.name} ({model.form})' if model.name else 'figures that moved'}"
+    )
     return SummaryTable("; ".join(filter(None, (title, together, *model.notes))), columns, rows)
 
 
@@ -229,31 +257,72 @@ def _run_rows(run: Run) -> Iterable[tuple[Any, ...]]:
                 number_cells = (c.value, c.unit, c.standard_uncertainty, model.dof)
                 yield (*head, record.stage, "coefficient", *place, c.name, *number_cells)
             for p in model.parameters:
-                yield (*head, record.stage, "parameter", *place, p.name, p.value, p.unit, None, None)
+                yield (
+                    *head,
+                    record.stage,
+                    "parameter",
+                    *place,
+                    p.name,
+                    p.value,
+                    p.unit,
+                    None,
+                    None,
+                )
         for f in record.figures:
             stated = f.standard_uncertainty or None
             yield (*head, record.stage, "figure", "", "", f.name, f.value, f.unit, stated, None)
 
 
 def timeline_summary(found: Timeline) -> Summary:
-    """Every revision with the dates on which it holds, the chain, and the coefficients of each model over time."""
-    columns = ("revision", "effective from", "in force before", "accepted", "procedure", "logs", "calibkit", "recipe")
-    tables = [SummaryTable("revisions", columns, tuple(_revision_row(found, run) for run in found.runs))]
+    """Every revision with the dates on which it holds, the chain, and the coefficients of each
+    model over time.
+    """
+    columns = (
+        "revision",
+        "effective from",
+        "in force before",
+        "accepted",
+        "procedure",
+        "logs",
+        "calibkit",
+        "recipe",
+    )
+    tables = [
+        SummaryTable("revisions", columns, tuple(_revision_row(found, run) for run in found.runs))
+    ]
     blocks: dict[str, list[Series]] = {}
     for series in found.series:
         q = series.quantity
-        blocks.setdefault(f"{q.stage}: {q.model or 'figures'}{f' ({q.meaning})' if q.meaning else ''}", []).append(
-            series
-        )
-    header = ("quantity", "runs", "last", "change", "unit", "in u", "step in u", "a year", "u of it", "")
-    tables += [SummaryTable(title, header, tuple(map(_series_row, block))) for title, block in blocks.items()]
+        blocks.setdefault(
+            f"{q.stage}: {q.model or 'figures'}{f' ({q.meaning})' if q.meaning else ''}", []
+        ).append(series)
+    header = (
+        "quantity",
+        "runs",
+        "last",
+        "change",
+        "unit",
+        "in u",
+        "step in u",
+        "a year",
+        "u of it",
+        "",
+    )
+    tables += [
+        SummaryTable(title, header, tuple(map(_series_row, block)))
+        for title, block in blocks.items()
+    ]
     flags = (
         *(f"r{entry.revision:03d} REFUSED: {entry.reason}" for entry in found.refused),
         *(f"chain broken: {fault}" for fault in found.breaks),
         *found.flags,
         *((OVER_TIME, TYPE_A) if found.series else ()),
     )
-    said = "each revision supersedes the one before" if found.sound else "THE CHAIN OF REVISIONS IS BROKEN"
+    said = (
+        "each revision supersedes the one before"
+        if found.sound
+        else "THE CHAIN OF REVISIONS IS BROKEN"
+    )
     count = f"{len(found.runs)} run{'s' if len(found.runs) != 1 else ''}"
     return Summary(f"{found.serial}: {count}", tuple(tables), flags, (), said)
 
@@ -346,7 +415,16 @@ def timeline_csv(found: Timeline) -> str:
     return table_csv(
         SERIES_COLUMNS,
         (
-            (found.serial, q.stage, q.model, q.form, q.meaning, q.name, q.unit, *asdict(point).values())
+            (
+                found.serial,
+                q.stage,
+                q.model,
+                q.form,
+                q.meaning,
+                q.name,
+                q.unit,
+                *asdict(point).values(),
+            )
             for series in found.series
             for q in (series.quantity,)
             for point in series.points

@@ -1,4 +1,6 @@
-"""All revisions of one serial: which holds when, whether each supersedes the one before, how its numbers moved."""
+"""All revisions of one serial: which holds when, whether each supersedes the one before, how its
+numbers moved.
+"""
 
 from __future__ import annotations
 
@@ -41,7 +43,9 @@ class Refused:
 
 @dataclass(frozen=True, slots=True)
 class Holds:
-    """From when and, where another takes over, up to which date (exclusive) a revision is in force; empty: never."""
+    """From when and, where another takes over, up to which date (exclusive) a revision is in force;
+    empty: never.
+    """
 
     since: str
     until: str
@@ -60,7 +64,9 @@ class Point:
 
 @dataclass(frozen=True, slots=True)
 class Quantity:
-    """A coefficient or figure that revisions share; `meaning` holds the chosen parameters that say what it is."""
+    """A coefficient or figure that revisions share; `meaning` holds the chosen parameters that say
+    what it is.
+    """
 
     stage: str
     model: str
@@ -77,7 +83,9 @@ class Quantity:
 
 @dataclass(frozen=True, slots=True)
 class Series:
-    """One quantity over the revisions that determined it, in the order of their dates: first to last, neighbours, years."""
+    """One quantity over the revisions that determined it, in the order of their dates: first to
+    last, neighbours, years.
+    """
 
     quantity: Quantity
     points: tuple[Point, ...]
@@ -106,14 +114,17 @@ class Timeline:
 
 
 def of(serial: str, runs_folder: Path, pattern: str = "") -> Timeline:
-    """Timeline of a serial under a folder of runs; UsageError where there is none, or no number matches the pattern.
+    """Timeline of a serial under a folder of runs; UsageError where there is none, or no number
+    matches the pattern.
 
-    Without a pattern the coefficients of models are followed; with one, every coefficient and figure whose
-    stage.model.name matches it.
+    Without a pattern the coefficients of models are followed; with one, every coefficient and
+    figure whose stage.model.name matches it.
     """
     numbers = store.revisions(runs_folder / store.check_serial(serial))
     if not numbers:
-        raise UsageError(f"serial '{serial}': no run under {runs_folder}", hint="give --runs, or fit it first")
+        raise UsageError(
+            f"serial '{serial}': no run under {runs_folder}", hint="give --runs, or fit it first"
+        )
     runs, refused = [], []
     for number in numbers:
         try:
@@ -122,9 +133,17 @@ def of(serial: str, runs_folder: Path, pattern: str = "") -> Timeline:
             refused.append(Refused(number, str(error)))
     series = tuple(entry for entry in _series(runs) if _wanted(entry.quantity, pattern))
     if runs and not series and pattern:
-        raise UsageError(f"--only {pattern}: no coefficient or figure of {serial} matches", hint="try --only '*'")
+        raise UsageError(
+            f"--only {pattern}: no coefficient or figure of {serial} matches", hint="try --only '*'"
+        )
     return Timeline(
-        serial, tuple(runs), _holds(runs), tuple(refused), tuple(chain(runs, numbers)), _flags(runs), series
+        serial,
+        tuple(runs),
+        _holds(runs),
+        tuple(refused),
+        tuple(chain(runs, numbers)),
+        _flags(runs),
+        series,
     )
 
 
@@ -134,14 +153,19 @@ def _wanted(quantity: Quantity, pattern: str) -> bool:
 
 
 def chain(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
-    """One line a fault of the chain: a revision that is missing, a file that does not supersede the one before it."""
+    """One line a fault of the chain: a revision that is missing, a file that does not supersede the
+    one before it.
+    """
     for number in sorted(set(range(1, numbers[-1] + 1)) - set(numbers)):
         yield f"r{number:03d} is missing"
     readable = {run.document["revision"]: run for run in runs}
     for run in runs:
         number = run.document["revision"]
         if number > 1 and number - 1 not in readable:
-            yield f"r{number:03d}: what it supersedes cannot be checked, r{number - 1:03d} is not here or not readable"
+            yield (
+                f"r{number:03d}: what it supersedes cannot be checked, r{number - 1:03d} is not"
+                " here or not readable"
+            )
             continue
         before = store.stage_digests(readable[number - 1]) if number > 1 else {}
         for record in run.records.values():
@@ -153,7 +177,11 @@ def chain(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
 def _break(number: int, record: Record, expected: str) -> str:
     """One file that does not supersede the one before it."""
     said = f"{record.supersedes[:12]}…" if record.supersedes else "nothing"
-    wanted = f"{expected[:12]}… of r{number - 1:03d}" if expected else f"nothing: r{number - 1:03d} has no such stage"
+    wanted = (
+        f"{expected[:12]}… of r{number - 1:03d}"
+        if expected
+        else f"nothing: r{number - 1:03d} has no such stage"
+    )
     return f"r{number:03d}: {record.stage} supersedes {said}, expected {wanted}"
 
 
@@ -163,23 +191,28 @@ def _holds(runs: Sequence[Run]) -> dict[int, Holds]:
     dates = sorted(winners)
     until = dict(itertools.pairwise([*dates, ""]))
     held = {revision: Holds(date, until[date]) for date, revision in winners.items()}
-    return {run.document["revision"]: held.get(run.document["revision"], Holds("", "")) for run in runs}
+    return {
+        run.document["revision"]: held.get(run.document["revision"], Holds("", "")) for run in runs
+    }
 
 
 def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
     """What a reader of a timeline must know."""
     flags = [
-        f"{run.name} was not accepted: it is never in force by date" for run in runs if not run.document["accepted"]
+        f"{run.name} was not accepted: it is never in force by date"
+        for run in runs
+        if not run.document["accepted"]
     ]
     for older, newer in itertools.pairwise(runs):
         dates = older.document["effective_from"], newer.document["effective_from"]
         if dates[1] < dates[0]:
             flags.append(
-                f"{newer.name} holds from {dates[1]}, before {older.name} which it supersedes holds ({dates[0]}): by date "
-                f"{older.name} stays in force from {dates[0]}"
+                f"{newer.name} holds from {dates[1]}, before {older.name} which it supersedes holds"
+                f" ({dates[0]}): by date {older.name} stays in force from {dates[0]}"
             )
     flags += [
-        f"{newer.name} was fitted to logs of {older.name} as well: one determination, not two; slopes take the newer"
+        f"{newer.name} was fitted to logs of {older.name} as well: one determination, not two;"
+        " slopes take the newer"
         for k, newer in enumerate(runs)
         for older in runs[:k]
         if copies.shared(_logs(older), _logs(newer))
@@ -207,13 +240,19 @@ def _independent(runs: Sequence[Run]) -> set[int]:
 
 
 def _series(runs: Sequence[Run]) -> Iterator[Series]:
-    """Quantities with an uncertainty that two runs or more determined, alike in form, unit and meaning."""
+    """Quantities with an uncertainty that two runs or more determined, alike in form, unit and
+    meaning.
+    """
     points: dict[Quantity, list[Point]] = {}
-    for run in sorted(runs, key=lambda run: (run.document["effective_from"], run.document["revision"])):
+    for run in sorted(
+        runs, key=lambda run: (run.document["effective_from"], run.document["revision"])
+    ):
         when = (run.document["revision"], run.document["effective_from"])
         for quantity, number in _numbers(run):
             if number.standard_uncertainty > 0.0:
-                point = Point(*when, number.value, number.standard_uncertainty, bool(run.document["accepted"]))
+                point = Point(
+                    *when, number.value, number.standard_uncertainty, bool(run.document["accepted"])
+                )
                 points.setdefault(quantity, []).append(point)
     independent = _independent(runs)
     for quantity, found in points.items():
@@ -227,7 +266,12 @@ def _numbers(run: Run) -> Iterator[tuple[Quantity, Coefficient]]:
         for model in record.models:
             if model.form != PER_RAMP:
                 for c in model.coefficients:
-                    yield Quantity(record.stage, model.name, model.form, _meaning(model), c.name, c.unit), c
+                    yield (
+                        Quantity(
+                            record.stage, model.name, model.form, _meaning(model), c.name, c.unit
+                        ),
+                        c,
+                    )
         for figure in record.figures:
             yield Quantity(record.stage, "", "", "", figure.name, figure.unit), figure
 
@@ -239,18 +283,29 @@ def _meaning(model: Model) -> str:
 
 
 def _one(quantity: Quantity, points: tuple[Point, ...], independent: set[int]) -> Series:
-    """A series with its change from first to last, its largest step and its straight line over years."""
+    """A series with its change from first to last, its largest step and its straight line over
+    years.
+    """
     steps = [_change(quantity, a, b).in_u for a, b in itertools.pairwise(points)]
     taken = [point for point in points if point.revision in independent]
-    years = np.array([dt.date.fromisoformat(point.effective_from).toordinal() / YEAR_DAYS for point in taken])
+    years = np.array(
+        [dt.date.fromisoformat(point.effective_from).toordinal() / YEAR_DAYS for point in taken]
+    )
     values = np.array([point.value for point in taken])
     u = np.array([point.standard_uncertainty for point in taken])
     return Series(
-        quantity, points, _change(quantity, points[0], points[-1]), max(map(abs, steps)), change.trend(years, values, u)
+        quantity,
+        points,
+        _change(quantity, points[0], points[-1]),
+        max(map(abs, steps)),
+        change.trend(years, values, u),
     )
 
 
 def _change(quantity: Quantity, a: Point, b: Point) -> Change:
     """Change from one determination to another."""
-    old, new = (Coefficient(quantity.name, point.value, quantity.unit, point.standard_uncertainty) for point in (a, b))
+    old, new = (
+        Coefficient(quantity.name, point.value, quantity.unit, point.standard_uncertainty)
+        for point in (a, b)
+    )
     return difference.numbers((old,), (new,))[0]

@@ -1,7 +1,9 @@
-"""Kernels in C for what numpy does in many passes; without a compiler at installation there are none, and numpy does it.
+"""Kernels in C for what numpy does in many passes; without a compiler at installation there are
+none, and numpy does it.
 
-What they compute is to the last bit what their callers compute without them: whether they are there decides how long
-calibkit takes, and nothing else. `CALIBKIT_NATIVE=off` leaves them out, `python -m calibkit.native` compiles them again.
+What they compute is to the last bit what their callers compute without them: whether they are there
+decides how long calibkit takes, and nothing else. `CALIBKIT_NATIVE=off` leaves them out, `python -m
+calibkit.native` compiles them again.
 """
 
 from __future__ import annotations
@@ -45,7 +47,10 @@ def _loaded() -> tuple[CDLL | None, str]:
     except (OSError, ValueError):
         return None, "not compiled: there was no C compiler at installation"
     if made_of != compiling.made_of(FOLDER):
-        return None, "compiled from other sources: install calibkit again, or run python -m calibkit.native"
+        return (
+            None,
+            "compiled from other sources: install calibkit again, or run python -m calibkit.native",
+        )
     _declare(library)
     return library, "in use"
 
@@ -57,15 +62,47 @@ def _declare(library: CDLL) -> None:
     doubles = POINTER(c_double)
     library.calibkit_numbers.argtypes = [c_void_p, c_int64, c_int64, c_int64, POINTER(doubles)]
     library.calibkit_numbers.restype = c_int64
-    library.calibkit_slopes.argtypes = [c_void_p, c_void_p, c_int64, c_int64, c_double, c_double, c_void_p]
+    library.calibkit_slopes.argtypes = [
+        c_void_p,
+        c_void_p,
+        c_int64,
+        c_int64,
+        c_double,
+        c_double,
+        c_void_p,
+    ]
     library.calibkit_slopes.restype = c_int64
     at, whole, real = c_void_p, c_int64, c_double
-    library.calibkit_analysed.argtypes = [at, at, at, *(whole,) * 3, at, whole, whole, at, whole, whole]
-    library.calibkit_synthesised.argtypes = [at, at, at, at, *(whole,) * 4, real, real, at, whole, whole]
+    library.calibkit_analysed.argtypes = [
+        at,
+        at,
+        at,
+        *(whole,) * 3,
+        at,
+        whole,
+        whole,
+        at,
+        whole,
+        whole,
+    ]
+    library.calibkit_synthesised.argtypes = [
+        at,
+        at,
+        at,
+        at,
+        *(whole,) * 4,
+        real,
+        real,
+        at,
+        whole,
+        whole,
+    ]
     library.calibkit_lengths.argtypes = [at, at, at, whole, real, at, at, at]
     library.calibkit_bracketed.argtypes = [at, whole, real, real, real, at, whole, at]
     library.calibkit_bracketed.restype = whole
     library.calibkit_components.argtypes = [at, whole, at, at]
     library.calibkit_squares.argtypes = [at, whole, whole, at]
-    library.calibkit_lengths.restype = library.calibkit_components.restype = library.calibkit_squares.restype = None
+    library.calibkit_lengths.restype = library.calibkit_components.restype = (
+        library.calibkit_squares.restype
+    ) = None
     library.calibkit_analysed.restype = library.calibkit_synthesised.restype = None

@@ -1,4 +1,6 @@
-"""Compilation of the kernels at installation; where it does not work, calibkit installs without them."""
+"""Compilation of the kernels at installation; where it does not work, calibkit installs without
+them.
+"""
 
 from __future__ import annotations
 

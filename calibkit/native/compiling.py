@@ -9,12 +9,16 @@ from pathlib import Path
 
 LIBRARY = "_kernels.so"
 FLAGS = ("-O3", "-std=c11", "-fPIC", "-shared", "-ffp-contract=off")
-"""No option that lets a compiler reorder or fuse floating-point operations: the bits are those of numpy."""
+"""No option that lets a compiler reorder or fuse floating-point operations: the bits are those of
+numpy.
+"""
 TIMEOUT_S = 120.0
 
 
 def made_of(folder: Path) -> int:
-    """First 64 bits of the digest of the sources [in order of name] in a folder: the mark of a library made of them."""
+    """First 64 bits of the digest of the sources [in order of name] in a folder: the mark of a
+    library made of them.
+    """
     digest = hashlib.sha256()
     for source in sorted(folder.glob("*.[ch]")):
         digest.update(source.read_bytes() + b"\0")
@@ -22,9 +26,11 @@ def made_of(folder: Path) -> int:
 
 
 def compile_kernels(folder: Path) -> str | None:
-    """Compile the sources in a folder into a library beside them; what went wrong where there is none then.
+    """Compile the sources in a folder into a library beside them; what went wrong where there is
+    none then.
 
-    A library that is in use is replaced, never written to. Only compilers of the GNU command line are asked.
+    A library that is in use is replaced, never written to. Only compilers of the GNU command line
+    are asked.
     """
     import subprocess  # these two cost start-up, and most starts compile nothing
     import tempfile
@@ -36,7 +42,9 @@ def compile_kernels(folder: Path) -> str | None:
         with tempfile.TemporaryDirectory(dir=folder) as name:
             made, mark = Path(name) / LIBRARY, Path(name) / "mark.c"
             mark.write_text(
-                f"unsigned long long calibkit_made_of = 0x{made_of(folder):016x}ULL;\n", encoding="ascii", newline="\n"
+                f"unsigned long long calibkit_made_of = 0x{made_of(folder):016x}ULL;\n",
+                encoding="ascii",
+                newline="\n",
             )
             sources = [str(source) for source in (*sorted(folder.glob("*.c")), mark)]
             done = subprocess.run(  # noqa: S603 (the machine's own compiler)

@@ -1,6 +1,8 @@
-"""What a sensor or its logger did to a series that physics did not: spikes, stuck and clipped values, jumps, start-up rows.
+"""What a sensor or its logger did to a series that physics did not: spikes, stuck and clipped
+values, jumps, start-up rows.
 
-The thresholds are wide on purpose: a false alarm in a healthy log costs more trust than a spike of six standard deviations.
+The thresholds are wide on purpose: a false alarm in a healthy log costs more trust than a spike of
+six standard deviations.
 """
 
 from __future__ import annotations
@@ -34,7 +36,9 @@ SPIKE = 10.0
 SMALL = 0.01
 """Share of a series' span below which nothing is called a spike."""
 QUIET = 1e-4
-"""Noise, as a share of the span, below which a series is not one of noise: a smooth one may stand still."""
+"""Noise, as a share of the span, below which a series is not one of noise: a smooth one may stand
+still.
+"""
 WIDTH = 3
 """Rows on each side of a sample that its median is taken of: a spike is at most this wide."""
 SHORTEST_RUN = 10
@@ -42,7 +46,9 @@ SHORTEST_RUN = 10
 CHANCE = 1e-9
 """Probability that a healthy series has an equal run of that length."""
 NOISY = 0.5
-"""Share of repeated values up to which a series is one of noise: a quantised thermometer repeats most of its values."""
+"""Share of repeated values up to which a series is one of noise: a quantised thermometer repeats
+most of its values.
+"""
 PILE = 10
 """Rows at the extreme value from which clipping is looked for."""
 PILED = 5.0
@@ -52,7 +58,8 @@ MOST_MEANS = 1 << 17
 JUMP = 8.0
 """Standard deviations that a change of level must have."""
 SUDDEN = 0.6
-"""Share of a change of level that must happen within an eighth of the window: drift is not sudden."""
+"""Share of a change of level that must happen within an eighth of the window: drift is not sudden.
+"""
 START_UP = 10.0
 """Standard deviations from the line through the rows behind them that make rows start-up rows."""
 
@@ -61,7 +68,9 @@ def sample(values: Array) -> Array:
     """At most 65,536 rows of a series [n], in sixteen stretches of neighbours spread over it."""
     if values.size <= SAMPLE:
         return values
-    return np.concatenate([values[start : start + SAMPLE // 16] for start in _stretches(values.size)])
+    return np.concatenate(
+        [values[start : start + SAMPLE // 16] for start in _stretches(values.size)]
+    )
 
 
 def _stretches(size: int) -> list[int]:
@@ -71,7 +80,9 @@ def _stretches(size: int) -> list[int]:
 
 
 def scatter(values: Array) -> float:
-    """Standard deviation of the noise of a series [n], from second differences; 0 where most of them are 0."""
+    """Standard deviation of the noise of a series [n], from second differences; 0 where most of
+    them are 0.
+    """
     if values.size < 3:
         return 0.0
     values = sample(values)
@@ -80,10 +91,16 @@ def scatter(values: Array) -> float:
 
 
 def resolution(values: Array, rows: int = 20_000) -> float:
-    """Smallest step between the distinct values of a series [n], of its first rows; 0 where there is one value."""
+    """Smallest step between the distinct values of a series [n], of its first rows; 0 where there
+    is one value.
+    """
     distinct = np.unique(values[:rows])
     steps = np.diff(distinct)
-    steps = steps[steps > 1e-9 * max(abs(float(distinct[0])), abs(float(distinct[-1])))] if steps.size else steps
+    steps = (
+        steps[steps > 1e-9 * max(abs(float(distinct[0])), abs(float(distinct[-1])))]
+        if steps.size
+        else steps
+    )
     return float(steps.min()) if steps.size else 0.0
 
 
@@ -100,16 +117,18 @@ def repeats(values: Array) -> float:
 
 
 def spikes(values: Array, *, least: float = 0.0) -> Rows:
-    """Rows of a series [n] that stand out of their neighbours and are gone after at most three rows.
+    """Rows of a series [n] that stand out of their neighbours and are gone after at most three
+    rows.
 
-    A row is a spike when it is farther than ten standard deviations, five resolutions and `least` [unit of the series]
-    from the median of the seven rows around it: steps and bends keep their medians. The scatter is that of 512 rows, or
-    that of the whole series where that is larger.
+    A row is a spike when it is farther than ten standard deviations, five resolutions and `least`
+    [unit of the series] from the median of the seven rows around it: steps and bends keep their
+    medians. The scatter is that of 512 rows, or that of the whole series where that is larger.
     """
     if values.size < 8 * WIDTH:
         return np.zeros(0, dtype=np.int64)
     floor = max(least, 5.0 * resolution(values), SMALL * span(values))
-    # whatever stands out steps away from a neighbour: only rows after a large step are looked at closer
+    # whatever stands out steps away from a neighbour: only rows after a large step are looked at
+    # closer
     usual = HIGH_TO_SIGMA * spans.quantile(_sampled_steps(values), HIGH) / np.sqrt(2.0)
     wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
     suspect = max(SPIKE / 2.0 * usual, floor)
@@ -120,7 +139,9 @@ def spikes(values: Array, *, least: float = 0.0) -> Rows:
 
 
 def _neighbours(wide: Rows, values: Array) -> Iterator[Rows]:
-    """Rows about wide steps of a series [n], a part after the other; all rows where it is not one scatter throughout."""
+    """Rows about wide steps of a series [n], a part after the other; all rows where it is not one
+    scatter throughout.
+    """
     everywhere = wide.size > values.size // 20
     steps = (np.arange(a, b) for a, b in spans.over(values.size - 1, spans.CACHED))
     for part in steps if everywhere else np.split(wide, _apart(wide)):
@@ -130,12 +151,16 @@ def _neighbours(wide: Rows, values: Array) -> Iterator[Rows]:
 
 def _from_median(values: Array, rows: Rows) -> Array:
     """How far rows [m] of a series [n] are from the medians of the seven rows around them."""
-    around = spans.at(values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1))
+    around = spans.at(
+        values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
+    )
     return np.asarray(np.abs(around[:, WIDTH] - np.median(around, axis=1)), dtype=np.float64)
 
 
 def _sampled_steps(values: Array) -> Array:
-    """Magnitudes of the steps of a series [n], of its sample where it is long: those that `sample` would choose of all."""
+    """Magnitudes of the steps of a series [n], of its sample where it is long: those that `sample`
+    would choose of all.
+    """
     count = values.size - 1
     starts, length = ([0], count) if count <= SAMPLE else (_stretches(count), SAMPLE // 16)
     steps: Array = np.concatenate([np.diff(values[k : k + length + 1]) for k in starts])
@@ -143,7 +168,9 @@ def _sampled_steps(values: Array) -> Array:
 
 
 def _wide_steps(values: Array, limit: float) -> Rows:
-    """Rows before a step of a series [n] of more than a limit, looked for in parts that stay in a processor's cache."""
+    """Rows before a step of a series [n] of more than a limit, looked for in parts that stay in a
+    processor's cache.
+    """
     found = []
     for start, stop in spans.along(values, rows=spans.CACHED):
         step = np.diff(values[start : stop + 1])
@@ -152,7 +179,9 @@ def _wide_steps(values: Array, limit: float) -> Rows:
 
 
 def _local(values: Array, rows: Rows) -> Array:
-    """Standard deviation of the noise of a series [n] about rows [m]: that of the block, or of the whole where it is larger."""
+    """Standard deviation of the noise of a series [n] about rows [m]: that of the block, or of the
+    whole where it is larger.
+    """
     whole = _noise(sample(values))
     blocks = max(1, values.size // BLOCK)
     edges = np.linspace(0, values.size, blocks + 1).astype(np.int64)
@@ -176,7 +205,9 @@ def _noise(values: Array) -> float:
 
 
 def equal_runs(values: Array, shortest: int) -> Rows:
-    """First row and the row after the last [m, 2] of the runs of at least `shortest` equal values in a series [n]."""
+    """First row and the row after the last [m, 2] of the runs of at least `shortest` equal values
+    in a series [n].
+    """
     shortest = max(shortest, 2)
     if values.size < shortest:
         return np.zeros((0, 2), dtype=np.int64)
@@ -197,7 +228,8 @@ def equal_runs(values: Array, shortest: int) -> Rows:
 
 
 def stuck(values: Array) -> Rows:
-    """Runs [m, 2] of equal values that chance does not give a series [n] of noise; none in a series that mostly repeats.
+    """Runs [m, 2] of equal values that chance does not give a series [n] of noise; none in a series
+    that mostly repeats.
 
     Where a share p of the values repeats, a run of L equal ones comes with probability n p^(L−1).
     """
@@ -216,7 +248,9 @@ def stuck(values: Array) -> Rows:
 
 
 def stuck_against(driver: Array, moved: float, runs: Rows) -> Rows:
-    """Those runs [m, 2] of equal values of a series during which what drives it [n] moves by more than `moved`."""
+    """Those runs [m, 2] of equal values of a series during which what drives it [n] moves by more
+    than `moved`.
+    """
     if not len(runs):
         return runs
     moves = np.concatenate([_moves(driver, part) for part in np.split(runs, _apart(runs[:, 0]))])
@@ -240,7 +274,8 @@ def _moves(driver: Array, runs: Rows) -> Array:
 
 
 def frozen(values: Array, least: float, runs: Rows) -> Rows:
-    """Those runs [m, 2] of equal values of a smooth series [n] that end in a leap: what it did meanwhile was not logged.
+    """Those runs [m, 2] of equal values of a smooth series [n] that end in a leap: what it did
+    meanwhile was not logged.
 
     The leap exceeds twenty of the series' usual steps and `least` [unit of the series].
     """
@@ -254,7 +289,9 @@ def frozen(values: Array, least: float, runs: Rows) -> Rows:
 
 
 def despiked(values: Array, *, room: Callable[[int], Array] = np.empty) -> Array:
-    """The series [n] with its spikes replaced by the median of their seven neighbours, in an array that `room` makes."""
+    """The series [n] with its spikes replaced by the median of their seven neighbours, in an array
+    that `room` makes.
+    """
     rows = spikes(values)
     if not rows.size:
         return values
@@ -268,7 +305,9 @@ def despiked(values: Array, *, room: Callable[[int], Array] = np.empty) -> Array
 
 
 def clipped(values: Array) -> tuple[int, float] | None:
-    """Rows at the largest or smallest value of a noisy series [n], and the value, where they pile up there; else none."""
+    """Rows at the largest or smallest value of a noisy series [n], and the value, where they pile
+    up there; else none.
+    """
     if values.size < 10 * PILE or repeats(values) > NOISY or scatter(values) < QUIET * span(values):
         return None
     low, high = spans.extremes(values)
@@ -286,10 +325,12 @@ def clipped(values: Array) -> tuple[int, float] | None:
 
 
 def jumps(values: Array, window: int) -> tuple[Rows, Array]:
-    """Rows [m] at which the level of a series [n] changes suddenly and stays, and the changes [m] in its unit.
+    """Rows [m] at which the level of a series [n] changes suddenly and stays, and the changes [m]
+    in its unit.
 
-    The change between the means of the windows before and after a row, less the change that the windows farther out
-    let expect, must exceed eight standard deviations and happen within an eighth of a window: drift does not.
+    The change between the means of the windows before and after a row, less the change that the
+    windows farther out let expect, must exceed eight standard deviations and happen within an
+    eighth of a window: drift does not.
     """
     every = values.size // MOST_MEANS + 1
     if every > 1:
@@ -308,8 +349,14 @@ def jumps(values: Array, window: int) -> tuple[Rows, Array]:
     change = (c - b) - ((b - a) + (d - c)) / 2.0
     row = np.arange(change.size) + 2 * window
     brief = (total[row + short] - 2.0 * total[row] + total[row - short]) / short
-    limit = JUMP * max(noise * np.sqrt(5.0 / window), MAD_TO_SIGMA * float(np.median(np.abs(change))))
-    sure = (np.abs(change) > limit) & (brief * change > 0.0) & (np.abs(brief) > SUDDEN * np.abs(change))
+    limit = JUMP * max(
+        noise * np.sqrt(5.0 / window), MAD_TO_SIGMA * float(np.median(np.abs(change)))
+    )
+    sure = (
+        (np.abs(change) > limit)
+        & (brief * change > 0.0)
+        & (np.abs(brief) > SUDDEN * np.abs(change))
+    )
     sure &= np.abs(brief) > JUMP * noise * np.sqrt(2.0 / short)
     sure &= np.abs(change) > max(2.0 * resolution(values), 2.0 * SMALL * span(values))
     return _peaks(row[sure], change[sure], 2 * window)
@@ -334,9 +381,11 @@ def _peaks(row: Rows, change: Array, apart: int) -> tuple[Rows, Array]:
 
 
 def start_up(values: Array, window: int = 100) -> int:
-    """Count the rows at the head of a series [n] that lie off the line through the rows that follow them.
+    """Count the rows at the head of a series [n] that lie off the line through the rows that follow
+    them.
 
-    The line is that of the medians of two windows behind the first; 0 where the head is like the rest.
+    The line is that of the medians of two windows behind the first; 0 where the head is like the
+    rest.
     """
     if values.size < 10 * window:
         return 0

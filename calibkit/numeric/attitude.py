@@ -1,7 +1,9 @@
-"""Inclination and high-side toolface of a tool from its gravity vector, with errors and uncertainty.
+"""Inclination and high-side toolface of a tool from its gravity vector, with errors and
+uncertainty.
 
-Frame: NED, azimuth ψ about z, inclination θ about y, toolface φ about z, passive rotations, so that the gravity vector in
-the tool is R_z(φ) R_y(θ) (0, 0, 1) = (−sin θ cos φ, sin θ sin φ, cos θ), indications positive along gravity.
+Frame: NED, azimuth ψ about z, inclination θ about y, toolface φ about z, passive rotations, so that
+the gravity vector in the tool is R_z(φ) R_y(θ) (0, 0, 1) = (−sin θ cos φ, sin θ sin φ, cos θ),
+indications positive along gravity.
 """
 
 from __future__ import annotations
@@ -19,7 +21,9 @@ if TYPE_CHECKING:
     Array = NDArray[np.float64]
 
 Convention = Literal["gravity", "specific_force"]
-"""What a positive indication means: "gravity" is positive along gravity, "specific_force" is positive against it."""
+"""What a positive indication means: "gravity" is positive along gravity, "specific_force" is
+positive against it.
+"""
 
 TOOLFACE_RANGE_DEG = (10.0, 170.0)
 """Inclinations between which a toolface is quoted unless the caller says otherwise [°]."""
@@ -27,7 +31,9 @@ TOOLFACE_RANGE_DEG = (10.0, 170.0)
 
 @dataclass(frozen=True, slots=True)
 class AttitudeErrors:
-    """Attitude errors of dwells against a reference, the toolface only where the inclination allows one."""
+    """Attitude errors of dwells against a reference, the toolface only where the inclination allows
+    one.
+    """
 
     inclination_error_deg: Array
     """[n], indicated minus reference [°]."""
@@ -41,20 +47,28 @@ class AttitudeErrors:
     """NaN when no dwell lies in the range."""
     toolface_max_deg: float
     toolface_scaled_max_deg: float
-    """Largest |toolface error| · sin(inclination) in the range [°]: the figure that does not depend on the range."""
+    """Largest |toolface error| · sin(inclination) in the range [°]: the figure that does not depend
+    on the range.
+    """
 
 
 def gravity_positive(indication: Array, convention: Convention) -> Array:
-    """Indications [..., 3] as calibkit reads them, positive along gravity, from either sign convention."""
+    """Indications [..., 3] as calibkit reads them, positive along gravity, from either sign
+    convention.
+    """
     if convention == "gravity":
         return indication
     if convention == "specific_force":
         return -indication
-    raise FitError(f"unknown sign convention {convention!r}", hint='use "gravity" or "specific_force"')
+    raise FitError(
+        f"unknown sign convention {convention!r}", hint='use "gravity" or "specific_force"'
+    )
 
 
 def tool_rotation(inclination_deg: Array, toolface_deg: Array) -> Array:
-    """Passive rotations R_z(φ) R_y(θ) [n, 3, 3] from the table's base to the tool; the last column is gravity [g]."""
+    """Passive rotations R_z(φ) R_y(θ) [n, 3, 3] from the table's base to the tool; the last column
+    is gravity [g].
+    """
     theta, phi = np.radians(inclination_deg), np.radians(toolface_deg)
     ct, st, cp, sp = np.cos(theta), np.sin(theta), np.cos(phi), np.sin(phi)
     rows = ((ct * cp, sp, -st * cp), (-ct * sp, cp, st * sp), (st, np.zeros_like(st), ct))
@@ -62,19 +76,27 @@ def tool_rotation(inclination_deg: Array, toolface_deg: Array) -> Array:
 
 
 def gravity_vector(inclination_deg: Array, toolface_deg: Array) -> Array:
-    """Reference gravity [n, 3] in the tool [g, positive along gravity] at inclinations and toolfaces [n] [°]."""
+    """Reference gravity [n, 3] in the tool [g, positive along gravity] at inclinations and
+    toolfaces [n] [°].
+    """
     theta, phi = np.radians(inclination_deg), np.radians(toolface_deg)
     sine = np.sin(theta)
-    return np.stack(np.broadcast_arrays(-sine * np.cos(phi), sine * np.sin(phi), np.cos(theta)), axis=-1)
+    return np.stack(
+        np.broadcast_arrays(-sine * np.cos(phi), sine * np.sin(phi), np.cos(theta)), axis=-1
+    )
 
 
 def inclination(vector: Array) -> Array:
-    """Inclination DEV [n] in [0, 180] [°] of gravity vectors [n, 3] of any length: atan2(√(G_x² + G_y²), G_z)."""
+    """Inclination DEV [n] in [0, 180] [°] of gravity vectors [n, 3] of any length: atan2(√(G_x² +
+    G_y²), G_z).
+    """
     return np.degrees(np.arctan2(np.hypot(vector[..., 0], vector[..., 1]), vector[..., 2]))
 
 
 def toolface(vector: Array) -> Array:
-    """High-side toolface RB [n] in (−180, 180] [°] of gravity vectors [n, 3] of any length: atan2(G_y, −G_x)."""
+    """High-side toolface RB [n] in (−180, 180] [°] of gravity vectors [n, 3] of any length:
+    atan2(G_y, −G_x).
+    """
     return wrapped(np.degrees(np.arctan2(vector[..., 1], -vector[..., 0])))
 
 
@@ -92,14 +114,18 @@ def errors(
 ) -> AttitudeErrors:
     """Inclination and toolface errors of gravity vectors [n, 3] against reference angles [n] [°].
 
-    Toolface errors grow as 1/sin(inclination): they are given between the two inclinations of the range [°] and NaN
-    elsewhere, and their largest value is also given multiplied by sin(inclination).
+    Toolface errors grow as 1/sin(inclination): they are given between the two inclinations of the
+    range [°] and NaN elsewhere, and their largest value is also given multiplied by
+    sin(inclination).
     """
     low, high = inclination_range_deg
     if not 0.0 < low < high < 180.0:
         raise FitError(
             f"a toolface cannot be quoted for inclinations {low:g}..{high:g}°",
-            hint="the range lies inside 0..180°, both ends excluded: there the toolface does not exist",
+            hint=(
+                "the range lies inside 0..180°, both ends excluded: there the toolface does not"
+                " exist"
+            ),
         )
     tilt = inclination(vector) - inclination_deg
     inside = (inclination_deg >= low) & (inclination_deg <= high)
@@ -118,10 +144,11 @@ def errors(
 
 
 def standard_uncertainty(vector: Array, covariance: Array) -> tuple[Array, Array]:
-    """Standard uncertainties [n], [n] [°] of inclination and toolface from the covariance [n, 3, 3] of vectors [n, 3].
+    """Standard uncertainties [n], [n] [°] of inclination and toolface from the covariance [n, 3, 3]
+    of vectors [n, 3].
 
-    First order (GUM 5.2.2); along the vertical the toolface has none and is NaN, and the inclination is that of the
-    horizontal components' root mean square.
+    First order (GUM 5.2.2); along the vertical the toolface has none and is NaN, and the
+    inclination is that of the horizontal components' root mean square.
     """
     gx, gy, gz = np.moveaxis(vector, -1, 0)
     flat, square = np.hypot(gx, gy), np.sum(vector**2, axis=-1)
@@ -137,21 +164,29 @@ def standard_uncertainty(vector: Array, covariance: Array) -> tuple[Array, Array
 
 
 def roll_axis(vector: Array, roll_set: NDArray[np.int64], nominal: Array) -> Array:
-    """Unit axis [3] about which a tool was rolled, in the triad's frame, from gravity vectors [n, 3] in several rolls.
+    """Unit axis [3] about which a tool was rolled, in the triad's frame, from gravity vectors [n,
+    3] in several rolls.
 
-    A roll about the axis keeps the gravity component along it: the axis is the direction of least scatter of the
-    vectors about the mean of their own roll set [n]; its sign is that of `nominal` [3].
+    A roll about the axis keeps the gravity component along it: the axis is the direction of least
+    scatter of the vectors about the mean of their own roll set [n]; its sign is that of `nominal`
+    [3].
 
     Raises
     ------
     FitError
-        When the rolls leave a second direction with as little scatter: fewer than three roll angles, or all alike.
+        When the rolls leave a second direction with as little scatter: fewer than three roll
+        angles, or all alike.
 
     """
-    centred = np.concatenate([vector[roll_set == k] - vector[roll_set == k].mean(axis=0) for k in np.unique(roll_set)])
+    centred = np.concatenate(
+        [vector[roll_set == k] - vector[roll_set == k].mean(axis=0) for k in np.unique(roll_set)]
+    )
     _, singular, directions = np.linalg.svd(centred)
     if centred.shape[0] < 3 or singular[1] < 10.0 * singular[2]:
-        raise FitError("the rolls do not single out one axis", hint="roll the tool through at least three wide angles")
+        raise FitError(
+            "the rolls do not single out one axis",
+            hint="roll the tool through at least three wide angles",
+        )
     axis = directions[2]
     return np.asarray(axis * np.sign(axis @ nominal), dtype=np.float64)
 

@@ -1,4 +1,6 @@
-"""Whether numbers that were determined twice, or year after year, have changed: differences against their uncertainties."""
+"""Whether numbers that were determined twice, or year after year, have changed: differences against
+their uncertainties.
+"""
 
 from __future__ import annotations
 
@@ -18,12 +20,16 @@ SIGNIFICANT = 2.0
 CHANCE = math.erfc(SIGNIFICANT / math.sqrt(2.0))
 """Share of normal differences beyond SIGNIFICANT when nothing has moved: 4.6 %."""
 DETERMINED = 1e-10
-"""Eigenvalue of a correlation matrix, relative to the largest, below which a direction is one that was not determined."""
+"""Eigenvalue of a correlation matrix, relative to the largest, below which a direction is one that
+was not determined.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Joint:
-    """All coefficients of a model together: squared distance in standard uncertainties, its rank, chance of a larger one."""
+    """All coefficients of a model together: squared distance in standard uncertainties, its rank,
+    chance of a larger one.
+    """
 
     distance2: float
     rank: int
@@ -32,7 +38,9 @@ class Joint:
 
 @dataclass(frozen=True, slots=True)
 class Trend:
-    """Straight line through determinations over years: value at the middle, slope a year with its uncertainty, scatter in u."""
+    """Straight line through determinations over years: value at the middle, slope a year with its
+    uncertainty, scatter in u.
+    """
 
     middle_year: float
     intercept: float
@@ -42,11 +50,13 @@ class Trend:
 
 
 def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:
-    """Hotelling's distance of a difference [p] from zero under its covariance [p, p]; None where that is zero.
+    """Hotelling's distance of a difference [p] from zero under its covariance [p, p]; None where
+    that is zero.
 
-    Coefficients that determine each other (an angle and its sine) count once: directions without variance are left
-    out, `rank` of them are kept. The probability is that of F with (rank, dof) degrees of freedom; an infinite dof
-    stands for a known covariance. Units cancel: the matrix is scaled to correlations first.
+    Coefficients that determine each other (an angle and its sine) count once: directions without
+    variance are left out, `rank` of them are kept. The probability is that of F with (rank, dof)
+    degrees of freedom; an infinite dof stands for a known covariance. Units cancel: the matrix is
+    scaled to correlations first.
     """
     from scipy import special
 
@@ -58,20 +68,26 @@ def joint(difference: Array, covariance: Array, dof: float) -> Joint | None:
     rank = int(kept.sum())
     distance2 = float(np.sum((vectors[:, kept].T @ (difference / u)) ** 2 / values[kept]))
     known = math.isinf(dof)
-    chance = special.chdtrc(rank, distance2) if known else special.fdtrc(rank, dof, distance2 / rank)
+    chance = (
+        special.chdtrc(rank, distance2) if known else special.fdtrc(rank, dof, distance2 / rank)
+    )
     return Joint(distance2, rank, float(chance))
 
 
 def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | None:
-    """Weighted straight line through values [n] at years [n]; None for fewer than three dates or a zero uncertainty.
+    """Weighted straight line through values [n] at years [n]; None for fewer than three dates or a
+    zero uncertainty.
 
-    The slope's uncertainty is multiplied by the Birge ratio where the values scatter more about the line than their
-    uncertainties say (Birge 1932); it is never made smaller.
+    The slope's uncertainty is multiplied by the Birge ratio where the values scatter more about the
+    line than their uncertainties say (Birge 1932); it is never made smaller.
     """
     if np.unique(years).size < 3 or not (standard_uncertainty > 0.0).all():
         return None
     weight = (standard_uncertainty.min() / standard_uncertainty) ** 2
-    middle, mean = float(np.average(years, weights=weight)), float(np.average(values, weights=weight))
+    middle, mean = (
+        float(np.average(years, weights=weight)),
+        float(np.average(values, weights=weight)),
+    )
     centred = years - middle
     spread = float(np.sum(weight * centred**2))
     slope = float(np.sum(weight * centred * (values - mean))) / spread

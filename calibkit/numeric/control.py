@@ -29,7 +29,9 @@ LIMITS = (
     (1000, 4.47),
     (5000, 4.75),
 )
-"""Values, and the robust z that the largest of so many normal ones exceeds in 1 of 100 samples, by simulation."""
+"""Values, and the robust z that the largest of so many normal ones exceeds in 1 of 100 samples, by
+simulation.
+"""
 ROUNDING = 1e-12
 """Spread, relative to the largest value, below which values differ by rounding alone."""
 
@@ -41,7 +43,9 @@ class Control:
     centre: float
     """Median."""
     sigma: float
-    """Standard deviation that the median absolute deviation stands for; 0 where most values are equal."""
+    """Standard deviation that the median absolute deviation stands for; 0 where most values are
+    equal.
+    """
     limit: float
     """Robust z beyond which a value is named; infinite where none can be."""
     z: Array
@@ -55,7 +59,8 @@ class Control:
 
 
 def limit(count: int) -> float:
-    """Robust z that no one of `count` normal values exceeds in 99 samples of 100; infinite for fewer than 10.
+    """Robust z that no one of `count` normal values exceeds in 99 samples of 100; infinite for
+    fewer than 10.
 
     Hampel's identifier with a limit that grows with the sample (Davies & Gather 1993).
     """
@@ -66,7 +71,9 @@ def limit(count: int) -> float:
 
 
 def control(values: Array) -> Control:
-    """Centre line, limits and robust z of values [n] ≥ 1 of one quantity; outliers up to half of them move neither."""
+    """Centre line, limits and robust z of values [n] ≥ 1 of one quantity; outliers up to half of
+    them move neither.
+    """
     centre = float(np.median(values))
     distance = np.abs(values - centre)
     sigma = MAD_TO_SIGMA * float(np.median(distance))

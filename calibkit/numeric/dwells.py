@@ -37,7 +37,9 @@ class Dwells:
     standard_error: Array
     """[m, c], of the mean: from batch means where they scatter more than independent rows would."""
     drift: Array
-    """[m, c], mean of the second half minus mean of the first: a hold that creeps has many standard errors of it."""
+    """[m, c], mean of the second half minus mean of the first: a hold that creeps has many standard
+    errors of it.
+    """
 
 
 def still(
@@ -50,9 +52,10 @@ def still(
 ) -> Intervals:
     """Find the intervals in which a triad was held still.
 
-    The noise of a sample is the standard deviation of the window around it, the three axes together. A sample is still
-    where that is below `factor` times the noise at rest, which is the upper end of the quietest quarter of the log, so a
-    log has to be at rest for a quarter of its time or state the threshold.
+    The noise of a sample is the standard deviation of the window around it, the three axes
+    together. A sample is still where that is below `factor` times the noise at rest, which is the
+    upper end of the quietest quarter of the log, so a log has to be at rest for a quarter of its
+    time or state the threshold.
 
     Parameters
     ----------
@@ -69,7 +72,8 @@ def still(
 
     Returns
     -------
-    [m, 2], first row and the row after the last. Half a window at both ends of every hold is left out.
+    [m, 2], first row and the row after the last. Half a window at both ends of every hold is left
+    out.
 
     Raises
     ------
@@ -79,10 +83,13 @@ def still(
     """
     if window < 4 or len(indication) < 4 * window:
         raise FitError(
-            f"{len(indication)} rows for windows of {window}", hint="a window has 4 rows or more, a log four windows"
+            f"{len(indication)} rows for windows of {window}",
+            hint="a window has 4 rows or more, a log four windows",
         )
     if not spans.finite(indication):
-        raise FitError("a value that is not finite reached the search for dwells", hint="cut the log at gaps")
+        raise FitError(
+            "a value that is not finite reached the search for dwells", hint="cut the log at gaps"
+        )
     shortest = 2 * window if shortest is None else shortest
     middle = np.array([spans.median(axis) for axis in indication.T])
     windows = len(indication) - window + 1
@@ -92,9 +99,14 @@ def still(
         return windowed_noise(indication[first : stop + window - 1], window, middle)
 
     if threshold is None:
-        at_rest = spans.quantile_of(lambda: (noise(a, b) for a, b in spans.over(windows)), windows, AT_REST_SHARE)
-        # quantised indications can stand still to the last bit: the noise at rest is not below that of the last bit
-        limit = factor * max(at_rest, _resolution(indication, at_rest * np.sqrt(12.0)) / np.sqrt(12.0))
+        at_rest = spans.quantile_of(
+            lambda: (noise(a, b) for a, b in spans.over(windows)), windows, AT_REST_SHARE
+        )
+        # quantised indications can stand still to the last bit: the noise at rest is not below that
+        # of the last bit
+        limit = factor * max(
+            at_rest, _resolution(indication, at_rest * np.sqrt(12.0)) / np.sqrt(12.0)
+        )
     else:
         limit = threshold
     runs = spans.runs(windows, lambda a, b: noise(a, b) <= limit)
@@ -109,7 +121,8 @@ def still(
 
 
 def windowed_noise(indication: Array, window: int, middle: Array | None = None) -> Array:
-    """Standard deviation [n − window + 1] of sliding windows, the three axes of [n, 3] together (root sum of squares).
+    """Standard deviation [n − window + 1] of sliding windows, the three axes of [n, 3] together
+    (root sum of squares).
 
     `middle` [3] is a value within the indications of each axis, their median where it is not given.
     """
@@ -122,10 +135,11 @@ def windowed_noise(indication: Array, window: int, middle: Array | None = None) 
 
 
 def pieces(intervals: Intervals, rows: int) -> Intervals:
-    """Cut intervals [m, 2] into pieces of `rows` rows, for sweeps that hold one attitude while the temperature moves.
+    """Cut intervals [m, 2] into pieces of `rows` rows, for sweeps that hold one attitude while the
+    temperature moves.
 
-    What is left at the end of an interval makes a piece of its own when it has half of the rows or more, and is left
-    out otherwise.
+    What is left at the end of an interval makes a piece of its own when it has half of the rows or
+    more, and is left out otherwise.
     """
     cut = [
         (begin, min(begin + rows, stop))
@@ -140,14 +154,18 @@ def averages(columns: Array, intervals: Intervals) -> Dwells:
     """Means, noise and creep of columns [n, c] over intervals [m, 2] of at least two rows."""
     lengths = intervals[:, 1] - intervals[:, 0]
     if len(intervals) == 0 or lengths.min() < 2:
-        raise FitError("a dwell of fewer than two rows has no noise", hint="hold every position longer")
+        raise FitError(
+            "a dwell of fewer than two rows has no noise", hint="hold every position longer"
+        )
     found = [_averaged(columns[start:stop]) for start, stop in intervals.tolist()]
     mean, deviation, error, drift = (np.array(figures) for figures in zip(*found, strict=True))
     return Dwells(intervals, mean, deviation, error, drift)
 
 
 def _averaged(rows: Array) -> tuple[Array, Array, Array, Array]:
-    """Mean, standard deviation, standard error of the mean, and drift [c] of rows [k, c], a span of them at a time."""
+    """Mean, standard deviation, standard error of the mean, and drift [c] of rows [k, c], a span of
+    them at a time.
+    """
     count, width = rows.shape
     mean = np.sum([rows[a:b].sum(axis=0) for a, b in spans.along(rows)], axis=0) / count
     batch, half = count // BATCHES, count // 2
@@ -170,9 +188,11 @@ def _averaged(rows: Array) -> tuple[Array, Array, Array, Array]:
 
 
 def _resolution(indication: Array, enough: float) -> float:
-    """Smallest step between different indications [n, 3] of an axis, the last bit of quantised ones.
+    """Smallest step between different indications [n, 3] of an axis, the last bit of quantised
+    ones.
 
-    A step of at most `enough` is given for it as soon as one is found: those of noise are never gathered.
+    A step of at most `enough` is given for it as soon as one is found: those of noise are never
+    gathered.
     """
     smallest = np.inf
     for axis in indication.T:

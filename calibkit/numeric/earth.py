@@ -20,7 +20,9 @@ DPH_PER_DPS = 3600.0
 
 
 def vertical_rate(latitude_deg: ArrayLike) -> Array:
-    """Component of the earth's rate about the upward vertical [°/h]: ω_e sin α, positive in the north."""
+    """Component of the earth's rate about the upward vertical [°/h]: ω_e sin α, positive in the
+    north.
+    """
     return np.asarray(EARTH_RATE_DPH * np.sin(np.radians(latitude_deg)), dtype=np.float64)
 
 
@@ -35,27 +37,40 @@ def north_east_down(latitude_deg: ArrayLike) -> Array:
     return np.stack((north, np.zeros_like(north), -up), axis=-1)
 
 
-def along_axis(latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike = 0.0) -> Array:
-    """Earth's rate [°/h] along an axis at an elevation above the horizontal and an azimuth from north [°].
+def along_axis(
+    latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike = 0.0
+) -> Array:
+    """Earth's rate [°/h] along an axis at an elevation above the horizontal and an azimuth from
+    north [°].
 
     ω_e (sin α sin el + cos α cos el cos az): vertical_rate for an axis that points up.
     """
     el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
-    along = vertical_rate(latitude_deg) * np.sin(el) + horizontal_rate(latitude_deg) * np.cos(el) * np.cos(az)
+    along = vertical_rate(latitude_deg) * np.sin(el) + horizontal_rate(latitude_deg) * np.cos(
+        el
+    ) * np.cos(az)
     return np.asarray(along, dtype=np.float64)
 
 
-def along_axis_by_latitude(latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike = 0.0) -> Array:
-    """Derivative of `along_axis` by latitude [°/h/°]: ω_e (cos α sin el − sin α cos el cos az) π/180."""
+def along_axis_by_latitude(
+    latitude_deg: ArrayLike, elevation_deg: ArrayLike, azimuth_deg: ArrayLike = 0.0
+) -> Array:
+    """Derivative of `along_axis` by latitude [°/h/°]: ω_e (cos α sin el − sin α cos el cos az)
+    π/180.
+    """
     el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
     north, up = horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
-    return np.asarray(np.radians(north * np.sin(el) - up * np.cos(el) * np.cos(az)), dtype=np.float64)
+    return np.asarray(
+        np.radians(north * np.sin(el) - up * np.cos(el) * np.cos(az)), dtype=np.float64
+    )
 
 
 def two_position(up: ArrayLike, down: ArrayLike) -> tuple[Array, Array]:
-    """Vertical input rate and bias from means with the input axis up and down, in the unit of the means.
+    """Vertical input rate and bias from means with the input axis up and down, in the unit of the
+    means.
 
-    The half difference is the vertical component of the earth's rate, the half sum the bias (IEEE Std 952, bias tests).
+    The half difference is the vertical component of the earth's rate, the half sum the bias (IEEE
+    Std 952, bias tests).
     """
     above, below = np.asarray(up, dtype=np.float64), np.asarray(down, dtype=np.float64)
     return (above - below) / 2.0, (above + below) / 2.0

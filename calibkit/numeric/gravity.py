@@ -26,8 +26,9 @@ def local_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
 
     Notes
     -----
-    Somigliana (1929) with the WGS 84 constants and the free-air gradient: γ = γ_e (1 + k sin²φ)/√(1 − e² sin²φ)
-    − 3.086e-6 h. Local anomalies are of the order of 5e-4 m/s² (50 ppm): measure where that matters.
+    Somigliana (1929) with the WGS 84 constants and the free-air gradient: γ = γ_e (1 + k sin²φ)/√(1
+    − e² sin²φ) − 3.086e-6 h. Local anomalies are of the order of 5e-4 m/s² (50 ppm): measure where
+    that matters.
 
     """
     if not (math.isfinite(height_m) and -90.0 <= latitude_deg <= 90.0):
@@ -36,5 +37,7 @@ def local_gravity(latitude_deg: float, height_m: float = 0.0) -> float:
             hint="latitude_deg lies between -90 and 90, height_m is a number of metres",
         )
     square = math.sin(math.radians(latitude_deg)) ** 2
-    normal = EQUATOR_MPS2 * (1.0 + SOMIGLIANA * square) / math.sqrt(1.0 - ECCENTRICITY_SQUARED * square)
+    normal = (
+        EQUATOR_MPS2 * (1.0 + SOMIGLIANA * square) / math.sqrt(1.0 - ECCENTRICITY_SQUARED * square)
+    )
     return normal - FREE_AIR * height_m

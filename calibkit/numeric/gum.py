@@ -1,4 +1,6 @@
-"""Uncertainty after the GUM: combination, coverage, linear and Monte Carlo propagation, rounding."""
+"""Uncertainty after the GUM: combination, coverage, linear and Monte Carlo propagation,
+rounding.
+"""
 
 from __future__ import annotations
 
@@ -21,16 +23,22 @@ Distribution = Literal["normal", "t", "rectangular", "triangular", "arcsine"]
 Interval = Literal["shortest", "symmetric", "upper", "lower"]
 
 TWO_SIGMA = 0.9545
-"""Coverage probability of k = 2 for a normal distribution, which "approximately 95 %" stands for (EA-4/02)."""
+"""Coverage probability of k = 2 for a normal distribution, which "approximately 95 %" stands for
+(EA-4/02).
+"""
 FEW_DOF = 30.0
 """Effective degrees of freedom below which the coverage factor is Student's instead of 2."""
 HALF_WIDTH = {"rectangular": 3.0**0.5, "triangular": 6.0**0.5, "arcsine": 2.0**0.5}
-"""Half-widths in standard uncertainties of the distributions that have limits (JCGM 100 4.3.7 and 4.3.9)."""
+"""Half-widths in standard uncertainties of the distributions that have limits (JCGM 100 4.3.7 and
+4.3.9).
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Component:
-    """An input of a measurement: estimate and standard uncertainty in its own unit, sensitivity to the result's."""
+    """An input of a measurement: estimate and standard uncertainty in its own unit, sensitivity to
+    the result's.
+    """
 
     name: str
     estimate: float
@@ -44,13 +52,18 @@ class Component:
         numbers = (self.estimate, self.standard_uncertainty, self.sensitivity)
         if not np.isfinite(numbers).all() or self.standard_uncertainty < 0.0 or not self.dof > 0.0:
             raise FitError(
-                f"component '{self.name}': estimate {self.estimate!r}, sensitivity {self.sensitivity!r}, "
-                f"standard uncertainty {self.standard_uncertainty!r}, {self.dof!r} degrees of freedom",
-                hint="expected finite numbers, an uncertainty of at least 0 and more than 0 degrees of freedom",
+                f"component '{self.name}': estimate {self.estimate!r}, sensitivity"
+                f" {self.sensitivity!r}, standard uncertainty {self.standard_uncertainty!r},"
+                f" {self.dof!r} degrees of freedom",
+                hint=(
+                    "expected finite numbers, an uncertainty of at least 0 and more than 0 degrees"
+                    " of freedom"
+                ),
             )
         if self.distribution == "t" and not 2.0 < self.dof < np.inf:
             raise FitError(
-                f"component '{self.name}': a t distribution with {self.dof:g} degrees of freedom has no variance"
+                f"component '{self.name}': a t distribution with {self.dof:g} degrees of freedom"
+                " has no variance"
             )
 
 
@@ -67,7 +80,9 @@ class Expanded:
 
 @dataclass(frozen=True, slots=True)
 class Propagated:
-    """What a Monte Carlo propagation found: moments and a coverage interval, in the unit of the result."""
+    """What a Monte Carlo propagation found: moments and a coverage interval, in the unit of the
+    result.
+    """
 
     mean: float
     standard_uncertainty: float
@@ -78,41 +93,71 @@ class Propagated:
 
 
 def type_b(
-    name: str, estimate: float, half_width: float, distribution: Distribution, *, sensitivity: float = 1.0
+    name: str,
+    estimate: float,
+    half_width: float,
+    distribution: Distribution,
+    *,
+    sensitivity: float = 1.0,
 ) -> Component:
     """Component known by the limits estimate ± half_width alone: u = a/√3, a/√6 or a/√2.
 
     Raises FitError for a normal or t distribution, which has no limits.
     """
     if distribution not in HALF_WIDTH:
-        raise FitError(f"component '{name}': a {distribution} distribution has no limits", hint="state the uncertainty")
-    return Component(name, estimate, half_width / HALF_WIDTH[distribution], "B", sensitivity, distribution=distribution)
+        raise FitError(
+            f"component '{name}': a {distribution} distribution has no limits",
+            hint="state the uncertainty",
+        )
+    return Component(
+        name,
+        estimate,
+        half_width / HALF_WIDTH[distribution],
+        "B",
+        sensitivity,
+        distribution=distribution,
+    )
 
 
 def combine(
-    components: Sequence[Component], *, correlation: Array | None = None, probability: float = TWO_SIGMA
+    components: Sequence[Component],
+    *,
+    correlation: Array | None = None,
+    probability: float = TWO_SIGMA,
 ) -> Expanded:
     """Combine components into one standard uncertainty and expand it.
 
-    Each estimate times its sensitivity has the unit of the result; inputs are independent without a correlation [n, n].
-    Raises FitError for no components, a matrix that is none of correlations, less than one effective degree of freedom.
+    Each estimate times its sensitivity has the unit of the result; inputs are independent without a
+    correlation [n, n]. Raises FitError for no components, a matrix that is none of correlations,
+    less than one effective degree of freedom.
 
-    u_c² = Σ_i Σ_j c_i c_j u_i u_j r_ij (JCGM 100 eq. 16; eq. 10 when independent); effective degrees of freedom from
-    Welch and Satterthwaite (eq. G.2b). That formula wants independent contributions: inputs tied by a correlation enter
-    as one contribution with the fewest degrees of freedom among them, which never promises more than they hold.
+    u_c² = Σ_i Σ_j c_i c_j u_i u_j r_ij (JCGM 100 eq. 16; eq. 10 when independent); effective
+    degrees of freedom from Welch and Satterthwaite (eq. G.2b). That formula wants independent
+    contributions: inputs tied by a correlation enter as one contribution with the fewest degrees of
+    freedom among them, which never promises more than they hold.
     """
     if not components:
         raise FitError("no components to combine", hint="state at least one")
-    matrix = np.eye(len(components)) if correlation is None else _require_correlation(correlation, len(components))
+    matrix = (
+        np.eye(len(components))
+        if correlation is None
+        else _require_correlation(correlation, len(components))
+    )
     contributions = np.array([part.sensitivity * part.standard_uncertainty for part in components])
-    largest = float(np.max(np.abs(contributions))) or 1.0  # fourth powers of what is left neither over- nor underflow
+    largest = (
+        float(np.max(np.abs(contributions))) or 1.0
+    )  # fourth powers of what is left neither over- nor underflow
     pairwise = np.outer(contributions / largest, contributions / largest) * matrix
     variance = max(float(pairwise.sum()), 0.0)
-    dof = _welch_satterthwaite(variance, pairwise, _tied(matrix), np.array([part.dof for part in components]))
+    dof = _welch_satterthwaite(
+        variance, pairwise, _tied(matrix), np.array([part.dof for part in components])
+    )
     return expand(largest * float(np.sqrt(variance)), dof, probability=probability)
 
 
-def _welch_satterthwaite(variance: float, pairwise: Array, tied: NDArray[np.int64], dof: Array) -> float:
+def _welch_satterthwaite(
+    variance: float, pairwise: Array, tied: NDArray[np.int64], dof: Array
+) -> float:
     """ν_eff = u_c⁴ / Σ u_g⁴/ν_g over groups of tied inputs (JCGM 100 eq. G.2b)."""
     total = 0.0
     for group in np.unique(tied):
@@ -130,11 +175,15 @@ def _tied(correlation: Array) -> NDArray[np.int64]:
 
 
 def _require_correlation(correlation: Array, size: int) -> Array:
-    """The matrix itself when it is symmetric, of unit diagonal and positive semidefinite, or a refusal."""
+    """The matrix itself when it is symmetric, of unit diagonal and positive semidefinite, or a
+    refusal.
+    """
     ones = np.eye(size, dtype=bool)
     if (
         correlation.shape != (size, size)
-        or not np.allclose([correlation.T, correlation], np.where(ones, 1.0, correlation), rtol=0.0, atol=1e-12)
+        or not np.allclose(
+            [correlation.T, correlation], np.where(ones, 1.0, correlation), rtol=0.0, atol=1e-12
+        )
         or float(np.linalg.eigvalsh(correlation)[0]) < -1e-10 * size
     ):
         raise FitError(
@@ -144,46 +193,67 @@ def _require_correlation(correlation: Array, size: int) -> Array:
     return correlation
 
 
-def expand(standard_uncertainty: float, effective_dof: float, *, probability: float = TWO_SIGMA) -> Expanded:
+def expand(
+    standard_uncertainty: float, effective_dof: float, *, probability: float = TWO_SIGMA
+) -> Expanded:
     """Expanded uncertainty U = k u_c (JCGM 100 6.2.1) in the unit of the standard uncertainty.
 
     Raises FitError for less than one effective degree of freedom.
     """
     factor = coverage_factor(effective_dof, probability=probability)
-    return Expanded(standard_uncertainty, effective_dof, factor, factor * standard_uncertainty, probability)
+    return Expanded(
+        standard_uncertainty, effective_dof, factor, factor * standard_uncertainty, probability
+    )
 
 
 def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> float:
-    """Coverage factor: Student's quantile below 30 degrees of freedom, from there on 2 (for the default probability).
+    """Coverage factor: Student's quantile below 30 degrees of freedom, from there on 2 (for the
+    default probability).
 
-    Degrees of freedom are truncated to a whole number (JCGM 100 G.4.1, table G.2; EA-4/02 annex E), below one refused.
+    Degrees of freedom are truncated to a whole number (JCGM 100 G.4.1, table G.2; EA-4/02 annex E),
+    below one refused.
     """
     whole = np.floor(effective_dof + 1e-9)  # one less a rounding error is one
     if not whole >= 1.0:
-        raise FitError(f"{effective_dof:.2g} effective degrees of freedom", hint="repeat the measurement more often")
+        raise FitError(
+            f"{effective_dof:.2g} effective degrees of freedom",
+            hint="repeat the measurement more often",
+        )
     if not 0.0 < probability < 1.0:
-        raise FitError(f"coverage probability {probability!r}", hint="expected a number between 0 and 1")
+        raise FitError(
+            f"coverage probability {probability!r}", hint="expected a number between 0 and 1"
+        )
     if whole >= FEW_DOF and probability == TWO_SIGMA:
         return 2.0
-    from scipy.special import ndtri, stdtrit  # scipy.stats has the same quantiles and takes a second to import
+    from scipy.special import (  # scipy.stats has the same quantiles and takes a second to import
+        ndtri,
+        stdtrit,
+    )
 
     quantile = (1.0 + probability) / 2.0
     return float(ndtri(quantile) if np.isinf(effective_dof) else stdtrit(whole, quantile))
 
 
 def widening(effective_dof: float, *, probability: float = 0.95) -> float:
-    """What few degrees of freedom widen an uncertainty by: their coverage factor over that of a normal distribution.
+    """What few degrees of freedom widen an uncertainty by: their coverage factor over that of a
+    normal distribution.
 
     Raises FitError as `coverage_factor` does.
     """
-    return coverage_factor(effective_dof, probability=probability) / coverage_factor(np.inf, probability=probability)
+    return coverage_factor(effective_dof, probability=probability) / coverage_factor(
+        np.inf, probability=probability
+    )
 
 
-def expand_along(contributions: Array, dof: Array, *, probability: float = TWO_SIGMA) -> tuple[Array, Array, Array]:
-    """Combined standard uncertainty, effective degrees of freedom and expanded uncertainty [n each] of results along a log.
+def expand_along(
+    contributions: Array, dof: Array, *, probability: float = TWO_SIGMA
+) -> tuple[Array, Array, Array]:
+    """Combined standard uncertainty, effective degrees of freedom and expanded uncertainty [n each]
+    of results along a log.
 
-    Contributions [m, n] of m independent inputs, each its sensitivity times its standard uncertainty, with degrees of freedom
-    [m]: what `combine` does at one point. Raises FitError as `coverage_factor` does.
+    Contributions [m, n] of m independent inputs, each its sensitivity times its standard
+    uncertainty, with degrees of freedom [m]: what `combine` does at one point. Raises FitError as
+    `coverage_factor` does.
     """
     square = contributions**2
     combined = square.sum(axis=0)
@@ -191,10 +261,14 @@ def expand_along(contributions: Array, dof: Array, *, probability: float = TWO_S
     total = np.sum((square / largest) ** 2 / dof[:, None], axis=0)
     effective = np.divide(1.0, total, out=np.full(combined.size, np.inf), where=total > 0.0)
     whole = np.where(
-        effective >= FEW_DOF, np.inf if probability == TWO_SIGMA else effective, np.floor(effective + 1e-9)
+        effective >= FEW_DOF,
+        np.inf if probability == TWO_SIGMA else effective,
+        np.floor(effective + 1e-9),
     )
     kinds, number = np.unique(whole, return_inverse=True)
-    factors = np.array([coverage_factor(max(float(kind), 0.0), probability=probability) for kind in kinds])
+    factors = np.array(
+        [coverage_factor(max(float(kind), 0.0), probability=probability) for kind in kinds]
+    )
     if probability == TWO_SIGMA:
         factors = np.where(np.isinf(kinds), 2.0, factors)
     standard = np.sqrt(combined)
@@ -202,18 +276,25 @@ def expand_along(contributions: Array, dof: Array, *, probability: float = TWO_S
 
 
 def propagate(covariance: Array, jacobian: Array) -> Array:
-    """Covariance [m, m] of m results from the covariance [n, n] of n inputs: J C Jᵀ (JCGM 102 6.2.1.3), J [m, n]."""
+    """Covariance [m, m] of m results from the covariance [n, n] of n inputs: J C Jᵀ (JCGM 102
+    6.2.1.3), J [m, n].
+    """
     return np.asarray(jacobian @ covariance @ jacobian.T, dtype=np.float64)
 
 
 def along(covariance: Array, jacobian: Array) -> Array:
-    """Standard uncertainties [m] of results along a log: roots of the diagonal of J C Jᵀ without the m × m matrix."""
+    """Standard uncertainties [m] of results along a log: roots of the diagonal of J C Jᵀ without
+    the m × m matrix.
+    """
     variance = np.einsum("ij,ij->i", jacobian @ covariance, jacobian)
     return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
 
-def sensitivities(function: Callable[[Array], Array], estimate: Array, standard_uncertainty: Array) -> Array:
-    """Jacobian [m, n] of a function from inputs [n] to results [m] (or a number), by central differences of ± one u.
+def sensitivities(
+    function: Callable[[Array], Array], estimate: Array, standard_uncertainty: Array
+) -> Array:
+    """Jacobian [m, n] of a function from inputs [n] to results [m] (or a number), by central
+    differences of ± one u.
 
     JCGM 100 5.1.3 note 2. An input with u = 0 is stepped by a millionth of itself.
     """
@@ -229,37 +310,61 @@ def sensitivities(function: Callable[[Array], Array], estimate: Array, standard_
 
 
 def draws(components: Sequence[Component], generator: np.random.Generator, trials: int) -> Array:
-    """Random inputs [trials, n] from independent components, each with its distribution (JCGM 101 6.4).
+    """Random inputs [trials, n] from independent components, each with its distribution (JCGM 101
+    6.4).
 
-    Standard deviations are the components' standard uncertainties, but for "t": an average of few repetitions is drawn
-    from Student's distribution scaled by its standard uncertainty (6.4.9), √(ν/(ν − 2)) wider.
+    Standard deviations are the components' standard uncertainties, but for "t": an average of few
+    repetitions is drawn from Student's distribution scaled by its standard uncertainty (6.4.9),
+    √(ν/(ν − 2)) wider.
     """
     units = (part.standard_uncertainty * _unit(part, generator, trials) for part in components)
-    return np.stack([part.estimate + unit for part, unit in zip(components, units, strict=True)], axis=1)
+    return np.stack(
+        [part.estimate + unit for part, unit in zip(components, units, strict=True)], axis=1
+    )
 
 
 def _unit(component: Component, generator: np.random.Generator, trials: int) -> Array:
-    """Draws [trials] around 0 with the component's distribution in units of its standard uncertainty."""
+    """Draws [trials] around 0 with the component's distribution in units of its standard
+    uncertainty.
+    """
     if component.distribution == "normal":
         return generator.standard_normal(trials)
     if component.distribution == "t":
         return generator.standard_t(component.dof, trials)
     uniform = generator.uniform(-1.0, 1.0, (2, trials))
-    shapes = {"rectangular": uniform[0], "triangular": uniform.mean(axis=0), "arcsine": np.sin(np.pi * uniform[0])}
-    return np.asarray(shapes[component.distribution] * HALF_WIDTH[component.distribution], dtype=np.float64)
+    shapes = {
+        "rectangular": uniform[0],
+        "triangular": uniform.mean(axis=0),
+        "arcsine": np.sin(np.pi * uniform[0]),
+    }
+    return np.asarray(
+        shapes[component.distribution] * HALF_WIDTH[component.distribution], dtype=np.float64
+    )
 
 
-def normal_draws(estimate: Array, covariance: Array, generator: np.random.Generator, trials: int) -> Array:
-    """Random inputs [trials, n] from a multivariate normal distribution (JCGM 101 6.4.8), covariance [n, n]."""
+def normal_draws(
+    estimate: Array, covariance: Array, generator: np.random.Generator, trials: int
+) -> Array:
+    """Random inputs [trials, n] from a multivariate normal distribution (JCGM 101 6.4.8),
+    covariance [n, n].
+    """
     values, vectors = np.linalg.eigh(covariance)
     if float(values[0]) < -1e-10 * max(float(values[-1]), 0.0):
-        raise FitError("a covariance that is not positive semidefinite", hint="check the correlations")
+        raise FitError(
+            "a covariance that is not positive semidefinite", hint="check the correlations"
+        )
     root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(estimate + generator.standard_normal((trials, estimate.size)) @ root.T, dtype=np.float64)
+    return np.asarray(
+        estimate + generator.standard_normal((trials, estimate.size)) @ root.T, dtype=np.float64
+    )
 
 
 def monte_carlo(
-    function: Callable[[Array], Array], inputs: Array, *, probability: float = 0.95, interval: Interval = "shortest"
+    function: Callable[[Array], Array],
+    inputs: Array,
+    *,
+    probability: float = 0.95,
+    interval: Interval = "shortest",
 ) -> Propagated:
     """Propagate distributions through a function (JCGM 101 section 7).
 
@@ -267,27 +372,38 @@ def monte_carlo(
     ----------
     function : takes inputs [trials, n], returns results [trials].
     inputs : [trials, n] from `draws` or `normal_draws`.
-    interval : "shortest" (5.3.4), "symmetric" in probability (5.3.3), or one-sided for a quantity at the edge of its
+    interval : "shortest" (5.3.4), "symmetric" in probability (5.3.3), or one-sided for a quantity
+        at the edge of its
         range: "upper" bounds the result from above, "lower" from below.
 
     Raises
     ------
-    FitError : a result that is not finite, or fewer than 100/(1 − probability) trials (7.2.2 asks for 10⁴/(1 − p)).
+    FitError : a result that is not finite, or fewer than 100/(1 − probability) trials (7.2.2 asks
+        for 10⁴/(1 − p)).
     """
     results = np.sort(np.asarray(function(inputs), dtype=np.float64).ravel())
     trials = int(inputs.shape[0])
     if results.size != trials or not np.isfinite(results).all():
         raise FitError(
-            f"{results.size} results of {trials} trials, or some not finite", hint="expected a finite one each"
+            f"{results.size} results of {trials} trials, or some not finite",
+            hint="expected a finite one each",
         )
     if trials * (1.0 - probability) < 100.0:
-        raise FitError(f"{trials} trials for a coverage probability of {probability:g}", hint="draw more")
+        raise FitError(
+            f"{trials} trials for a coverage probability of {probability:g}", hint="draw more"
+        )
     low, high = coverage_interval(results, probability, interval)
-    return Propagated(float(results.mean()), float(results.std(ddof=1)), low, high, probability, trials)
+    return Propagated(
+        float(results.mean()), float(results.std(ddof=1)), low, high, probability, trials
+    )
 
 
-def coverage_interval(ordered: Array, probability: float, interval: Interval) -> tuple[float, float]:
-    """Coverage interval from results in ascending order [trials] (JCGM 101 7.7), infinite where it has no bound."""
+def coverage_interval(
+    ordered: Array, probability: float, interval: Interval
+) -> tuple[float, float]:
+    """Coverage interval from results in ascending order [trials] (JCGM 101 7.7), infinite where it
+    has no bound.
+    """
     trials = ordered.size
     inside = min(int(probability * trials + 0.5), trials - 1)
     match interval:
@@ -303,15 +419,21 @@ def coverage_interval(ordered: Array, probability: float, interval: Interval) ->
 
 
 def rounded(value: float, uncertainty: float, *, digits: int = 2) -> tuple[str, str]:
-    """Value and uncertainty as a certificate prints them (JCGM 100 7.2.6): 0.0996 becomes 0.10, the value follows.
+    """Value and uncertainty as a certificate prints them (JCGM 100 7.2.6): 0.0996 becomes 0.10, the
+    value follows.
 
-    The uncertainty is rounded half up to the given significant digits, once, from its shortest decimal form, the value
-    to the same decimal place. Raises FitError for an uncertainty not finite and positive, or a value not finite.
+    The uncertainty is rounded half up to the given significant digits, once, from its shortest
+    decimal form, the value to the same decimal place. Raises FitError for an uncertainty not finite
+    and positive, or a value not finite.
     """
     if not (np.isfinite([value, uncertainty]).all() and uncertainty > 0.0):
-        raise FitError(f"cannot round {value!r} ± {uncertainty!r}", hint="expected a finite value and uncertainty > 0")
+        raise FitError(
+            f"cannot round {value!r} ± {uncertainty!r}",
+            hint="expected a finite value and uncertainty > 0",
+        )
     exact = Decimal(repr(float(uncertainty)))
-    # rounding can carry into a new leading digit, 0.0996 to 0.100, which would print a digit too many
+    # rounding can carry into a new leading digit, 0.0996 to 0.100, which would print a digit too
+    # many
     place = _at_place(exact, exact.adjusted() - digits + 1).adjusted() - digits + 1
     shown = _at_place(Decimal(repr(float(value))), place)
     return f"{abs(shown) if shown == 0 else shown:f}", f"{_at_place(exact, place):f}"
@@ -319,4 +441,6 @@ def rounded(value: float, uncertainty: float, *, digits: int = 2) -> tuple[str, 
 
 def _at_place(number: Decimal, place: int) -> Decimal:
     """Number rounded half up (away from zero) to the decimal place 10^place."""
-    return number.quantize(Decimal(1).scaleb(place), rounding=ROUND_HALF_UP, context=Context(prec=700))
+    return number.quantize(
+        Decimal(1).scaleb(place), rounding=ROUND_HALF_UP, context=Context(prec=700)
+    )

@@ -21,9 +21,11 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Intervals:
-    """Those intervals of a log of `rows` samples that hold one: their numbers [m], first samples [m] and counts [m].
+    """Those intervals of a log of `rows` samples that hold one: their numbers [m], first samples
+    [m] and counts [m].
 
-    The log begins at `begin` [s]; `length_s` is what an interval lasts [s], `step_s` the usual sampling interval [s].
+    The log begins at `begin` [s]; `length_s` is what an interval lasts [s], `step_s` the usual
+    sampling interval [s].
     """
 
     number: Index
@@ -48,7 +50,9 @@ class Intervals:
         """Consecutive intervals whose rows make up a span, and these rows."""
         cuts = np.unique(np.searchsorted(self.first, [*range(0, self.rows, spans.ROWS), self.rows]))
         rows = np.append(self.first, self.rows)[cuts].tolist()
-        for a, b, start, stop in zip(cuts[:-1].tolist(), cuts[1:].tolist(), rows[:-1], rows[1:], strict=True):
+        for a, b, start, stop in zip(
+            cuts[:-1].tolist(), cuts[1:].tolist(), rows[:-1], rows[1:], strict=True
+        ):
             yield slice(a, b), slice(start, stop)
 
     def means(self, values: Array) -> Array:
@@ -60,13 +64,17 @@ class Intervals:
         return means / self.count
 
     def means_of_parts(self, parts: Iterable[Array]) -> Array:
-        """Mean [m] over each interval of values [rows] that come in consecutive parts: that of `means` of all of them."""
+        """Mean [m] over each interval of values [rows] that come in consecutive parts: that of
+        `means` of all of them.
+        """
         sums, ends = np.empty(self.first.size), np.append(self.first[1:], self.rows)
         together = max(1, spans.ROWS * sums.size // self.rows)
         row = done = 0
         begun: list[Array] = []
         for part in parts:
-            if begun and ends[done] <= row + part.size:  # an interval that began in a part before ends in this one
+            if (
+                begun and ends[done] <= row + part.size
+            ):  # an interval that began in a part before ends in this one
                 whole = np.concatenate([*begun, part[: ends[done] - row]])
                 sums[done], begun, done = np.add.reduceat(whole, [0])[0], [], done + 1
             last = int(np.searchsorted(ends, row + part.size, side="right"))
@@ -90,16 +98,24 @@ class Intervals:
         return ends
 
     def filled(self, means: Array) -> Array:
-        """Values of all intervals from those [m] of the ones that hold samples: straight lines across the empty and cut short."""
+        """Values of all intervals from those [m] of the ones that hold samples: straight lines
+        across the empty and cut short.
+        """
         if self.whole:
             return means
-        return np.interp(np.arange(self.number[-1] + 1), self.number[self.enough], means[self.enough])
+        return np.interp(
+            np.arange(self.number[-1] + 1), self.number[self.enough], means[self.enough]
+        )
 
     def centres(self, means: Array) -> Array:
-        """Centres [s] of all intervals from the mean times [m, s]; that of an interval that is cut short is still its centre."""
+        """Centres [s] of all intervals from the mean times [m, s]; that of an interval that is cut
+        short is still its centre.
+        """
         if self.whole:
             return means
-        return np.asarray(self.begin + (np.arange(self.number[-1] + 1) + 0.5) * self.length_s - 0.5 * self.step_s)
+        return np.asarray(
+            self.begin + (np.arange(self.number[-1] + 1) + 0.5) * self.length_s - 0.5 * self.step_s
+        )
 
     def of_row(self, row: int) -> int:
         """Number of the interval that a row falls in."""
@@ -109,14 +125,17 @@ class Intervals:
 def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
     """Intervals of a log from its time [n, s]; half a sample of jitter moves nothing.
 
-    `step_s` is the log's sampling interval, where it is known already. Raises FitError when the log is sampled more
-    slowly than the interval, because coefficients are per interval.
+    `step_s` is the log's sampling interval, where it is known already. Raises FitError when the log
+    is sampled more slowly than the interval, because coefficients are per interval.
     """
     step = sampling_interval(time) if step_s is None else step_s
     if step > length_s * 1.01:
         raise FitError(
             f"sampled every {step:g} s, the model interval is {length_s:g} s",
-            hint="the coefficients are per interval: use a log that is sampled at least that fast, or fit with that interval",
+            hint=(
+                "the coefficients are per interval: use a log that is sampled at least that fast,"
+                " or fit with that interval"
+            ),
         )
     first: list[Index] = []
     number: list[Index] = []
@@ -129,12 +148,16 @@ def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
         last = float(found[-1])
     begins = np.concatenate(first)
     count = np.diff(np.append(begins, time.size))
-    return Intervals(np.concatenate(number), begins, count, time.size, float(time[0]), length_s, step)
+    return Intervals(
+        np.concatenate(number), begins, count, time.size, float(time[0]), length_s, step
+    )
 
 
 @dataclass(frozen=True, slots=True)
 class Steps:
-    """Shortest, longest and median step [s] of a log's time; not a number where it has less than two rows."""
+    """Shortest, longest and median step [s] of a log's time; not a number where it has less than
+    two rows.
+    """
 
     shortest: float
     longest: float
@@ -154,7 +177,11 @@ def steps(time: Array) -> Steps:
         return Steps(*(float("nan"),) * 3)
     low, high = np.array(ends).T
     bracket = spans.likely(np.concatenate(sample)) if time.size > spans.KEPT else None
-    return Steps(float(low.min()), float(high.max()), spans.middle(lambda: _steps(time), time.size - 1, bracket))
+    return Steps(
+        float(low.min()),
+        float(high.max()),
+        spans.middle(lambda: _steps(time), time.size - 1, bracket),
+    )
 
 
 def _steps(time: Array) -> Iterator[Array]:
@@ -168,7 +195,9 @@ def sampling_interval(time: Array) -> float:
 
 
 def numbers(time: Array, begin: float, length_s: float, step_s: float) -> Index:
-    """Number [n] of the interval that each instant [n, s] falls in, of a log that begins then and is sampled so often."""
+    """Number [n] of the interval that each instant [n, s] falls in, of a log that begins then and
+    is sampled so often.
+    """
     return _numbers(time, begin, length_s, step_s).astype(np.int64)
 
 

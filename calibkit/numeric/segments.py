@@ -22,18 +22,26 @@ if TYPE_CHECKING:
 
 
 COARSE_DEGC_MIN = 0.3
-"""Rate [°C/min] that one step of a thermometer within the window may amount to: what tells a ramp from a soak."""
+"""Rate [°C/min] that one step of a thermometer within the window may amount to: what tells a ramp
+from a soak.
+"""
 FINEST_DEGC_MIN = 0.1
 """Rate [°C/min] that one step of a coarse thermometer amounts to in the longest window."""
 MOVED = 4.0
-"""Steps of a coarse thermometer that a window must hold: the slope of a staircase of so many is right within 5 %."""
+"""Steps of a coarse thermometer that a window must hold: the slope of a staircase of so many is
+right within 5 %.
+"""
 UNSEEN_STEPS = 2.0
-"""Steps that cannot pass unseen since the last change of a reading, noise about the next one included."""
+"""Steps that cannot pass unseen since the last change of a reading, noise about the next one
+included.
+"""
 
 
 @dataclass(frozen=True, slots=True)
 class Segment:
-    """A held condition: rows start … stop − 1, its kind and its measured temperature rate [°C/min]."""
+    """A held condition: rows start … stop − 1, its kind and its measured temperature rate
+    [°C/min].
+    """
 
     kind: Literal["soak", "ramp"]
     start: int
@@ -41,23 +49,31 @@ class Segment:
     rate: float
 
 
-def causal_slope(time: Array, temperature: Array, window_s: float, *, room: Room = np.empty) -> Array:
-    """Slope [°C/min] of temperature [n, °C] over time [n, s] by least squares over the window that ends at each sample.
+def causal_slope(
+    time: Array, temperature: Array, window_s: float, *, room: Room = np.empty
+) -> Array:
+    """Slope [°C/min] of temperature [n, °C] over time [n, s] by least squares over the window that
+    ends at each sample.
 
-    Only samples at or before an instant enter its slope; where less than half a window has passed, the slope is 0.
-    A window of tens of seconds keeps the steps of a quantised thermometer out of the rate. `room` makes the array of a result.
+    Only samples at or before an instant enter its slope; where less than half a window has passed,
+    the slope is 0. A window of tens of seconds keeps the steps of a quantised thermometer out of
+    the rate. `room` makes the array of a result.
     """
     slope = room(time.size)
     row = 0
     for start, stop in spans.along(time, temperature, slope):
         # windows end in this span and begin in it or before it
-        row += int(np.searchsorted(time[row:stop], time[start] - window_s * (1.0 + 1e-9), side="left"))
+        row += int(
+            np.searchsorted(time[row:stop], time[start] - window_s * (1.0 + 1e-9), side="left")
+        )
         slope[start:stop] = _slopes(time[row:stop], temperature[row:stop], window_s, start - row)
     return slope
 
 
 def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
-    """Slopes [°C/min] at the samples behind the first `skipped` ones of a stretch [n] that holds all their windows."""
+    """Slopes [°C/min] at the samples behind the first `skipped` ones of a stretch [n] that holds
+    all their windows.
+    """
     library = kernels()
     if library is not None:
         time, temperature = (np.ascontiguousarray(x, dtype=np.float64) for x in (time, temperature))
@@ -75,7 +91,11 @@ def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped:
     t = (time - time[time.size // 2]) / 60.0
     v = temperature - temperature[temperature.size // 2]
     last = np.arange(skipped + 1, time.size + 1)
-    count = float(last[0] - first.start) if isinstance(first, slice) else (last - first).astype(np.float64)
+    count = (
+        float(last[0] - first.start)
+        if isinstance(first, slice)
+        else (last - first).astype(np.float64)
+    )
     st, sv, stt, stv = (_window_sums(x, first, skipped) for x in (t, v, t * t, t * v))
     spread = count * stt - st * st
     started = (count >= 3) & (ends - time[first] >= window_s / 2.0) & (spread > 0.0)
@@ -84,11 +104,13 @@ def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped:
 
 
 def _first_in_window(time: Array, begins: Array, skipped: int) -> Rows | slice:
-    """First sample of a stretch [n] at or after each instant [m], that of sample skipped + k being the k-th.
+    """First sample of a stretch [n] at or after each instant [m], that of sample skipped + k being
+    the k-th.
 
     They are a slice where the clock is so steady that they follow each other.
     """
-    # samples of a steady clock lie equally many rows behind: a guess that is tested costs less than a search
+    # samples of a steady clock lie equally many rows behind: a guess that is tested costs less than
+    # a search
     behind = skipped + begins.size - 1 - int(np.searchsorted(time, begins[-1], side="left"))
     steady = slice(skipped - behind, skipped - behind + begins.size)
     if steady.start > 0 and bool(
@@ -103,7 +125,8 @@ def _first_in_window(time: Array, begins: Array, skipped: int) -> Rows | slice:
 
 
 def quantum(temperature: Array, *, enough: float = 0.0) -> float:
-    """Step [°C] in which a thermometer reads [n, °C]: the smallest difference of two readings; 0 where all are alike.
+    """Step [°C] in which a thermometer reads [n, °C]: the smallest difference of two readings; 0
+    where all are alike.
 
     A difference of at most `enough` [°C] is given for it as soon as one is found.
     """
@@ -120,16 +143,25 @@ def quantum(temperature: Array, *, enough: float = 0.0) -> float:
 
 
 def coarse(temperature: Array, window_s: float) -> bool:
-    """Whether a thermometer's steps show in slopes over a window: one of them is more than COARSE_DEGC_MIN."""
-    return quantum(temperature, enough=COARSE_DEGC_MIN * window_s / 60.0) * 60.0 / window_s > COARSE_DEGC_MIN
+    """Whether a thermometer's steps show in slopes over a window: one of them is more than
+    COARSE_DEGC_MIN.
+    """
+    return (
+        quantum(temperature, enough=COARSE_DEGC_MIN * window_s / 60.0) * 60.0 / window_s
+        > COARSE_DEGC_MIN
+    )
 
 
-def measured_slope(time: Array, temperature: Array, window_s: float, *, room: Room = np.empty) -> Array:
-    """Slope [n, °C/min] of a thermometer's readings [n, °C]: `causal_slope`, over longer windows where the steps are coarse.
+def measured_slope(
+    time: Array, temperature: Array, window_s: float, *, room: Room = np.empty
+) -> Array:
+    """Slope [n, °C/min] of a thermometer's readings [n, °C]: `causal_slope`, over longer windows
+    where the steps are coarse.
 
-    Of windows of window_s and its doubles the first is taken in which the reading moved by MOVED steps, at most one in which a
-    step is FINEST_DEGC_MIN. A reading that has stood still for so long that the slope would have made
-    UNSEEN_STEPS steps of it has come to rest: its slope is 0. Only samples at or before an instant enter.
+    Of windows of window_s and its doubles the first is taken in which the reading moved by MOVED
+    steps, at most one in which a step is FINEST_DEGC_MIN. A reading that has stood still for so
+    long that the slope would have made UNSEEN_STEPS steps of it has come to rest: its slope is 0.
+    Only samples at or before an instant enter.
     """
     if not coarse(temperature, window_s):
         return causal_slope(time, temperature, window_s, room=room)
@@ -140,10 +172,18 @@ def measured_slope(time: Array, temperature: Array, window_s: float, *, room: Ro
     slope = room(time.size)
     row, changed = 0, float(time[0])
     for start, stop in spans.along(time, temperature, slope):
-        row += int(np.searchsorted(time[row:stop], time[start] - windows[-1] * (1.0 + 1e-9), side="left"))
+        row += int(
+            np.searchsorted(time[row:stop], time[start] - windows[-1] * (1.0 + 1e-9), side="left")
+        )
         seen = time[row:stop], temperature[row:stop]
         part = _coarse_slopes(*seen, windows, step, start - row)
-        other = np.diff(temperature[max(start - 1, 0) : stop], prepend=temperature[start] if start == 0 else []) != 0.0
+        other = (
+            np.diff(
+                temperature[max(start - 1, 0) : stop],
+                prepend=temperature[start] if start == 0 else [],
+            )
+            != 0.0
+        )
         since = np.maximum.accumulate(np.where(other, time[start:stop], changed))
         changed = float(since[-1])
         unseen = np.abs(part) * (time[start:stop] - since) > UNSEEN_STEPS * step * 60.0
@@ -151,8 +191,12 @@ def measured_slope(time: Array, temperature: Array, window_s: float, *, room: Ro
     return slope
 
 
-def _coarse_slopes(time: Array, temperature: Array, windows: Sequence[float], step: float, skipped: int) -> Array:
-    """Slopes at the samples behind the first `skipped` of a stretch, each over the first window in which the reading moved."""
+def _coarse_slopes(
+    time: Array, temperature: Array, windows: Sequence[float], step: float, skipped: int
+) -> Array:
+    """Slopes at the samples behind the first `skipped` of a stretch, each over the first window in
+    which the reading moved.
+    """
     slope = np.zeros(time.size - skipped)
     unsettled = np.ones(slope.size, dtype=bool)
     for window in windows:
@@ -166,18 +210,23 @@ def _coarse_slopes(time: Array, temperature: Array, windows: Sequence[float], st
 
 
 def _window_sums(x: Array, first: Rows | slice, skipped: int) -> Array:
-    """Sums of x [n] over the rows from `first` [m] to sample skipped + k, the k-th window's last."""
+    """Sums of x [n] over the rows from `first` [m] to sample skipped + k, the k-th window's
+    last.
+    """
     total = np.empty(x.size + 1)
     total[0] = 0.0
     np.cumsum(x, out=total[1:])
     return np.asarray(total[skipped + 1 :] - total[first], dtype=np.float64)
 
 
-def segments(slope: Array, temperature: Array, *, ramp_min: float, min_span: float, merge: int) -> list[Segment]:
+def segments(
+    slope: Array, temperature: Array, *, ramp_min: float, min_span: float, merge: int
+) -> list[Segment]:
     """Cut a log [n] into ramps and soaks.
 
-    A ramp is a run of rows whose slope [°C/min] keeps one sign at or above ramp_min and whose temperature spans at
-    least min_span [°C]; two such runs of one sign that are at most `merge` rows apart are one. All else is soak.
+    A ramp is a run of rows whose slope [°C/min] keeps one sign at or above ramp_min and whose
+    temperature spans at least min_span [°C]; two such runs of one sign that are at most `merge`
+    rows apart are one. All else is soak.
     """
     runs = _merged(_runs(slope, ramp_min), merge)
     ramps = [
@@ -188,20 +237,28 @@ def segments(slope: Array, temperature: Array, *, ramp_min: float, min_span: flo
     return _with_soaks(ramps, slope)
 
 
-def pinned(time: Array, temperature: Array, slope: Array, ramps: list[tuple[int, int]]) -> list[Segment]:
-    """Segments of a log [n] whose ramps are known as first row and row after the last; all else is soak.
+def pinned(
+    time: Array, temperature: Array, slope: Array, ramps: list[tuple[int, int]]
+) -> list[Segment]:
+    """Segments of a log [n] whose ramps are known as first row and row after the last; all else is
+    soak.
 
-    The rate of a ramp is the slope [°C/min] of the straight line through its temperatures [°C] over time [s].
+    The rate of a ramp is the slope [°C/min] of the straight line through its temperatures [°C] over
+    time [s].
     """
     moving = []
     for start, stop in ramps:
-        moving.append(Segment("ramp", start, stop, _straight(time[start:stop], temperature[start:stop])))
+        moving.append(
+            Segment("ramp", start, stop, _straight(time[start:stop], temperature[start:stop]))
+        )
     return _with_soaks(moving, slope)
 
 
 def _straight(time: Array, temperature: Array) -> float:
     """Slope [°C/min] of the least-squares line through temperatures [n, °C] over time [n, s]."""
-    middle, level = (float(sum(np.sum(x[a:b]) for a, b in spans.along(x))) / x.size for x in (time, temperature))
+    middle, level = (
+        float(sum(np.sum(x[a:b]) for a, b in spans.along(x))) / x.size for x in (time, temperature)
+    )
     above = product = 0.0
     for a, b in spans.along(time, temperature):
         t = time[a:b] - middle
@@ -210,7 +267,9 @@ def _straight(time: Array, temperature: Array) -> float:
 
 
 def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
-    """Start, stop and direction of each run of slopes [n] that keep one sign at or above ramp_min, or stay below it."""
+    """Start, stop and direction of each run of slopes [n] that keep one sign at or above ramp_min,
+    or stay below it.
+    """
     bounds: list[int] = []
     directions: list[float] = []
     for start, stop in spans.along(slope):
@@ -220,11 +279,16 @@ def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
         edges = spans.changes(sign, directions[-1] if directions else 2.0)
         bounds += (edges + start).tolist()
         directions += sign[edges].astype(np.float64).tolist()
-    return [(start, stop, way) for (start, stop), way in zip(pairwise([*bounds, slope.size]), directions, strict=True)]
+    return [
+        (start, stop, way)
+        for (start, stop), way in zip(pairwise([*bounds, slope.size]), directions, strict=True)
+    ]
 
 
 def _merged(runs: list[tuple[int, int, float]], merge: int) -> list[tuple[int, int, float]]:
-    """Runs in motion, two of one direction joined where at most `merge` rows of standstill part them."""
+    """Runs in motion, two of one direction joined where at most `merge` rows of standstill part
+    them.
+    """
     joined: list[tuple[int, int, float]] = []
     for start, stop, direction in runs:
         if direction == 0.0:

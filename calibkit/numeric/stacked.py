@@ -1,9 +1,11 @@
-"""The same small linear fit of many units at once: their moments and their solutions in stacks, instead of a loop.
+"""The same small linear fit of many units at once: their moments and their solutions in stacks,
+instead of a loop.
 
-A loop over a thousand units of some hundred rows spends its time on calls, not on numbers. Here units go in groups that stay in
-the cache through one product each for their moments, about a first solution, and through stacked solutions. A unit whose rows
-normal equations would not serve is fitted alone, as `fit.linear` does, and one that cannot be fitted is named with the reason
-while the others are.
+A loop over a thousand units of some hundred rows spends its time on calls, not on numbers. Here
+units go in groups that stay in the cache through one product each for their moments, about a first
+solution, and through stacked solutions. A unit whose rows normal equations would not serve is
+fitted alone, as `fit.linear` does, and one that cannot be fitted is named with the reason while the
+others are.
 """
 
 from __future__ import annotations
@@ -15,8 +17,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import fit as least_squares
-from calibkit.numeric import gram
+from calibkit.numeric.least_squares import fit as least_squares
+from calibkit.numeric.least_squares import gram
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -27,7 +29,9 @@ if TYPE_CHECKING:
 
 
 GROUP_VALUES = 1 << 17
-"""Numbers in the designs of the units that are worked on at once: a mebibyte, which stays in a second-level cache."""
+"""Numbers in the designs of the units that are worked on at once: a mebibyte, which stays in a
+second-level cache.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -48,7 +52,9 @@ class Stack:
     """Units that could not be fitted, by index, each with the reason."""
 
 
-def linear(design: Array, indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()) -> Stack:
+def linear(
+    design: Array, indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()
+) -> Stack:
     """Fit indication = design · coefficients of every unit.
 
     Parameters
@@ -58,14 +64,16 @@ def linear(design: Array, indication: Array, *, weights: Array | None = None, na
     indication
         [u, n].
     weights
-        [u, n], proportional to 1/variance of each row; 0 for a row that a unit does not have; equal when absent.
+        [u, n], proportional to 1/variance of each row; 0 for a row that a unit does not have; equal
+        when absent.
     names
         [p], what a reason calls the coefficients that a unit's rows cannot determine.
 
     Raises
     ------
     FitError
-        For arrays whose shapes do not belong together. A unit that cannot be fitted is in `faults` instead.
+        For arrays whose shapes do not belong together. A unit that cannot be fitted is in `faults`
+        instead.
 
     """
     if (
@@ -73,14 +81,20 @@ def linear(design: Array, indication: Array, *, weights: Array | None = None, na
         or design.shape[:2] != indication.shape
         or (weights is not None and weights.shape != indication.shape)
     ):
-        raise FitError(f"designs of shape {design.shape} do not belong to indications of shape {indication.shape}")
-    return _fitted(lambda units: design[units].transpose(0, 2, 1), design.shape[2], indication, weights, names)
+        raise FitError(
+            f"designs of shape {design.shape} do not belong to indications of shape"
+            f" {indication.shape}"
+        )
+    return _fitted(
+        lambda units: design[units].transpose(0, 2, 1), design.shape[2], indication, weights, names
+    )
 
 
 def polynomial(
     abscissa: Array, indication: Array, order: int, *, weights: Array | None = None
 ) -> tuple[Stack, Array, Array]:
-    """Fit a polynomial to every unit, each on its own abscissa mapped to [−1, 1], and report it in raw powers too.
+    """Fit a polynomial to every unit, each on its own abscissa mapped to [−1, 1], and report it in
+    raw powers too.
 
     Parameters
     ----------
@@ -95,8 +109,8 @@ def polynomial(
 
     Returns
     -------
-    The fits in mapped powers, the raw coefficients [u, order + 1] (ascending powers of the abscissa in its own unit) and
-    their covariance [u, order + 1, order + 1].
+    The fits in mapped powers, the raw coefficients [u, order + 1] (ascending powers of the abscissa
+    in its own unit) and their covariance [u, order + 1, order + 1].
 
     Raises
     ------
@@ -105,7 +119,10 @@ def polynomial(
 
     """
     if abscissa.shape not in (indication.shape, indication.shape[1:]):
-        raise FitError(f"abscissas of shape {abscissa.shape} do not belong to indications of shape {indication.shape}")
+        raise FitError(
+            f"abscissas of shape {abscissa.shape} do not belong to indications of shape"
+            f" {indication.shape}"
+        )
     abscissa = np.broadcast_to(abscissa, indication.shape)
     low, high = abscissa.min(axis=1), abscissa.max(axis=1)
     middle, half = (low + high) / 2.0, (high - low) / 2.0
@@ -124,7 +141,11 @@ def polynomial(
     to_raw = _raw_powers(middle, half, order)
     raw = np.einsum("ujk,uk->uj", to_raw, found.coefficients.astype(np.longdouble))
     matrix = np.asarray(to_raw, dtype=np.float64)
-    return found, np.asarray(raw, dtype=np.float64), matrix @ found.covariance @ matrix.transpose(0, 2, 1)
+    return (
+        found,
+        np.asarray(raw, dtype=np.float64),
+        matrix @ found.covariance @ matrix.transpose(0, 2, 1),
+    )
 
 
 def _raw_powers(middle: Array, half: Array, order: int) -> NDArray[np.longdouble]:
@@ -139,14 +160,24 @@ def _raw_powers(middle: Array, half: Array, order: int) -> NDArray[np.longdouble
 
 
 def _fitted(
-    rows: Callable[[slice], Array], count: int, indication: Array, weights: Array | None, names: Sequence[str]
+    rows: Callable[[slice], Array],
+    count: int,
+    indication: Array,
+    weights: Array | None,
+    names: Sequence[str],
 ) -> Stack:
-    """Fit groups of units that stay in the cache; `rows` gives the columns of a group's units as rows [m, p, n]."""
+    """Fit groups of units that stay in the cache; `rows` gives the columns of a group's units as
+    rows [m, p, n].
+    """
     units, n = indication.shape
     stack = Stack(
         np.full((units, count), np.nan),
         np.full((units, count, count), np.nan),
-        np.full(units, n - count) if weights is None else np.count_nonzero(weights > 0.0, axis=1) - count,
+        (
+            np.full(units, n - count)
+            if weights is None
+            else np.count_nonzero(weights > 0.0, axis=1) - count
+        ),
         np.full(units, np.nan),
         np.full(units, np.nan),
         (),
@@ -155,7 +186,11 @@ def _fitted(
     for part in gram.blocks(units, max(GROUP_VALUES // max(count * n, 1), 1)):
         basis = rows(part)
         weight = None if weights is None else weights[part]
-        sound = _solve(basis, indication[part], weight, stack, part) if n > count else np.zeros(len(basis), np.bool_)
+        sound = (
+            _solve(basis, indication[part], weight, stack, part)
+            if n > count
+            else np.zeros(len(basis), np.bool_)
+        )
         for k in np.flatnonzero(~sound):
             reason = _alone(
                 basis[k].T,
@@ -167,11 +202,22 @@ def _fitted(
             )
             if reason:
                 faults.append((part.start + int(k), reason))
-    return Stack(stack.coefficients, stack.covariance, stack.dof, stack.residual_rms, stack.condition, tuple(faults))
+    return Stack(
+        stack.coefficients,
+        stack.covariance,
+        stack.dof,
+        stack.residual_rms,
+        stack.condition,
+        tuple(faults),
+    )
 
 
-def _solve(basis: Array, target: Array, weight: Array | None, stack: Stack, part: slice) -> NDArray[np.bool_]:
-    """Put the fits of a group into the stack; which of its units [m] normal equations serve, as in `gram.solve`."""
+def _solve(
+    basis: Array, target: Array, weight: Array | None, stack: Stack, part: slice
+) -> NDArray[np.bool_]:
+    """Put the fits of a group into the stack; which of its units [m] normal equations serve, as in
+    `gram.solve`.
+    """
     weighted = basis if weight is None else basis * weight[:, None, :]
     # one column less, which the symmetry gives, see gram
     moments = np.empty((len(basis), basis.shape[1], basis.shape[1]))
@@ -181,13 +227,22 @@ def _solve(basis: Array, target: Array, weight: Array | None, stack: Stack, part
     scale = np.sqrt(np.diagonal(moments, axis1=1, axis2=2))
     with np.errstate(invalid="ignore", divide="ignore"):
         scaled = moments / scale[:, :, None] / scale[:, None, :]
-    sound = np.isfinite(scaled).all(axis=(1, 2)) & np.isfinite(target).all(axis=1) & (stack.dof[part] > 0)
+    sound = (
+        np.isfinite(scaled).all(axis=(1, 2))
+        & np.isfinite(target).all(axis=1)
+        & (stack.dof[part] > 0)
+    )
     scaled[~sound] = np.eye(basis.shape[1])
     values, vectors = np.linalg.eigh(scaled)
     sound &= values[:, 0] * gram.WORST_CONDITION**2 > values[:, -1]
     values = np.where(sound[:, None], values, 1.0)
     length = np.where(sound[:, None], scale, 1.0)
-    inverse = (vectors / values[:, None, :]) @ vectors.transpose(0, 2, 1) / length[:, :, None] / length[:, None, :]
+    inverse = (
+        (vectors / values[:, None, :])
+        @ vectors.transpose(0, 2, 1)
+        / length[:, :, None]
+        / length[:, None, :]
+    )
     found, residual = np.zeros(scale.shape), target
     for _ in range(2):
         gradient = (weighted @ residual[:, :, None])[:, :, 0]
@@ -198,13 +253,18 @@ def _solve(basis: Array, target: Array, weight: Array | None, stack: Stack, part
     total = np.full(len(basis), float(basis.shape[2])) if weight is None else weight.sum(axis=1)
     variance = square / np.maximum(stack.dof[part], 1)
     at = np.arange(len(stack.dof))[part][sound]
-    stack.coefficients[at], stack.covariance[at] = found[sound], (inverse * variance[:, None, None])[sound]
+    stack.coefficients[at], stack.covariance[at] = (
+        found[sound],
+        (inverse * variance[:, None, None])[sound],
+    )
     stack.residual_rms[at] = np.sqrt(square / total)[sound]
     stack.condition[at] = np.sqrt(values[:, -1] / values[:, 0])[sound]
     return np.asarray(sound, dtype=np.bool_)
 
 
-def _alone(design: Array, target: Array, weight: Array | None, names: Sequence[str], stack: Stack, at: int) -> str:
+def _alone(
+    design: Array, target: Array, weight: Array | None, names: Sequence[str], stack: Stack, at: int
+) -> str:
     """Fit one unit by itself and put it into the stack, or give the reason why it cannot be."""
     own = slice(None) if weight is None else weight > 0.0
     try:

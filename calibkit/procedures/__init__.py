@@ -1,4 +1,6 @@
-"""The procedures that calibkit knows: one module each, with the six functions that a command can ask of it."""
+"""The procedures that calibkit knows: one module each, with the six functions that a command can
+ask of it.
+"""
 
 from __future__ import annotations
 
@@ -14,10 +16,10 @@ if TYPE_CHECKING:
 
     from calibkit.coefficients import Input, Record, StageResult
     from calibkit.frame import Examined, Log
+    from calibkit.ingest.logs import Reader
     from calibkit.recipe import Recipe
     from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary
-    from calibkit.stages.ingest import Reader
 
 
 class Progress(Protocol):
@@ -35,7 +37,9 @@ def silent(items: Sequence[str], what: str) -> Iterable[str]:  # noqa: ARG001 (t
 
 @dataclass(frozen=True, slots=True)
 class Fitted:
-    """What a procedure's fit gives: a result a stage, the logs it used, what to tell, and what to draw."""
+    """What a procedure's fit gives: a result a stage, the logs it used, what to tell, and what to
+    draw.
+    """
 
     results: tuple[StageResult, ...]
     inputs: tuple[Input, ...]
@@ -66,29 +70,38 @@ class Procedure(Protocol):
         """Find what is wrong with a log, and its held conditions."""
 
     def apply(self, spec: Any, records: Mapping[str, Record], data: Path) -> Applied:
-        """Compensate a log: the new file's bytes and the flags; raises before the first part where it cannot be."""
+        """Compensate a log: the new file's bytes and the flags; raises before the first part where
+        it cannot be.
+        """
 
-    def validate(self, spec: Any, records: Mapping[str, Record], logs: Iterable[Log]) -> tuple[dict[str, Any], Summary]:
+    def validate(
+        self, spec: Any, records: Mapping[str, Record], logs: Iterable[Log]
+    ) -> tuple[dict[str, Any], Summary]:
         """Hold frozen coefficients against unseen logs, which are read one after the other."""
 
     def draw(self, title: str, fitted: Fitted) -> Drawn:
         """Draw a fit: its figures under a title, and its summary in full."""
 
 
-NAMES = (
-    "accelerometer",
-    "bias_temperature",
-    "fog_thermal",
-    "gyro_noise",
-    "gyro_pair",
-    "gyro_triad",
-    "inclinometer",
-    "rate_table",
-)
+MODULES = {
+    "accelerometer": "accelerometer.instrument",
+    "bias_temperature": "bias_temperature.instrument",
+    "fog_thermal": "fog_thermal.instrument",
+    "gyro_noise": "gyro_noise.instrument",
+    "gyro_pair": "gyro_scale.pair",
+    "gyro_triad": "gyro_scale.triad",
+    "inclinometer": "inclinometer.instrument",
+    "rate_table": "gyro_scale.rate_table",
+}
+NAMES = tuple(MODULES)
 
 
 def of(spec: Recipe) -> Procedure:
     """Procedure that a recipe names; each is imported only when it is asked for."""
     if spec.procedure not in NAMES:
-        raise UsageError(f"procedure '{spec.procedure}' is not implemented", hint="see the shipped recipes")
-    return cast("Procedure", importlib.import_module(f"calibkit.procedures.{spec.procedure}"))
+        raise UsageError(
+            f"procedure '{spec.procedure}' is not implemented", hint="see the shipped recipes"
+        )
+    return cast(
+        "Procedure", importlib.import_module(f"calibkit.instruments.{MODULES[spec.procedure]}")
+    )

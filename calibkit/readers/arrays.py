@@ -22,20 +22,29 @@ if TYPE_CHECKING:
 def frame(
     arrays: Mapping[str, NDArray[np.generic]], file: str, logs: Logs, needed: Collection[str]
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Columns of the log that the recipe's `table` names, or of the only one there is; and how they were found.
+    """Columns of the log that the recipe's `table` names, or of the only one there is; and how they
+    were found.
 
-    Arrays are named by their path (`group/name`). A matrix needs the recipe's `names`, one a column; vectors are columns by
-    their own names. Raises LogFormatError where it is not clear what the log is.
+    Arrays are named by their path (`group/name`). A matrix needs the recipe's `names`, one a
+    column; vectors are columns by their own names. Raises LogFormatError where it is not clear what
+    the log is.
     """
     inside, how = _inside(arrays, file, logs.table)
-    matrices = {name: array for name, array in inside.items() if array.ndim == 2 and min(array.shape) > 1}
-    flat = {name: array.ravel() for name, array in inside.items() if name not in matrices and array.ndim <= 2}
+    matrices = {
+        name: array for name, array in inside.items() if array.ndim == 2 and min(array.shape) > 1
+    }
+    flat = {
+        name: array.ravel()
+        for name, array in inside.items()
+        if name not in matrices and array.ndim <= 2
+    }
     if len(inside) == 1 and matrices:
         ((name, matrix),) = matrices.items()
         return _matrix(matrix, name or logs.table, file, logs), how
     if matrices and not flat:
         raise LogFormatError(
-            f"{file}: {len(matrices)} matrices: {_some(matrices)}", hint="name one in [logs] table of the recipe"
+            f"{file}: {len(matrices)} matrices: {_some(matrices)}",
+            hint="name one in [logs] table of the recipe",
         )
     return vectors(flat, file, needed), how
 
@@ -43,17 +52,30 @@ def frame(
 def _inside(
     arrays: Mapping[str, NDArray[np.generic]], file: str, table: str
 ) -> tuple[dict[str, NDArray[np.generic]], tuple[str, ...]]:
-    """Numeric arrays of the named group, or all where none is named, by the last part of their names."""
-    numeric = {name: array for name, array in arrays.items() if array.dtype.kind in "fiub" and array.size > 1}
+    """Numeric arrays of the named group, or all where none is named, by the last part of their
+    names.
+    """
+    numeric = {
+        name: array
+        for name, array in arrays.items()
+        if array.dtype.kind in "fiub" and array.size > 1
+    }
     if table:
-        chosen = {name: array for name, array in numeric.items() if name == table or name.startswith(f"{table}/")}
+        chosen = {
+            name: array
+            for name, array in numeric.items()
+            if name == table or name.startswith(f"{table}/")
+        }
         if not chosen:
-            raise LogFormatError(f"{file}: no numeric array '{table}'", hint=f"there are: {_some(numeric)}")
+            raise LogFormatError(
+                f"{file}: no numeric array '{table}'", hint=f"there are: {_some(numeric)}"
+            )
         return {name.removeprefix(table).lstrip("/"): array for name, array in chosen.items()}, ()
     groups = {name.rpartition("/")[0] for name in numeric}
     if len(groups) > 1:
         raise LogFormatError(
-            f"{file}: arrays in {len(groups)} groups: {_some(numeric)}", hint="name one in [logs] table of the recipe"
+            f"{file}: arrays in {len(groups)} groups: {_some(numeric)}",
+            hint="name one in [logs] table of the recipe",
         )
     if not numeric:
         raise LogFormatError(f"{file}: no numeric arrays", hint=f"there are: {_some(arrays)}")
@@ -66,21 +88,28 @@ def _matrix(matrix: NDArray[np.generic], name: str, file: str, logs: Logs) -> pd
     """Columns of a matrix by the recipe's names."""
     if len(logs.names) not in matrix.shape:
         raise LogFormatError(
-            f"{file}: '{name}' is a matrix of {matrix.shape[0]} × {matrix.shape[1]}, the recipe names "
-            f"{len(logs.names)} columns",
+            f"{file}: '{name}' is a matrix of {matrix.shape[0]} × {matrix.shape[1]}, the recipe"
+            f" names {len(logs.names)} columns",
             hint="list its columns in [logs] names of the recipe, in order",
         )
     upright = matrix if matrix.shape[1] == len(logs.names) else matrix.T
     return framed({column: upright[:, k] for k, column in enumerate(logs.names)})
 
 
-def vectors(columns: Mapping[str, NDArray[np.generic]], file: str, needed: Collection[str]) -> pd.DataFrame:
-    """Columns that share the length of the needed ones; needed ones of several lengths are refused."""
-    wanted = {name: len(column) for name, column in columns.items() if delimited.wanted(name, needed)}
+def vectors(
+    columns: Mapping[str, NDArray[np.generic]], file: str, needed: Collection[str]
+) -> pd.DataFrame:
+    """Columns that share the length of the needed ones; needed ones of several lengths are
+    refused.
+    """
+    wanted = {
+        name: len(column) for name, column in columns.items() if delimited.wanted(name, needed)
+    }
     lengths = set(wanted.values()) or {len(column) for column in columns.values()}
     if len(lengths) > 1:
         raise LogFormatError(
-            f"{file}: columns of several lengths: {', '.join(f'{name} {n}' for name, n in sorted(wanted.items())[:8])}",
+            f"{file}: columns of several lengths:"
+            f" {', '.join(f'{name} {n}' for name, n in sorted(wanted.items())[:8])}",
             hint="they were logged at several rates; name the group of one in [logs] table",
         )
     if not lengths:
@@ -93,7 +122,9 @@ def framed(columns: Mapping[str, NDArray[np.generic]]) -> pd.DataFrame:
     """A frame whose index counts records so that record 1 is called line 1."""
     import pandas as pd
 
-    made = pd.DataFrame({name: np.asarray(column, dtype=np.float64) for name, column in columns.items()})
+    made = pd.DataFrame(
+        {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
+    )
     made.index = made.index + 1 - FIRST_ROW
     return made
 

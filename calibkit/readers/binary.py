@@ -1,11 +1,12 @@
 """Reader of raw binary records that the recipe describes.
 
-Format ([logs.binary]): `header_bytes` that are skipped, then records of one length to the end of the file, each the
-listed fields without gaps: integers of 1, 2, 4, 8 bytes, signed (i) or not (u), IEEE floats (f4, f8), `skip` for
-bytes without meaning; `byte_order` of the record, or of a field of its own; `sync`, bytes that every record must
-begin with (part of the first fields, or skipped). value = scale · stored + offset. Uncertainty: stored values
-exactly, scaled to the nearest float64, integers above 2⁵³ rounded. A file that is not a whole number of records is
-refused: it is cut off, or described wrongly.
+Format ([logs.binary]): `header_bytes` that are skipped, then records of one length to the end of
+the file, each the listed fields without gaps: integers of 1, 2, 4, 8 bytes, signed (i) or not (u),
+IEEE floats (f4, f8), `skip` for bytes without meaning; `byte_order` of the record, or of a field of
+its own; `sync`, bytes that every record must begin with (part of the first fields, or skipped).
+value = scale · stored + offset. Uncertainty: stored values exactly, scaled to the nearest float64,
+integers above 2⁵³ rounded. A file that is not a whole number of records is refused: it is cut off,
+or described wrongly.
 """
 
 from __future__ import annotations
@@ -70,16 +71,20 @@ def _scaled(stored: NDArray[np.generic], field: FieldSpec) -> NDArray[np.float64
 
 
 def _in_step(data: bytes, spec: BinarySpec, size: int, file: str) -> None:
-    """Refuse the first record that does not begin with the sync bytes: from there on every field is another."""
+    """Refuse the first record that does not begin with the sync bytes: from there on every field is
+    another.
+    """
     sync = np.frombuffer(bytes.fromhex(spec.sync), np.uint8)
     if not sync.size:
         return
-    begins = np.frombuffer(data, np.uint8, offset=spec.header_bytes).reshape(-1, size)[:, : sync.size]
+    begins = np.frombuffer(data, np.uint8, offset=spec.header_bytes).reshape(-1, size)[
+        :, : sync.size
+    ]
     wrong = np.flatnonzero((begins != sync).any(axis=1))
     if wrong.size:
         record = int(wrong[0])
         raise LogFormatError(
-            f"{file}:{record + 1}: record {record + 1} begins with {begins[record].tobytes().hex()}, "
-            f"expected {spec.sync.lower()}",
+            f"{file}:{record + 1}: record {record + 1} begins with"
+            f" {begins[record].tobytes().hex()}, expected {spec.sync.lower()}",
             hint="bytes were lost or added before it; copy the file again",
         )

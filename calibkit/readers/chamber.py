@@ -1,12 +1,14 @@
-"""Reader of recorded replies of Vötsch and Weiss chambers to `$01I` (ASCII-2 protocol of SIMPAC and MINCON controllers).
+"""Reader of recorded replies of Vötsch and Weiss chambers to `$01I` (ASCII-2 protocol of SIMPAC and
+MINCON controllers).
 
-Format: one line a reply: a time written by the recording program (any form of `times`, or seconds), then, with or
-without the echo `$01I`, 12 or 14 fields of `%06.1f` parted by blanks (`0023.0 -040.1`), then 16 or 32 digits 0 and 1
-of digital channels, which are not kept. The fields go in pairs of set value and actual value; the first pair is the
-temperature [°C], the second, in climatic chambers, the relative humidity [%]. No header; replies come every 5 to 136
-s as the program asks. Columns: `time`, `set 1`, `actual 1`, `set 2`, …; [logs] names renames them. Uncertainty: 0.1
-in each field; what the pairs beyond the first mean, and that the set value stands first, depends on the chamber's
-configuration: the recipe says which column is which.
+Format: one line a reply: a time written by the recording program (any form of `times`, or seconds),
+then, with or without the echo `$01I`, 12 or 14 fields of `%06.1f` parted by blanks (`0023.0
+-040.1`), then 16 or 32 digits 0 and 1 of digital channels, which are not kept. The fields go in
+pairs of set value and actual value; the first pair is the temperature [°C], the second, in climatic
+chambers, the relative humidity [%]. No header; replies come every 5 to 136 s as the program asks.
+Columns: `time`, `set 1`, `actual 1`, `set 2`, …; [logs] names renames them. Uncertainty: 0.1 in
+each field; what the pairs beyond the first mean, and that the set value stands first, depends on
+the chamber's configuration: the recipe says which column is which.
 """
 
 from __future__ import annotations
@@ -77,13 +79,21 @@ def _reply(line: str, number: int, file: str) -> re.Match[str]:
     return found
 
 
-def _refuse_other(reply: re.Match[str], first: re.Match[str], width: int, number: int, file: str) -> None:
-    """Refuse a reply that has another number of fields or digital channels than the first: it is cut, or of another chamber."""
-    if len(reply["fields"].split()) != width or len(reply["bits"] or "") != len(first["bits"] or ""):
+def _refuse_other(
+    reply: re.Match[str], first: re.Match[str], width: int, number: int, file: str
+) -> None:
+    """Refuse a reply that has another number of fields or digital channels than the first: it is
+    cut, or of another chamber.
+    """
+    if len(reply["fields"].split()) != width or len(reply["bits"] or "") != len(
+        first["bits"] or ""
+    ):
         raise LogFormatError(
-            f"{file}:{number}: {len(reply['fields'].split())} fields and {len(reply['bits'] or '')} digital channels, "
-            f"expected {width} and {len(first['bits'] or '')}",
+            f"{file}:{number}: {len(reply['fields'].split())} fields and {len(reply['bits'] or '')}"
+            f" digital channels, expected {width} and {len(first['bits'] or '')}",
             hint="the reply is cut short; repair or remove the line",
         )
     if width % 2:
-        raise LogFormatError(f"{file}:{number}: {width} fields, expected 12 or 14", hint="the reply is cut short")
+        raise LogFormatError(
+            f"{file}:{number}: {width} fields, expected 12 or 14", hint="the reply is cut short"
+        )

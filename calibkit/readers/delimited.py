@@ -1,8 +1,9 @@
 """Reader of comma-separated logs.
 
-Format: UTF-8 text (a byte-order mark is accepted), one header line of column names, then one row a line, fields
-separated by commas, decimal points, LF or CRLF line ends, no quotes. An empty field or `nan` is a missing value.
-Uncertainty of reading: numbers are converted to the nearest float64; nothing is rounded, resampled or dropped.
+Format: UTF-8 text (a byte-order mark is accepted), one header line of column names, then one row a
+line, fields separated by commas, decimal points, LF or CRLF line ends, no quotes. An empty field or
+`nan` is a missing value. Uncertainty of reading: numbers are converted to the nearest float64;
+nothing is rounded, resampled or dropped.
 """
 
 from __future__ import annotations
@@ -42,17 +43,24 @@ def load(path: Path, file: str) -> bytes:
     try:
         return path.read_bytes()
     except OSError as error:
-        raise LogFormatError(f"{file}: cannot be read: {error.strerror}", hint="check the file") from None
+        raise LogFormatError(
+            f"{file}: cannot be read: {error.strerror}", hint="check the file"
+        ) from None
 
 
 def parse(data: bytes, file: str, needed: Collection[str]) -> Table:
-    """The table of a log's bytes; raises LogFormatError that names line and column of what cannot be read."""
+    """The table of a log's bytes; raises LogFormatError that names line and column of what cannot
+    be read.
+    """
     header, body = split(data, file)
     count_fields(body, len(header), file)
     try:
         frame = _parse(body, dict.fromkeys(range(len(header)), "float64"))
     except (ValueError, OverflowError):
-        kinds = {number: "float64" if wanted(name, needed) else "str" for number, name in enumerate(header)}
+        kinds = {
+            number: "float64" if wanted(name, needed) else "str"
+            for number, name in enumerate(header)
+        }
         try:
             frame = _parse(body, kinds)
         except (ValueError, OverflowError):
@@ -62,7 +70,9 @@ def parse(data: bytes, file: str, needed: Collection[str]) -> Table:
 
 
 def looks_clean(data: bytes) -> bool:
-    """Whether a log's first line could be the header of comma-separated text, so that the strict reader's word counts."""
+    """Whether a log's first line could be the header of comma-separated text, so that the strict
+    reader's word counts.
+    """
     first = data[: data.find(b"\n") if b"\n" in data else len(data)]
     return not data.strip() or (b"," in first and b"\0" not in first)
 
@@ -89,33 +99,41 @@ def _parse(body: bytes, kinds: dict[int, str]) -> pd.DataFrame:
 
 
 def split(data: bytes, file: str) -> tuple[list[str], bytes]:
-    """Header names and the bytes below them, after checking that this is comma-separated UTF-8 text with rows."""
+    """Header names and the bytes below them, after checking that this is comma-separated UTF-8 text
+    with rows.
+    """
     if not data.strip():
         raise LogFormatError(
-            f"{file}: the file is empty", hint="expected a header line and rows below it; remove it or copy it again"
+            f"{file}: the file is empty",
+            hint="expected a header line and rows below it; remove it or copy it again",
         )
     try:
         data.decode("utf-8")
     except UnicodeDecodeError as error:
         line = data.count(b"\n", 0, error.start) + 1
         raise LogFormatError(
-            f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text", hint="save the log as UTF-8 CSV"
+            f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text",
+            hint="save the log as UTF-8 CSV",
         ) from None
     if b"\0" in data:
         line = data.count(b"\n", 0, data.index(b"\0")) + 1
-        raise LogFormatError(f"{file}:{line}: a NUL byte in text", hint="the copy is damaged; copy the log again")
+        raise LogFormatError(
+            f"{file}:{line}: a NUL byte in text", hint="the copy is damaged; copy the log again"
+        )
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n")
     if b"\r" in text:
         line = text.count(b"\n", 0, text.index(b"\r")) + 1
         raise LogFormatError(
-            f"{file}:{line}: a carriage return inside the line", hint="the copy is damaged; copy the log again"
+            f"{file}:{line}: a carriage return inside the line",
+            hint="the copy is damaged; copy the log again",
         )
     first, _, body = text.partition(b"\n")
     header = [name.strip() for name in first.decode().split(",")]
     _check_header(header, file)
     if not body.strip():
         raise LogFormatError(
-            f"{file}: a header but no rows", hint="expected one row an instant; remove it or copy it again"
+            f"{file}: a header but no rows",
+            hint="expected one row an instant; remove it or copy it again",
         )
     return header, body.rstrip(b"\n") + (b"\n" if body.endswith(b"\n") else b"")
 
@@ -124,18 +142,28 @@ def _check_header(header: list[str], file: str) -> None:
     """Refuse a header that is not one line of distinct names separated by commas."""
     if len(header) == 1:
         hint = (
-            "separate columns with commas" if any(mark in header[0] for mark in ";\t|") else "expected several columns"
+            "separate columns with commas"
+            if any(mark in header[0] for mark in ";\t|")
+            else "expected several columns"
         )
         raise LogFormatError(f"{file}:1: one column named '{header[0][:60]}'", hint=hint)
     for number, name in enumerate(header, start=1):
         if not name:
-            raise LogFormatError(f"{file}:1: column {number} has no name", hint="name every column in the first line")
+            raise LogFormatError(
+                f"{file}:1: column {number} has no name", hint="name every column in the first line"
+            )
         if '"' in name:
-            raise LogFormatError(f"{file}:1: column {number} is quoted: {name}", hint="write names without quotes")
+            raise LogFormatError(
+                f"{file}:1: column {number} is quoted: {name}", hint="write names without quotes"
+            )
         if name in header[: number - 1]:
-            raise LogFormatError(f"{file}:1: column '{name}' stands twice", hint="give each column its own name")
+            raise LogFormatError(
+                f"{file}:1: column '{name}' stands twice", hint="give each column its own name"
+            )
     if all(_is_number(name) for name in header):
-        raise LogFormatError(f"{file}:1: numbers where the column names should be", hint="put a header line first")
+        raise LogFormatError(
+            f"{file}:1: numbers where the column names should be", hint="put a header line first"
+        )
 
 
 def _is_number(token: str) -> bool:
@@ -147,8 +175,12 @@ def _is_number(token: str) -> bool:
     return "_" not in token and token.isascii()
 
 
-def count_fields(body: bytes, fields: int, file: str, delimiter: bytes = b",", first: int = 2) -> None:
-    """Refuse the first line that has another number of fields than the header: a short row is a lost number."""
+def count_fields(
+    body: bytes, fields: int, file: str, delimiter: bytes = b",", first: int = 2
+) -> None:
+    """Refuse the first line that has another number of fields than the header: a short row is a
+    lost number.
+    """
     line, carried = first - 1, 0
     for start in range(0, len(body), BLOCK):
         block = np.frombuffer(body, np.uint8, min(BLOCK, len(body) - start), start)
@@ -176,30 +208,43 @@ def _wrong_fields(file: str, line: int, found: int, expected: int) -> LogFormatE
     )
 
 
-def _bad_token(body: bytes, header: list[str], needed: Collection[str], file: str) -> LogFormatError:
+def _bad_token(
+    body: bytes, header: list[str], needed: Collection[str], file: str
+) -> LogFormatError:
     """The error that names line, column and text of the first token that is not a number."""
     for number, line in enumerate(body.decode().split("\n"), start=2):
         for name, token in zip(header, line.split(","), strict=False):
-            if wanted(name, needed) and token.strip() not in MISSING and not _is_number(token.strip()):
+            if (
+                wanted(name, needed)
+                and token.strip() not in MISSING
+                and not _is_number(token.strip())
+            ):
                 return LogFormatError(
-                    f"{file}:{number}: column '{name}': found '{token.strip()[:40]}', expected a number",
+                    f"{file}:{number}: column '{name}': found '{token.strip()[:40]}', expected a"
+                    " number",
                     hint="repair the row, or leave the range out with [[exclude]]",
                 )
     return LogFormatError(f"{file}: not a table of numbers", hint="check the file")
 
 
-def last_line(body: bytes, file: str, delimiter: str = ",", decimal: str = ".", first: int = 2) -> tuple[str, ...]:
-    """What can be said of a last line without a line end: refused where it is visibly cut, noted otherwise."""
+def last_line(
+    body: bytes, file: str, delimiter: str = ",", decimal: str = ".", first: int = 2
+) -> tuple[str, ...]:
+    """What can be said of a last line without a line end: refused where it is visibly cut, noted
+    otherwise.
+    """
     if body.endswith(b"\n"):
         return ()
     lines = body[-20_000:].split(b"\n")
-    rows = [line.decode().split(delimiter) for line in (lines if len(body) <= 20_000 else lines[1:])][-50:]
+    rows = [
+        line.decode().split(delimiter) for line in (lines if len(body) <= 20_000 else lines[1:])
+    ][-50:]
     decimals = [len(row[-1].partition(decimal)[2]) for row in rows]
     if len(decimals) > 2 and len(set(decimals[:-1])) == 1 and decimals[-1] < decimals[0]:
         line = body.count(b"\n") + first
         raise LogFormatError(
-            f"{file}:{line}: the last number '{rows[-1][-1]}' has {decimals[-1]} decimals and no line end, "
-            f"expected {decimals[0]}",
+            f"{file}:{line}: the last number '{rows[-1][-1]}' has {decimals[-1]} decimals and no"
+            f" line end, expected {decimals[0]}",
             hint="the file is cut off; copy it again or remove the last line",
         )
     return ("the last line has no line end; its row was kept",)

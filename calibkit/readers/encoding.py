@@ -1,9 +1,11 @@
-"""Bytes of a text log → characters: the encoding that the recipe pins, or the first that the bytes allow.
+"""Bytes of a text log → characters: the encoding that the recipe pins, or the first that the bytes
+allow.
 
-Order of trial: byte-order mark, UTF-8, UTF-16 (recognised by its NUL bytes), GB18030, Windows-1252. Uncertainty:
-GB18030 and Windows-1252 cannot be told apart with certainty; bytes that read as degree signs, micro signs, powers and
-the letters of western European languages, each by itself, are taken for Windows-1252. Nothing is ever replaced or
-ignored: a byte that does not fit refuses the file with its line.
+Order of trial: byte-order mark, UTF-8, UTF-16 (recognised by its NUL bytes), GB18030, Windows-1252.
+Uncertainty: GB18030 and Windows-1252 cannot be told apart with certainty; bytes that read as degree
+signs, micro signs, powers and the letters of western European languages, each by itself, are taken
+for Windows-1252. Nothing is ever replaced or ignored: a byte that does not fit refuses the file
+with its line.
 """
 
 from __future__ import annotations
@@ -25,10 +27,13 @@ MARKS = (
 
 
 def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
-    """Characters of a log and the name of their encoding; raises LogFormatError where a byte does not fit."""
+    """Characters of a log and the name of their encoding; raises LogFormatError where a byte does
+    not fit.
+    """
     if not data.strip():
         raise LogFormatError(
-            f"{file}: the file is empty", hint="expected a header line and rows below it; remove it or copy it again"
+            f"{file}: the file is empty",
+            hint="expected a header line and rows below it; remove it or copy it again",
         )
     marked = next(((mark, name) for mark, name in MARKS if data.startswith(mark)), None)
     if pinned == "auto":
@@ -46,7 +51,9 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
         ) from None
     if "\0" in text:
         line = text.count("\n", 0, text.index("\0")) + 1
-        raise LogFormatError(f"{file}:{line}: a NUL byte in text", hint="the copy is damaged; copy the log again")
+        raise LogFormatError(
+            f"{file}:{line}: a NUL byte in text", hint="the copy is damaged; copy the log again"
+        )
     if control := CONTROL.search(text):
         line = text.count("\n", 0, control.start()) + 1
         raise LogFormatError(
@@ -100,17 +107,24 @@ def _unmarked(data: bytes, file: str) -> str:
 
 
 def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
-    """Refuse UTF-8 text in which single bytes are wrong: read as another encoding it would turn into other characters."""
+    """Refuse UTF-8 text in which single bytes are wrong: read as another encoding it would turn
+    into other characters.
+    """
     pairs = len(re.findall(rb"[\xc2-\xdf][\x80-\xbf]", data))
-    # three bytes that make a character in UTF-8 hardly ever do so by chance in another encoding, two may
+    # three bytes that make a character in UTF-8 hardly ever do so by chance in another encoding,
+    # two may
     longer = len(re.findall(rb"[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}", data))
     whole = len(re.sub(rb"[\x00-\x7f]+", b"", data.decode("utf-8", errors="ignore").encode()))
     wrong = len(re.sub(rb"[\x00-\x7f]+", b"", data)) - whole
     if 3 * longer > wrong or (pairs and 3 * pairs > wrong and not _pairs(data)):
         line = data.count(b"\n", 0, error.start) + 1
         raise LogFormatError(
-            f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text, the rest of the file is",
-            hint="the copy is damaged or cut off; copy the log again, or pin the encoding in [logs.text]",
+            f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text, the rest of the"
+            " file is",
+            hint=(
+                "the copy is damaged or cut off; copy the log again, or pin the encoding in"
+                " [logs.text]"
+            ),
         )
 
 
@@ -120,6 +134,8 @@ def _pairs(data: bytes) -> bool:
 
 
 def _western(data: bytes) -> bool:
-    """Whether every byte above 0x7f is one that western instruments write, none in pairs but of letters."""
+    """Whether every byte above 0x7f is one that western instruments write, none in pairs but of
+    letters.
+    """
     runs = re.findall(rb"[\x80-\xff]+", data)
     return all(set(run) <= WESTERN and (len(run) == 1 or min(run) >= 0xC4) for run in runs)

@@ -1,10 +1,11 @@
 """Reader of Excel workbooks (.xlsx, .xlsm, .xlsb, .xls, .ods), by python-calamine.
 
-Format: one sheet is one log ([logs] table, needed where several sheets hold cells): lines above the header, a row of
-names, with or without a row of units below it, then one row an instant; found as in delimited text, and pinned by
-[logs.text] skip_lines and header_lines. Rows are counted as the sheet numbers them. Uncertainty: numbers as stored
-(float64); cells formatted as dates are instants to the microsecond, which is what their float64 resolves; formulas
-give their saved values; error cells (`#N/A`) have no value.
+Format: one sheet is one log ([logs] table, needed where several sheets hold cells): lines above the
+header, a row of names, with or without a row of units below it, then one row an instant; found as
+in delimited text, and pinned by [logs.text] skip_lines and header_lines. Rows are counted as the
+sheet numbers them. Uncertainty: numbers as stored (float64); cells formatted as dates are instants
+to the microsecond, which is what their float64 resolves; formulas give their saved values; error
+cells (`#N/A`) have no value.
 """
 
 from __future__ import annotations
@@ -32,24 +33,45 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     data = delimited.load(path, file)
     with optional.damaged(file, "Excel"):
         book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
-        sheets = {name: book.get_sheet_by_name(name).to_python(skip_empty_area=False) for name in book.sheet_names}
+        sheets = {
+            name: book.get_sheet_by_name(name).to_python(skip_empty_area=False)
+            for name in book.sheet_names
+        }
     name, how = _sheet(sheets, file, logs.table)
     content = "".join("\t".join(map(_text, row)) + "\n" for row in sheets[name])
-    spec = TextSpec(delimiter="\t", decimal=".", skip_lines=logs.text.skip_lines, header_lines=logs.text.header_lines)
+    spec = TextSpec(
+        delimiter="\t",
+        decimal=".",
+        skip_lines=logs.text.skip_lines,
+        header_lines=logs.text.header_lines,
+    )
     found = sniff.dialect(content, "utf-8", file, spec, logs.names)
     table = text.table(
-        content, hashlib.sha256(data).hexdigest(), file, found, logs.model_copy(update={"text": spec}), needed
+        content,
+        hashlib.sha256(data).hexdigest(),
+        file,
+        found,
+        logs.model_copy(update={"text": spec}),
+        needed,
     )
     said = tuple(line for line in found.lines() if line.startswith(("skip", "header", "column")))
-    return type(table)(file, table.sha256, table.frame, table.notes, (f"sheet '{name}'", *how, *said), table.units)
+    return type(table)(
+        file, table.sha256, table.frame, table.notes, (f"sheet '{name}'", *how, *said), table.units
+    )
 
 
-def _sheet(sheets: dict[str, list[list[Any]]], file: str, table: str) -> tuple[str, tuple[str, ...]]:
+def _sheet(
+    sheets: dict[str, list[list[Any]]], file: str, table: str
+) -> tuple[str, tuple[str, ...]]:
     """Name of the sheet that the recipe names, or of the only one that holds cells."""
-    filled = [name for name, rows in sheets.items() if any(cell != "" for row in rows for cell in row)]
+    filled = [
+        name for name, rows in sheets.items() if any(cell != "" for row in rows for cell in row)
+    ]
     if table:
         if table not in filled:
-            raise LogFormatError(f"{file}: no sheet '{table}' with cells", hint=f"there are: {', '.join(filled)}")
+            raise LogFormatError(
+                f"{file}: no sheet '{table}' with cells", hint=f"there are: {', '.join(filled)}"
+            )
         return table, ()
     if not filled:
         raise LogFormatError(f"{file}: no sheet holds cells", hint="check the workbook")
@@ -73,5 +95,7 @@ def _text(cell: Any) -> str:  # noqa: ANN401 (a cell holds a number, a text, an 
         return cell.strftime("%H:%M:%S.%f")
     if isinstance(cell, dt.timedelta):
         seconds = cell / dt.timedelta(microseconds=1)
-        return f"{int(seconds // 3600e6)}:{int(seconds // 60e6) % 60:02d}:{seconds % 60e6 / 1e6:09.6f}"
+        return (
+            f"{int(seconds // 3600e6)}:{int(seconds // 60e6) % 60:02d}:{seconds % 60e6 / 1e6:09.6f}"
+        )
     return " ".join(str(cell).replace('"', "").split())

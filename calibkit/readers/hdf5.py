@@ -1,10 +1,11 @@
 """Reader of HDF5 files, MATLAB v7.3 among them, by h5py.
 
-Format: named datasets in groups. One group is one log ([logs] table, needed where several groups hold numbers): its
-vectors are columns, with an attribute `units` or `unit` as their unit; a single matrix needs the recipe's `names`; a
-compound dataset is a table, its fields the columns. Uncertainty: values as stored, integers above 2⁵³ rounded to
-float64; several instants of writing cannot be told apart. Values that lie in other files, which the log's digest does not
-cover, and values that were never written, which read as zeros, are refused.
+Format: named datasets in groups. One group is one log ([logs] table, needed where several groups
+hold numbers): its vectors are columns, with an attribute `units` or `unit` as their unit; a single
+matrix needs the recipe's `names`; a compound dataset is a table, its fields the columns.
+Uncertainty: values as stored, integers above 2⁵³ rounded to float64; several instants of writing
+cannot be told apart. Values that lie in other files, which the log's digest does not cover, and
+values that were never written, which read as zeros, are refused.
 """
 
 from __future__ import annotations
@@ -40,7 +41,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         if numeric and (not logs.table or f"{name}/".startswith(f"{logs.table}/")):
             _require_own_values(name, node, file)
         said = node.attrs.get("units", node.attrs.get("unit", ""))
-        unit = units.of_text(said.decode(errors="replace") if isinstance(said, bytes) else str(said))
+        unit = units.of_text(
+            said.decode(errors="replace") if isinstance(said, bytes) else str(said)
+        )
         if node.dtype.names:
             whole = node[()]
             found.update({f"{name}/{field}": whole[field] for field in node.dtype.names})
@@ -60,7 +63,8 @@ def _require_own_values(name: str, node: Any, file: str) -> None:  # noqa: ANN40
     """Raise LogFormatError for a dataset whose values are not all in this file."""
     if node.is_virtual or node.external:
         raise LogFormatError(
-            f"{file}: the values of '{name}' lie in other files, which the log's digest does not cover",
+            f"{file}: the values of '{name}' lie in other files, which the log's digest does not"
+            " cover",
             hint="write a file that holds its own values, by h5repack or by the logger's export",
         )
     if node.chunks is None:

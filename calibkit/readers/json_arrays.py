@@ -1,9 +1,10 @@
 """Reader of JSON logs: named lists of numbers, or a list of records.
 
-Format: UTF-8 JSON (RFC 8259), an object whose members are lists of numbers or lists of lists of numbers (a matrix, whose
-columns the recipe's [logs] names lists), nested in objects or not; or a list of objects with the same keys, one a row.
-[logs] table names the member. A name that stands twice is refused; text is no number. Uncertainty: numbers are converted
-to the nearest float64, beyond its range to infinity; null has no value.
+Format: UTF-8 JSON (RFC 8259), an object whose members are lists of numbers or lists of lists of
+numbers (a matrix, whose columns the recipe's [logs] names lists), nested in objects or not; or a
+list of objects with the same keys, one a row. [logs] table names the member. A name that stands
+twice is refused; text is no number. Uncertainty: numbers are converted to the nearest float64,
+beyond its range to infinity; null has no value.
 """
 
 from __future__ import annotations
@@ -34,10 +35,14 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     text, _ = encodings.decode(data, file, "utf-8")
     try:
         # whole numbers of any length as float64 too
-        document = json.loads(text, parse_int=float, object_pairs_hook=lambda pairs: _members(pairs, file))
+        document = json.loads(
+            text, parse_int=float, object_pairs_hook=lambda pairs: _members(pairs, file)
+        )
     except (json.JSONDecodeError, RecursionError) as error:
         place = f"{file}:{error.lineno}" if isinstance(error, json.JSONDecodeError) else file
-        raise LogFormatError(f"{place}: not JSON: {error}", hint="the file is cut off or damaged") from None
+        raise LogFormatError(
+            f"{place}: not JSON: {error}", hint="the file is cut off or damaged"
+        ) from None
     frame, how = arrays.frame(_found(document, "", file), file, logs, needed)
     said = (f"JSON, {len(frame)} rows", *how)
     return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said)
@@ -67,14 +72,18 @@ def _found(value: Any, path: str, file: str) -> dict[str, NDArray[np.float64]]: 
         return _records(value, path, file)
     try:
         array = np.array(value)
-        if array.dtype.kind == "U" or (array.dtype.kind == "O" and any(isinstance(e, str) for e in array.flat)):
+        if array.dtype.kind == "U" or (
+            array.dtype.kind == "O" and any(isinstance(e, str) for e in array.flat)
+        ):
             return {}  # text
         return {path or "rows": array.astype(np.float64)}
     except (ValueError, TypeError):
         return {}  # rows of several lengths: no numbers that could be meant as columns
 
 
-def _joined(members: Iterable[tuple[str, Any]], path: str, file: str) -> dict[str, NDArray[np.float64]]:
+def _joined(
+    members: Iterable[tuple[str, Any]], path: str, file: str
+) -> dict[str, NDArray[np.float64]]:
     """Arrays of several members by their paths."""
     made: dict[str, NDArray[np.float64]] = {}
     for name, member in members:
@@ -88,7 +97,11 @@ def _joined(members: Iterable[tuple[str, Any]], path: str, file: str) -> dict[st
 def _records(rows: list[Any], path: str, file: str) -> dict[str, NDArray[np.float64]]:
     """Columns of a list of objects."""
     keys = set(rows[0])
-    other = next((k for k, row in enumerate(rows) if not isinstance(row, dict) or set(row) != keys), None)
+    other = next(
+        (k for k, row in enumerate(rows) if not isinstance(row, dict) or set(row) != keys), None
+    )
     if other is not None:
-        raise LogFormatError(f"{file}: record {other + 1} has other keys than the first", hint="repair the log")
+        raise LogFormatError(
+            f"{file}: record {other + 1} has other keys than the first", hint="repair the log"
+        )
     return _joined(((key, [row[key] for row in rows]) for key in rows[0]), path, file)

@@ -1,13 +1,15 @@
-"""Reader of Keysight 34970A, 34972A and DAQ970A scans, as the instrument or BenchLink Data Logger writes them.
+"""Reader of Keysight 34970A, 34972A and DAQ970A scans, as the instrument or BenchLink Data Logger
+writes them.
 
-Format: lines about the instrument and its channels (none in the instrument's own dat00001.csv), then a header that
-begins with `Sweep #`, `Scan` or `Sweep` and `Time`, then one line a scan: number, time (`01/26/2009 08:07:12:237`),
-and for each channel its value and its alarm (`Chan 101 (VDC),Alarm,…` or `101 (C),Alarm 101,…`). UTF-8, UTF-16 or a
-Windows code page; commas, semicolons or tabs. A log is split after 65,535 scans ([logs] split), the scan number going
-on. Uncertainty: times to 1 ms, of the start of a scan: channels are read one after another within it. 9.9E+37 is an
-overload, an alarm other than 0 a limit that was passed; both are counted and said. Day and month can be either way
-round (the instrument writes month first, BenchLink what Windows is set to): the order that runs forwards is taken, or
-the recipe's time_format.
+Format: lines about the instrument and its channels (none in the instrument's own dat00001.csv),
+then a header that begins with `Sweep #`, `Scan` or `Sweep` and `Time`, then one line a scan:
+number, time (`01/26/2009 08:07:12:237`), and for each channel its value and its alarm (`Chan 101
+(VDC),Alarm,…` or `101 (C),Alarm 101,…`). UTF-8, UTF-16 or a Windows code page; commas, semicolons
+or tabs. A log is split after 65,535 scans ([logs] split), the scan number going on. Uncertainty:
+times to 1 ms, of the start of a scan: channels are read one after another within it. 9.9E+37 is an
+overload, an alarm other than 0 a limit that was passed; both are counted and said. Day and month
+can be either way round (the instrument writes month first, BenchLink what Windows is set to): the
+order that runs forwards is taken, or the recipe's time_format.
 """
 
 from __future__ import annotations
@@ -40,10 +42,19 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     data = delimited.load(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     line, delimiter = _header(content, file)
-    spec = logs.text.model_copy(update={"skip_lines": line, "header_lines": 1, "delimiter": delimiter})
+    spec = logs.text.model_copy(
+        update={"skip_lines": line, "header_lines": 1, "delimiter": delimiter}
+    )
     found = sniff.dialect(content, encoding, file, spec, ())
     scan = found.names[0]
-    table = text.table(content, hashlib.sha256(data).hexdigest(), file, found, logs, {*needed, scan, *_alarms(found)})
+    table = text.table(
+        content,
+        hashlib.sha256(data).hexdigest(),
+        file,
+        found,
+        logs,
+        {*needed, scan, *_alarms(found)},
+    )
     notes = (*table.notes, *_alarmed(table.frame, _alarms(found)), *_skipped(table.frame, scan))
     return replace(table, notes=notes)
 
@@ -53,7 +64,11 @@ def _header(content: str, file: str) -> tuple[int, str]:
     for number, line in enumerate(content.split("\n", MOST_LINES)[:MOST_LINES]):
         for delimiter in (",", ";", "\t"):
             fields = tokens.split(line, delimiter)
-            if len(fields) > 2 and fields[0].lower() in NUMBERED and fields[1].lower().startswith("time"):
+            if (
+                len(fields) > 2
+                and fields[0].lower() in NUMBERED
+                and fields[1].lower().startswith("time")
+            ):
                 return number, delimiter
     raise LogFormatError(
         f"{file}: no header 'Sweep #, Time, …' or 'Scan, Time, …' in the first {MOST_LINES} lines",
@@ -75,7 +90,9 @@ def _alarmed(frame: pd.DataFrame, alarms: Collection[str]) -> tuple[str, ...]:
         if raised.size:
             line = int(frame.index[int(raised[0])]) + FIRST_ROW
             channel = names[names.index(alarm) - 1]
-            said.append(f"column '{channel}': alarm in {raised.size} scans, the first in line {line}")
+            said.append(
+                f"column '{channel}': alarm in {raised.size} scans, the first in line {line}"
+            )
     return tuple(said)
 
 
@@ -88,5 +105,8 @@ def _skipped(frame: pd.DataFrame, scan: str) -> tuple[str, ...]:
     row = int(jumps[0])
     line = int(frame.index[row + 1]) + FIRST_ROW
     return (
-        f"scan numbers jump at {jumps.size} places, the first from {number[row]:g} to {number[row + 1]:g} in line {line}",
+        (
+            f"scan numbers jump at {jumps.size} places, the first from {number[row]:g} to"
+            f" {number[row + 1]:g} in line {line}"
+        ),
     )

@@ -1,13 +1,14 @@
 """Reader of LabVIEW measurement files (.lvm).
 
-Format: text; a file header of `key<separator>value` lines from `LabVIEW Measurement` to `***End_of_Header***`
-(Separator, Decimal_Separator, X_Columns, Time_Pref, Date, Time), then one or more segments: a header (Channels,
-Samples, Y_Unit_Label, X0, Delta_X) to `***End_of_Header***`, a line of names (`X_Value`, one name a channel,
-`Comment`), and one line a sample. With X_Columns `No` the first field is empty and the time is X0 + k·Delta_X; with
-`Multi` every channel has its own X column, which must agree. The time column is called `X_Value` [s]. Segments follow
-each other where their channels are the same; with Multi_Headings `No` packets of as many samples follow each other
-below one header, and then X values are needed. Uncertainty: X_Value to the digits written; a computed time is the
-float64 nearest to X0 + k·Delta_X.
+Format: text; a file header of `key<separator>value` lines from `LabVIEW Measurement` to
+`***End_of_Header***` (Separator, Decimal_Separator, X_Columns, Time_Pref, Date, Time), then one or
+more segments: a header (Channels, Samples, Y_Unit_Label, X0, Delta_X) to `***End_of_Header***`, a
+line of names (`X_Value`, one name a channel, `Comment`), and one line a sample. With X_Columns `No`
+the first field is empty and the time is X0 + k·Delta_X; with `Multi` every channel has its own X
+column, which must agree. The time column is called `X_Value` [s]. Segments follow each other where
+their channels are the same; with Multi_Headings `No` packets of as many samples follow each other
+below one header, and then X values are needed. Uncertainty: X_Value to the digits written; a
+computed time is the float64 nearest to X0 + k·Delta_X.
 """
 
 from __future__ import annotations
@@ -38,7 +39,9 @@ TIME = "X_Value"
 
 @dataclass(frozen=True, slots=True)
 class _Segment:
-    """Names, units and rows of one segment; `lines` are the lines of the file that the rows [n, k] stand in."""
+    """Names, units and rows of one segment; `lines` are the lines of the file that the rows [n, k]
+    stand in.
+    """
 
     names: tuple[str, ...]
     units: dict[str, str]
@@ -62,10 +65,13 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     for segment in segments[1:]:
         if segment.names != first.names:
             raise LogFormatError(
-                f"{file}:{segment.lines[0] - 1}: a segment of other channels: {', '.join(segment.names[1:])}",
+                f"{file}:{segment.lines[0] - 1}: a segment of other channels:"
+                f" {', '.join(segment.names[1:])}",
                 hint="save segments of different channels in files of their own",
             )
-    frame = pd.DataFrame(np.vstack([segment.rows for segment in segments]), columns=list(first.names))
+    frame = pd.DataFrame(
+        np.vstack([segment.rows for segment in segments]), columns=list(first.names)
+    )
     frame.index = pd.Index(np.concatenate([segment.lines for segment in segments]) - FIRST_ROW)
     _refuse_cut(content, frame.shape[1], lines[-1], separator, file)
     said = (f"LabVIEW measurement file, {encoding}, {len(segments)} segments, {len(frame)} rows",)
@@ -86,7 +92,9 @@ def _segments(lines: Sequence[str], separator: str, decimal: str, file: str) -> 
     """Segments of a file in order."""
     ends = [number for number, line in enumerate(lines) if line.startswith(END)]
     if len(ends) < 2:
-        raise LogFormatError(f"{file}: {len(ends)} × '{END}', expected two or more", hint="the file is cut off")
+        raise LogFormatError(
+            f"{file}: {len(ends)} × '{END}', expected two or more", hint="the file is cut off"
+        )
     made = []
     for k, end in enumerate(ends[1:]):
         start = ends[k] + 1
@@ -94,7 +102,9 @@ def _segments(lines: Sequence[str], separator: str, decimal: str, file: str) -> 
             start = next((n for n in range(ends[k], end) if lines[n].startswith("Channels")), end)
         stop = len(lines)
         if k + 2 < len(ends):
-            stop = next((n for n in range(end, ends[k + 2]) if lines[n].startswith("Channels")), ends[k + 2])
+            stop = next(
+                (n for n in range(end, ends[k + 2]) if lines[n].startswith("Channels")), ends[k + 2]
+            )
         made.append(_segment(lines, start, end, stop, separator, decimal, file))
     return made
 
@@ -103,28 +113,46 @@ def _segment(
     lines: Sequence[str], start: int, end: int, stop: int, separator: str, decimal: str, file: str
 ) -> _Segment:
     """One segment: header lines start … end − 1, names at end + 1, rows to stop − 1."""
-    header = {line.split(separator)[0]: line.split(separator)[1:] for line in lines[start:end] if line.strip()}
+    header = {
+        line.split(separator)[0]: line.split(separator)[1:]
+        for line in lines[start:end]
+        if line.strip()
+    }
     if end + 1 >= stop:
-        raise LogFormatError(f"{file}:{end + 1}: no names below '{END}'", hint="the file is cut off")
+        raise LogFormatError(
+            f"{file}:{end + 1}: no names below '{END}'", hint="the file is cut off"
+        )
     names = [name.strip() for name in lines[end + 1].split(separator)]
     while names and names[-1] in {"", "Comment"}:
         names.pop()
     if len(names) < 2 or names[0] != TIME:
-        raise LogFormatError(f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{TIME}' and channels")
+        raise LogFormatError(
+            f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{TIME}' and channels"
+        )
     numbers = [n for n in range(end + 2, stop) if lines[n].strip()]
     if not numbers:
-        raise LogFormatError(f"{file}:{end + 2}: names but no rows", hint="remove the segment or copy the file again")
+        raise LogFormatError(
+            f"{file}:{end + 2}: names but no rows", hint="remove the segment or copy the file again"
+        )
     rows = np.array([_row(lines[n], names, separator, decimal, n + 1, file) for n in numbers])
     packets = _value(lines, "Multi_Headings", "Yes").lower() == "no" and names[0] == TIME
     _refuse_lost(header.get("Samples", []), len(numbers), numbers[-1] + 1, file, packets=packets)
     unit = [entry.strip() for entry in header.get("Y_Unit_Label", [])]
     channels = [name for name in names if name != TIME]
-    stated = {name: units.of_text(label) for name, label in zip(channels, unit, strict=False) if units.of_text(label)}
+    stated = {
+        name: units.of_text(label)
+        for name, label in zip(channels, unit, strict=False)
+        if units.of_text(label)
+    }
     made, names = _timed(rows, names, header, file, numbers[0] + 1)
-    return _Segment(tuple(names), {TIME: "s", **stated}, np.array(numbers, dtype=np.int64) + 1, made)
+    return _Segment(
+        tuple(names), {TIME: "s", **stated}, np.array(numbers, dtype=np.int64) + 1, made
+    )
 
 
-def _row(line: str, names: Sequence[str], separator: str, decimal: str, number: int, file: str) -> list[float]:
+def _row(
+    line: str, names: Sequence[str], separator: str, decimal: str, number: int, file: str
+) -> list[float]:
     """Numbers of a line; a comment may stand behind them."""
     fields = line.split(separator)
     if len(fields) < len(names) or len(fields) > len(names) + 1:
@@ -148,7 +176,9 @@ def _row(line: str, names: Sequence[str], separator: str, decimal: str, number: 
 
 
 def _refuse_lost(samples: Sequence[str], rows: int, line: int, file: str, *, packets: bool) -> None:
-    """Refuse a segment that has fewer or more rows than its header says, or no whole number of such packets."""
+    """Refuse a segment that has fewer or more rows than its header says, or no whole number of such
+    packets.
+    """
     stated = max((int(entry) for entry in samples if entry.strip().isdigit()), default=0)
     if stated and (rows % stated if packets else rows - stated):
         raise LogFormatError(
@@ -158,21 +188,36 @@ def _refuse_lost(samples: Sequence[str], rows: int, line: int, file: str, *, pac
 
 
 def _timed(
-    rows: NDArray[np.float64], names: Sequence[str], header: dict[str, list[str]], file: str, line: int
+    rows: NDArray[np.float64],
+    names: Sequence[str],
+    header: dict[str, list[str]],
+    file: str,
+    line: int,
 ) -> tuple[NDArray[np.float64], list[str]]:
-    """Rows with one time column in front: written, computed from X0 and Delta_X, or one of several that agree."""
+    """Rows with one time column in front: written, computed from X0 and Delta_X, or one of several
+    that agree.
+    """
     at = [k for k, name in enumerate(names) if name == TIME]
     for k in at[1:]:
         if not np.array_equal(rows[:, k], rows[:, 0], equal_nan=True):
-            raise LogFormatError(f"{file}:{line}: channels with times of their own", hint="save them with one X column")
+            raise LogFormatError(
+                f"{file}:{line}: channels with times of their own",
+                hint="save them with one X column",
+            )
     keep = [k for k in range(len(names)) if k not in at]
     time = rows[:, 0]
     if np.isnan(time).all():
-        starts, steps = (_header_numbers(header.get(key, []), key, file, line) for key in ("X0", "Delta_X"))
-        samples = max((int(entry) for entry in header.get("Samples", []) if entry.strip().isdigit()), default=len(rows))
+        starts, steps = (
+            _header_numbers(header.get(key, []), key, file, line) for key in ("X0", "Delta_X")
+        )
+        samples = max(
+            (int(entry) for entry in header.get("Samples", []) if entry.strip().isdigit()),
+            default=len(rows),
+        )
         if len(set(starts)) != 1 or len(set(steps)) != 1 or len(rows) > samples:
             raise LogFormatError(
-                f"{file}:{line}: no X column, and no single X0 and Delta_X for all rows", hint="save with an X column"
+                f"{file}:{line}: no X column, and no single X0 and Delta_X for all rows",
+                hint="save with an X column",
             )
         time = starts[0] + units.scaled(np.arange(len(rows), dtype=np.float64), steps[0])
     return np.column_stack([time, rows[:, keep]]), [TIME, *(names[k] for k in keep)]
@@ -184,7 +229,8 @@ def _header_numbers(fields: Sequence[str], key: str, file: str, line: int) -> li
         return [float(field.replace(",", ".")) for field in fields if field.strip()]
     except ValueError:
         raise LogFormatError(
-            f"{file}:{line}: {key} in the header above: found '{' '.join(fields)[:60]}', expected numbers",
+            f"{file}:{line}: {key} in the header above: found '{' '.join(fields)[:60]}', expected"
+            " numbers",
             hint="the file is damaged; copy it again",
         ) from None
 
@@ -193,4 +239,6 @@ def _refuse_cut(content: str, width: int, last: str, separator: str, file: str) 
     """Refuse a last line that ends without a line end inside its last number."""
     if not content.endswith("\n") and len(last.split(separator)) <= width:
         line = content.count("\n") + 1
-        raise LogFormatError(f"{file}:{line}: the last line has no end", hint="the file is cut off; copy it again")
+        raise LogFormatError(
+            f"{file}:{line}: the last line has no end", hint="the file is cut off; copy it again"
+        )

@@ -1,8 +1,8 @@
 """Reader of MATLAB MAT-files: v4 to v7 by scipy, v7.3 (HDF5) by h5py.
 
-Format: named variables; structs hold fields. The vectors of one struct, or of the top level, are the columns of one
-log ([logs] table names the struct, or the matrix whose columns [logs] names lists). Uncertainty: values as stored in
-float64; text, cells and objects are not read.
+Format: named variables; structs hold fields. The vectors of one struct, or of the top level, are
+the columns of one log ([logs] table names the struct, or the matrix whose columns [logs] names
+lists). Uncertainty: values as stored in float64; text, cells and objects are not read.
 """
 
 from __future__ import annotations
@@ -53,11 +53,15 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     with optional.damaged(file, "MATLAB"):
         variables = scipy_io.loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type] # files are read too
     frame, how = arrays.frame(_flat(variables), file, logs, needed)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), (f"MATLAB, {len(frame)} rows", *how))
+    return Table(
+        file, hashlib.sha256(data).hexdigest(), frame, (), (f"MATLAB, {len(frame)} rows", *how)
+    )
 
 
 def _elements(data: bytes, start: int, stop: int, order: str, file: str, depth: int = 0) -> None:
-    """Refuse a file whose elements do not nest: the library that reads it does not check, and can bring the program down."""
+    """Refuse a file whose elements do not nest: the library that reads it does not check, and can
+    bring the program down.
+    """
     position = start
     while position < stop:
         if position + 8 > stop or depth > DEEPEST:

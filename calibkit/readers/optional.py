@@ -1,4 +1,6 @@
-"""Libraries that only some formats need, and what is done with whatever they raise on a damaged file."""
+"""Libraries that only some formats need, and what is done with whatever they raise on a damaged
+file.
+"""
 
 from __future__ import annotations
 
@@ -19,13 +21,16 @@ def library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (a modul
     except ImportError:
         package = module.partition(".")[0]
         raise UsageError(
-            f"{file}: reading this format needs {package}", hint=f"install it: pip install 'calibkit[{extra}]'"
+            f"{file}: reading this format needs {package}",
+            hint=f"install it: pip install 'calibkit[{extra}]'",
         ) from None
 
 
 @contextmanager
 def damaged(file: str, what: str) -> Iterator[None]:
-    """Turn whatever a library raises on a damaged file into a LogFormatError that names the file."""
+    """Turn whatever a library raises on a damaged file into a LogFormatError that names the
+    file.
+    """
     try:
         yield
     except CalibkitError:

@@ -1,7 +1,8 @@
 """Reader of Apache Parquet files, by pyarrow.
 
-Format: columns of one length; a column's field metadata `unit` or `units` is its unit. Columns of instants become
-seconds since their first. Uncertainty: values as stored, integers above 2⁵³ rounded to float64; nulls have no value.
+Format: columns of one length; a column's field metadata `unit` or `units` is its unit. Columns of
+instants become seconds since their first. Uncertainty: values as stored, integers above 2⁵³ rounded
+to float64; nulls have no value.
 """
 
 from __future__ import annotations
@@ -35,7 +36,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     with optional.damaged(file, "Parquet"):
         table = parquet.ParquetFile(io.BytesIO(data)).read()
         if len(set(table.schema.names)) != len(table.schema.names):
-            raise LogFormatError(f"{file}: a column stands twice", hint="give each column its own name")
+            raise LogFormatError(
+                f"{file}: a column stands twice", hint="give each column its own name"
+            )
         for field in table.schema:
             column = _numbers(table.column(field.name), field.type, pyarrow)
             if column is not None:
@@ -44,7 +47,14 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             stated[field.name] = units.of_text(said.get("units", said.get("unit", "")))
     frame = arrays.vectors(columns, file, needed)
     said_units = {name: unit for name, unit in stated.items() if unit}
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), (f"Parquet, {len(frame)} rows",), said_units)
+    return Table(
+        file,
+        hashlib.sha256(data).hexdigest(),
+        frame,
+        (),
+        (f"Parquet, {len(frame)} rows",),
+        said_units,
+    )
 
 
 def _numbers(column: Any, kind: Any, pyarrow: Any) -> NDArray[np.float64] | None:  # noqa: ANN401 (pyarrow ships no types)
@@ -56,6 +66,11 @@ def _numbers(column: Any, kind: Any, pyarrow: Any) -> NDArray[np.float64] | None
         there = values[~np.isnat(values)]
         start = there[0] if there.size else np.datetime64(0, "ns")
         return np.asarray((values - start) / np.timedelta64(1, "ns"), dtype=np.float64) / 1e9
-    if types.is_integer(kind) or types.is_floating(kind) or types.is_boolean(kind) or types.is_decimal(kind):
+    if (
+        types.is_integer(kind)
+        or types.is_floating(kind)
+        or types.is_boolean(kind)
+        or types.is_decimal(kind)
+    ):
         return np.asarray(column.cast(pyarrow.float64(), safe=False).to_numpy(), dtype=np.float64)
     return None

@@ -1,8 +1,8 @@
 """Logs that are split over numbered files: dat00001.csv, dat00002.csv, … are one log.
 
-Format: files whose names differ only in the digits before the suffix, in the order of that number and without a gap;
-each in the same format with the same columns. The digest of a split log is that of its files' bytes one after
-another.
+Format: files whose names differ only in the digits before the suffix, in the order of that number
+and without a gap; each in the same format with the same columns. The digest of a split log is that
+of its files' bytes one after another.
 """
 
 from __future__ import annotations
@@ -31,7 +31,9 @@ BLOCK = 1 << 20
 
 
 def group(files: Sequence[str]) -> list[list[str]]:
-    """Files grouped into logs, each in the order of its numbers; a file without a number is a log by itself."""
+    """Files grouped into logs, each in the order of its numbers; a file without a number is a log
+    by itself.
+    """
     logs: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for file in files:
         found = _NUMBERED.fullmatch(file)
@@ -41,9 +43,13 @@ def group(files: Sequence[str]) -> list[list[str]]:
 
 
 def of(path: Path, file: str) -> list[str]:
-    """Files of the split log whose first part is given; raises LogFormatError where one in between is missing."""
+    """Files of the split log whose first part is given; raises LogFormatError where one in between
+    is missing.
+    """
     above = file.rpartition("/")[0]
-    siblings = [f"{above}/{p.name}" if above else p.name for p in path.parent.iterdir() if p.is_file()]
+    siblings = [
+        f"{above}/{p.name}" if above else p.name for p in path.parent.iterdir() if p.is_file()
+    ]
     parts = next((parts for parts in group(sorted(siblings)) if file in parts), [file])
     numbers = [int(found["number"]) for part in parts if (found := _NUMBERED.fullmatch(part))]
     for (number, part), after in zip(zip(numbers, parts, strict=False), numbers[1:], strict=False):
@@ -67,19 +73,27 @@ def digest(path: Path, file: str, *, split: bool) -> str:
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
-    """Read all parts of a split log as one table, or raise LogFormatError that names the part and the line."""
+    """Read all parts of a split log as one table, or raise LogFormatError that names the part and
+    the line.
+    """
     import pandas as pd
 
     parts = of(path, file)
-    tables = [registry.read(path.parent / part.rpartition("/")[2], part, logs, needed) for part in parts]
+    tables = [
+        registry.read(path.parent / part.rpartition("/")[2], part, logs, needed) for part in parts
+    ]
     if len(tables) == 1:
         return tables[0]
     first, frames, begins, offset = tables[0], [], [], 0
     for table in tables:
         if list(table.frame.columns) != list(first.frame.columns):
             raise LogFormatError(
-                f"{table.file}: columns {', '.join(map(str, table.frame.columns[:8]))}, expected those of {first.file}",
-                hint="parts of one log have the same columns; set [logs] split = false for logs of their own",
+                f"{table.file}: columns {', '.join(map(str, table.frame.columns[:8]))}, expected"
+                f" those of {first.file}",
+                hint=(
+                    "parts of one log have the same columns; set [logs] split = false for logs of"
+                    " their own"
+                ),
             )
         frames.append(table.frame.set_axis(table.frame.index + offset))
         begins.append((table.file, offset))
@@ -88,7 +102,10 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         first,
         sha256=digest(path, file, split=True),
         frame=pd.concat(frames),
-        notes=(*(f"{table.file}: {note}" for table in tables for note in table.notes), *_joints(tables)),
+        notes=(
+            *(f"{table.file}: {note}" for table in tables for note in table.notes),
+            *_joints(tables),
+        ),
         reading=(
             f"{len(parts)} parts, {parts[0]} to {parts[-1]}",
             *dict.fromkeys(s for t in tables for s in t.reading),
@@ -102,8 +119,13 @@ def _joints(tables: Sequence[Table]) -> tuple[str, ...]:
     said = []
     for before, after in itertools.pairwise(tables):
         name = str(before.frame.columns[0])
-        if name.lower() in NUMBERED and before.frame[name].dtype.kind == "f" == after.frame[name].dtype.kind:
+        if (
+            name.lower() in NUMBERED
+            and before.frame[name].dtype.kind == "f" == after.frame[name].dtype.kind
+        ):
             last, first = float(before.frame[name].iloc[-1]), float(after.frame[name].iloc[0])
             if first != last + 1 and np.isfinite(first + last):
-                said.append(f"scan numbers jump from {last:g} in {before.file} to {first:g} in {after.file}")
+                said.append(
+                    f"scan numbers jump from {last:g} in {before.file} to {first:g} in {after.file}"
+                )
     return tuple(said)

@@ -21,7 +21,9 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Format:
-    """A format: what it is, the module that reads it, and the bytes that its files begin with where they do."""
+    """A format: what it is, the module that reads it, and the bytes that its files begin with where
+    they do.
+    """
 
     what: str
     module: str
@@ -34,8 +36,12 @@ FORMATS: dict[str, Format] = {
     "keysight": Format("Keysight 34970A/34972A/DAQ970A scan, BenchLink Data Logger", "keysight"),
     "lvm": Format("LabVIEW measurement file", "lvm", (b"LabVIEW Measurement",)),
     "tdms": Format("NI TDMS", "tdms", (b"TDSm",)),
-    "excel": Format("Excel workbook", "excel", (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")),
-    "matlab": Format("MATLAB MAT-file v5 or v7.3", "matlab", (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")),
+    "excel": Format(
+        "Excel workbook", "excel", (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
+    ),
+    "matlab": Format(
+        "MATLAB MAT-file v5 or v7.3", "matlab", (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
+    ),
     "hdf5": Format("HDF5", "hdf5", (b"\x89HDF\r\n\x1a\n",)),
     "parquet": Format("Apache Parquet", "parquet", (b"PAR1",)),
     "ulog": Format("PX4 ULog", "ulog", (b"ULog\x01\x12\x35",)),
@@ -46,9 +52,11 @@ FORMATS: dict[str, Format] = {
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
-    """Read a log in the format that the recipe names, or, where it names none, in the one that the file shows.
+    """Read a log in the format that the recipe names, or, where it names none, in the one that the
+    file shows.
 
-    Columns in `needed` hold numbers, or times as text; others may hold anything. Raises LogFormatError.
+    Columns in `needed` hold numbers, or times as text; others may hold anything. Raises
+    LogFormatError.
     """
     if logs.format == "auto":
         return _recognised(path, file, logs, needed)
@@ -78,7 +86,9 @@ def signature(head: bytes) -> str:
 
 
 def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
-    """Read a log whose format the recipe leaves open: clean CSV strictly, anything else as what it shows itself to be."""
+    """Read a log whose format the recipe leaves open: clean CSV strictly, anything else as what it
+    shows itself to be.
+    """
     described = bool(logs.names) or logs.text != TextSpec()
     if not described and (table := clean.read(path, file)) is not None:
         return table
@@ -100,7 +110,9 @@ def shown(data: bytes) -> str:
 
 
 def _text(data: bytes, file: str, logs: Logs, needed: Collection[str], *, described: bool) -> Table:
-    """Read text: strictly where it is clean CSV but for a fault, in its dialect where it is another."""
+    """Read text: strictly where it is clean CSV but for a fault, in its dialect where it is
+    another.
+    """
     from calibkit.readers import text
 
     if not described and delimited.looks_clean(data):

@@ -1,8 +1,10 @@
-"""What a text log looks like: encoding, delimiter, decimal mark, preamble, header, units and kinds of its columns.
+"""What a text log looks like: encoding, delimiter, decimal mark, preamble, header, units and kinds
+of its columns.
 
-A guess is a record that can be printed (`lines`) and turned into a recipe (`table`). Only the first lines are looked
-at; the reader then holds the whole file against the guess and refuses the first line that contradicts it. Where two
-readings are both possible and would give different numbers nothing is guessed: the log is refused with what to pin.
+A guess is a record that can be printed (`lines`) and turned into a recipe (`table`). Only the first
+lines are looked at; the reader then holds the whole file against the guess and refuses the first
+line that contradicts it. Where two readings are both possible and would give different numbers
+nothing is guessed: the log is refused with what to pin.
 """
 
 from __future__ import annotations
@@ -32,7 +34,9 @@ DELIMITERS = ("\t", ";", ",", "|", "space")
 
 @dataclass(frozen=True, slots=True)
 class ColumnGuess:
-    """One column: its name and unit as the log writes them (unit "" where it states none), and what its fields are."""
+    """One column: its name and unit as the log writes them (unit "" where it states none), and what
+    its fields are.
+    """
 
     name: str
     unit: str
@@ -43,7 +47,9 @@ class ColumnGuess:
 
 @dataclass(frozen=True, slots=True)
 class Dialect:
-    """How a text log is written; `guessed` names the keys of [logs.text] that were not pinned by the recipe."""
+    """How a text log is written; `guessed` names the keys of [logs.text] that were not pinned by
+    the recipe.
+    """
 
     encoding: str
     delimiter: str
@@ -98,15 +104,22 @@ class Dialect:
         return tuple(said)
 
 
-def guess(path: Path, file: str, spec: TextSpec | None = None, names: Sequence[str] = ()) -> Dialect:
-    """Dialect of a text log from its first bytes; raises LogFormatError where it is not understood."""
+def guess(
+    path: Path, file: str, spec: TextSpec | None = None, names: Sequence[str] = ()
+) -> Dialect:
+    """Dialect of a text log from its first bytes; raises LogFormatError where it is not
+    understood.
+    """
     try:
         with path.open("rb") as stream:
             data = stream.read(HEAD_BYTES + 1)
     except OSError as error:
-        raise LogFormatError(f"{file}: cannot be read: {error.strerror}", hint="check the file") from None
+        raise LogFormatError(
+            f"{file}: cannot be read: {error.strerror}", hint="check the file"
+        ) from None
     if len(data) > HEAD_BYTES:
-        # a whole number of lines, and of characters: no line end is part of another character in any encoding here
+        # a whole number of lines, and of characters: no line end is part of another character in
+        # any encoding here
         cut = data.rfind(b"\n", 0, HEAD_BYTES) + 1
         data = data[: cut + (cut % 2 if data[:2] == b"\xff\xfe" else 0)] if cut else data
     spec = spec or TextSpec()
@@ -114,7 +127,9 @@ def guess(path: Path, file: str, spec: TextSpec | None = None, names: Sequence[s
     return dialect(text, encoding, file, spec, names)
 
 
-def dialect(text: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str] = ()) -> Dialect:
+def dialect(
+    text: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str] = ()
+) -> Dialect:
     """Dialect of a decoded log, what the recipe pins taken from it and the rest guessed."""
     lines = text.split("\n", HEAD_LINES + MOST_PREAMBLE)[: HEAD_LINES + MOST_PREAMBLE]
     while lines and not lines[-1].strip():
@@ -122,11 +137,18 @@ def dialect(text: str, encoding: str, file: str, spec: TextSpec, names: Sequence
     if spec.footer_lines:
         lines = lines[: -spec.footer_lines] if len(lines) < HEAD_LINES else lines
     found = [_read_as(lines, delimiter, spec, names) for delimiter in _delimiters(spec)]
-    best = max((layout for layout in found if layout is not None), key=lambda layout: layout.score, default=None)
+    best = max(
+        (layout for layout in found if layout is not None),
+        key=lambda layout: layout.score,
+        default=None,
+    )
     if best is None:
         raise LogFormatError(
             f"{file}: no rows of numbers found in the first {len(lines)} lines",
-            hint="describe the log in [logs.text] of the recipe: delimiter, decimal, skip_lines, header_lines",
+            hint=(
+                "describe the log in [logs.text] of the recipe: delimiter, decimal, skip_lines,"
+                " header_lines"
+            ),
         )
     decimal = _decimal(best, spec, file)
     return _dialect(best, decimal, encoding, file, spec, names)
@@ -139,7 +161,9 @@ def _delimiters(spec: TextSpec) -> tuple[str, ...]:
 
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Head of a log cut at one delimiter: line of the first row, the fields of the rows, the lines above."""
+    """Head of a log cut at one delimiter: line of the first row, the fields of the rows, the lines
+    above.
+    """
 
     delimiter: str
     widths: tuple[int, ...]
@@ -149,8 +173,12 @@ class _Layout:
     score: tuple[float, ...]
 
 
-def _read_as(lines: Sequence[str], delimiter: str, spec: TextSpec, names: Sequence[str]) -> _Layout | None:
-    """The head of a log cut at a delimiter, with how well that explains it; None where it explains nothing."""
+def _read_as(
+    lines: Sequence[str], delimiter: str, spec: TextSpec, names: Sequence[str]
+) -> _Layout | None:
+    """The head of a log cut at a delimiter, with how well that explains it; None where it explains
+    nothing.
+    """
     cut = [tuple(tokens.split(line, delimiter, spec.widths)) for line in lines]
     sample = [fields for fields in cut[len(cut) // 3 :] if len(fields) > 1] or cut[-1:]
     width = _usual([len(fields) for fields in sample])
@@ -169,11 +197,20 @@ def _read_as(lines: Sequence[str], delimiter: str, spec: TextSpec, names: Sequen
     whole = [fields for fields in rows if len(fields) == width]
     known = [tokens.recognised(field) for fields in whole[:100] for field in fields]
     fits = len(whole) / len(rows)
-    header = _header_fits(cut, first, width, delimiter, lines) or (len(names) == width and first == 0)
+    header = _header_fits(cut, first, width, delimiter, lines) or (
+        len(names) == width and first == 0
+    )
     enough = width > 1 or len(lines) - first > 1
-    score = (float(enough and width > 1), round(fits, 3), float(header), sum(known) / max(len(known), 1))
+    score = (
+        float(enough and width > 1),
+        round(fits, 3),
+        float(header),
+        sum(known) / max(len(known), 1),
+    )
     preference = -float(DELIMITERS.index(delimiter)) if delimiter in DELIMITERS else 0.0
-    return _Layout(delimiter, tuple(spec.widths), first, rows, tuple(lines[:first]), (*score, preference))
+    return _Layout(
+        delimiter, tuple(spec.widths), first, rows, tuple(lines[:first]), (*score, preference)
+    )
 
 
 def _usual(counts: Sequence[int]) -> int:
@@ -184,21 +221,31 @@ def _usual(counts: Sequence[int]) -> int:
 def _numeric_columns(rows: Sequence[Sequence[str]], width: int) -> list[int]:
     """Columns in which the last rows hold numbers or times."""
     last = rows[(len(rows) + 1) // 2 :][-50:] or rows
-    return [k for k in range(width) if 2 * sum(tokens.measured(fields[k]) for fields in last) > len(last)]
+    return [
+        k
+        for k in range(width)
+        if 2 * sum(tokens.measured(fields[k]) for fields in last) > len(last)
+    ]
 
 
 def _first_row(cut: Sequence[Sequence[str]], width: int, numeric: Sequence[int]) -> int | None:
-    """Line, from 0, of the first row: as many fields as usual, and most of its numeric columns measured or overloaded."""
+    """Line, from 0, of the first row: as many fields as usual, and most of its numeric columns
+    measured or overloaded.
+    """
     for line, fields in enumerate(cut[:MOST_PREAMBLE]):
         if len(fields) != width:
             continue
         measured = sum(tokens.measured(fields[k]) for k in numeric)
-        if measured and 2 * (measured + sum(tokens.is_sentinel(fields[k]) for k in numeric)) > len(numeric):
+        if measured and 2 * (measured + sum(tokens.is_sentinel(fields[k]) for k in numeric)) > len(
+            numeric
+        ):
             return line
     return None
 
 
-def _header_fits(cut: Sequence[Sequence[str]], first: int, width: int, delimiter: str, lines: Sequence[str]) -> bool:
+def _header_fits(
+    cut: Sequence[Sequence[str]], first: int, width: int, delimiter: str, lines: Sequence[str]
+) -> bool:
     """Whether the line above the first row names as many columns as the rows have."""
     above = first - 1
     while above >= 0 and not lines[above].strip():
@@ -207,7 +254,9 @@ def _header_fits(cut: Sequence[Sequence[str]], first: int, width: int, delimiter
 
 
 def _names_of(line: str, delimiter: str, width: int, fields: Sequence[str]) -> tuple[str, ...]:
-    """Fields of a header line; blanks inside names are told from blanks between them by their number."""
+    """Fields of a header line; blanks inside names are told from blanks between them by their
+    number.
+    """
     if delimiter == "space" and len(fields) != width:
         wide = tuple(part.strip() for part in re.split(r"\t+|\s{2,}", line.strip()))
         return wide if len(wide) == width else tuple(fields)
@@ -227,7 +276,8 @@ def _decimal(layout: _Layout, spec: TextSpec, file: str) -> str:
     points = [field for field in fields if tokens.NUMBER["."].fullmatch(field) and "." in field]
     if commas and points and not any(times.looks_like_time(field) for field in points):
         raise LogFormatError(
-            f"{file}:{layout.first + 1}: numbers with a decimal comma ('{commas[0]}') and with a point ('{points[0]}')",
+            f"{file}:{layout.first + 1}: numbers with a decimal comma ('{commas[0]}') and with a"
+            f" point ('{points[0]}')",
             hint="pin decimal in [logs.text] of the recipe",
         )
     if commas and all(tokens.THOUSANDS.fullmatch(field) for field in commas):
@@ -238,7 +288,9 @@ def _decimal(layout: _Layout, spec: TextSpec, file: str) -> str:
     return "," if commas else "."
 
 
-def _dialect(layout: _Layout, decimal: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str]) -> Dialect:
+def _dialect(
+    layout: _Layout, decimal: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str]
+) -> Dialect:
     """The dialect of a layout: header lines, names and units, kinds of the columns."""
     width = _usual([len(row) for row in layout.rows])
     header, stated = _header(layout, width, file, spec, names)
@@ -250,22 +302,34 @@ def _dialect(layout: _Layout, decimal: str, encoding: str, file: str, spec: Text
             f"{file}:1: {fields} fields, expected {width} as in the rows below",
             hint="repair the row, or pin skip_lines in [logs.text] where rows begin further down",
         )
-    kinds = [_kind([row[k] for row in layout.rows if len(row) == width], decimal) for k in range(width)]
+    kinds = [
+        _kind([row[k] for row in layout.rows if len(row) == width], decimal) for k in range(width)
+    ]
     columns = tuple(
-        ColumnGuess(name, unit, kind, form) for (name, unit), (kind, form) in zip(stated, kinds, strict=True)
+        ColumnGuess(name, unit, kind, form)
+        for (name, unit), (kind, form) in zip(stated, kinds, strict=True)
     )
     pins = {"encoding", "delimiter", "decimal", "skip_lines", "header_lines"}
     guessed = tuple(key for key in sorted(pins) if getattr(spec, key) == "auto")
     renamed = bool(names) and header > 0
-    return Dialect(encoding, layout.delimiter, decimal, skip, header, columns, guessed, layout.widths, renamed)
+    return Dialect(
+        encoding, layout.delimiter, decimal, skip, header, columns, guessed, layout.widths, renamed
+    )
 
 
 def _header(
     layout: _Layout, width: int, file: str, spec: TextSpec, names: Sequence[str]
 ) -> tuple[int, list[tuple[str, str]]]:
-    """Number of header lines, blank lines below them included in none, and name and unit of every column."""
+    """Number of header lines, blank lines below them included in none, and name and unit of every
+    column.
+    """
     above = [
-        _names_of(line, layout.delimiter, width, tuple(tokens.split(line, layout.delimiter, layout.widths)))
+        _names_of(
+            line,
+            layout.delimiter,
+            width,
+            tuple(tokens.split(line, layout.delimiter, layout.widths)),
+        )
         for line in layout.above[-2:]
     ]
     lines = spec.header_lines
@@ -274,8 +338,12 @@ def _header(
     if lines and (len(above) < lines or len(above[-lines]) != width):
         found = len(above[-lines]) if len(above) >= lines else 0
         raise LogFormatError(
-            f"{file}:{layout.first - lines + 1}: {found} column names, expected {width} as in the rows",
-            hint="pin skip_lines and header_lines in [logs.text], or list the columns in [logs] names",
+            f"{file}:{layout.first - lines + 1}: {found} column names, expected {width} as in the"
+            " rows",
+            hint=(
+                "pin skip_lines and header_lines in [logs.text], or list the columns in [logs]"
+                " names"
+            ),
         )
     if names and len(names) != width:
         raise LogFormatError(
@@ -286,7 +354,10 @@ def _header(
     if not lines and not names and len(words) == len(above[-1] if above else ()) > 1:
         raise LogFormatError(
             f"{file}:{layout.first}: {len(words)} column names, expected {width} as in the rows",
-            hint="pin skip_lines and header_lines in [logs.text], or list the columns in [logs] names",
+            hint=(
+                "pin skip_lines and header_lines in [logs.text], or list the columns in [logs]"
+                " names"
+            ),
         )
     if not lines and not names:
         raise LogFormatError(
@@ -298,7 +369,11 @@ def _header(
 
 def _header_lines(above: Sequence[Sequence[str]], width: int) -> int:
     """0, 1 or 2 header lines: names, or names with a line of units below."""
-    if not above or len(above[-1]) != width or any(tokens.NUMBER["."].fullmatch(field) for field in above[-1]):
+    if (
+        not above
+        or len(above[-1]) != width
+        or any(tokens.NUMBER["."].fullmatch(field) for field in above[-1])
+    ):
         return 0
     unit_row = sum(units.of_text(field) != "" for field in above[-1])
     filled = sum(bool(field.strip(" -[]()")) for field in above[-1])
@@ -307,17 +382,25 @@ def _header_lines(above: Sequence[Sequence[str]], width: int) -> int:
     return 1
 
 
-def _stated(above: Sequence[Sequence[str]], lines: int, names: Sequence[str]) -> list[tuple[str, str]]:
+def _stated(
+    above: Sequence[Sequence[str]], lines: int, names: Sequence[str]
+) -> list[tuple[str, str]]:
     """Name and unit of every column, as the log states them or as the recipe names them."""
     if not lines:
         return [(name, units.of_header(name)) for name in names]
     header = [field.strip() for field in above[-lines]]
-    stated = [units.of_text(field) for field in above[-1]] if lines == 2 else [units.of_header(name) for name in header]
+    stated = (
+        [units.of_text(field) for field in above[-1]]
+        if lines == 2
+        else [units.of_header(name) for name in header]
+    )
     return list(zip(names or _distinct(header), stated, strict=True))
 
 
 def _distinct(header: Sequence[str]) -> list[str]:
-    """Names made distinct: an empty one is called after its number, a repeated one after its occurrence."""
+    """Names made distinct: an empty one is called after its number, a repeated one after its
+    occurrence.
+    """
     made: list[str] = []
     for number, name in enumerate(header, start=1):
         called = name or f"column {number}"
@@ -326,7 +409,9 @@ def _distinct(header: Sequence[str]) -> list[str]:
     return made
 
 
-def _refuse_rows_above(above: Sequence[str], delimiter: str, widths: Sequence[int], width: int, file: str) -> None:
+def _refuse_rows_above(
+    above: Sequence[str], delimiter: str, widths: Sequence[int], width: int, file: str
+) -> None:
     """Refuse a preamble in which a row stands: it would be lost."""
     for number, line in enumerate(above, start=1):
         fields = tokens.split(line, delimiter, widths)
@@ -342,7 +427,10 @@ def _kind(fields: Sequence[str], decimal: str) -> tuple[str, str]:
     filled = [field for field in fields if field.strip()]
     if not filled:
         return "empty", ""
-    numbers = sum(bool(tokens.NUMBER[decimal].fullmatch(field)) or tokens.is_sentinel(field) for field in filled)
+    numbers = sum(
+        bool(tokens.NUMBER[decimal].fullmatch(field)) or tokens.is_sentinel(field)
+        for field in filled
+    )
     if 2 * numbers > len(filled):
         return "number", ""
     form = times.form_of(filled)

@@ -1,10 +1,11 @@
 """Reader of NI TDMS files, by npTDMS.
 
-Format: binary segments of groups, channels, properties and raw data (little- or big-endian, interleaved or not, DAQmx
-raw data scaled by its own properties). One group is one log ([logs] table, needed where there are several); its
-channels are columns, with `unit_string` as their unit. Where the group holds no channel `time_s` one is made from
-wf_start_offset + k·wf_increment; channels of times become seconds since their first. Uncertainty: values as stored,
-scaled in float64; a file whose last segment was not finished is refused.
+Format: binary segments of groups, channels, properties and raw data (little- or big-endian,
+interleaved or not, DAQmx raw data scaled by its own properties). One group is one log ([logs]
+table, needed where there are several); its channels are columns, with `unit_string` as their unit.
+Where the group holds no channel `time_s` one is made from wf_start_offset + k·wf_increment;
+channels of times become seconds since their first. Uncertainty: values as stored, scaled in
+float64; a file whose last segment was not finished is refused.
 """
 
 from __future__ import annotations
@@ -38,11 +39,16 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         logging.getLogger(name).setLevel(logging.ERROR)  # what it warns of is refused here
     with optional.damaged(file, "TDMS"), nptdms.TdmsFile.open(io.BytesIO(data)) as opened:
         if opened.file_status.incomplete_final_segment:
-            raise LogFormatError(f"{file}: the last segment is not finished", hint="the recording was cut off")
+            raise LogFormatError(
+                f"{file}: the last segment is not finished", hint="the recording was cut off"
+            )
         group, how = _group(opened.groups(), file, logs.table)
         channels = {channel.name: channel for channel in group.channels() if len(channel)}
         columns = {name: _numbers(channel[:]) for name, channel in channels.items()}
-        stated = {name: units.of_text(str(c.properties.get("unit_string", ""))) for name, c in channels.items()}
+        stated = {
+            name: units.of_text(str(c.properties.get("unit_string", "")))
+            for name, c in channels.items()
+        }
         increments = {_increment(channel) for channel in channels.values()}
     kept = {name: column for name, column in columns.items() if column is not None}
     lengths = {len(column) for column in kept.values()}
@@ -50,7 +56,14 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         kept |= _time(next(iter(increments)), next(iter(lengths)))
     frame = arrays.vectors(kept, file, needed)
     said = (f"TDMS, group '{group.name}', {len(frame)} rows", *how)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, {k: v for k, v in stated.items() if v})
+    return Table(
+        file,
+        hashlib.sha256(data).hexdigest(),
+        frame,
+        (),
+        said,
+        {k: v for k, v in stated.items() if v},
+    )
 
 
 def _group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
@@ -60,7 +73,8 @@ def _group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str
     if len(named) != 1:
         there = ", ".join(f"'{group.name}'" for group in filled) or "none"
         raise LogFormatError(
-            f"{file}: {'no group ' + repr(table) if table else f'{len(filled)} groups with channels'}",
+            f"{file}:"
+            f" {'no group ' + repr(table) if table else f'{len(filled)} groups with channels'}",
             hint=f"name one in [logs] table of the recipe; there are: {there}",
         )
     return named[0], (() if table else (f"table = '{named[0].name}' (guessed)",))
@@ -76,7 +90,9 @@ def _numbers(values: NDArray[Any]) -> NDArray[np.float64] | None:
 def _increment(channel: Any) -> tuple[float, float] | None:  # noqa: ANN401 (npTDMS ships no types)
     """Offset and increment [s] of a waveform channel, None where it is none."""
     step = channel.properties.get("wf_increment")
-    return None if not step else (float(channel.properties.get("wf_start_offset", 0.0)), float(step))
+    return (
+        None if not step else (float(channel.properties.get("wf_start_offset", 0.0)), float(step))
+    )
 
 
 def _time(increment: tuple[float, float] | None, rows: int) -> dict[str, NDArray[np.float64]]:

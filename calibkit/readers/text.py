@@ -1,13 +1,14 @@
 """Reader of delimited text in any dialect.
 
-Format: text in UTF-8, UTF-16, GB18030 or Windows-1252; lines above the header; a line of names, with or without a
-line of units below it, or none where the recipe lists the columns; then one row a line, fields parted by commas,
-semicolons, tabs, bars, blanks, or of fixed widths; decimal points or commas; quotes around fields; a blank after a
-sign; words for missing values (`OVLD`, `LLLL`, `----`, `#N/A`). What the recipe's [logs.text] does not pin is guessed
-from the head (`sniff`) and said; the whole file is then held against it. Every line is accounted for: header,
-preamble, blank lines at the end and footer are counted, all others are rows with as many fields as the header or the
-file is refused. Uncertainty of reading: numbers are converted to the nearest float64; nothing is rounded, resampled
-or dropped.
+Format: text in UTF-8, UTF-16, GB18030 or Windows-1252; lines above the header; a line of names,
+with or without a line of units below it, or none where the recipe lists the columns; then one row a
+line, fields parted by commas, semicolons, tabs, bars, blanks, or of fixed widths; decimal points or
+commas; quotes around fields; a blank after a sign; words for missing values (`OVLD`, `LLLL`,
+`----`, `#N/A`). What the recipe's [logs.text] does not pin is guessed from the head (`sniff`) and
+said; the whole file is then held against it. Every line is accounted for: header, preamble, blank
+lines at the end and footer are counted, all others are rows with as many fields as the header or
+the file is refused. Uncertainty of reading: numbers are converted to the nearest float64; nothing
+is rounded, resampled or dropped.
 """
 
 from __future__ import annotations
@@ -43,14 +44,18 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
 
 
 def parse(data: bytes, file: str, logs: Logs, needed: Collection[str]) -> Table:
-    """The table of a log's bytes; raises LogFormatError that names line and column of what cannot be read."""
+    """The table of a log's bytes; raises LogFormatError that names line and column of what cannot
+    be read.
+    """
     spec = logs.text
     text, encoding = encodings.decode(data, file, spec.encoding)
     found = sniff.dialect(text, encoding, file, spec, logs.names)
     return table(text, hashlib.sha256(data).hexdigest(), file, found, logs, needed)
 
 
-def table(text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed: Collection[str]) -> Table:
+def table(
+    text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed: Collection[str]
+) -> Table:
     """The table of a log's characters in a known dialect."""
     rows, accounts = _rows(text, file, found, logs.text.footer_lines)
     body, separator = _cut(rows, found)
@@ -58,15 +63,22 @@ def table(text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed:
     first = found.first_line
     delimited.count_fields(body, len(found.columns), file, separator.encode(), first)
     kinds = {number: _stored(column, needed) for number, column in enumerate(found.columns)}
-    missing = tokens.SENTINELS | {word.strip().lower() for word in logs.sentinels if isinstance(word, str)}
+    missing = tokens.SENTINELS | {
+        word.strip().lower() for word in logs.sentinels if isinstance(word, str)
+    }
     frame, words = _numbers(body, kinds, found, file, separator, missing)
     frame.columns = list(found.names)
     frame.index = frame.index + first - FIRST_ROW
     if len(frame) != rows.count("\n") + 1:
         lines = rows.count("\n") + 1
-        raise LogFormatError(f"{file}: {lines} lines gave {len(frame)} rows", hint="report this log as a fault")
+        raise LogFormatError(
+            f"{file}: {lines} lines gave {len(frame)} rows", hint="report this log as a fault"
+        )
     units = {column.name: column.unit for column in found.columns if column.unit}
-    notes = (*_missing_words(frame, words, missing), *delimited.last_line(body, file, separator, found.decimal, first))
+    notes = (
+        *_missing_words(frame, words, missing),
+        *delimited.last_line(body, file, separator, found.decimal, first),
+    )
     return Table(file, sha256, frame, notes, (*found.lines(), *accounts), units)
 
 
@@ -87,11 +99,17 @@ def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple
         end = text.rfind("\n", 0, max(end, 0))
     if end <= start:
         raise LogFormatError(
-            f"{file}: a header but no rows", hint="expected one row an instant; remove it or copy it again"
+            f"{file}: a header but no rows",
+            hint="expected one row an instant; remove it or copy it again",
         )
     body = text[start:end]
     rows, total = body.count("\n") + 1, text.count("\n") + (not text.endswith("\n"))
-    said = [f"{total} lines: {found.skip_lines} above the header, {found.header_lines} of header, {rows} rows"]
+    said = [
+        (
+            f"{total} lines: {found.skip_lines} above the header, {found.header_lines} of header,"
+            f" {rows} rows"
+        )
+    ]
     said += [f"{blank} blank lines at the end"] if blank > 0 else []
     said += [f"{footer} lines of footer (from the recipe)"] if footer else []
     return body, tuple(said)
@@ -123,9 +141,16 @@ def _cut(body: str, found: Dialect) -> tuple[bytes, str]:
 
 
 def _numbers(
-    body: bytes, kinds: dict[int, str], found: Dialect, file: str, separator: str, missing: Collection[str]
+    body: bytes,
+    kinds: dict[int, str],
+    found: Dialect,
+    file: str,
+    separator: str,
+    missing: Collection[str],
 ) -> tuple[pd.DataFrame, pd.DataFrame | None]:
-    """Numbers and texts of the rows; where words for missing values stand among numbers, the texts of those too."""
+    """Numbers and texts of the rows; where words for missing values stand among numbers, the texts
+    of those too.
+    """
     try:
         return _parsed(body, kinds, found, separator), None
     except (ValueError, OverflowError):
@@ -156,8 +181,12 @@ def _parsed(body: bytes, kinds: dict[int, str], found: Dialect, separator: str) 
     )
 
 
-def _column(texts: pd.Series, found: Dialect, number: int, file: str, words: Collection[str]) -> pd.Series:
-    """Numbers of a column in which words stand; a word that is none of those for missing values refuses the file."""
+def _column(
+    texts: pd.Series, found: Dialect, number: int, file: str, words: Collection[str]
+) -> pd.Series:
+    """Numbers of a column in which words stand; a word that is none of those for missing values
+    refuses the file.
+    """
     import numpy as np
     import pandas as pd
 
@@ -169,15 +198,24 @@ def _column(texts: pd.Series, found: Dialect, number: int, file: str, words: Col
     if wrong.size:
         row = int(wrong[0])
         raise LogFormatError(
-            f"{file}:{found.first_line + row}: column '{column}': found '{plain.iloc[row][:40]}', expected a number",
+            f"{file}:{found.first_line + row}: column '{column}': found '{plain.iloc[row][:40]}',"
+            " expected a number",
             hint="repair the row, or leave the range out with [[exclude]]",
         )
-    values = plain.where(~missing, "nan").str.replace(" ", "").str.replace(found.decimal, ".", regex=False)
+    values = (
+        plain.where(~missing, "nan")
+        .str.replace(" ", "")
+        .str.replace(found.decimal, ".", regex=False)
+    )
     return pd.Series(np.array([float(value) for value in values]), index=texts.index)
 
 
-def _missing_words(frame: pd.DataFrame, words: pd.DataFrame | None, missing: Collection[str]) -> tuple[str, ...]:
-    """One note a column in which words stand for missing values: how many, the first of them, and where."""
+def _missing_words(
+    frame: pd.DataFrame, words: pd.DataFrame | None, missing: Collection[str]
+) -> tuple[str, ...]:
+    """One note a column in which words stand for missing values: how many, the first of them, and
+    where.
+    """
     if words is None:
         return ()
     said = []
@@ -187,5 +225,8 @@ def _missing_words(frame: pd.DataFrame, words: pd.DataFrame | None, missing: Col
         if len(hits):
             line = int(frame.index[hits.index[0]]) + FIRST_ROW
             name = list(frame.columns)[number]
-            said.append(f"column '{name}': {len(hits)} × no value, the first '{hits.iloc[0]}' in line {line}")
+            said.append(
+                f"column '{name}': {len(hits)} × no value, the first '{hits.iloc[0]}' in line"
+                f" {line}"
+            )
     return tuple(said)

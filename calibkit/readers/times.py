@@ -1,11 +1,12 @@
 """Times as loggers write them → seconds since the first row.
 
-Forms: dates and times of day in any of the orders and separators that are listed in `FORMS`, times of day alone
-(midnight is passed without a word), elapsed `h:m:s`, days since 1899-12-30 as spreadsheets count them, decimal
-seconds of any length. Uncertainty: a time is taken as the instant that it names, to the last digit written;
-spreadsheet days are rounded to the microsecond, which is what their float64 resolves. Time zones are taken into
-account where they are written. Where day and month could be either, the order that makes the log run forwards is
-taken, and none where both do and would give different seconds.
+Forms: dates and times of day in any of the orders and separators that are listed in `FORMS`, times
+of day alone (midnight is passed without a word), elapsed `h:m:s`, days since 1899-12-30 as
+spreadsheets count them, decimal seconds of any length. Uncertainty: a time is taken as the instant
+that it names, to the last digit written; spreadsheet days are rounded to the microsecond, which is
+what their float64 resolves. Time zones are taken into account where they are written. Where day and
+month could be either, the order that makes the log run forwards is taken, and none where both do
+and would give different seconds.
 """
 
 from __future__ import annotations
@@ -50,7 +51,9 @@ _DATES = (
 
 @dataclass(frozen=True, slots=True)
 class Clock:
-    """Seconds since the first row [n], NaN where no time is written, and what was decided on the way."""
+    """Seconds since the first row [n], NaN where no time is written, and what was decided on the
+    way.
+    """
 
     seconds: NDArray[np.float64]
     notes: tuple[str, ...]
@@ -59,7 +62,9 @@ class Clock:
 def looks_like_time(field: str) -> bool:
     """Whether a field is a date, a time of day, or both."""
     field = field.strip()
-    return (":" in field or "-" in field or "/" in field or "." in field or "年" in field) and bool(_form(field))
+    return (":" in field or "-" in field or "/" in field or "." in field or "年" in field) and bool(
+        _form(field)
+    )
 
 
 def is_decimal(field: str) -> bool:
@@ -108,7 +113,8 @@ def _time_form(field: str) -> str:
 
 
 def seconds(fields: pd.Series, form: str, place: str) -> Clock:
-    """Seconds since the first row of a column of times; `place` is file and column, the index counts the file's lines.
+    """Seconds since the first row of a column of times; `place` is file and column, the index
+    counts the file's lines.
 
     Raises LogFormatError naming the line of the first field that the format does not fit.
     """
@@ -128,26 +134,38 @@ def seconds(fields: pd.Series, form: str, place: str) -> Clock:
 
 
 def spreadsheet(days: NDArray[np.float64]) -> NDArray[np.float64]:
-    """Seconds since the first row of days [n] since 1899-12-30, rounded to the microsecond; days no calendar has are missing."""
+    """Seconds since the first row of days [n] since 1899-12-30, rounded to the microsecond; days no
+    calendar has are missing.
+    """
     finite = np.isfinite(days) & (np.abs(days) < SPREADSHEET_DAYS)
     microseconds = np.zeros(days.shape, dtype=np.int64)
     microseconds[finite] = np.round(days[finite] * 86400e6).astype(np.int64)
     return _since_first(microseconds * 1000, ~finite, ()).seconds
 
 
-def _since_first(nanoseconds: NDArray[np.int64], missing: NDArray[np.bool_], notes: tuple[str, ...]) -> Clock:
-    """Seconds since the first time that is there; each the float64 nearest to the written digits."""
+def _since_first(
+    nanoseconds: NDArray[np.int64], missing: NDArray[np.bool_], notes: tuple[str, ...]
+) -> Clock:
+    """Seconds since the first time that is there; each the float64 nearest to the written
+    digits.
+    """
     there = np.flatnonzero(~missing)
     if not there.size:
         return Clock(np.full(nanoseconds.shape, np.nan), notes)
     apart = nanoseconds - nanoseconds[there[0]]
     seconds = apart / 1e6 / 1e3 if np.any(apart % 1000) else (apart // 1000) / 1e6
-    seconds = np.where(np.abs(apart) < 1 << 53, apart / 1e9, seconds) if np.any(apart % 1000) else seconds
+    seconds = (
+        np.where(np.abs(apart) < 1 << 53, apart / 1e9, seconds) if np.any(apart % 1000) else seconds
+    )
     return Clock(np.where(missing, np.nan, seconds), notes)
 
 
-def _instants(texts: pd.Series, missing: NDArray[np.bool_], form: str, place: str) -> NDArray[np.int64]:
-    """Nanoseconds of each field since some fixed instant; raises LogFormatError at the first that does not fit."""
+def _instants(
+    texts: pd.Series, missing: NDArray[np.bool_], form: str, place: str
+) -> NDArray[np.int64]:
+    """Nanoseconds of each field since some fixed instant; raises LogFormatError at the first that
+    does not fit.
+    """
     import pandas as pd
 
     if ":%f" in form:
@@ -155,7 +173,9 @@ def _instants(texts: pd.Series, missing: NDArray[np.bool_], form: str, place: st
     try:
         found = pd.to_datetime(texts, format=form, errors="coerce", utc="%z" in form)
     except ValueError as error:
-        raise LogFormatError(f"{place}: time format '{form}': {error}", hint="correct time_format") from None
+        raise LogFormatError(
+            f"{place}: time format '{form}': {error}", hint="correct time_format"
+        ) from None
     wrong = found.isna().to_numpy() & ~missing
     if wrong.any() and "%f" in form:
         shorter = re.sub(r"[.,:]%f", "", form)
@@ -168,7 +188,8 @@ def _instants(texts: pd.Series, missing: NDArray[np.bool_], form: str, place: st
         row = int(np.flatnonzero(wrong)[0])
         file, _, column = place.partition(": ")
         raise LogFormatError(
-            f"{file}:{int(texts.index[row]) + 2}: {column}: found '{str(texts.iloc[row])[:40]}', expected a time as {form}",
+            f"{file}:{int(texts.index[row]) + 2}: {column}: found '{str(texts.iloc[row])[:40]}',"
+            f" expected a time as {form}",
             hint="repair the row, or pin time_format in the recipe",
         )
     if "%z" in form:
@@ -177,19 +198,24 @@ def _instants(texts: pd.Series, missing: NDArray[np.bool_], form: str, place: st
 
 
 def _three_digits(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> None:
-    """Refuse milliseconds behind a colon that have not three digits: 7 could be 0.7 s or 0.007 s."""
+    """Refuse milliseconds behind a colon that have not three digits: 7 could be 0.7 s or 0.007
+    s.
+    """
     short = ~texts.str.contains(r":\d{3}(?:\D|$)", regex=True).to_numpy() & ~missing
     if short.any():
         row = int(np.flatnonzero(short)[0])
         file, _, column = place.partition(": ")
         raise LogFormatError(
-            f"{file}:{int(texts.index[row]) + 2}: {column}: '{texts.iloc[row]}': milliseconds without three digits",
+            f"{file}:{int(texts.index[row]) + 2}: {column}: '{texts.iloc[row]}': milliseconds"
+            " without three digits",
             hint="it could be tenths or thousandths; repair the log",
         )
 
 
 def _day_or_month(texts: pd.Series, missing: NDArray[np.bool_], form: str, place: str) -> Clock:
-    """Seconds where day and month could be either: the order that can be, and that runs forwards."""
+    """Seconds where day and month could be either: the order that can be, and that runs
+    forwards.
+    """
     mark = form[len(EITHER)]
     orders = {"day first": f"%d{mark}%m", "month first": f"%m{mark}%d"}
     clocks: dict[str, Clock] = {}
@@ -199,25 +225,37 @@ def _day_or_month(texts: pd.Series, missing: NDArray[np.bool_], form: str, place
         except LogFormatError as error:
             refused = error
             continue
-        clocks[name] = _since_first(nanoseconds, missing, (f"dates read {name} (time_format guessed)",))
+        clocks[name] = _since_first(
+            nanoseconds, missing, (f"dates read {name} (time_format guessed)",)
+        )
     if not clocks:
         raise refused
-    forwards = {name: clock for name, clock in clocks.items() if np.all(np.diff(clock.seconds[~missing]) > 0.0)}
+    forwards = {
+        name: clock
+        for name, clock in clocks.items()
+        if np.all(np.diff(clock.seconds[~missing]) > 0.0)
+    }
     left = _unbroken(list((forwards or clocks).values()), missing)
     if len(left) == 2 and not np.array_equal(left[0].seconds, left[1].seconds, equal_nan=True):
         file, _, column = place.partition(": ")
         raise LogFormatError(
             f"{file}: {column}: '{texts.iloc[0]}': day and month could be either",
-            hint=f"pin time_format in the recipe: '{form.replace(EITHER, orders['day first'])}' or "
-            f"'{form.replace(EITHER, orders['month first'])}'",
+            hint=(
+                f"pin time_format in the recipe: '{form.replace(EITHER, orders['day first'])}' or "
+                f"'{form.replace(EITHER, orders['month first'])}'"
+            ),
         )
     if len(left) == 2:
-        return Clock(left[0].seconds, ("dates: day and month could be either, the seconds are the same",))
+        return Clock(
+            left[0].seconds, ("dates: day and month could be either, the seconds are the same",)
+        )
     return left[0]
 
 
 def _unbroken(clocks: list[Clock], missing: NDArray[np.bool_]) -> list[Clock]:
-    """The clock that runs on at midnight where the other leaps by weeks; both where neither shows."""
+    """The clock that runs on at midnight where the other leaps by weeks; both where neither
+    shows.
+    """
     day = 86_400.0
     largest = [float(np.abs(np.diff(clock.seconds[~missing])).max(initial=0.0)) for clock in clocks]
     if len(clocks) == 2 and min(largest) < day and max(largest) > 20.0 * day:
@@ -257,7 +295,8 @@ def _elapsed(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> NDArra
             or found["zone"]
         ):
             raise LogFormatError(
-                f"{file}:{int(texts.index[row]) + 2}: {column}: found '{text[:40]}', expected elapsed h:m:s",
+                f"{file}:{int(texts.index[row]) + 2}: {column}: found '{text[:40]}', expected"
+                " elapsed h:m:s",
                 hint="repair the row, or pin time_format in the recipe",
             )
         whole = 3600 * int(found["h"]) + 60 * int(found["m"]) + int(found["s"])
@@ -274,12 +313,15 @@ def _decimal(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> NDArra
         if missing[row]:
             continue
         try:
-            value = Decimal(text.replace(",", ".").replace("_", "?"))  # no digit to Python's own taste
+            value = Decimal(
+                text.replace(",", ".").replace("_", "?")
+            )  # no digit to Python's own taste
             first = value if first is None else first
             made[row] = int((value - first).scaleb(9).to_integral_value())
         except (InvalidOperation, OverflowError, ValueError):
             raise LogFormatError(
-                f"{file}:{int(texts.index[row]) + 2}: {column}: found '{text[:40]}', expected a number",
+                f"{file}:{int(texts.index[row]) + 2}: {column}: found '{text[:40]}', expected a"
+                " number",
                 hint="repair the row, or leave the range out with [[exclude]]",
             ) from None
     return made

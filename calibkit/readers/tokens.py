@@ -81,7 +81,9 @@ def is_sentinel(field: str) -> bool:
 
 def measured(field: str) -> bool:
     """Whether a field is a number or a time: something that a row has and a header has not."""
-    return any(pattern.fullmatch(field) for pattern in NUMBER.values()) or times.looks_like_time(field)
+    return any(pattern.fullmatch(field) for pattern in NUMBER.values()) or times.looks_like_time(
+        field
+    )
 
 
 def recognised(field: str) -> bool:

@@ -1,10 +1,10 @@
 """Reader of PX4 ULog files, by pyulog.
 
-Format: magic bytes, definitions, then messages of 2 bytes length, 1 byte type and content; each topic has one
-instance a sensor. One topic is one log: [logs] table is its name, with the instance behind a colon where that is not
-0 (`sensor_gyro:1`). Columns are the topic's fields, `timestamp` in µs (uint64). Uncertainty: fields as stored,
-float32 as they are, the timestamp exact to 2⁵³ µs; dropouts of the logger are counted and said. A file that ends
-inside a message is refused.
+Format: magic bytes, definitions, then messages of 2 bytes length, 1 byte type and content; each
+topic has one instance a sensor. One topic is one log: [logs] table is its name, with the instance
+behind a colon where that is not 0 (`sensor_gyro:1`). Columns are the topic's fields, `timestamp` in
+µs (uint64). Uncertainty: fields as stored, float32 as they are, the timestamp exact to 2⁵³ µs;
+dropouts of the logger are counted and said. A file that ends inside a message is refused.
 """
 
 from __future__ import annotations
@@ -44,7 +44,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         with redirect_stdout(said):  # pyulog prints what it finds wrong
             log = pyulog.ULog(io.BytesIO(data))
         topic, how = _topic(log.data_list, file, logs.table)
-        columns = {name: np.asarray(values, dtype=np.float64) for name, values in topic.data.items()}
+        columns = {
+            name: np.asarray(values, dtype=np.float64) for name, values in topic.data.items()
+        }
         dropouts = [int(dropout.duration) for dropout in log.dropouts]
         if log.file_corruption or said.getvalue().strip():
             found = " ".join(said.getvalue().split())[:100] or "it is marked as corrupt"
@@ -52,11 +54,17 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     frame = arrays.vectors(columns, file, needed)
     if counted.get(topic.msg_id) != len(frame):
         raise LogFormatError(
-            f"{file}: {counted.get(topic.msg_id, 0)} messages of '{topic.name}' gave {len(frame)} rows",
+            f"{file}: {counted.get(topic.msg_id, 0)} messages of '{topic.name}' gave {len(frame)}"
+            " rows",
             hint="the file is damaged; copy it again",
         )
     notes = (
-        (f"{len(dropouts)} dropout{'s' * (len(dropouts) > 1)} of the logger, {sum(dropouts)} ms in all",)
+        (
+            (
+                f"{len(dropouts)} dropout{'s' * (len(dropouts) > 1)} of the logger, {sum(dropouts)}"
+                " ms in all"
+            ),
+        )
         if dropouts
         else ()
     )
@@ -65,9 +73,13 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
 
 
 def _messages(data: bytes, file: str) -> dict[int, int]:
-    """Message number of a topic → messages of data; refuses a file whose messages do not end where it ends."""
+    """Message number of a topic → messages of data; refuses a file whose messages do not end where
+    it ends.
+    """
     if not data.startswith(MAGIC) or len(data) < HEADER_BYTES:
-        raise LogFormatError(f"{file}: not a ULog file; it begins with {data[:8]!r}", hint="check [logs] format")
+        raise LogFormatError(
+            f"{file}: not a ULog file; it begins with {data[:8]!r}", hint="check [logs] format"
+        )
     position, counted = HEADER_BYTES, dict[int, int]()
     while position + 3 <= len(data):
         size, kind = struct.unpack_from("<HB", data, position)
@@ -91,9 +103,15 @@ def _messages(data: bytes, file: str) -> dict[int, int]:
 def _topic(topics: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
     """The topic that the recipe names, or the only one."""
     name, _, instance = table.partition(":")
-    named = [t for t in topics if t.name == name and (not instance or str(t.multi_id) == instance)] if table else topics
+    named = (
+        [t for t in topics if t.name == name and (not instance or str(t.multi_id) == instance)]
+        if table
+        else topics
+    )
     if len(named) != 1:
-        there = ", ".join(sorted(f"{topic.name}:{topic.multi_id}" for topic in topics)[:12]) or "none"
+        there = (
+            ", ".join(sorted(f"{topic.name}:{topic.multi_id}" for topic in topics)[:12]) or "none"
+        )
         raise LogFormatError(
             f"{file}: {f'no single topic {table!r}' if table else f'{len(topics)} topics'}",
             hint=f"name one in [logs] table of the recipe; there are: {there}",

@@ -1,4 +1,6 @@
-"""Strict loader of recipes: every fault at once, each with file, line, value, allowed set and the closest known name."""
+"""Strict loader of recipes: every fault at once, each with file, line, value, allowed set and the
+closest known name.
+"""
 
 from __future__ import annotations
 
@@ -15,12 +17,12 @@ from pydantic import BaseModel, ValidationError
 
 from calibkit.errors import RecipeError, UsageError
 from calibkit.frame import CANONICAL, is_canonical
-from calibkit.recipe.accelerometer import AccelerometerRecipe
-from calibkit.recipe.bias_temperature import BiasTemperatureRecipe
-from calibkit.recipe.fog_thermal import FogThermalRecipe
-from calibkit.recipe.gyro import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
-from calibkit.recipe.gyro_noise import GyroNoiseRecipe
-from calibkit.recipe.inclinometer import InclinometerRecipe
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
+from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -39,7 +41,9 @@ PROCEDURES: dict[str, type[Recipe]] = {
 }
 """Value of `procedure` → record that the recipe must fill."""
 
-_KEY = re.compile(r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*=""")
+_KEY = re.compile(
+    r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*="""
+)
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]\]?")
 
 Location = tuple[str | int, ...]
@@ -71,7 +75,9 @@ def shipped() -> dict[str, Path]:
 
 
 def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
-    """Find a recipe by file or by the name of a shipped one, or raise UsageError with the names there are."""
+    """Find a recipe by file or by the name of a shipped one, or raise UsageError with the names
+    there are.
+    """
     path = Path(name)
     if not path.is_file():
         recipes = shipped()
@@ -79,20 +85,27 @@ def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
             close = difflib.get_close_matches(name, recipes, n=1)
             guess = f"did you mean '{close[0]}'? " if close else ""
             raise UsageError(
-                f"recipe '{name}' is neither a file nor a shipped recipe", hint=f"{guess}shipped: {', '.join(recipes)}"
+                f"recipe '{name}' is neither a file nor a shipped recipe",
+                hint=f"{guess}shipped: {', '.join(recipes)}",
             )
         path = recipes[name]
     try:
         content = path.read_bytes()
-        utf_16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))  # what PowerShell's > makes of init
+        utf_16 = content.startswith(
+            (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
+        )  # what PowerShell's > makes of init
         text = content.decode("utf-16" if utf_16 else "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
-        raise RecipeError(f"{name}: cannot be read as UTF-8 text: {error}", hint="save the recipe as UTF-8") from None
+        raise RecipeError(
+            f"{name}: cannot be read as UTF-8 text: {error}", hint="save the recipe as UTF-8"
+        ) from None
     return Source(path.name, text.replace("\r\n", "\n"), overrides)
 
 
 def parse(source: Source) -> Recipe:
-    """Turn a recipe's text into its frozen record, or raise RecipeError with every fault, one a line."""
+    """Turn a recipe's text into its frozen record, or raise RecipeError with every fault, one a
+    line.
+    """
     data, lines = _tables(source)
     procedure = data.get("procedure")
     model = PROCEDURES.get(procedure) if isinstance(procedure, str) else None
@@ -101,7 +114,9 @@ def parse(source: Source) -> Recipe:
         found = "missing" if procedure is None else repr(procedure)
         guess = difflib.get_close_matches(str(procedure), PROCEDURES, n=1)
         hint = f"did you mean '{guess[0]}'?" if guess else "name one of them"
-        raise RecipeError(f"{place}: procedure: found {found}, expected one of {', '.join(PROCEDURES)}", hint=hint)
+        raise RecipeError(
+            f"{place}: procedure: found {found}, expected one of {', '.join(PROCEDURES)}", hint=hint
+        )
     recipe = _validated(source, model, data, lines)
     if unknown := _unknown_columns(source, recipe, lines):
         raise RecipeError("\n".join(unknown))
@@ -109,7 +124,9 @@ def parse(source: Source) -> Recipe:
 
 
 def table(source: Source, model: type[AnyTable]) -> AnyTable:
-    """Turn a TOML text into any strict record, or raise RecipeError with every fault, one a line."""
+    """Turn a TOML text into any strict record, or raise RecipeError with every fault, one a
+    line.
+    """
     return _validated(source, model, *_tables(source))
 
 
@@ -120,14 +137,18 @@ def _tables(source: Source) -> tuple[dict[str, Any], dict[Location, str]]:
     except tomllib.TOMLDecodeError as error:
         line = re.search(r"at line (\d+)", str(error))
         place = f"{source.name}:{line.group(1)}" if line else source.name
-        raise RecipeError(f"{place}: not TOML: {error}", hint="see the shipped recipes for the syntax") from None
+        raise RecipeError(
+            f"{place}: not TOML: {error}", hint="see the shipped recipes for the syntax"
+        ) from None
     lines = key_lines(source.text)
     for override in source.overrides:
         lines |= _override(data, override)
     return data, lines
 
 
-def _validated(source: Source, model: type[AnyTable], data: dict[str, Any], lines: Mapping[Location, str]) -> AnyTable:
+def _validated(
+    source: Source, model: type[AnyTable], data: dict[str, Any], lines: Mapping[Location, str]
+) -> AnyTable:
     """Record of the tables, or RecipeError."""
     try:
         return model.model_validate(data)
@@ -136,13 +157,24 @@ def _validated(source: Source, model: type[AnyTable], data: dict[str, Any], line
 
 
 def _unknown_columns(source: Source, recipe: Recipe, lines: Mapping[Location, str]) -> list[str]:
-    """One line for each mapped column that nothing would read: a misspelt name would lose its unit and sign."""
+    """One line for each mapped column that nothing would read: a misspelt name would lose its unit
+    and sign.
+    """
     faults = []
     for name in recipe.columns:
         if not is_canonical(name) and name not in recipe.own_columns():
-            allowed = [*CANONICAL, "gyro_x_dph", "gyro_x_lsb", "accel_x_g", "accel_x_lsb", *recipe.own_columns()]
+            allowed = [
+                *CANONICAL,
+                "gyro_x_dph",
+                "gyro_x_lsb",
+                "accel_x_g",
+                "accel_x_lsb",
+                *recipe.own_columns(),
+            ]
             place = _place(source, ("columns", name), lines)
-            faults.append(f"{place}: columns.{name}: not a canonical column; {_guess(name, allowed)}")
+            faults.append(
+                f"{place}: columns.{name}: not a canonical column; {_guess(name, allowed)}"
+            )
     return faults
 
 
@@ -186,7 +218,9 @@ def _override(data: dict[str, Any], override: str) -> dict[Location, str]:
     key, separator, value = override.partition("=")
     path = _split(key.strip())
     if not separator or not path:
-        raise UsageError(f"--set {override}: expected table.key=value", hint="for example --set drift.order=2")
+        raise UsageError(
+            f"--set {override}: expected table.key=value", hint="for example --set drift.order=2"
+        )
     try:
         parsed = tomllib.loads(f"value = {value}")["value"]
     except tomllib.TOMLDecodeError:
@@ -195,7 +229,10 @@ def _override(data: dict[str, Any], override: str) -> dict[Location, str]:
     for part in path[:-1]:
         node = node.setdefault(str(part), {})
         if not isinstance(node, dict):
-            raise UsageError(f"--set {override}: '{part}' is not a table", hint="name the table, a dot, and the key")
+            raise UsageError(
+                f"--set {override}: '{part}' is not a table",
+                hint="name the table, a dot, and the key",
+            )
     node[str(path[-1])] = parsed
     return {path: f"--set {override}"}
 
@@ -208,23 +245,32 @@ def _place(source: Source, location: Location, lines: Mapping[Location, str]) ->
     return source.name
 
 
-def _faults(source: Source, error: ValidationError, lines: Mapping[Location, str], model: type[BaseModel]) -> list[str]:
+def _faults(
+    source: Source, error: ValidationError, lines: Mapping[Location, str], model: type[BaseModel]
+) -> list[str]:
     """One line for each place that has a fault; the alternatives that a place allows are joined."""
     grouped: dict[Location, list[dict[str, Any]]] = {}
     for fault in error.errors():
         location = tuple(part for part in fault["loc"] if not _is_branch(part))
         grouped.setdefault(location, []).append(dict(fault))
-    return [_fault(_place(source, location, lines), location, faults, model) for location, faults in grouped.items()]
+    return [
+        _fault(_place(source, location, lines), location, faults, model)
+        for location, faults in grouped.items()
+    ]
 
 
-def _fault(place: str, location: Location, faults: list[dict[str, Any]], model: type[BaseModel]) -> str:
+def _fault(
+    place: str, location: Location, faults: list[dict[str, Any]], model: type[BaseModel]
+) -> str:
     """One line for one place: where, what was found, what was expected, what to do."""
     dotted = ".".join(str(part) for part in location)
     kind, value = faults[0]["type"], faults[0]["input"]
     if kind == "extra_forbidden":
         allowed = _keys(model, location[:-1])
         guess = _guess(location[-1], allowed)
-        return f"{place}: unknown key '{dotted}' = {value!r}, allowed: {', '.join(allowed)}; {guess}"
+        return (
+            f"{place}: unknown key '{dotted}' = {value!r}, allowed: {', '.join(allowed)}; {guess}"
+        )
     if kind == "missing":
         return f"{place}: missing key '{dotted}'; add it"
     if kind == "value_error":
@@ -266,7 +312,9 @@ def _guess(value: object, allowed: list[str]) -> str:
 
 def _is_branch(part: str | int) -> bool:
     """Whether a part of a location only names the branch of a union that was tried."""
-    return isinstance(part, str) and (part in {"int", "float", "str"} or part.startswith(("literal[", "constrained-")))
+    return isinstance(part, str) and (
+        part in {"int", "float", "str"} or part.startswith(("literal[", "constrained-"))
+    )
 
 
 def _keys(model: type[BaseModel], location: Location) -> list[str]:
@@ -281,14 +329,20 @@ def _keys(model: type[BaseModel], location: Location) -> list[str]:
 
 def _table(annotation: Any) -> Any:  # noqa: ANN401 (as below)
     """Type of a table that may be absent: what stands beside None."""
-    tables = [kind for kind in get_args(annotation) if isinstance(kind, type) and issubclass(kind, BaseModel)]
+    tables = [
+        kind
+        for kind in get_args(annotation)
+        if isinstance(kind, type) and issubclass(kind, BaseModel)
+    ]
     return tables[0] if len(tables) == 1 and type(None) in get_args(annotation) else annotation
 
 
 def _member(annotation: Any, part: str | int) -> Any:  # noqa: ANN401 (walks type annotations, which have no common type)
     """Type of the member `part` of a table, an array of tables, or a table of tables."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
-        field = next((f for name, f in annotation.model_fields.items() if part in (name, f.alias)), None)
+        field = next(
+            (f for name, f in annotation.model_fields.items() if part in (name, f.alias)), None
+        )
         return field.annotation if field else None
     if get_origin(annotation) is tuple:
         return get_args(annotation)[0]

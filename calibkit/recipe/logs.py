@@ -1,4 +1,6 @@
-"""Recipe tables that say how logs are written: format, text dialect, binary records, missing values."""
+"""Recipe tables that say how logs are written: format, text dialect, binary records, missing
+values.
+"""
 
 from __future__ import annotations
 
@@ -32,9 +34,13 @@ TEXT_FORMATS = ("auto", "text", "keysight", "lvm", "chamber", "excel")
 
 
 class TextSpec(Table):
-    """Dialect of delimited text; what is left at "auto" is guessed from the log, printed, and recorded in run.json."""
+    """Dialect of delimited text; what is left at "auto" is guessed from the log, printed, and
+    recorded in run.json.
+    """
 
-    encoding: Literal["auto", "utf-8", "utf-16", "utf-16-le", "utf-16-be", "gb18030", "cp1252"] = "auto"
+    encoding: Literal["auto", "utf-8", "utf-16", "utf-16-le", "utf-16-be", "gb18030", "cp1252"] = (
+        "auto"
+    )
     delimiter: Literal["auto", ",", ";", "\t", "|", "space", "fixed"] = "auto"
     decimal: Literal["auto", ".", ","] = "auto"
     skip_lines: Count | Auto = "auto"
@@ -52,7 +58,9 @@ class TextSpec(Table):
 
 
 class FieldSpec(Table):
-    """One field of a binary record: canonical meaning comes from [columns]; value = scale · stored + offset."""
+    """One field of a binary record: canonical meaning comes from [columns]; value = scale · stored
+    + offset.
+    """
 
     name: Annotated[str, Field(min_length=1)]
     type: Literal["i1", "i2", "i4", "i8", "u1", "u2", "u4", "u8", "f4", "f8", "skip"]
@@ -64,7 +72,9 @@ class FieldSpec(Table):
 
 
 class BinarySpec(Table):
-    """Raw binary records of one length: a header that is skipped, then records of the listed fields without gaps."""
+    """Raw binary records of one length: a header that is skipped, then records of the listed fields
+    without gaps.
+    """
 
     byte_order: Literal["little", "big"]
     header_bytes: Count = 0
@@ -85,7 +95,9 @@ class BinarySpec(Table):
         try:
             bytes.fromhex(sync)
         except ValueError:
-            raise ValueError(f"sync = '{sync}': expected hexadecimal bytes, for example 'AA55'") from None
+            raise ValueError(
+                f"sync = '{sync}': expected hexadecimal bytes, for example 'AA55'"
+            ) from None
         return sync
 
     @model_validator(mode="after")
@@ -117,7 +129,11 @@ class Logs(Table):
     @classmethod
     def _inside(cls, files: tuple[str, ...]) -> tuple[str, ...]:
         for pattern in files:
-            if pattern.startswith(("/", "\\")) or ".." in pattern.replace("\\", "/").split("/") or ":" in pattern:
+            if (
+                pattern.startswith(("/", "\\"))
+                or ".." in pattern.replace("\\", "/").split("/")
+                or ":" in pattern
+            ):
                 raise ValueError(f"'{pattern}' leaves the data folder")
         return files
 
@@ -137,8 +153,18 @@ class Logs(Table):
             raise ValueError("format = 'binary' and a table [logs.binary] go together")
         if self.text != TextSpec() and self.format not in TEXT_FORMATS:
             raise ValueError(f"[logs.text] says nothing about format = '{self.format}'")
-        if self.table and self.format not in {"auto", "tdms", "excel", "matlab", "hdf5", "ulog", "json"}:
+        if self.table and self.format not in {
+            "auto",
+            "tdms",
+            "excel",
+            "matlab",
+            "hdf5",
+            "ulog",
+            "json",
+        }:
             raise ValueError(f"table = '{self.table}' says nothing about format = '{self.format}'")
         if self.names and self.format in {"csv", "binary", "tdms", "parquet", "ulog", "keysight"}:
-            raise ValueError(f"names = [...] says nothing about format = '{self.format}': its columns have names")
+            raise ValueError(
+                f"names = [...] says nothing about format = '{self.format}': its columns have names"
+            )
         return self

@@ -1,4 +1,6 @@
-"""What every recipe table is made of: a frozen, typed record that is closed to keys it does not know."""
+"""What every recipe table is made of: a frozen, typed record that is closed to keys it does not
+know.
+"""
 
 from __future__ import annotations
 
@@ -19,5 +21,5 @@ class Table(BaseModel):
         strict=True,
         allow_inf_nan=False,
         populate_by_name=True,
-        defer_build=True,  # of eight procedures a command has one: tables of the others are never made ready
+        defer_build=True,  # tables that a command does not use are never made ready
     )

@@ -12,11 +12,23 @@ from calibkit.recipe.logs import Logs
 from calibkit.recipe.strict import NonNegative, Positive, Table
 from calibkit.recipe.type_b import TypeB
 
-__all__ = ["Column", "Exclude", "Logs", "NonNegative", "Pin", "Positive", "Recipe", "Site", "Table", "TypeB"]
+__all__ = [
+    "Column",
+    "Exclude",
+    "Logs",
+    "NonNegative",
+    "Pin",
+    "Positive",
+    "Recipe",
+    "Site",
+    "Table",
+    "TypeB",
+]
 
 
 class Column(Table):
-    """Where a canonical column comes from: canonical = sign · (scale · value + offset) converted from `unit`.
+    """Where a canonical column comes from: canonical = sign · (scale · value + offset) converted
+    from `unit`.
 
     Without a unit the one that the log's header states holds, and without that the canonical one.
     """
@@ -74,7 +86,8 @@ class Exclude(Table):
 
 
 class SecondLogger(Logs):
-    """A second logger, mostly the chamber's: which columns come from it, and how its clock is related to the log's.
+    """A second logger, mostly the chamber's: which columns come from it, and how its clock is
+    related to the log's.
 
     In `files`, "{log}" stands for the name of the log that a file belongs to.
     """
@@ -97,24 +110,32 @@ class SecondLogger(Logs):
             raise ValueError("provides = ['time_s']: the log's own clock is kept")
         if self.clock == "estimate" and (not self.shared or self.log_column is None):
             raise ValueError(
-                "clock = 'estimate' needs a quantity that both loggers measured: shared = a column of this logger, "
-                "log_column = { from = the log's own column of the same quantity }"
+                "clock = 'estimate' needs a quantity that both loggers measured: shared = a column"
+                " of this logger, log_column = { from = the log's own column of the same quantity }"
             )
         if self.clock == "stated" and self.standard_uncertainty_s is None:
-            raise ValueError("clock = 'stated' needs standard_uncertainty_s beside offset_s and drift_ppm")
+            raise ValueError(
+                "clock = 'stated' needs standard_uncertainty_s beside offset_s and drift_ppm"
+            )
         if self.clock == "same" and (self.offset_s or self.drift_ppm):
-            raise ValueError("clock = 'same' with an offset or a drift contradicts itself; say clock = 'stated'")
+            raise ValueError(
+                "clock = 'same' with an offset or a drift contradicts itself; say clock = 'stated'"
+            )
         return self
 
 
 CORRECTED = ("temp_", "table_", "inclination_", "toolface_", "azimuth_", "position_")
-"""Beginnings of the columns that reference instruments write: only they have certificates of their own."""
+"""Beginnings of the columns that reference instruments write: only they have certificates of their
+own.
+"""
 
 
 class Correction(Table):
-    """Corrections of a reference instrument from its own certificate: reference = indication + correction.
+    """Corrections of a reference instrument from its own certificate: reference = indication +
+    correction.
 
-    Between the points of the certificate corrections are interpolated linearly, in the unit of the column.
+    Between the points of the certificate corrections are interpolated linearly, in the unit of the
+    column.
     """
 
     column: str
@@ -128,10 +149,13 @@ class Correction(Table):
     def _of_a_reference(self) -> Correction:
         if not self.column.startswith(CORRECTED):
             raise ValueError(
-                f"column = '{self.column}' is no reference instrument's: what is calibrated is not corrected"
+                f"column = '{self.column}' is no reference instrument's: what is calibrated is not"
+                " corrected"
             )
         if len(self.indication) != len(self.correction):
-            raise ValueError(f"{len(self.indication)} indications and {len(self.correction)} corrections")
+            raise ValueError(
+                f"{len(self.indication)} indications and {len(self.correction)} corrections"
+            )
         if any(b <= a for a, b in zip(self.indication, self.indication[1:], strict=False)):
             raise ValueError("the indications of a certificate must ascend")
         return self
@@ -176,8 +200,14 @@ class Recipe(Table):
                 raise ValueError(f"{name}: time_format and date belong to time_s")
             if name == "time_s" and (column.accumulated or column.interval_s is not None):
                 raise ValueError("time_s: accumulated and interval_s belong to counts")
-            if column.interval_s is not None and column.unit != "1/sample" and not column.accumulated:
-                raise ValueError(f"{name}: interval_s belongs to unit = '1/sample' or accumulated = true")
+            if (
+                column.interval_s is not None
+                and column.unit != "1/sample"
+                and not column.accumulated
+            ):
+                raise ValueError(
+                    f"{name}: interval_s belongs to unit = '1/sample' or accumulated = true"
+                )
         return columns
 
     @field_validator("type_b")
@@ -204,7 +234,9 @@ class Recipe(Table):
         for k, pin in enumerate(pins):
             for other in pins[:k]:
                 if pin.log == other.log and pin.from_s < other.to_s and other.from_s < pin.to_s:
-                    raise ValueError(f"two segments of {pin.log} overlap at {max(pin.from_s, other.from_s):g} s")
+                    raise ValueError(
+                        f"two segments of {pin.log} overlap at {max(pin.from_s, other.from_s):g} s"
+                    )
         return pins
 
     def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:

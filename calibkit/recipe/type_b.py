@@ -1,4 +1,5 @@
-"""Type B terms: what a laboratory knows of its equipment from certificates and data sheets, in a recipe or its own profile.
+"""Type B terms: what a laboratory knows of its equipment from certificates and data sheets, in a
+recipe or its own profile.
 
     [[type_b]]
     name = "case thermometer"
@@ -6,8 +7,9 @@
     unit = "degC"
     half_width = 0.1
 
-How a certificate uses them: `loads(run.document["type_b"])`, the profile's terms behind, then for every printed result
-`terms_of(terms, result, …)` gives the components that stand beside its type A one in `numeric.gum.combine`.
+How a certificate uses them: `loads(run.document["type_b"])`, the profile's terms behind, then for
+every printed result `terms_of(terms, result, …)` gives the components that stand beside its type A
+one in `numeric.gum.combine`.
 """
 
 from __future__ import annotations
@@ -37,13 +39,15 @@ Words = Annotated[str, Field(min_length=1)]
 
 
 class TypeB(Table):
-    """One type B term: an influence quantity or a result, and how far it may be off (JCGM 100, 4.3).
+    """One type B term: an influence quantity or a result, and how far it may be off (JCGM 100,
+    4.3).
 
-    `quantity` is a canonical column, a site value (latitude_deg, gravity_mps2), or a result by its name (a figure, a
-    coefficient, or a column that the procedure gives). Exactly one of standard_uncertainty, half_width and
-    expanded_uncertainty (with its coverage_factor) is stated, in `unit`: one of the quantity's dimension, or "ppm" or "%" of
-    the quantity. `sensitivity` is what `result` changes by for one `unit`; without the two the procedure's own derivative is
-    used, or 1 where the quantity is the result itself. Without `dof` the degrees of freedom are infinite.
+    `quantity` is a canonical column, a site value (latitude_deg, gravity_mps2), or a result by its
+    name (a figure, a coefficient, or a column that the procedure gives). Exactly one of
+    standard_uncertainty, half_width and expanded_uncertainty (with its coverage_factor) is stated,
+    in `unit`: one of the quantity's dimension, or "ppm" or "%" of the quantity. `sensitivity` is
+    what `result` changes by for one `unit`; without the two the procedure's own derivative is used,
+    or 1 where the quantity is the result itself. Without `dof` the degrees of freedom are infinite.
     """
 
     name: Words
@@ -74,16 +78,28 @@ class TypeB(Table):
         if len(stated) != 1:
             found = " and ".join(stated) or "none"
             raise ValueError(
-                f"'{self.name}' states {found}; state one of standard_uncertainty, half_width, expanded_uncertainty"
+                f"'{self.name}' states {found}; state one of standard_uncertainty, half_width,"
+                " expanded_uncertainty"
             )
         if (self.coverage_factor is None) == ("expanded_uncertainty" in stated):
-            raise ValueError(f"'{self.name}': coverage_factor belongs to expanded_uncertainty, and to nothing else")
+            raise ValueError(
+                f"'{self.name}': coverage_factor belongs to expanded_uncertainty, and to nothing"
+                " else"
+            )
         if "half_width" in stated and self.distribution == "normal":
-            raise ValueError(f"'{self.name}': a normal distribution has no half_width; state the standard_uncertainty")
+            raise ValueError(
+                f"'{self.name}': a normal distribution has no half_width; state the"
+                " standard_uncertainty"
+            )
         if "expanded_uncertainty" in stated and self.shape != "normal":
-            raise ValueError(f"'{self.name}': an expanded_uncertainty with a coverage_factor is that of a normal one")
+            raise ValueError(
+                f"'{self.name}': an expanded_uncertainty with a coverage_factor is that of a"
+                " normal one"
+            )
         if bool(self.result) == (self.sensitivity is None):
-            raise ValueError(f"'{self.name}': a sensitivity and the result that it leads to are stated together")
+            raise ValueError(
+                f"'{self.name}': a sensitivity and the result that it leads to are stated together"
+            )
         _require_unit(self)
         return self
 
@@ -94,7 +110,9 @@ class TypeB(Table):
 
     @property
     def u(self) -> float:
-        """Standard uncertainty in the term's own unit: as stated, a/√3, a/√6, a/√2, or U/k (JCGM 100, 4.3.3 to 4.3.9)."""
+        """Standard uncertainty in the term's own unit: as stated, a/√3, a/√6, a/√2, or U/k (JCGM
+        100, 4.3.3 to 4.3.9).
+        """
         if self.half_width is not None:
             return float(self.half_width / gum.HALF_WIDTH[self.shape])
         if self.expanded_uncertainty is not None and self.coverage_factor is not None:
@@ -103,35 +121,55 @@ class TypeB(Table):
         return self.standard_uncertainty
 
     def u_of(self, estimate: float) -> float:
-        """Standard uncertainty in the base unit of the quantity (that of its column's name), at an estimate in that unit."""
+        """Standard uncertainty in the base unit of the quantity (that of its column's name), at an
+        estimate in that unit.
+        """
         if self.unit in RELATIVE:
             return self.u * RELATIVE[self.unit] * abs(estimate)
         target = quantity_unit(self.quantity)
         return self.u if target is None else self.u * step(self.unit, target)
 
     def component(self, estimate: float, sensitivity: float) -> gum.Component:
-        """Component of a combination: the quantity's estimate in its base unit, sensitivity of the result to that unit."""
+        """Component of a combination: the quantity's estimate in its base unit, sensitivity of the
+        result to that unit.
+        """
         dof = float("inf") if self.dof is None else self.dof
-        return gum.Component(self.name, estimate, self.u_of(estimate), "B", sensitivity, dof, self.shape)
+        return gum.Component(
+            self.name, estimate, self.u_of(estimate), "B", sensitivity, dof, self.shape
+        )
 
 
 def quantity_unit(quantity: str) -> str | None:
-    """Unit of an influence quantity by its name: that of the column, or of the site value; None of any other result."""
+    """Unit of an influence quantity by its name: that of the column, or of the site value; None of
+    any other result.
+    """
     return SITE.get(quantity) or (units.column_unit(quantity) if is_canonical(quantity) else None)
 
 
 def step(source: str, target: str) -> float:
-    """Factor from a difference in one unit to one in another; of temperatures the scales' zeros do not matter."""
+    """Factor from a difference in one unit to one in another; of temperatures the scales' zeros do
+    not matter.
+    """
     a, b = units.TABLE[units.known(source)], units.TABLE[units.known(target)]
     if a.dimension == b.dimension:
         return a.size / b.size
-    if {a.dimension, b.dimension} == {"acceleration", "acceleration in SI"}:  # half a percent of an uncertainty
+    if {a.dimension, b.dimension} == {
+        "acceleration",
+        "acceleration in SI",
+    }:  # half a percent of an uncertainty
         return (
             a.size
             / b.size
-            * (units.STANDARD_GRAVITY_MPS2 if a.dimension == "acceleration" else 1.0 / units.STANDARD_GRAVITY_MPS2)
+            * (
+                units.STANDARD_GRAVITY_MPS2
+                if a.dimension == "acceleration"
+                else 1.0 / units.STANDARD_GRAVITY_MPS2
+            )
         )
-    raise RecipeError(f"'{source}' is a {a.dimension}, '{target}' a {b.dimension}", hint="state a unit of the quantity")
+    raise RecipeError(
+        f"'{source}' is a {a.dimension}, '{target}' a {b.dimension}",
+        hint="state a unit of the quantity",
+    )
 
 
 def _require_unit(term: TypeB) -> None:
@@ -147,7 +185,9 @@ def _require_unit(term: TypeB) -> None:
 
 @dataclass(frozen=True, slots=True)
 class Applied:
-    """Components that a result has from type B terms, and the names of terms that say nothing of it."""
+    """Components that a result has from type B terms, and the names of terms that say nothing of
+    it.
+    """
 
     components: tuple[gum.Component, ...]
     unused: tuple[str, ...]
@@ -163,10 +203,13 @@ def terms_of(
 
     Parameters
     ----------
-    terms : from the recipe and the laboratory's profile; two of one name are one effect, the later one counts.
-    result : name of the result, which a term may name as its quantity (sensitivity 1) or as its `result`.
+    terms : from the recipe and the laboratory's profile; two of one name are one effect, the later
+        one counts.
+    result : name of the result, which a term may name as its quantity (sensitivity 1) or as its
+        `result`.
     estimate : of the result, in its own unit: what ppm and % of it are taken of.
-    sensitivities : influence quantity → (its estimate, derivative of the result by it), in the unit of the quantity's name.
+    sensitivities : influence quantity → (its estimate, derivative of the result by it), in the unit
+        of the quantity's name.
 
     """
     known = dict(sensitivities or {})
@@ -177,7 +220,9 @@ def terms_of(
             components.append(term.component(estimate, 1.0))
         elif term.sensitivity is not None and term.result == result:
             dof = float("inf") if term.dof is None else term.dof
-            components.append(gum.Component(term.name, at, term.u, "B", term.sensitivity, dof, term.shape))
+            components.append(
+                gum.Component(term.name, at, term.u, "B", term.sensitivity, dof, term.shape)
+            )
         elif derivative is not None and term.sensitivity is None:
             components.append(term.component(at, derivative))
         else:
@@ -186,14 +231,25 @@ def terms_of(
 
 
 def require_known(spec: Recipe, results: Iterable[str]) -> None:
-    """Raise RecipeError for a term whose quantity or result is neither a column, a site value nor one of the results."""
+    """Raise RecipeError for a term whose quantity or result is neither a column, a site value nor
+    one of the results.
+    """
     there = [*results, *SITE, *spec.own_columns()]
     for term in spec.type_b:
         for key, name in (("quantity", term.quantity), ("result", term.result)):
             if name and not is_canonical(name) and name not in there:
-                close = difflib.get_close_matches(name, [*there, "temp_case_degc", "temp_env_degc"], n=1)
-                guess = f"did you mean '{close[0]}'?" if close else "name a canonical column or a result of this run"
-                raise RecipeError(f"[[type_b]] '{term.name}': {key} = '{name}' is no column and no result", hint=guess)
+                close = difflib.get_close_matches(
+                    name, [*there, "temp_case_degc", "temp_env_degc"], n=1
+                )
+                guess = (
+                    f"did you mean '{close[0]}'?"
+                    if close
+                    else "name a canonical column or a result of this run"
+                )
+                raise RecipeError(
+                    f"[[type_b]] '{term.name}': {key} = '{name}' is no column and no result",
+                    hint=guess,
+                )
 
 
 def dumps(terms: Sequence[TypeB]) -> list[dict[str, Any]]:
@@ -202,7 +258,9 @@ def dumps(terms: Sequence[TypeB]) -> list[dict[str, Any]]:
 
 
 def loads(entries: Iterable[Mapping[str, Any]]) -> tuple[TypeB, ...]:
-    """Terms of a run.json (`document.get("type_b", [])`); raises CoefficientError for one that is none."""
+    """Terms of a run.json (`document.get("type_b", [])`); raises CoefficientError for one that is
+    none.
+    """
     try:
         return tuple(TypeB.model_validate(dict(entry)) for entry in entries)
     except ValidationError as error:

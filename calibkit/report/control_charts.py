@@ -1,4 +1,6 @@
-"""Control charts of a fleet: a page a key figure, one point a unit, with centre line, limits and named outliers."""
+"""Control charts of a fleet: a page a key figure, one point a unit, with centre line, limits and
+named outliers.
+"""
 
 from __future__ import annotations
 
@@ -68,7 +70,9 @@ def pages(title: str, charts: Sequence[ControlChart]) -> list[Figure]:
 
 
 def _settle(figure: Figure, ax: Axes, words: Sequence[str]) -> None:
-    """Give a chart the margins that its words need; a layout that is searched for takes as long as the page itself."""
+    """Give a chart the margins that its words need; a layout that is searched for takes as long as
+    the page itself.
+    """
     ticks = ax.yaxis.get_major_formatter().format_ticks(ax.yaxis.get_majorticklocs())  # type: ignore[arg-type] # an array
     serials = [label.get_text() for label in ax.get_xticklabels()]
     left = EDGE_PT + LINE_PT + GAP_PT + _width(ticks, TICK_SIZE) + 2.0 * GAP_PT
@@ -76,7 +80,14 @@ def _settle(figure: Figure, ax: Axes, words: Sequence[str]) -> None:
     right = GAP_PT + _width(words, WORDS_SIZE) + EDGE_PT
     width, height = (72.0 * inches for inches in figure.get_size_inches())
     figure.set_layout_engine("none")
-    ax.set_position((left / width, bottom / height, 1.0 - (left + right) / width, 1.0 - (bottom + TOP_PT) / height))
+    ax.set_position(
+        (
+            left / width,
+            bottom / height,
+            1.0 - (left + right) / width,
+            1.0 - (bottom + TOP_PT) / height,
+        )
+    )
 
 
 def _width(texts: Sequence[str], size: float) -> float:
@@ -93,7 +104,9 @@ def _width(texts: Sequence[str], size: float) -> float:
 
 
 def _draw(ax: Axes, chart: ControlChart) -> list[str]:
-    """One chart, and the words beside it; what stands far outside is a triangle at the edge, so that others keep their spread."""
+    """One chart, and the words beside it; what stands far outside is a triangle at the edge, so
+    that others keep their spread.
+    """
     at = np.arange(1, len(chart.serials) + 1)
     outliers = list(chart.control.outliers)
     low, high = _window(chart)
@@ -103,8 +116,12 @@ def _draw(ax: Axes, chart: ControlChart) -> list[str]:
         errors = 2.0 * chart.standard_uncertainties[inside]
         ax.errorbar(at[inside], shown[inside], errors, fmt="none", ecolor=MUTED, elinewidth=0.8)
     ax.plot(at[inside], shown[inside], ".", ms=5, color=DENOISED)
-    ax.plot(at[chart.values > high], shown[chart.values > high], "^", ms=6, color=ALERT, clip_on=False)
-    ax.plot(at[chart.values < low], shown[chart.values < low], "v", ms=6, color=ALERT, clip_on=False)
+    ax.plot(
+        at[chart.values > high], shown[chart.values > high], "^", ms=6, color=ALERT, clip_on=False
+    )
+    ax.plot(
+        at[chart.values < low], shown[chart.values < low], "v", ms=6, color=ALERT, clip_on=False
+    )
     ringed = [k for k in outliers if inside[k]]
     ax.plot(at[ringed], shown[ringed], "o", ms=6, mfc="none", color=ALERT)
     for k in outliers[:MOST_NAMED]:
@@ -143,7 +160,9 @@ def _name(ax: Axes, chart: ControlChart, k: int, height: float) -> None:
 
 
 def _lines(ax: Axes, chart: ControlChart) -> list[str]:
-    """Centre line, control limits and the acceptance limit, each with its value; returns the words beside them."""
+    """Centre line, control limits and the acceptance limit, each with its value; returns the words
+    beside them.
+    """
     control = chart.control
     ax.axhline(control.centre, color=GOOD)
     lines = [(control.centre, GOOD, f"median {control.centre:.6g}")]
@@ -151,7 +170,9 @@ def _lines(ax: Axes, chart: ControlChart) -> list[str]:
         for sign in (-1.0, 1.0):
             value = control.centre + sign * control.limit * control.sigma
             ax.axhline(value, color=ALERT, ls="--")
-            lines.append((value, ALERT, f"{'+' if sign > 0.0 else '−'}{control.limit:.2f} σ  {value:.6g}"))
+            lines.append(
+                (value, ALERT, f"{'+' if sign > 0.0 else '−'}{control.limit:.2f} σ  {value:.6g}")
+            )
     if math.isfinite(chart.acceptance):
         ax.axhline(chart.acceptance, color=INK, ls=":")
         lines.append((chart.acceptance, INK, f"acceptance limit {chart.acceptance:.6g}"))
@@ -173,7 +194,9 @@ def _serials(ax: Axes, serials: Sequence[str]) -> None:
     """Serials below the axis, every so many where there are many."""
     step = -(-len(serials) // MOST_NAMES)
     at = list(range(0, len(serials), step))
-    ax.set_xticks([k + 1 for k in at], [_short(serials[k]) for k in at], rotation=90, fontsize=SERIAL_SIZE)
+    ax.set_xticks(
+        [k + 1 for k in at], [_short(serials[k]) for k in at], rotation=90, fontsize=SERIAL_SIZE
+    )
     ax.set_xlim(0.0, len(serials) + 1.0)
     ax.grid(visible=False, axis="x")
 
@@ -187,7 +210,10 @@ def _said(chart: ControlChart) -> str:
     """What the lines are, or why there are none."""
     count = f"{len(chart.serials)} of {chart.units} units"
     if chart.control.sigma == 0.0:
-        return f"{count}; more than half of the values are equal: no unit can be judged by their spread"
+        return (
+            f"{count}; more than half of the values are equal: no unit can be judged by their"
+            " spread"
+        )
     if not math.isfinite(chart.control.limit):
         return f"{count}; fewer than {FEWEST}: no unit can be judged by their spread"
     return f"{count}; σ = {chart.control.sigma:.4g} by median absolute deviation"

@@ -1,4 +1,6 @@
-"""The report of a run for people: PDF and text of the same figures and tables; the page is made of them too."""
+"""The report of a run for people: PDF and text of the same figures and tables; the page is made of
+them too.
+"""
 
 from __future__ import annotations
 
@@ -18,7 +20,9 @@ PDF, TEXT, PAGE = "report.pdf", "report.txt", "report.html"
 
 @dataclass(frozen=True, slots=True)
 class Drawn:
-    """What a report shows: figures, the summary in full, and pages of the PDF whose tables the summary holds."""
+    """What a report shows: figures, the summary in full, and pages of the PDF whose tables the
+    summary holds.
+    """
 
     figures: tuple[Figure, ...]
     summary: Summary
@@ -28,4 +32,6 @@ class Drawn:
 def printed(drawn: Drawn) -> dict[str, bytes]:
     """report.pdf, where there is something to draw, and report.txt."""
     pages = (*drawn.figures, *drawn.table_pages)
-    return ({PDF: figures.pdf(pages)} if pages else {}) | {TEXT: summary.text(drawn.summary).encode()}
+    return ({PDF: figures.pdf(pages)} if pages else {}) | {
+        TEXT: summary.text(drawn.summary).encode()
+    }

@@ -18,11 +18,25 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
     from matplotlib.text import Text
 
-INK, MUTED, RAW, DENOISED, GOOD, ALERT = "#1b1b1e", "#6b7280", "#b8bec9", "#4477aa", "#228833", "#cc3311"
+INK, MUTED, RAW, DENOISED, GOOD, ALERT = (
+    "#1b1b1e",
+    "#6b7280",
+    "#b8bec9",
+    "#4477aa",
+    "#228833",
+    "#cc3311",
+)
 """Colours that stay apart for colour-blind readers and in grey print (after Tol, bright scheme)."""
 SIDES = {"heating": "#cc3311", "cooling": "#4477aa", "both": "#228833"}
 
-WIDE_FONTS = ("Noto Sans CJK SC", "WenQuanYi Zen Hei", "Microsoft YaHei", "SimHei", "PingFang SC", "Source Han Sans SC")
+WIDE_FONTS = (
+    "Noto Sans CJK SC",
+    "WenQuanYi Zen Hei",
+    "Microsoft YaHei",
+    "SimHei",
+    "PingFang SC",
+    "Source Han Sans SC",
+)
 """Fonts with Chinese letters, one of which most systems that need them have."""
 WIDE_FILES = ("notosanscjk", "wqy-zenhei", "msyh", "simhei", "pingfang", "sourcehansanssc")
 """How their files are called."""
@@ -46,14 +60,18 @@ STYLE: Any = {
     "legend.frameon": False,
     "legend.fontsize": 8.0,
     "lines.linewidth": 1.2,
-    "pdf.fonttype": 3,  # outlines: cutting a TrueType font down takes longer than a small fit; the text stays text
+    "pdf.fonttype": (
+        3
+    ),  # outlines: cutting a TrueType font down takes longer than a small fit; the text stays text
     "svg.hashsalt": "calibkit",
     "figure.constrained_layout.use": True,
 }
 
 
 def styled() -> AbstractContextManager[None]:
-    """Titles, legends and ticks that are made within look as STYLE says, not only the axes that `page` makes."""
+    """Titles, legends and ticks that are made within look as STYLE says, not only the axes that
+    `page` makes.
+    """
     import matplotlib as mpl
 
     return mpl.rc_context(STYLE)
@@ -71,7 +89,8 @@ def page(rows: int, columns: int, *, title: str, height: float = 8.0) -> tuple[F
 
 
 def literal(figure: Figure) -> None:
-    """Take a '$' in names of logs and columns for what it is, and Chinese letters from a font that has them.
+    """Take a '$' in names of logs and columns for what it is, and Chinese letters from a font that
+    has them.
 
     Formulas stand in tick labels alone.
     """
@@ -82,7 +101,9 @@ def literal(figure: Figure) -> None:
 
 
 def _wide_fonts() -> list[str]:
-    """Fonts with Chinese letters that this machine has, those too that came after matplotlib made its list of fonts."""
+    """Fonts with Chinese letters that this machine has, those too that came after matplotlib made
+    its list of fonts.
+    """
     from matplotlib import font_manager
 
     known = font_manager.fontManager
@@ -96,10 +117,14 @@ def _wide_fonts() -> list[str]:
 
 @contextlib.contextmanager
 def drawing() -> Iterator[None]:
-    """Styled, and a letter or a weight that no font has is a box or another weight, not a warning on the console."""
+    """Styled, and a letter or a weight that no font has is a box or another weight, not a warning
+    on the console.
+    """
     logging.getLogger("matplotlib.font_manager").setLevel(logging.ERROR)
     with styled(), warnings.catch_warnings():
-        warnings.filterwarnings("ignore", message=r"Glyph \d+ .* missing from", category=UserWarning)
+        warnings.filterwarnings(
+            "ignore", message=r"Glyph \d+ .* missing from", category=UserWarning
+        )
         yield
 
 
@@ -133,10 +158,12 @@ def pdf(figures: Sequence[Figure]) -> bytes:
 
 
 def _settle(figure: Figure) -> None:
-    """Take from matplotlib the search for places that are known: for each it measures all tick labels of a panel again.
+    """Take from matplotlib the search for places that are known: for each it measures all tick
+    labels of a panel again.
 
-    An axis without a name needs no place for one. A title stands on its panel, unless ticks or a common factor of tick labels
-    stand there too. A legend lies within its panel and asks for no margin.
+    An axis without a name needs no place for one. A title stands on its panel, unless ticks or a
+    common factor of tick labels stand there too. A legend lies within its panel and asks for no
+    margin.
     """
     for ax in figure.axes:
         for axis in (ax.xaxis, ax.yaxis):

@@ -1,7 +1,9 @@
-"""A run's report as one HTML page that opens anywhere: verdict and flags first, figures that can be zoomed, every number.
+"""A run's report as one HTML page that opens anywhere: verdict and flags first, figures that can be
+zoomed, every number.
 
-It is made of what the PDF and the text are made of, and of the coefficient files; it loads nothing, and its content
-security policy lets it load nothing: no script and no style but its own, which are named by their digests.
+It is made of what the PDF and the text are made of, and of the coefficient files; it loads nothing,
+and its content security policy lets it load nothing: no script and no style but its own, which are
+named by their digests.
 """
 
 from __future__ import annotations
@@ -21,19 +23,30 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Record
     from calibkit.report.documents import Drawn
 
-SECTIONS = ("Verdict", "Flags", "Results", "Figures", "Coefficients", "Uncertainty", "Logs", "Origin")
+SECTIONS = (
+    "Verdict",
+    "Flags",
+    "Results",
+    "Figures",
+    "Coefficients",
+    "Uncertainty",
+    "Logs",
+    "Origin",
+)
 REJECTED = '@media print{@page{@top-center{content:"REJECTED";color:#b00020;font-weight:bold}}}'
 """What a rejected run's page says on every sheet of paper."""
 HOW = (
-    "Zoom: Ctrl + wheel, or the wheel alone once a figure is clicked; drag to move; double-click a panel to fill the "
-    "figure with it, again for the whole; two fingers on a touch screen; the numbers below a figure show a panel. "
-    "Keys: + − arrows, 0 for the whole, 1 to 9 for a panel."
+    "Zoom: Ctrl + wheel, or the wheel alone once a figure is clicked; drag to move; double-click a"
+    " panel to fill the figure with it, again for the whole; two fingers on a touch screen; the"
+    " numbers below a figure show a panel. Keys: + − arrows, 0 for the whole, 1 to 9 for a panel."
 )
 THINNED = " Of long curves the extremes of short pieces are drawn; the fit used every point."
 
 
 def page(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Drawn) -> bytes:
-    """The page of a run as UTF-8: `document` is its run.json but for what cannot know this page yet, digest and file list."""
+    """The page of a run as UTF-8: `document` is its run.json but for what cannot know this page
+    yet, digest and file list.
+    """
     style = _own("page.css") + ("" if document["accepted"] else REJECTED)
     script = _own("page.js")
     name = f"{document['serial']} r{document['revision']:03d}"
@@ -51,7 +64,10 @@ def page(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Draw
         element("main", joined(_sections(document, records, drawn)), id="content"),
         Markup(f"<script>{script}</script>"),
     ]
-    whole = f'<!DOCTYPE html>\n<html lang="en">\n<head>\n{joined(head)}\n</head>\n<body>\n{joined(body)}\n</body>\n</html>\n'
+    whole = (
+        "<!DOCTYPE html>\n<html"
+        f' lang="en">\n<head>\n{joined(head)}\n</head>\n<body>\n{joined(body)}\n</body>\n</html>\n'
+    )
     return whole.encode()
 
 
@@ -61,9 +77,17 @@ def _own(file: str) -> str:
 
 
 def _policy(style: str, script: str) -> str:
-    """Content security policy under which nothing but this page's own style and script is used and nothing is loaded."""
-    own = [f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'" for text in (style, script)]
-    return f"default-src 'none'; style-src {own[0]}; script-src {own[1]}; base-uri 'none'; form-action 'none'"
+    """Content security policy under which nothing but this page's own style and script is used and
+    nothing is loaded.
+    """
+    own = [
+        f"'sha256-{base64.b64encode(hashlib.sha256(text.encode()).digest()).decode()}'"
+        for text in (style, script)
+    ]
+    return (
+        f"default-src 'none'; style-src {own[0]}; script-src {own[1]}; base-uri 'none'; form-action"
+        " 'none'"
+    )
 
 
 def _top(document: Mapping[str, Any], drawn: Drawn) -> Markup:
@@ -87,13 +111,19 @@ def _top(document: Mapping[str, Any], drawn: Drawn) -> Markup:
 def _section(name: str, *parts: Markup) -> Markup:
     """A section under its heading."""
     key = name.lower()
-    return element("section", element("h2", name, id=key), Markup("\n"), joined(parts), aria_labelledby=key)
+    return element(
+        "section", element("h2", name, id=key), Markup("\n"), joined(parts), aria_labelledby=key
+    )
 
 
-def _sections(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Drawn) -> list[Markup]:
+def _sections(
+    document: Mapping[str, Any], records: Mapping[str, Record], drawn: Drawn
+) -> list[Markup]:
     """Every section in order."""
     limits = document["acceptance"]
-    without = element("p", "The recipe states no acceptance limits: nothing was accepted or rejected.")
+    without = element(
+        "p", "The recipe states no acceptance limits: nothing was accepted or rejected."
+    )
     parts = {
         "Verdict": [tables.acceptance(limits) if limits else without],
         "Flags": _flags(document),
@@ -111,9 +141,13 @@ def _flags(document: Mapping[str, Any]) -> list[Markup]:
     """What must be known before a number is used: flags, and what was left out or corrected."""
     found = list(document["flags"])
     found += (
-        [f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs"] if document["excluded"] else []
+        [f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs"]
+        if document["excluded"]
+        else []
     )
-    found += ["the recipe was changed by --set: see Origin"] if document["recipe"]["overrides"] else []
+    found += (
+        ["the recipe was changed by --set: see Origin"] if document["recipe"]["overrides"] else []
+    )
     if not found:
         return [element("p", "No flags.")]
     return [element("ul", joined([element("li", flag) for flag in found]), class_="flags")]
@@ -126,12 +160,19 @@ def _figures(drawn: Drawn, *, rejected: bool) -> list[Markup]:
     for number, (figure, drawing) in enumerate(zip(drawn.figures, drawings, strict=True), start=1):
         caption = f"Figure {number}. {figure.get_suptitle()}"
         frame = element(
-            "div", Markup(drawing), class_="frame", tabindex="0", role="group", aria_label=f"{caption} (can be zoomed)"
+            "div",
+            Markup(drawing),
+            class_="frame",
+            tabindex="0",
+            role="group",
+            aria_label=f"{caption} (can be zoomed)",
         )
         tools = element("div", class_="tools")
         reading = element("output", class_="reading")
         mark = [element("strong", "REJECTED. ")] if rejected else []
-        parts.append(element("figure", frame, tools, reading, element("figcaption", *mark, caption)))
+        parts.append(
+            element("figure", frame, tools, reading, element("figcaption", *mark, caption))
+        )
     return parts if drawings else [element("p", "No figures were drawn.")]
 
 
@@ -140,21 +181,27 @@ def _coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) ->
     parts = [
         element(
             "p",
-            "Values with every digit of the coefficient files. Standard uncertainties are of type A alone and are rounded here; "
-            "what instruments add stands under Uncertainty.",
+            "Values with every digit of the coefficient files. Standard uncertainties are of type A"
+            " alone and are rounded here; what instruments add stands under Uncertainty.",
         )
     ]
     if not document["accepted"]:
         parts.insert(
             0,
             element(
-                "p", element("strong", "REJECTED: these coefficients failed the acceptance limits."), class_="warn"
+                "p",
+                element("strong", "REJECTED: these coefficients failed the acceptance limits."),
+                class_="warn",
             ),
         )
     for record in records.values():
         told = [flag for flag in record.flags if flag not in document["flags"]]
         parts += [element("h3", f"{record.stage}.json")]
-        parts += [element("ul", joined([element("li", flag) for flag in told]), class_="flags")] if told else []
+        parts += (
+            [element("ul", joined([element("li", flag) for flag in told]), class_="flags")]
+            if told
+            else []
+        )
         parts += [tables.coefficients(record)] if record.models else []
         parts += [tables.figures(record)] if record.figures else []
         if not record.models and not record.figures:
@@ -165,7 +212,11 @@ def _coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) ->
 def _uncertainty(document: Mapping[str, Any]) -> list[Markup]:
     """Combined uncertainties and the type B terms of the recipe."""
     stated, terms = document.get("uncertainty", []), document.get("type_b", [])
-    parts = [tables.combined(stated)] if stated else [element("p", "No combined uncertainty is stated.")]
+    parts = (
+        [tables.combined(stated)]
+        if stated
+        else [element("p", "No combined uncertainty is stated.")]
+    )
     return [*parts, tables.entries("Type B terms of the recipe", terms)] if terms else parts
 
 
@@ -175,7 +226,11 @@ def _logs(document: Mapping[str, Any]) -> list[Markup]:
     if document["excluded"]:
         parts.append(tables.entries("Left out", document["excluded"]))
     if document.get("corrections"):
-        parts.append(tables.entries("Corrections from certificates of reference instruments", document["corrections"]))
+        parts.append(
+            tables.entries(
+                "Corrections from certificates of reference instruments", document["corrections"]
+            )
+        )
     return parts
 
 
@@ -198,7 +253,10 @@ def _origin(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[
             if record.supersedes
         ),
     ]
-    files = [(f"SHA-256 of {entry['name']}", element("code", entry["sha256"])) for entry in document["files"]]
+    files = [
+        (f"SHA-256 of {entry['name']}", element("code", entry["sha256"]))
+        for entry in document["files"]
+    ]
     return [
         tables.conditions(tuple(records.values())),
         tables.facts("Where this comes from", pairs),

@@ -1,4 +1,6 @@
-"""Tables of a run's record for its page: limits, coefficients and figures with units and uncertainties, logs, digests."""
+"""Tables of a run's record for its page: limits, coefficients and figures with units and
+uncertainties, logs, digests.
+"""
 
 from __future__ import annotations
 
@@ -22,7 +24,9 @@ def exact(value: float) -> Markup:
 
 
 def uncertainty(value: float, none: str = "0") -> Markup:
-    """A standard uncertainty in three digits, the file's as its machine value; of 0 what that means there."""
+    """A standard uncertainty in three digits, the file's as its machine value; of 0 what that means
+    there.
+    """
     return element("data", f"{value:.3g}" if value else none, value=repr(value))
 
 
@@ -77,21 +81,35 @@ def coefficients(record: Record) -> Markup:
 def _coefficient_rows(model: Model) -> list[Markup]:
     """One row a coefficient."""
     return [
-        row(entry.name, exact(entry.value), uncertainty(entry.standard_uncertainty), entry.unit, numbers=(1, 2))
+        row(
+            entry.name,
+            exact(entry.value),
+            uncertainty(entry.standard_uncertainty),
+            entry.unit,
+            numbers=(1, 2),
+        )
         for entry in model.coefficients
     ]
 
 
 def _model_row(model: Model) -> Markup:
     """The head of a model's rows: its name, form, validity, degrees of freedom and residual."""
-    valid = [f"{column} from {low:.6g} to {high:.6g}" for column, (low, high) in model.valid.items()]
-    chosen = [
-        f"{entry.name} = {entry.value:.9g}{'' if entry.unit == '1' else f' {entry.unit}'}" for entry in model.parameters
+    valid = [
+        f"{column} from {low:.6g} to {high:.6g}" for column, (low, high) in model.valid.items()
     ]
-    residual = f"{model.dof} degrees of freedom, residual rms {model.residual_rms:.6g} {model.residual_unit}"
+    chosen = [
+        f"{entry.name} = {entry.value:.9g}{'' if entry.unit == '1' else f' {entry.unit}'}"
+        for entry in model.parameters
+    ]
+    residual = (
+        f"{model.dof} degrees of freedom, residual rms {model.residual_rms:.6g}"
+        f" {model.residual_unit}"
+    )
     said = "; ".join((model.form, *(f"valid for {part}" for part in valid), *chosen, residual))
     return element(
-        "tr", element("th", element("b", model.name), f" {said}", scope="rowgroup", colspan="4"), class_="model"
+        "tr",
+        element("th", element("b", model.name), f" {said}", scope="rowgroup", colspan="4"),
+        class_="model",
     )
 
 
@@ -108,7 +126,11 @@ def conditions(records: Sequence[Record]) -> Markup:
     found = dict.fromkeys(entry for record in records for entry in record.conditions)
     heads = ("condition", "value", "standard uncertainty", "unit")
     rows = [_stated(entry) for entry in found]
-    return table("Conditions", heads, [rows], (1, 2)) if rows else element("p", "The recipe states no conditions.")
+    return (
+        table("Conditions", heads, [rows], (1, 2))
+        if rows
+        else element("p", "The recipe states no conditions.")
+    )
 
 
 def combined(entries: Sequence[Mapping[str, Any]]) -> Markup:
@@ -137,7 +159,9 @@ def combined(entries: Sequence[Mapping[str, Any]]) -> Markup:
 def _where(entry: Mapping[str, Any]) -> list[str]:
     """Where a result holds, and with what probability its U covers it."""
     parts = [str(entry["where"])] if "where" in entry else []
-    parts += [f"at {entry['temp_case_degc']:.4g} °C"] if entry.get("temp_case_degc") is not None else []
+    parts += (
+        [f"at {entry['temp_case_degc']:.4g} °C"] if entry.get("temp_case_degc") is not None else []
+    )
     return parts + ([f"({100.0 * entry['probability']:.4g} %)"] if "probability" in entry else [])
 
 
@@ -163,11 +187,15 @@ def logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:
 
 
 def entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:
-    """Entries of a recipe's list (exclusions, corrections, type B terms), one a row, as they were written."""
+    """Entries of a recipe's list (exclusions, corrections, type B terms), one a row, as they were
+    written.
+    """
     rows = [
         row(
             str(number),
-            "; ".join(f"{key}: {value}" for key, value in entry.items() if value not in (None, "", [], {})),
+            "; ".join(
+                f"{key}: {value}" for key, value in entry.items() if value not in (None, "", [], {})
+            ),
         )
         for number, entry in enumerate(found, start=1)
     ]

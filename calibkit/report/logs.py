@@ -1,4 +1,6 @@
-"""Figure of a log as it was read: every column, its held conditions shaded, its findings marked, its occupancy."""
+"""Figure of a log as it was read: every column, its held conditions shaded, its findings marked,
+its occupancy.
+"""
 
 from __future__ import annotations
 
@@ -20,7 +22,13 @@ if TYPE_CHECKING:
 
 POINTS = 2000
 """Points of a curve's envelope: more than a page shows."""
-SHADES = {"soak": "#bbccee", "ramp": "#ffcccc", "rate": "#ccddaa", "dwell": "#eeeebb", "station": "#cceeff"}
+SHADES = {
+    "soak": "#bbccee",
+    "ramp": "#ffcccc",
+    "rate": "#ccddaa",
+    "dwell": "#eeeebb",
+    "station": "#cceeff",
+}
 """Kind of held condition → its shade (after Tol, pale scheme)."""
 
 
@@ -47,7 +55,9 @@ class LogFigure:
 
 
 def envelope(along: Array, values: Array) -> tuple[Array, Array, Array]:
-    """Smallest and largest of values [n] in at most 2000 pieces: along [m], low [m], high [m]; missing values are left out."""
+    """Smallest and largest of values [n] in at most 2000 pieces: along [m], low [m], high [m];
+    missing values are left out.
+    """
     good = np.isfinite(values) & np.isfinite(along)
     along, values = along[good], values[good]
     if values.size <= POINTS:
@@ -88,18 +98,24 @@ def _panel(ax: Axes, log: LogFigure, curve: Curve) -> None:
     for number, (at, _, severity) in enumerate(log.marks, start=1):
         colour = ALERT if severity == "refuse" else MUTED
         ax.axvline(at, color=colour, lw=1.0, ls="--")
-        ax.annotate(str(number), (at, 1.0), xycoords=("data", "axes fraction"), fontsize=7, color=colour)
+        ax.annotate(
+            str(number), (at, 1.0), xycoords=("data", "axes fraction"), fontsize=7, color=colour
+        )
     ax.set_ylabel(curve.name, fontsize=7)
 
 
 def _key(ax: Axes, log: LogFigure) -> None:
     """Legend of the shades, and the names of the marks."""
     kinds = list(dict.fromkeys(kind for kind, _, _ in log.held))
-    handles = [ax.axvspan(np.nan, np.nan, color=SHADES.get(kind, "#dddddd"), label=kind) for kind in kinds]
+    handles = [
+        ax.axvspan(np.nan, np.nan, color=SHADES.get(kind, "#dddddd"), label=kind) for kind in kinds
+    ]
     if handles:
         ax.legend(handles=handles, loc="upper right", ncols=len(handles))
     if log.marks:
-        said = ", ".join(f"{number} {name}" for number, (_, name, _) in enumerate(log.marks, start=1))
+        said = ", ".join(
+            f"{number} {name}" for number, (_, name, _) in enumerate(log.marks, start=1)
+        )
         ax.set_title(said, fontsize=8, color=ALERT)
 
 
@@ -107,6 +123,13 @@ def _occupancy(ax: Axes, log: LogFigure) -> None:
     """Share of the rows over temperature."""
     low = [part[0] for part in log.occupancy]
     width = [part[1] - part[0] for part in log.occupancy]
-    ax.bar(low, [100.0 * part[2] for part in log.occupancy], width=width, align="edge", color=RAW, edgecolor="white")
+    ax.bar(
+        low,
+        [100.0 * part[2] for part in log.occupancy],
+        width=width,
+        align="edge",
+        color=RAW,
+        edgecolor="white",
+    )
     ax.set_xlabel("temperature [°C]")
     ax.set_ylabel("share of rows [%]", fontsize=7)

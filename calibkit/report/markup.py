@@ -33,13 +33,19 @@ def escaped(content: Content) -> str:
     """HTML of a text or of a piece; characters that cannot be shown stand there as their code."""
     if isinstance(content, Markup):
         return content.text
-    return html.escape(_UNSHOWN.sub(lambda found: f"\\u{ord(found.group()):04x}", content.replace("\r", "\\r")))
+    return html.escape(
+        _UNSHOWN.sub(lambda found: f"\\u{ord(found.group()):04x}", content.replace("\r", "\\r"))
+    )
 
 
 def element(tag: str, *parts: Content, **attributes: str) -> Markup:
-    """An element around texts and pieces; a trailing underscore of an attribute's name goes, others become hyphens."""
+    """An element around texts and pieces; a trailing underscore of an attribute's name goes, others
+    become hyphens.
+    """
     said = "".join(
-        f' {name.rstrip("_").replace("_", "-")}="{escaped(value)}"' for name, value in attributes.items() if value
+        f' {name.rstrip("_").replace("_", "-")}="{escaped(value)}"'
+        for name, value in attributes.items()
+        if value
     )
     return Markup(f"<{tag}{said}>{''.join(map(escaped, parts))}</{tag}>")
 
@@ -57,18 +63,27 @@ def cell(content: Content) -> Markup:
 def row(first: Content, *others: Content, kind: str = "", numbers: Sequence[int] = ()) -> Markup:
     """A row whose first cell names it; the cells at `numbers` are set as numbers."""
     cells = [
-        element("td", content, class_="number" if at in numbers else "") for at, content in enumerate(others, start=1)
+        element("td", content, class_="number" if at in numbers else "")
+        for at, content in enumerate(others, start=1)
     ]
     return element("tr", element("th", first, scope="row"), *cells, class_=kind)
 
 
 def table(
-    caption: Content, heads: Sequence[Content], bodies: Sequence[Sequence[Markup]], numbers: Sequence[int]
+    caption: Content,
+    heads: Sequence[Content],
+    bodies: Sequence[Sequence[Markup]],
+    numbers: Sequence[int],
 ) -> Markup:
-    """A table with a caption and column heads in a frame that scrolls sideways where the page is narrow."""
+    """A table with a caption and column heads in a frame that scrolls sideways where the page is
+    narrow.
+    """
     head = element(
         "tr",
-        *(element("th", name, scope="col", class_="number" if at in numbers else "") for at, name in enumerate(heads)),
+        *(
+            element("th", name, scope="col", class_="number" if at in numbers else "")
+            for at, name in enumerate(heads)
+        ),
     )
     parts = [element("caption", element("span", caption)), element("thead", head)]
     parts += [Markup(f"<tbody>\n{joined(rows)}\n</tbody>") for rows in bodies]

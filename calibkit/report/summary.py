@@ -31,7 +31,8 @@ class Summary:
     flags: tuple[str, ...]
     criteria: tuple[Criterion, ...]
     conclusion: str = ""
-    """What is said at the end instead of the acceptance limits, where there is nothing to accept."""
+    """What is said at the end instead of the acceptance limits, where there is nothing to accept.
+    """
 
     @property
     def accepted(self) -> bool:
@@ -49,7 +50,8 @@ class Summary:
         if not failed:
             return f"accepted: {len(self.criteria)} of {len(self.criteria)} limits held"
         return "REJECTED: " + "; ".join(
-            f"{c.name} {c.value:.6g} against {c.limit:.6g}{f' {c.unit}' if c.unit != '1' else ''}" for c in failed
+            f"{c.name} {c.value:.6g} against {c.limit:.6g}{f' {c.unit}' if c.unit != '1' else ''}"
+            for c in failed
         )
 
 
@@ -67,15 +69,23 @@ def renderables(summary: Summary) -> Sequence[RenderableType]:
     parts: list[RenderableType] = [Text(summary.title, style="bold")]
     for table in summary.tables:
         shown = Table(
-            title=Text(table.title), title_justify="left", title_style="", box=box.SIMPLE_HEAD, pad_edge=False
+            title=Text(table.title),
+            title_justify="left",
+            title_style="",
+            box=box.SIMPLE_HEAD,
+            pad_edge=False,
         )
         for number_of_column, column in enumerate(table.columns):
-            shown.add_column(Text(column), justify="left" if number_of_column == 0 else "right", overflow="fold")
+            shown.add_column(
+                Text(column), justify="left" if number_of_column == 0 else "right", overflow="fold"
+            )
         for row in table.rows:
             shown.add_row(*(Text(cell) for cell in row))
         parts.append(shown)
     parts += [Text(f"! {flag}", style="yellow") for flag in summary.flags]
-    style = "green" if summary.criteria and summary.accepted else "bold red" if summary.criteria else ""
+    style = (
+        "green" if summary.criteria and summary.accepted else "bold red" if summary.criteria else ""
+    )
     parts.append(Text(summary.verdict, style=style))
     return parts
 
@@ -94,7 +104,12 @@ def text(summary: Summary) -> str:
 
     buffer = io.StringIO()
     console = Console(
-        file=buffer, width=110, color_system=None, force_terminal=False, legacy_windows=False, _environ={}
+        file=buffer,
+        width=110,
+        color_system=None,
+        force_terminal=False,
+        legacy_windows=False,
+        _environ={},
     )
     show(summary, console)
     return "\n".join(line.rstrip() for line in buffer.getvalue().splitlines()) + "\n"

@@ -1,4 +1,6 @@
-"""Figures as inline SVG of an HTML page: the same bytes for the same figures, no styles of their own, thinned where long."""
+"""Figures as inline SVG of an HTML page: the same bytes for the same figures, no styles of their
+own, thinned where long.
+"""
 
 from __future__ import annotations
 
@@ -57,18 +59,30 @@ _ATTRIBUTES = frozenset(
         "text-anchor",
     }
 )
-"""What a style may say as attributes, which need no permission of a content security policy; the rest is the page's."""
+"""What a style may say as attributes, which need no permission of a content security policy; the
+rest is the page's.
+"""
 
 
 def inline(figures: Sequence[Figure]) -> tuple[list[str], bool]:
-    """SVG element of each figure, and whether long curves were thinned. The figures, which were drawn before, are spent.
+    """SVG element of each figure, and whether long curves were thinned. The figures, which were
+    drawn before, are spent.
 
-    Where the panels lie and what their axes span stands in `data-` attributes, for a reading at the pointer.
+    Where the panels lie and what their axes span stands in `data-` attributes, for a reading at the
+    pointer.
     """
-    lines = [line for figure in figures for ax in figure.axes if ax.get_visible() for line in ax.get_lines()]
+    lines = [
+        line
+        for figure in figures
+        for ax in figure.axes
+        if ax.get_visible()
+        for line in ax.get_lines()
+    ]
     most = int(np.clip(ALL_POINTS // max(1, len(lines)), FEWEST_POINTS, MOST_POINTS))
     thinned = [_thin(line, most) for line in lines]
-    return [_svg(figure, f"f{number}-") for number, figure in enumerate(figures, start=1)], any(thinned)
+    return [_svg(figure, f"f{number}-") for number, figure in enumerate(figures, start=1)], any(
+        thinned
+    )
 
 
 def _thin(line: Line2D, most: int) -> bool:
@@ -77,13 +91,19 @@ def _thin(line: Line2D, most: int) -> bool:
     if x.size <= most:
         return False
     joined = line.get_linestyle() not in {"None", "none", " ", ""}
-    kept = extremes(x, y, most) if joined else _apart(line.get_transform().transform(np.column_stack([x, y])), most)
+    kept = (
+        extremes(x, y, most)
+        if joined
+        else _apart(line.get_transform().transform(np.column_stack([x, y])), most)
+    )
     line.set_data(x[kept], y[kept])
     return True
 
 
 def extremes(x: Array, y: Array, most: int) -> NDArray[np.int64]:
-    """Indices, ascending, of a curve's smallest and largest x and y [n] in equal pieces, and of its gaps; about `most`."""
+    """Indices, ascending, of a curve's smallest and largest x and y [n] in equal pieces, and of its
+    gaps; about `most`.
+    """
     rising = bool(np.all(np.diff(x) >= 0.0))
     sides = (y,) if rising else (x, y)
     pieces = max(1, most // (2 * len(sides)))
@@ -93,12 +113,17 @@ def extremes(x: Array, y: Array, most: int) -> NDArray[np.int64]:
         if good.size < piece.size:
             kept.append(piece[~np.isin(piece, good)][:1])
         if good.size:
-            kept += [np.array([good[np.argmin(side[good])], good[np.argmax(side[good])]]) for side in sides]
+            kept += [
+                np.array([good[np.argmin(side[good])], good[np.argmax(side[good])]])
+                for side in sides
+            ]
     return np.unique(np.concatenate(kept))
 
 
 def _apart(points: Array, most: int) -> NDArray[np.int64]:
-    """Indices, ascending, of points [n, 2, pixels] that do not lie on each other; cells grow until at most `most` are left."""
+    """Indices, ascending, of points [n, 2, pixels] that do not lie on each other; cells grow until
+    at most `most` are left.
+    """
     points = np.where(np.isfinite(points), points, -1.0)
     cell = CELL_PT
     while True:
@@ -109,7 +134,9 @@ def _apart(points: Array, most: int) -> NDArray[np.int64]:
 
 
 def _svg(figure: Figure, prefix: str) -> str:
-    """SVG element of one figure whose layout was settled when it was drawn; its ids begin with a prefix of their own."""
+    """SVG element of one figure whose layout was settled when it was drawn; its ids begin with a
+    prefix of their own.
+    """
     from xml.etree import ElementTree as ET
 
     import matplotlib as mpl
@@ -139,7 +166,9 @@ def _svg(figure: Figure, prefix: str) -> str:
 
 
 def _plain(root: Element, prefix: str) -> None:
-    """Make styles attributes, round coordinates, and leave only the ids that something refers to, with the prefix."""
+    """Make styles attributes, round coordinates, and leave only the ids that something refers to,
+    with the prefix.
+    """
     for parent in list(root.iter()):
         for child in list(parent):
             if _PREFIX.sub("", child.tag) in {"style", "metadata"}:
@@ -201,15 +230,24 @@ def _hoist(group: Element) -> None:
     """Let a group of equal markers say once what they look like."""
     if len(group) < 2 or any(child.tag != "use" for child in group):
         return
-    looks = [{name: value for name, value in child.attrib.items() if name in _ATTRIBUTES} for child in group]
-    shared = {name: value for name, value in looks[0].items() if all(look.get(name) == value for look in looks)}
+    looks = [
+        {name: value for name, value in child.attrib.items() if name in _ATTRIBUTES}
+        for child in group
+    ]
+    shared = {
+        name: value
+        for name, value in looks[0].items()
+        if all(look.get(name) == value for look in looks)
+    }
     for child in group:
         child.attrib = {name: value for name, value in child.attrib.items() if name not in shared}
     group.attrib |= shared
 
 
 def _panel(ax: Axes, figure: Figure) -> dict[str, str]:
-    """Where a panel lies in the SVG and what its axes span: class and data attributes; nothing for a panel without axes."""
+    """Where a panel lies in the SVG and what its axes span: class and data attributes; nothing for
+    a panel without axes.
+    """
     if not ax.get_visible() or not ax.axison:
         return {}
     width, height = (72.0 * size for size in figure.get_size_inches())
@@ -223,7 +261,9 @@ def _panel(ax: Axes, figure: Figure) -> dict[str, str]:
 
 
 def _span(axis: Axis, limits: tuple[float, float]) -> str:
-    """Scale and limits of an axis as words; nothing where it counts names or has a scale that the page does not know."""
+    """Scale and limits of an axis as words; nothing where it counts names or has a scale that the
+    page does not know.
+    """
     scale = axis.get_scale()
     labels = [label.get_text().replace("−", "-") for label in axis.get_ticklabels()]
     if any(re.fullmatch(r"[-+.\deE]*|\$.*\$", label) is None for label in labels):

@@ -29,27 +29,35 @@ class Campaign:
     """What the logs were made from, JSON-able."""
 
     def files(self) -> dict[str, bytes]:
-        """Render the logs as CSV texts and the truth as ``truth.json``: the same campaign gives the same bytes.
+        """Render the logs as CSV texts and the truth as ``truth.json``: the same campaign gives the
+        same bytes.
 
         Returns
         -------
-        File name, to content: UTF-8, LF, "." decimal; a NaN is an empty field. The JSON has sorted keys and indent 1.
+        File name, to content: UTF-8, LF, "." decimal; a NaN is an empty field. The JSON has sorted
+        keys and indent 1.
 
         Raises
         ------
         ValueError
-            For columns of unequal length in one log, an infinite value, or a truth that is not finite JSON.
+            For columns of unequal length in one log, an infinite value, or a truth that is not
+            finite JSON.
         KeyError
             For a float column without its decimals.
 
         """
         texts = {name: csv_text(columns, self.decimals) for name, columns in self.logs.items()}
-        truth = json.dumps(self.truth, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False) + "\n"
+        truth = (
+            json.dumps(self.truth, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
+            + "\n"
+        )
         return {name: text.encode() for name, text in (texts | {TRUTH_FILE: truth}).items()}
 
 
 def csv_text(columns: Mapping[str, NDArray[Any]], decimals: Mapping[str, int]) -> str:
-    """Columns of one length as CSV text with a header; a negative zero is written as zero, a NaN as an empty field."""
+    """Columns of one length as CSV text with a header; a negative zero is written as zero, a NaN as
+    an empty field.
+    """
     lengths = {name: len(values) for name, values in columns.items()}
     if len(set(lengths.values())) > 1:
         raise ValueError(f"columns of one log differ in length: {lengths}")
@@ -57,12 +65,16 @@ def csv_text(columns: Mapping[str, NDArray[Any]], decimals: Mapping[str, int]) -
     row = ",".join(form for form, _ in numbers) + "\n"
     # one % over the whole log: a tenth of the time of formatting row by row
     body = (
-        row * max(lengths.values(), default=0) % tuple(chain.from_iterable(zip(*(v for _, v in numbers), strict=True)))
+        row
+        * max(lengths.values(), default=0)
+        % tuple(chain.from_iterable(zip(*(v for _, v in numbers), strict=True)))
     )
     return ",".join(columns) + "\n" + body.replace("nan", "")
 
 
-def _printable(name: str, values: NDArray[Any], decimals: Mapping[str, int]) -> tuple[str, list[float]]:
+def _printable(
+    name: str, values: NDArray[Any], decimals: Mapping[str, int]
+) -> tuple[str, list[float]]:
     if np.issubdtype(values.dtype, np.integer):
         return "%d", values.tolist()
     if np.isinf(values).any():

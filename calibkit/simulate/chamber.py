@@ -1,4 +1,6 @@
-"""Air of a temperature chamber: it follows a programme of set points late, overshoots where a ramp ends, and cycles."""
+"""Air of a temperature chamber: it follows a programme of set points late, overshoots where a ramp
+ends, and cycles.
+"""
 
 from __future__ import annotations
 
@@ -47,7 +49,9 @@ class Chamber:
     resolution_degc: float = 0.1
 
 
-def ramp(start_degc: float, end_degc: float, rate: float, *, soak_before_s: float, soak_after_s: float) -> Programme:
+def ramp(
+    start_degc: float, end_degc: float, rate: float, *, soak_before_s: float, soak_after_s: float
+) -> Programme:
     """One ramp at an unsigned rate [°C/min] between two soaks."""
     ramp_s = abs(end_degc - start_degc) / rate * SECONDS_PER_MINUTE
     return Programme(
@@ -57,8 +61,12 @@ def ramp(start_degc: float, end_degc: float, rate: float, *, soak_before_s: floa
     )
 
 
-def staircase(start_degc: float, end_degc: float, *, step_degc: float = 1.0, dwell_s: float = 120.0) -> Programme:
-    """Set points that go from one temperature to another in equal steps [°C], holding each for a dwell [s]."""
+def staircase(
+    start_degc: float, end_degc: float, *, step_degc: float = 1.0, dwell_s: float = 120.0
+) -> Programme:
+    """Set points that go from one temperature to another in equal steps [°C], holding each for a
+    dwell [s].
+    """
     steps = round(abs(end_degc - start_degc) / step_degc)
     held = np.linspace(start_degc, end_degc, steps + 1)
     edges = np.arange(steps + 2) * dwell_s
@@ -70,7 +78,9 @@ def staircase(start_degc: float, end_degc: float, *, step_degc: float = 1.0, dwe
 
 
 def set_points(programme: Programme) -> tuple[Array, Array]:
-    """Time [n] [s] at 1 Hz and set point [n] [°C] of a programme; at a step the new set point holds."""
+    """Time [n] [s] at 1 Hz and set point [n] [°C] of a programme; at a step the new set point
+    holds.
+    """
     time = np.arange(np.floor(programme.time_s[-1]) + 1.0)
     after = np.searchsorted(programme.time_s, time, side="right").clip(1, len(programme.time_s) - 1)
     t, value = np.asarray(programme.time_s), np.asarray(programme.set_degc)
@@ -80,31 +90,40 @@ def set_points(programme: Programme) -> tuple[Array, Array]:
 
 
 def controlled(chamber: Chamber, set_degc: Array) -> Array:
-    """Air [n] [°C] at 1 Hz that follows set points [n] [°C], at rest at the first: T'' + 2ζω T' + ω² T = ω² set.
+    """Air [n] [°C] at 1 Hz that follows set points [n] [°C], at rest at the first: T'' + 2ζω T' +
+    ω² T = ω² set.
 
-    On a steady ramp it is 2ζ/ω behind; ω follows from that lag. Bilinear discretisation, so that any set point is met
-    without error after the transient.
+    On a steady ramp it is 2ζ/ω behind; ω follows from that lag. Bilinear discretisation, so that
+    any set point is met without error after the transient.
     """
     from scipy.signal import bilinear, lfilter  # a slow import
 
     omega = 2.0 * chamber.damping / chamber.lag_s
-    numerator, denominator = bilinear([omega**2], [1.0, 2.0 * chamber.damping * omega, omega**2], fs=1.0)
+    numerator, denominator = bilinear(
+        [omega**2], [1.0, 2.0 * chamber.damping * omega, omega**2], fs=1.0
+    )
     above: Array = np.asarray(lfilter(numerator, denominator, set_degc - set_degc[0]))
     return above + float(set_degc[0])
 
 
 def air(chamber: Chamber, set_degc: Array, rng: np.random.Generator) -> Array:
-    """Air temperature [n] [°C] at 1 Hz around the gyro: controlled, with the compressor's cycling and turbulence."""
+    """Air temperature [n] [°C] at 1 Hz around the gyro: controlled, with the compressor's cycling
+    and turbulence.
+    """
     from scipy.signal import lfilter  # a slow import
 
     count = len(set_degc)
     phase = rng.uniform(0.0, 2.0 * np.pi)
-    cycling = chamber.cycling_degc * np.sin(2.0 * np.pi * np.arange(count) / chamber.cycling_period_s + phase)
+    cycling = chamber.cycling_degc * np.sin(
+        2.0 * np.pi * np.arange(count) / chamber.cycling_period_s + phase
+    )
     memory = math.exp(-1.0 / chamber.turbulence_s)
     white = rng.normal(0.0, math.sqrt(1.0 - memory**2), count)
     white[0] = rng.normal(0.0, 1.0)
     turbulence: Array = np.asarray(lfilter([1.0], [1.0, -memory], white))
-    disturbed: Array = controlled(chamber, set_degc) + cycling + chamber.turbulence_degc * turbulence
+    disturbed: Array = (
+        controlled(chamber, set_degc) + cycling + chamber.turbulence_degc * turbulence
+    )
     return disturbed
 
 

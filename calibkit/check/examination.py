@@ -1,0 +1,184 @@
+"""A folder of logs → what `calibkit check` says of each: facts, held conditions, findings, and the
+curves of the figure.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Protocol
+
+import numpy as np
+
+from calibkit.check import copies, facts, magnitude, thermometers
+from calibkit.check.report import HeldCondition, LogReport
+from calibkit.errors import FitError, FrameError, LogFormatError
+from calibkit.frame import Finding, values
+from calibkit.ingest import logs as ingest
+from calibkit.ingest import pieces
+from calibkit.report.logs import Curve, LogFigure, envelope
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    import pandas as pd
+
+    from calibkit.frame import Examined, Held, Log
+    from calibkit.ingest.logs import Reader
+    from calibkit.recipe import Recipe
+
+
+class Examiner(Protocol):
+    """The part of a procedure that looks at logs."""
+
+    def read(self, spec: Any, data: Path, file: str, reader: Reader = ...) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
+        """Read one log in canonical columns."""
+
+    def examine(self, spec: Any, log: Log) -> Examined:  # noqa: ANN401 (the same)
+        """Find what is wrong with a log, and its held conditions."""
+
+
+@dataclass(frozen=True, slots=True)
+class Outcome:
+    """What was found in a log, and its figure where it could be read."""
+
+    report: LogReport
+    figure: LogFigure | None
+    drift_slope: float | None = None
+    """Slope of a gyro's indication over its case temperature [°/h/K], where both were read whole.
+    """
+    content: frozenset[bytes] = frozenset()
+    """Its first rows, by which copies are seen."""
+
+
+def of(
+    procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = pieces.LARGEST
+) -> Outcome:
+    """Read and examine one log, in pieces where its file is larger; one that cannot be read or used
+    is a refused finding.
+    """
+    seen: list[pieces.Pieced] = []
+
+    def reader(
+        recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
+    ) -> Log:
+        pieced = pieces.of(recipe, path, file, needed, optional, largest=largest)
+        if pieced is None:
+            return ingest.read_log(recipe, path, file, needed, optional)
+        seen.append(pieced)
+        return pieced.log
+
+    try:
+        log = procedure.read(spec, data, file, reader)
+    except (LogFormatError, FrameError, FitError) as error:
+        return Outcome(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
+    try:
+        examined = procedure.examine(spec, log)
+        findings, found = examined.findings, examined.held
+    except (FrameError, FitError) as error:
+        findings, found = (Finding.of(error),), ()
+    whole = facts.of(log)
+    if seen:
+        rest = (finding for finding in findings if finding.name not in pieces.BY_PIECE)
+        findings, whole = (*seen[0].findings, *rest), seen[0].facts
+    held = tuple(_condition(log, part) for part in found)
+    report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
+    return Outcome(
+        report,
+        _figure(log, held, findings),
+        None if report.refused else _drift_slope(log),
+        log.first_rows(),
+    )
+
+
+def segment_numbers(
+    procedure: Examiner, spec: object, data: Path, file: str
+) -> pd.Series[float] | None:
+    """Number of the held condition of each row of a log, from 1 in order of time, NaN between them;
+    index as the log's.
+
+    None where the procedure cannot read the log or finds no held condition in it. The segments are
+    those of `of`.
+    """
+    import pandas as pd
+
+    try:
+        log = procedure.read(spec, data, file)
+        held = procedure.examine(spec, log).held
+    except (LogFormatError, FrameError, FitError):
+        return None
+    if not held:
+        return None
+    number = np.full(len(log.frame), np.nan)
+    for k, part in enumerate(sorted(held, key=lambda part: part.start)):
+        number[part.start : part.stop] = k + 1.0
+    return pd.Series(number, index=log.frame.index)
+
+
+def _drift_slope(log: Log) -> float | None:
+    """Slope of the indication over the case temperature; none where the log has not both."""
+    if not {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(log.frame.columns):
+        return None
+    return magnitude.drift_slope(values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph"))
+
+
+def together(outcomes: Sequence[Outcome]) -> list[tuple[str, Finding]]:
+    """What only several logs show: copies, and logs that do not drift like the others."""
+    slopes = {
+        outcome.report.file: outcome.drift_slope
+        for outcome in outcomes
+        if outcome.drift_slope is not None
+    }
+    ramps = {
+        o.report.file: [held.level for held in o.report.held if held.kind == "ramp"]
+        for o in outcomes
+    }
+    rates = {file: found[0] for file, found in ramps.items() if len(found) == 1}
+    return [*_copies(outcomes), *magnitude.compensated_before(slopes), *thermometers.named(rates)]
+
+
+def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:
+    """Finding that says why a log could not be read."""
+    finding = Finding.of(error)
+    return Finding(
+        finding.place, finding.found, "a log that can be read", finding.advice, name="unreadable"
+    )
+
+
+def _copies(outcomes: Sequence[Outcome]) -> list[tuple[str, Finding]]:
+    """Logs that came in twice under two names, with the finding of each: one would vouch for the
+    other.
+    """
+    logs = ((outcome.report.file, outcome.report.sha256, outcome.content) for outcome in outcomes)
+    return [
+        (file, Finding(file, said, "another log", "keep one of the two logs", name="copy"))
+        for file, said in copies.of(logs)
+    ]
+
+
+def _condition(log: Log, held: Held) -> HeldCondition:
+    """A held condition by its time."""
+    first, last = float(held.start), float(held.stop - 1)
+    if "time_s" in log.frame.columns:
+        time = log.frame["time_s"]
+        first, last = float(time.iloc[held.start]), float(time.iloc[held.stop - 1])
+    return HeldCondition(
+        held.kind, first, last, held.level, held.unit, held.stop - held.start, held.pinned
+    )
+
+
+def _figure(log: Log, held: Sequence[HeldCondition], findings: Sequence[Finding]) -> LogFigure:
+    """Curves of every column over time or row, thinned to their envelope."""
+    frame = log.frame
+    along = values(frame, "time_s") if "time_s" in frame.columns else np.arange(float(len(frame)))
+    names = [name for name in frame.columns if name not in ("run", "time_s")]
+    curves = tuple(Curve(name, *envelope(along, values(frame, name))) for name in names)
+    marks = tuple(
+        (finding.time_s, finding.name, finding.severity)
+        for finding in findings
+        if finding.time_s is not None
+    )
+    spans = tuple((part.kind, part.first, part.last) for part in held)
+    occupancy = tuple((part.low, part.high, part.share) for part in facts.of(log).occupancy)
+    axis = "time [s]" if "time_s" in frame.columns else "row"
+    return LogFigure(log.file, axis, curves, spans, marks, occupancy)

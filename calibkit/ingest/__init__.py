@@ -1,0 +1,1 @@
+"""Logs as they lie on disk, read into tidy frames."""

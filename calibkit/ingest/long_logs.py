@@ -1,0 +1,109 @@
+"""A log that is larger than memory should be: read a piece at a time into columns on disk, and
+worked on from there.
+
+Its frame is like any other, but its columns lie in scratch files; what a fit computes along them
+goes span by span into arrays that lie there too, so that the numbers are those of a log in memory.
+Only clean CSV can be read like this.
+"""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import numpy as np
+import pandas as pd
+
+from calibkit.errors import UsageError
+from calibkit.frame import Log, values
+from calibkit.ingest import logs, pieces, scratch
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
+from calibkit.numeric.spans import release
+from calibkit.readers import clean
+from calibkit.recipe import BiasTemperatureRecipe, FogThermalRecipe
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+    from calibkit.recipe import Recipe
+
+SETTING = "CALIBKIT_LARGEST_LOG_MB"
+"""Environment variable: megabytes of a log up to which it is held in memory."""
+LARGEST_MB = 1000.0
+ALONG_SPANS = (FogThermalRecipe, BiasTemperatureRecipe, RateTableRecipe, AccelerometerRecipe)
+"""Procedures that work span by span; others compute along whole columns: on disk they would need no
+less memory.
+"""
+ROWS = 1 << 19
+"""Rows that are read at a time."""
+
+
+def largest() -> float:
+    """Bytes of a log up to which it is held in memory; raises UsageError for a setting that is not
+    a number.
+    """
+    stated = os.environ.get(SETTING, "")
+    try:
+        megabytes = float(stated) if stated else LARGEST_MB
+    except ValueError:
+        megabytes = -1.0
+    if not megabytes >= 0.0:
+        raise UsageError(
+            f"{SETTING}={stated}: expected megabytes", hint=f"unset it for {LARGEST_MB:g}"
+        )
+    return megabytes * 1e6
+
+
+def read(
+    recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
+) -> Log | None:
+    """A large clean log with its columns on disk; none for a log that is held in memory. Raises as
+    `ingest.read_log`.
+    """
+    along_spans = isinstance(recipe, ALONG_SPANS) and pieces.can_be(recipe)
+    if not along_spans or not path.is_file() or path.stat().st_size <= largest():
+        return None
+    scan = clean.scanned(path, file)
+    if scan is None:
+        return None
+    plain = recipe.model_copy(update={"exclude": ()})
+    kept: dict[str, Array] = {}
+    lines, row = scratch.column(scan.rows), 0
+    taken: dict[int, int] = {}
+    notes: dict[str, None] = {}
+    part: Log | None = None
+    for table in clean.pieces(path, file, scan, ROWS):
+        part = logs.mapped_log(plain, table, needed, optional)
+        frame, out = logs.without_exclusions(part.frame, recipe.exclude, file)
+        kept = kept or {str(name): scratch.column(scan.rows) for name in frame.columns}
+        for name, column in (*kept.items(), ("", lines)):
+            column[row : row + len(frame)] = values(frame, name) if name else frame.index.to_numpy()
+            release(column)
+        row += len(frame)
+        taken = {number: taken.get(number, 0) + rows for number, rows in out.items()}
+        notes |= dict.fromkeys(part.notes)
+    assert part is not None  # noqa: S101 (a clean file has rows)
+    said = (*notes, *logs.exclusion_notes(recipe.exclude, taken, file))
+    frame = pd.DataFrame(
+        {name: column[:row] for name, column in kept.items()}, index=_index(lines[:row]), copy=False
+    )
+    return Log(
+        part.name, file, scan.sha256, scan.rows, frame, said, part.reading, room=scratch.column
+    )
+
+
+def _index(lines: Array) -> pd.Index:
+    """Index of rows that were kept: a range where none was left out."""
+    if not lines.size or lines[-1] - lines[0] == lines.size - 1:
+        return (
+            pd.RangeIndex(int(lines[0]), int(lines[0]) + lines.size)
+            if lines.size
+            else pd.RangeIndex(0)
+        )
+    return pd.Index(lines.astype(np.int64))

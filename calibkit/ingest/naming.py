@@ -1,0 +1,174 @@
+"""What a log's own columns may be: their names and units, in three languages → canonical
+columns.
+"""
+
+from __future__ import annotations
+
+import re
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+from calibkit import units
+from calibkit.frame import is_canonical
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+TEMPERATURE = r"temp|^t[_ .]?\d*$|thermo|^pt\d|温|℃|therm"
+AIR = r"env|air|chamb|amb|kammer|luft|umgeb|箱|环境|外|oven|^pv$|istwert|soll"
+CASE = r"case|gyro|geh[äa]us|hous|body|shell|壳|内|sensor|imu|die|board|coil|dut|prüfling"
+TABLE = r"table|turn|tisch|转台|^cmd|command|stage|simulator|soll|vorgabe|set.?(rate|point)"
+RATE = r"rate|speed|omega|geschw|drehrate|速率|角速度|速度|^w[xyz]?$"
+ANGLE = r"angle|winkel|角度|角位|^pos|position"
+GYRO = r"gyr|fog|陀螺|kreisel|impuls|drehrate|^g[_ .]?[xyz]$|^w[xyz]$|omega|angular|rotation"
+COUNTED = r"impuls|pulses?|counts?|脉冲"
+"""Words that mean counts where no unit says it."""
+ACCEL = r"acc|加速|加表|beschl|^a[_ .]?[xyz]$|^f[_ .]?[xyz]$"
+WORDS: tuple[tuple[str, str], ...] = (
+    ("station", r"^stat|测站|^site|^messpunkt"),
+    ("position_deg", r"^pos(ition)?([_ ]?deg)?$|转位|位置"),
+    ("inclination_deg", r"incl|井斜|neig|^inc$"),
+    ("toolface_deg", r"tool.?face|工具面|^tf"),
+    ("azimuth_deg", r"azim|方位|heading"),
+)
+"""Canonical column → words in a name that mean it."""
+LAST_WORDS = {
+    "s": "s",
+    "ms": "ms",
+    "us": "us",
+    "degc": "degC",
+    "degf": "degF",
+    "fahrenheit": "degF",
+    "k": "K",
+    "dph": "deg/h",
+    "dps": "deg/s",
+    "rads": "rad/s",
+    "radps": "rad/s",
+    "deg": "deg",
+    "mps2": "m/s^2",
+    "ms2": "m/s^2",
+    "g": "g",
+    "mg": "mg",
+}
+"""Last word of a column's name → unit that it can only mean."""
+AXES = re.compile(
+    r"(?:^|[_ .\-(（]|gyro?|gyr|acc(?:el)?|^[agfw])([xyzab])(?:[_ .)）\d]|$)", re.IGNORECASE
+)
+"""Axis in a name."""
+
+
+@dataclass(frozen=True, slots=True)
+class Column:
+    """A column of a log: its own name, the unit that the log states (or ""), whether it holds
+    times, and their format.
+    """
+
+    name: str
+    unit: str
+    is_time: bool = False
+    time_format: str = ""
+
+    @property
+    def plain(self) -> str:
+        """Name without its unit, in lower case."""
+        return units.name_without_unit(self.name).strip().lower()
+
+    @property
+    def stated(self) -> str:
+        """Unit that the log states, in its header, in a row of units, or as the last word of the
+        name; or "".
+        """
+        last = self.plain.rsplit("_", 1)[-1] if "_" in self.plain else ""
+        return self.unit or units.of_header(self.name) or LAST_WORDS.get(last, "")
+
+    @property
+    def dimension(self) -> str:
+        """Dimension of the unit that the log states, or ""."""
+        return units.TABLE[self.stated].dimension if self.stated else ""
+
+
+def canonical(column: Column) -> str:
+    """Canonical column that a log's column most likely is, or "" where nothing says so."""
+    name = column.plain
+    if is_canonical(name):
+        return name
+    if column.is_time or re.search(
+        r"^(time|t|t_m?s|zeit|timestamp|date.?time|uhrzeit|elapsed|x_value|sec(onds?)?)([_"
+        r" .].*)?$|时间|时刻",
+        name,
+    ):
+        return "time_s"
+    if (
+        re.search(TEMPERATURE, name)
+        or column.dimension == "temperature"
+        or re.search(r"^(case|chamber|air|geh[äa]use|kammer)$", name)
+    ):
+        return (
+            "temp_env_degc"
+            if re.search(AIR, name)
+            else "temp_case_degc"
+            if re.search(CASE, name)
+            else "temp_degc"
+        )
+    if re.search(TABLE, name):
+        return (
+            "table_angle_deg"
+            if re.search(ANGLE, name) or column.dimension == "angle"
+            else "table_rate_dps"
+        )
+    for meant, words in WORDS:
+        if re.search(words, name):
+            return meant
+    return _indication(column)
+
+
+def _indication(column: Column) -> str:
+    """Gyro or accelerometer with its axis, by name, else by unit."""
+    name, axis = column.plain, axis_of(column)
+    if re.search(ACCEL, name) or column.dimension.startswith("acceleration"):
+        return f"accel_{axis or 'x'}_{'lsb' if column.dimension.startswith('count') else 'g'}"
+    if re.search(GYRO, name) or re.search(RATE, name) or column.dimension == "angular rate":
+        counted = column.dimension.startswith("count") or (
+            not column.stated and bool(re.search(COUNTED, name))
+        )
+        return (
+            f"gyro_{axis}_{'lsb' if counted else 'dph'}"
+            if axis
+            else "gyro_lsb"
+            if counted
+            else "gyro_dph"
+        )
+    return ""
+
+
+def axis_of(column: Column) -> str:
+    """Axis letter in a column's name, or ""."""
+    found = AXES.findall(column.plain)
+    return str(found[-1]).lower() if found else ""
+
+
+def named(columns: Sequence[Column]) -> tuple[dict[str, Column], list[tuple[str, Column]]]:
+    """Canonical column → the log's column that is taken for it, and the others that could be, with
+    what they could be.
+    """
+    taken: dict[str, Column] = {}
+    others: list[tuple[str, Column]] = []
+    # a column that is called canonically comes first, then in the log's order
+    for column in sorted(columns, key=lambda column: not is_canonical(column.plain)):
+        meant = canonical(column)
+        if meant and meant not in taken:
+            taken[meant] = column
+        elif meant:
+            others.append((meant, column))
+    loose = taken.pop("temp_degc", None)
+    if loose is not None:
+        free = next((name for name in ("temp_case_degc", "temp_env_degc") if name not in taken), "")
+        if free:
+            taken[free] = loose
+        else:
+            others.append(("temp_case_degc", loose))
+    for meant, column in list(others):
+        if meant == "temp_degc" and "temp_env_degc" not in taken:
+            taken["temp_env_degc"] = column
+            others.remove((meant, column))
+    return taken, others

@@ -1,0 +1,43 @@
+"""Arrays on disk, for what is larger than memory should be: in files that have no name and vanish
+with the array.
+"""
+
+from __future__ import annotations
+
+import mmap
+import os
+import tempfile
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import OutputError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+
+def column(rows: int) -> NDArray[np.float64]:
+    """An array [rows] in a scratch file of the system's folder for temporary files (TMPDIR), its
+    values not set.
+
+    The file is gone when the array is, and when the process ends, however it ends. Raises
+    OutputError where there is no room.
+    """
+    size = 8 * max(rows, 1)
+    try:
+        with tempfile.TemporaryFile(prefix="calibkit-") as file:
+            if hasattr(os, "posix_fallocate"):
+                os.posix_fallocate(
+                    file.fileno(), 0, size
+                )  # a disk that is full is told here, not by a signal later
+            else:
+                file.truncate(size)
+            mapped = mmap.mmap(file.fileno(), size)
+    except OSError as error:
+        raise OutputError(
+            f"{tempfile.gettempdir()}: no room for {size / 1e6:.0f} MB of scratch:"
+            f" {error.strerror}",
+            hint="make room there, or name a folder on a larger disk in TMPDIR",
+        ) from None
+    return np.frombuffer(mapped, dtype=np.float64, count=rows)

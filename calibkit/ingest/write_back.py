@@ -1,0 +1,259 @@
+"""A log written again, row for row and column for column, with some of its columns replaced."""
+
+from __future__ import annotations
+
+import contextlib
+import csv
+import io
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import units
+from calibkit.errors import CalibkitError, FrameError, LogFormatError
+from calibkit.ingest import logs
+from calibkit.numeric import spans
+from calibkit.readers import clean, delimited, registry, tokens
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterable, Iterator, Mapping
+    from pathlib import Path
+
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from calibkit.readers.table import Table
+    from calibkit.recipe import Recipe
+
+    Array = NDArray[np.float64]
+
+BLOCK = 1 << 18
+"""Bytes of a log that are written again at a time."""
+
+
+def replaced(
+    recipe: Recipe,
+    path: Path,
+    columns: Mapping[str, Array],
+    derived: Mapping[str, Array] | None = None,
+) -> Iterator[bytes]:
+    """Bytes of a log, part by part, with canonical columns replaced and derived ones added behind.
+
+    Columns are written in the log's own unit and sign; every other field keeps its own characters.
+    A reference column that a derived one would shadow is renamed reference_<column>. Numbers are
+    written with the fewest digits that read back to the same float64. A log in another dialect or
+    format is written as comma-separated UTF-8 with decimal points, every row and column of it.
+    Clean CSV takes the memory of a block.
+
+    Raises FrameError or LogFormatError before the first part for what the log lacks, and
+    LogFormatError in between where the log changes meanwhile.
+    """
+    log = _clean(recipe, path) or _fields(recipe, path)
+    added = derived or {}
+    own = {name: _source(recipe, name, log, path) for name in columns}
+    for values in (*columns.values(), *added.values()):
+        if len(values) != log.count:
+            raise FrameError(
+                f"{path.name}: {log.count} rows in, {len(values)} compensated",
+                hint=_every_row(recipe, path),
+            )
+
+    def texts(first: int, stop: int) -> tuple[dict[int, list[str]], list[list[str]]]:
+        part = {name: values[first:stop] for name, values in columns.items()}
+        changed = {
+            log.header.index(own[name]): _texts(_own_unit(recipe, name, values, log, own[name]))
+            for name, values in part.items()
+        }
+        more = [_texts(values[first:stop]) for values in added.values()]
+        spans.release(*columns.values(), *added.values())
+        return changed, more
+
+    names = [*(f"reference_{name}" if name in added else name for name in log.header), *added]
+    return _parts(log, names, texts, path.name)
+
+
+def _parts(
+    log: _Fields,
+    names: list[str],
+    texts: Callable[[int, int], tuple[dict[int, list[str]], list[list[str]]]],
+    file: str,
+) -> Iterator[bytes]:
+    """A log with new names and, of rows first … stop − 1, the texts that replace those of columns
+    and stand behind all.
+    """
+    yield _written([[name] for name in names], quotes=log.quotes)
+    row = 0
+    for columns in log.blocks():
+        stop = row + len(columns[0])
+        if stop > log.count:
+            break
+        changed, more = texts(row, stop)
+        fields = [changed.get(number, column) for number, column in enumerate(columns)]
+        yield _written([*fields, *more], quotes=log.quotes)
+        row = stop
+    if row != log.count:
+        raise _changed(file)
+
+
+def _changed(file: str) -> LogFormatError:
+    """The error of a log that is another when it is read again."""
+    return LogFormatError(
+        f"{file}: it changed while it was read", hint="wait until the logger has closed it"
+    )
+
+
+def _every_row(recipe: Recipe, path: Path) -> str:
+    """What to do where counts since the row before leave the first row without a value: state their
+    interval [s].
+    """
+    said = "counts since the row before give the first row no value"
+    counted = {name: column for name, column in recipe.columns.items() if column.interval_s is None}
+    per_sample = [
+        name
+        for name, column in counted.items()
+        if column.unit == "1/sample" and not column.accumulated
+    ]
+    if not per_sample or any(column.accumulated for column in counted.values()):
+        return (
+            f'{said}: map rates, or counts per sample (unit = "1/sample") with interval_s, the'
+            " interval of a sample"
+        )
+    usual = "SECONDS"
+    with contextlib.suppress(CalibkitError):
+        time = (
+            logs.read_one(recipe, path, path.name, ("time_s",))
+            .frame["time_s"]
+            .to_numpy(dtype=np.float64)
+        )
+        usual = f"{float(np.median(np.diff(time))):.9g}"
+    mapped = " ".join(f"--set columns.{name}.interval_s={usual}" for name in per_sample)
+    return (
+        f"{said}: state the interval of a sample, and every row has one: {mapped} (the usual one of"
+        " this log)"
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class _Fields:
+    """A log as characters: names, units that the header states, rows, and of blocks of rows the
+    fields of each column.
+
+    `quotes`: a field may hold a comma.
+    """
+
+    header: list[str]
+    units: Mapping[str, str]
+    count: int
+    blocks: Callable[[], Iterable[list[list[str]]]]
+    quotes: bool
+
+
+def _clean(recipe: Recipe, path: Path) -> _Fields | None:
+    """Fields of clean CSV as they stand in the file, which is read a block at a time; none of any
+    other log.
+    """
+    scan = clean.scanned(path, path.name) if recipe.logs.format in {"auto", "csv"} else None
+    if scan is None:
+        return None
+    stated = {name: units.of_header(name) for name in scan.header}
+    return _Fields(
+        list(scan.header), stated, scan.rows, lambda: _blocks(path, len(scan.header)), quotes=False
+    )
+
+
+def _blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
+    """Fields of each column of clean CSV, a block of lines at a time; raises LogFormatError where
+    it cannot be read.
+    """
+    try:
+        with path.open("rb") as stream:
+            stream.readline()
+            while block := stream.read(BLOCK):
+                lines = (
+                    (block + stream.readline()).decode().replace("\r\n", "\n").removesuffix("\n")
+                )
+                fields = lines.replace("\n", ",").split(",")
+                if len(fields) != width * (lines.count("\n") + 1):
+                    raise _changed(path.name)
+                yield [fields[number::width] for number in range(width)]
+    except OSError as error:
+        raise LogFormatError(
+            f"{path.name}: cannot be read: {error.strerror}", hint="check the file"
+        ) from None
+
+
+def _fields(recipe: Recipe, path: Path) -> _Fields:
+    """Fields of a log: CSV as it stands, any other dialect or format by its reader."""
+    data = delimited.load(path, path.name)
+    if recipe.logs.format in {"auto", "csv"} and delimited.looks_clean(data):
+        try:
+            header, body = delimited.split(data, path.name)
+            delimited.count_fields(body, len(header), path.name)
+        except LogFormatError:
+            if recipe.logs.format == "csv":
+                raise
+        else:
+            rows = [line.split(",") for line in body.decode().rstrip("\n").split("\n")]
+            stated = {name: units.of_header(name) for name in header}
+            read = list(map(list, zip(*rows, strict=True)))
+            return _Fields(header, stated, len(rows), lambda: [read], quotes=False)
+    table = registry.read(path, path.name, recipe.logs, ())
+    columns = [_characters(table.frame[name], table) for name in table.frame.columns]
+    return _Fields(
+        list(map(str, table.frame.columns)),
+        table.units,
+        len(table.frame),
+        lambda: [columns],
+        quotes=True,
+    )
+
+
+def _characters(column: pd.Series, table: Table) -> list[str]:
+    """A column's own characters with decimal points, or its numbers."""
+    if column.dtype.kind == "f":
+        return _texts(column.to_numpy(dtype=np.float64))
+    commas = any(line.startswith("decimal = ','") for line in table.reading)
+    texts = [str(text) for text in column.fillna("")]
+    if not commas:
+        return texts
+    return [
+        text.replace(",", ".") if tokens.NUMBER[","].fullmatch(text) else text for text in texts
+    ]
+
+
+def _written(columns: list[list[str]], *, quotes: bool) -> bytes:
+    """Comma-separated UTF-8."""
+    if not quotes:
+        return ("\n".join(map(",".join, zip(*columns, strict=True))) + "\n").encode()
+    stream = io.StringIO()
+    csv.writer(stream, lineterminator="\n").writerows(zip(*columns, strict=True))
+    return stream.getvalue().encode()
+
+
+def _source(recipe: Recipe, name: str, log: _Fields, path: Path) -> str:
+    """Name that a canonical column has in the log, with or without the unit behind it."""
+    source = recipe.columns[name].source if name in recipe.columns else name
+    if source in log.header:
+        return source
+    found = [header for header in log.header if units.name_without_unit(header) == source]
+    if len(found) != 1:
+        raise FrameError(f"{path.name}: no column '{source}'", hint="check [columns] of the recipe")
+    return found[0]
+
+
+def _own_unit(recipe: Recipe, name: str, values: Array, log: _Fields, header: str) -> Array:
+    """Values in the unit and sign that the log's own column has."""
+    column, stated = recipe.columns.get(name), log.units.get(header, "")
+    if column is not None:
+        return logs.unmapped(values, column, name, recipe, stated)
+    target = units.column_unit(name)
+    return units.convert(values, target, stated or target, gravity_mps2=recipe.site.gravity_mps2)
+
+
+def _texts(values: Array) -> list[str]:
+    """Shortest texts that read back to the same numbers; a missing value is an empty field."""
+    texts = list(map(repr, values.tolist()))
+    for row in np.flatnonzero(np.isnan(values)).tolist():
+        texts[row] = ""
+    return texts

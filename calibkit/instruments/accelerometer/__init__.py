@@ -1,0 +1,1 @@
+"""Triads of accelerometers: K-factor, Q-factor and affine models over temperature."""

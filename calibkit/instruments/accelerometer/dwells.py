@@ -1,0 +1,292 @@
+"""Logs of a triad → dwells: mean indication, temperature, reference attitude, noise."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.errors import FitError, FrameError
+from calibkit.frame import Examined, Finding, Held, Log, refuse, values
+from calibkit.ingest import pins
+from calibkit.numeric import attitude, dwells, spans
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+
+    Array = NDArray[np.float64]
+
+AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
+ATTITUDE = ("inclination_deg", "toolface_deg")
+TEMPERATURE = "temp_case_degc"
+SATURATED_G = 50.0
+"""Indication [g] beyond which a log is not in g: a triad is calibrated in the field of the earth.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class DwellSet:
+    """Dwells of all logs: indication [n, 3, g, positive along gravity], temperature [n, °C], angles
+    [n, °], weights.
+
+    Angles are NaN where the reference is the magnitude alone; `noise` [n, 3, g] is the standard
+    error of each mean, NaN where a dwell is one row; `log` [n] counts the logs, `place` says where
+    each dwell came from.
+    """
+
+    indication: Array
+    temperature: Array
+    inclination: Array
+    toolface: Array
+    noise: Array
+    log: NDArray[np.int64]
+    place: tuple[str, ...]
+    flags: tuple[str, ...]
+
+    @property
+    def reference(self) -> Array:
+        """Reference gravity [n, 3, g] of the angles."""
+        return attitude.gravity_vector(self.inclination, self.toolface)
+
+    @property
+    def weights(self) -> Array | None:
+        """1/variance [n, 3] of the means where every dwell has its noise, else none."""
+        return (
+            1.0 / self.noise**2
+            if np.isfinite(self.noise).all() and (self.noise > 0.0).all()
+            else None
+        )
+
+
+def needed(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Columns that the recipe needs, and columns that it uses where they are."""
+    series = ("time_s",) if spec.dwells.mode == "series" else ()
+    if spec.reference.kind == "attitude":
+        return (*series, TEMPERATURE, *ATTITUDE, *AXES), () if series else ("time_s",)
+    return (*series, *AXES), (TEMPERATURE, *ATTITUDE, *(() if series else ("time_s",)))
+
+
+def findings(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
+    """Check a log; nothing is fitted to one in which something is refused."""
+    columns = [column for column in log.frame.columns if column != "time_s"]
+    early = [*check.rows(log, 1), *check.finite(log, list(log.frame.columns))]
+    if any(finding.refused for finding in early):
+        return early
+    timed = "time_s" in log.frame.columns
+    found = [
+        *early,
+        *(check.monotonic(log) if timed else ()),
+        *_beyond(log, AXES, SATURATED_G, "g"),
+    ]
+    if TEMPERATURE in columns:
+        found += check.plausible_temperature(log, [TEMPERATURE])
+    if spec.reference.kind == "attitude":
+        found += [
+            *_beyond(log, ["inclination_deg"], 180.0, "deg"),
+            *_beyond(log, ["toolface_deg"], 360.0, "deg"),
+        ]
+    if any(finding.refused for finding in found):
+        return found
+    return [*found, *_suspicious(log, spec)]
+
+
+def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
+    """Units and signs that the numbers give away; of a continuous log also its gaps, which end a
+    dwell.
+    """
+    found = [*check.magnitude.gravity(log, AXES), *check.magnitude.compensated(log, spec, AXES)]
+    if spec.dwells.mode == "series":
+        found += check.gaps(log, float("inf"))
+        if TEMPERATURE in log.frame.columns:
+            found += check.series.temperature(log, TEMPERATURE)
+    if all(column in log.frame.columns for column in ATTITUDE) and not found:
+        held = [spans.series(values(log.frame, column)) for column in ATTITUDE]
+
+        def expected(first: int, stop: int) -> Array:
+            reference = attitude.gravity_vector(*(angle(first, stop) for angle in held))
+            return attitude.gravity_positive(reference, spec.reference.convention)
+
+        found += check.magnitude.sense(log, AXES, expected)
+    return found
+
+
+def _beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[Finding]:
+    """Values that are larger than the column's unit allows."""
+    found = []
+    for column in columns:
+        if max(map(abs, log.extremes(column))) <= limit:
+            continue
+        data = values(log.frame, column)
+        bad = spans.where(data, lambda part: np.abs(part) > limit)
+        if bad.size:
+            what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
+            advice = f"state the log's unit in [columns.{column}]"
+            expected = f"at most {limit:g} {unit}"
+            found.append(check.at_row(log, int(bad[0]), column, what, expected, advice, "range"))
+    return found
+
+
+def collect(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
+    """Check every log and gather its dwells; raises FrameError or FitError naming the log."""
+    parts = []
+    flags = []
+    for log in logs:
+        found = findings(log, spec)
+        refuse(found)
+        flags += [str(finding) for finding in found if finding.flagged]
+        parts.append(_rows(log, spec) if spec.dwells.mode == "rows" else _held(log, spec))
+    return DwellSet(
+        np.concatenate([part.indication for part in parts]),
+        np.concatenate([part.temperature for part in parts]),
+        np.concatenate([part.inclination for part in parts]),
+        np.concatenate([part.toolface for part in parts]),
+        np.concatenate([part.noise for part in parts]),
+        np.concatenate(
+            [np.full(len(part.place), number, dtype=np.int64) for number, part in enumerate(parts)]
+        ),
+        tuple(place for part in parts for place in part.place),
+        (*(flag for part in parts for flag in part.flags), *flags),
+    )
+
+
+def indication(log: Log, spec: AccelerometerRecipe) -> Array:
+    """Indications [n, 3, g] of a log, positive along gravity whatever the log's convention."""
+    return _beside(log, [values(log.frame, column) for column in AXES], spec)
+
+
+def _beside(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Array:
+    """Columns beside each other [n, c], where the log lies; the first three, which are gravity,
+    positive along it.
+    """
+    made = log.room(len(log.frame) * len(columns)).reshape(-1, len(columns))
+    for a, b in spans.along(made, *columns):
+        beside = np.column_stack([column[a:b] for column in columns])
+        made[a:b, :3] = attitude.gravity_positive(beside[:, :3], spec.reference.convention)
+        made[a:b, 3:] = beside[:, 3:]
+    return made
+
+
+def optional(log: Log, column: str) -> Array:
+    """A column [n], or NaN where the log does not have it."""
+    return (
+        values(log.frame, column)
+        if column in log.frame.columns
+        else np.broadcast_to(np.nan, len(log.frame))
+    )
+
+
+def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
+    """One dwell a row."""
+    count = len(log.frame)
+    return DwellSet(
+        indication(log, spec),
+        _temperature(log),
+        optional(log, "inclination_deg"),
+        optional(log, "toolface_deg"),
+        np.full((count, 3), np.nan),
+        np.zeros(count, dtype=np.int64),
+        tuple(f"{log.file}:{check.line(log, row)}" for row in range(count)),
+        tuple(f"{log.file}: {note}" for note in log.notes),
+    )
+
+
+def _temperature(log: Log) -> Array:
+    """Case temperature [n, °C]; 25 °C throughout where a magnitude-only log has none."""
+    return (
+        values(log.frame, TEMPERATURE)
+        if TEMPERATURE in log.frame.columns
+        else np.broadcast_to(25.0, len(log.frame))
+    )
+
+
+def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
+    """Dwells found in a continuous log by its stillness, cut at gaps, in pieces where the recipe
+    asks for them.
+    """
+    time = values(log.frame, "time_s")
+    step = log.steps.usual
+    columns = _beside(
+        log, [*(values(log.frame, column) for column in AXES), _temperature(log)], spec
+    )
+    intervals = held_rows(log, columns[:, :3], time, step, spec)
+    if spec.dwells.piece_s is not None:
+        intervals = dwells.pieces(intervals, max(2, round(spec.dwells.piece_s / step)))
+    means = dwells.averages(columns, intervals)
+    middle = intervals.mean(axis=1).astype(
+        np.int64
+    )  # a held angle is what it is in the middle of the hold
+    return DwellSet(
+        means.mean[:, :3],
+        means.mean[:, 3],
+        spans.at(optional(log, "inclination_deg"), middle),
+        spans.at(optional(log, "toolface_deg"), middle),
+        means.standard_error[:, :3],
+        np.zeros(len(intervals), dtype=np.int64),
+        tuple(
+            f"{log.file}:{check.line(log, a)}-{check.line(log, b - 1)}"
+            for a, b in intervals.tolist()
+        ),
+        (
+            *(f"{log.file}: {note}" for note in log.notes),
+            f"{log.file}: {len(intervals)} dwells found",
+        ),
+    )
+
+
+def held_rows(
+    log: Log, triad: Array, time: Array, step: float, spec: AccelerometerRecipe
+) -> NDArray[np.int64]:
+    """Rows [m, 2] of the dwells: those that the recipe pins, or those found by stillness between
+    the gaps of the log.
+    """
+    pinned = pins.rows(log, spec, ["dwell"])
+    if pinned is not None:
+        return pinned
+    window = max(4, round(spec.dwells.window_s / step))
+    gap = max(spec.dwells.max_gap_s, 2.5 * step)
+    bounds = [0, *(spans.where(time, lambda apart: apart > gap, step=True) + 1).tolist(), time.size]
+    found = []
+    for start, stop in pairwise(bounds):
+        if stop - start >= 4 * window:
+            found.append(start + _still(log, triad[start:stop], window, step, spec))
+    if not found:
+        raise FrameError(
+            f"{log.file}: too short for dwells of {spec.dwells.window_s:g} s", hint="log longer"
+        )
+    return np.concatenate(found)
+
+
+def examine(log: Log, spec: AccelerometerRecipe) -> Examined:
+    """Findings of a log, and the dwells of a continuous one."""
+    found = findings(log, spec)
+    if any(finding.refused for finding in found) or spec.dwells.mode == "rows":
+        return Examined(tuple(found))
+    time, triad = values(log.frame, "time_s"), indication(log, spec)
+    try:
+        rows = held_rows(log, triad, time, log.steps.usual, spec).tolist()
+        pinned = pins.rows(log, spec, ["dwell"]) is not None
+    except (FitError, FrameError) as error:
+        return Examined((*found, Finding.of(error)))
+    held = (
+        Held("dwell", a, b, float(np.linalg.norm(triad[a:b].mean(axis=0))), "g", pinned)
+        for a, b in rows
+    )
+    return Examined(tuple(found), tuple(held))
+
+
+def _still(
+    log: Log, triad: Array, window: int, step: float, spec: AccelerometerRecipe
+) -> NDArray[np.int64]:
+    """Held intervals [m, 2] of one stretch without gaps."""
+    shortest = max(2, round(spec.dwells.shortest_s / step))
+    try:
+        return dwells.still(triad, window, threshold=spec.dwells.noise_limit_g, shortest=shortest)
+    except FitError as error:
+        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None

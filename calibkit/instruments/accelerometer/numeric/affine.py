@@ -1,0 +1,469 @@
+"""The affine triad over temperature, G' = M(t) (V − b(t)), of which K- and Q-factor are special
+cases.
+
+Every entry of M and b is a polynomial in temperature. Optional are the second- and third-order
+terms and cross products of the IEEE 1293 model equation (K₂, K₃, K_ip, K_io, here on the
+indications and constant in temperature), and nuisance parameters: the tilt of the table's base and
+the angles of the fixture, which otherwise land in the cross-axis terms. A fixture turns the triad
+as M could too, so with fixture angles M is lower triangular: the frame of the triad is e1 = x.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.accelerometer.numeric import determination, k_factor, magnitude, q_factor
+from calibkit.instruments.accelerometer.numeric.affine_model import (
+    AXES,
+    AffineTerms,
+    Entry,
+    correct,
+    entries_of,
+    entry_of,
+    evaluate,
+    rotation,
+    rotation_vector,
+    tilted_gravity,
+)
+from calibkit.numeric.least_squares import fit as least_squares
+from calibkit.numeric.least_squares import gauss_newton, robust
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+__all__ = [
+    "AffineFit",
+    "AffineTerms",
+    "Entry",
+    "as_k",
+    "as_q",
+    "correct",
+    "covariance",
+    "entry_of",
+    "fit",
+    "fit_magnitude",
+]
+
+WEAKEST = 1e-4
+"""Smallest singular value of the scaled Jacobian, relative to the largest, that counts as
+determined.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class AffineFit:
+    """A finished affine fit."""
+
+    entries: tuple[Entry, ...]
+    coefficients: Array
+    """[p], for temperatures in °C, in the order of the entries."""
+    covariance: Array
+    """[p, p], type A."""
+    mapped_coefficients: Array
+    """[p], for u = (t − middle)/half."""
+    mapped_covariance: Array
+    """[p, p]."""
+    middle: float
+    """[°C]."""
+    half: float
+    """[°C]; 1 when the temperature was constant."""
+    residuals: Array
+    """[n, 3] corrected (and turned by the fixture) minus reference, or [n, 1] of lengths."""
+    suspects: tuple[int, ...]
+    """Dwells that no noise explains, by index, worst first; empty for a plain fit."""
+    dof: int
+    residual_rms: float
+    """Over the degrees of freedom, so that it estimates the noise without bias [unit of the
+    reference].
+    """
+    condition: float
+    iterations: int
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the parameters."""
+        return tuple(entry.name for entry in self.entries)
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Of the parameters [p], type A."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+def fit(
+    indication: Array,
+    temperature: Array,
+    reference: Array,
+    *,
+    terms: AffineTerms = AffineTerms(),  # noqa: B008 frozen
+    weights: Array | None = None,
+    tool_rotation: Array | None = None,
+    loss: Literal["least_squares", "robust"] = "least_squares",
+    temperature_step: float = determination.TEMPERATURE_STEP_DEGC,
+) -> AffineFit:
+    """Fit the affine triad to reference vectors.
+
+    Parameters
+    ----------
+    indication
+        [n, 3], dwell means; nominally scaled to g where higher orders are fitted.
+    temperature
+        [n] [°C].
+    reference
+        [n, 3] [g], from `attitude.gravity_vector`.
+    terms
+        Which parameters.
+    weights
+        [n] or [n, 3], 1/variance of the dwell means.
+    tool_rotation
+        [n, 3, 3], from `attitude.tool_rotation`; needed for the tilt.
+    loss
+        "robust" leaves wild dwells out and names them.
+    temperature_step
+        Temperatures closer than this [°C] count as one when the rank is judged.
+
+    Raises
+    ------
+    FitError
+        When the conditions do not determine a parameter: names it, says why and which dwells to
+        add.
+
+    """
+    entries = entries_of(terms, triangular=terms.fixture)
+    if indication.size <= len(entries):
+        raise FitError(
+            f"{len(indication)} dwells for {len(entries)} parameters",
+            hint="add dwells or lower the orders",
+        )
+    if terms.tilt and tool_rotation is None:
+        raise FitError(
+            "a tilt needs the table's rotations",
+            hint="give inclination_deg and toolface_deg of the dwells",
+        )
+    _require_determined(entries, reference, temperature, temperature_step)
+    middle, half = least_squares.mapping(temperature)
+    root = (
+        np.ones(indication.shape)
+        if weights is None
+        else np.sqrt(np.broadcast_to(weights.T, (3, len(weights))).T)
+    )
+    mapped = (temperature - middle) / (half or 1.0)
+    problem = _Problem(entries, indication, mapped, root, reference, tool_rotation, 1.0)
+    return _solve(problem, _start(entries, indication, reference), (middle, half or 1.0), loss)
+
+
+def fit_magnitude(
+    indication: Array,
+    temperature: Array,
+    gravity: float = 1.0,
+    *,
+    terms: AffineTerms = AffineTerms(1, 0, 1),  # noqa: B008 frozen
+    weights: Array | None = None,
+    loss: Literal["least_squares", "robust"] = "least_squares",
+) -> AffineFit:
+    """Fit the affine triad to the length of gravity alone, M lower triangular: attitudes unknown,
+    temperatures known.
+
+    Parameters
+    ----------
+    indication
+        [n, 3], dwell means.
+    temperature
+        [n] [°C].
+    gravity
+        Local gravity in the unit that corrected components shall have.
+    terms
+        Which parameters; no nuisance angles, lengths do not see them.
+    weights
+        [n], 1/variance of the length.
+    loss
+        "robust" leaves wild dwells out and names them.
+
+    Raises
+    ------
+    FitError
+        When the dwells leave a parameter undetermined.
+
+    """
+    if terms.tilt or terms.fixture:
+        raise FitError(
+            "lengths see no tilt and no fixture", hint="leave them out, or give reference attitudes"
+        )
+    entries = entries_of(terms, triangular=True)
+    order = max(entry.power for entry in entries)
+    if len(indication) <= len(entries):
+        raise FitError(
+            f"{len(indication)} dwells for {len(entries)} parameters",
+            hint="add dwells or lower the orders",
+        )
+    levels = determination.distinct_temperatures(temperature, determination.TEMPERATURE_STEP_DEGC)[
+        0
+    ].size
+    if levels <= order:
+        raise FitError(
+            f"{levels} distinct temperatures do not determine order {order}",
+            hint="lower the orders",
+        )
+    middle, half = least_squares.mapping(temperature)
+    root = np.ones((len(indication), 1)) if weights is None else np.sqrt(weights)[:, None]
+    begin = np.zeros(len(entries))
+    sphere = magnitude.start(indication, gravity)
+    for column, entry in enumerate(entries):
+        if entry.power == 0 and entry.kind in ("m", "b"):
+            diagonal = entry.kind == "m" and entry.factors[0] == entry.row
+            begin[column] = (
+                sphere[3 + entry.row] if entry.kind == "b" else diagonal / sphere[entry.row]
+            )
+    mapped = (temperature - middle) / (half or 1.0)
+    problem = _Problem(entries, indication, mapped, root, None, None, gravity)
+    return _solve(problem, begin, (middle, half or 1.0), loss)
+
+
+def covariance(fitted: AffineFit, indication: Array, temperature: Array) -> Array:
+    """Covariance [n, 3, 3] of corrected components by the parameters' type A uncertainty, without
+    the dwell's own noise.
+    """
+    mapped = (temperature - fitted.middle) / fitted.half
+    slopes = evaluate(fitted.entries, fitted.mapped_coefficients, indication, mapped)[1]
+    return np.asarray(
+        slopes @ fitted.mapped_covariance @ np.swapaxes(slopes, 1, 2), dtype=np.float64
+    )
+
+
+def matrix_and_bias(fitted: AffineFit, temperature: Array) -> tuple[Array, Array]:
+    """M [n, 3, 3] and b [n, 3] at temperatures [n] [°C]."""
+    mapped = (temperature - fitted.middle) / fitted.half
+    linear = [
+        (e, v)
+        for e, v in zip(fitted.entries, fitted.mapped_coefficients, strict=True)
+        if e.kind in ("m", "b")
+    ]
+    matrix, bias = np.zeros((len(mapped), 3, 3)), np.zeros((len(mapped), 3))
+    for entry, value in linear:
+        part = value * mapped**entry.power
+        if entry.kind == "m":
+            matrix[:, entry.row, entry.factors[0]] += part
+        else:
+            bias[:, entry.row] += part
+    return matrix, bias
+
+
+def as_k(fitted: AffineFit) -> tuple[Array, float]:
+    """K0 … K9 [3, 10] nearest to an affine fit over its temperatures, and the largest difference
+    between the two.
+
+    Scale K0…K3 and cross-axis terms K8, K9 are the entries of M, zero K4…K7 is M b, each projected
+    on what the K-factor has: cubics, and cross-axis terms without temperature. The difference [unit
+    of the reference] is over the six faces.
+    """
+    nodes = fitted.middle + fitted.half * np.cos(np.pi * (np.arange(25) + 0.5) / 25)
+    matrix, bias = matrix_and_bias(fitted, nodes)
+    zero = np.einsum("nij,nj->ni", matrix, bias)
+    powers = least_squares.raw_powers(fitted.middle, fitted.half, 3)
+    basis = np.vander((nodes - fitted.middle) / fitted.half, 4, increasing=True)
+    coefficients = np.zeros((3, 10))
+    for i in range(3):
+        for place, values in ((slice(0, 4), matrix[:, i, i]), (slice(4, 8), zero[:, i])):
+            coefficients[i, place] = powers @ least_squares.linear(basis, values).coefficients
+        coefficients[i, 8:] = [
+            -np.mean(matrix[:, i, (i + 1) % 3]),
+            -np.mean(matrix[:, i, (i + 2) % 3]),
+        ]
+    held = np.repeat(nodes, 6)
+    faces = np.tile(np.concatenate([np.eye(3), -np.eye(3)]), (nodes.size, 1))
+    indication = np.linalg.solve(np.repeat(matrix, 6, axis=0), faces[:, :, None])[
+        :, :, 0
+    ] + np.repeat(bias, 6, axis=0)
+    difference = k_factor.correct(coefficients, indication, held) - faces
+    return coefficients, float(np.max(np.abs(difference)))
+
+
+def as_q(fitted: AffineFit, temperature: float) -> tuple[Array, Array]:
+    """Q1, Q2, Q3 [3] [rad] of the axes of an affine fit at one temperature [°C], and their
+    covariance [3, 3].
+    """
+    mapped = (temperature - fitted.middle) / fitted.half
+    used = [column for column, entry in enumerate(fitted.entries) if entry.kind == "m"]
+
+    def q_of(values: Array) -> Array:
+        matrix = np.zeros((3, 3))
+        for column, value in zip(used, values, strict=True):
+            entry = fitted.entries[column]
+            matrix[entry.row, entry.factors[0]] += value * mapped**entry.power
+        return q_factor.small_angle(
+            q_factor.axes_from_sensitivity(np.asarray(np.linalg.inv(matrix), dtype=np.float64))[0]
+        )
+
+    values = fitted.mapped_coefficients[used]
+    slope = q_factor.derivative(
+        q_of, values, scale=np.full(len(used), float(np.max(np.abs(values))))
+    )
+    return q_of(values), slope @ fitted.mapped_covariance[np.ix_(used, used)] @ slope.T
+
+
+@dataclass(frozen=True, slots=True)
+class _Problem:
+    """Residuals and derivatives of an affine fit in mapped temperature."""
+
+    entries: tuple[Entry, ...]
+    indication: Array
+    mapped: Array
+    root: Array
+    reference: Array | None
+    tool_rotation: Array | None
+    gravity: float
+
+    def __call__(self, parameters: Array, rows: slice) -> tuple[Array, Array]:
+        """Weighted residuals [3 n] against vectors, or [n] against the length, and derivatives by
+        the parameters.
+        """
+        corrected, slopes = evaluate(
+            self.entries, parameters, self.indication[rows], self.mapped[rows]
+        )
+        root = self.root[rows]
+        if self.reference is None:
+            length = np.linalg.norm(corrected, axis=1)
+            along = np.einsum("ni,nip->np", corrected / length[:, None], slopes)
+            return (length - self.gravity) * root[:, 0], along * root
+        places = {
+            kind: [c for c, e in enumerate(self.entries) if e.kind == kind]
+            for kind in ("tilt", "fixture")
+        }
+        reference = self.reference[rows]
+        if places["tilt"] and self.tool_rotation is not None:
+            reference, tilted = tilted_gravity(self.tool_rotation[rows], parameters[places["tilt"]])
+            slopes[:, :, places["tilt"]] = -tilted
+        if places["fixture"]:
+            angles = parameters[places["fixture"]]
+            turn = rotation(angles)
+            turns = q_factor.derivative(
+                lambda a: rotation(a).ravel(), angles, scale=np.ones(3)
+            ).reshape(3, 3, 3)
+            model = [
+                c for c in range(len(self.entries)) if c not in places["tilt"] + places["fixture"]
+            ]
+            slopes[:, :, model] = turn @ slopes[:, :, model]
+            slopes[:, :, places["fixture"]] = np.einsum("ijp,nj->nip", turns, corrected)
+            corrected = corrected @ turn.T
+        weighted = slopes * root[:, :, None]
+        return ((corrected - reference) * root).ravel(), weighted.reshape(-1, len(self.entries))
+
+
+def _start(entries: tuple[Entry, ...], indication: Array, reference: Array) -> Array:
+    """Starting parameters [p]: M and b without temperature, linear in M and M b."""
+    design = np.column_stack([indication, np.ones(len(indication))])
+    if least_squares.rank(design) == 4:
+        solved = np.array(
+            [least_squares.linear(design, reference[:, i]).coefficients for i in range(3)]
+        )
+    else:
+        # too few attitudes for a full matrix: each axis on its own indication
+        slope = np.sum(indication * reference, axis=0) / np.sum(indication**2, axis=0)
+        solved = np.column_stack([np.diag(slope), np.zeros(3)])
+    matrix, bias = solved[:, :3], -np.linalg.solve(solved[:, :3], solved[:, 3])
+    angles = np.zeros(3)
+    if any(entry.kind == "fixture" for entry in entries):
+        axes, turned, scale = q_factor.axes_from_sensitivity(
+            np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+        )
+        matrix = q_factor.exact(axes) / scale
+        angles = rotation_vector(turned.T)
+    values = {
+        "m": lambda e: matrix[e.row, e.factors[0]],
+        "b": lambda e: bias[e.row],
+        "fixture": lambda e: angles[e.row],
+    }
+    return np.array(
+        [values[e.kind](e) if e.power == 0 and e.kind in values else 0.0 for e in entries]
+    )
+
+
+def _require_determined(
+    entries: tuple[Entry, ...], reference: Array, temperature: Array, step: float
+) -> None:
+    """Refuse conditions that leave an entry of M or b, or a higher-order term, undetermined."""
+    nominal = np.array(
+        [float(e.kind == "m" and e.power == 0 and e.factors == (e.row,)) for e in entries]
+    )
+    parts = []
+    for i in range(3):
+        own = [c for c, e in enumerate(entries) if e.row == i and e.kind in ("m", "b", "n")]
+        # low powers first, then the axis itself and its bias, then the other axes and the higher
+        # orders
+        own.sort(key=lambda c, i=i: (entries[c].power, entries[c].factors not in ((i,), ()), c))  # type: ignore[misc]
+
+        def design(vectors: Array, mapped: Array, axis: int = i, used: list[int] = own) -> Array:
+            return evaluate(entries, nominal, vectors, mapped)[1][:, axis, used]
+
+        parts.append(
+            determination.Part(f"accel_{AXES[i]}", tuple(entries[c].name for c in own), design)
+        )
+    order = max(entry.power for entry in entries)
+    determination.require(
+        parts,
+        reference,
+        temperature,
+        order=order,
+        temperature_step=step,
+        lower="lower scale_order, cross_order and bias_order, or leave out higher-order terms",
+    )
+
+
+def _solve(
+    problem: _Problem,
+    begin: Array,
+    held: tuple[float, float],
+    loss: Literal["least_squares", "robust"],
+) -> AffineFit:
+    """Gauss-Newton, then robust fits of the linearised problem where they are asked for, in mapped
+    temperature.
+    """
+    entries, rows = problem.entries, len(problem.indication)
+    names = [entry.name for entry in entries]
+    found = gauss_newton.fit(problem, begin, rows, names=names, weakest=WEAKEST)
+    values, matrix, condition = found.parameters, found.covariance, found.condition
+    suspects: tuple[int, ...] = ()
+    if loss == "robust":
+        values, tough = robust.nonlinear(
+            lambda at: problem(at, slice(0, rows)), values, names=names
+        )
+        matrix, condition = tough.fit.covariance, tough.fit.condition
+        suspects = tuple(dict.fromkeys(row // problem.root.shape[1] for row in tough.suspects))
+    residuals = problem(values, slice(0, rows))[0].reshape(rows, -1)
+    kept = np.delete(residuals, suspects, axis=0)
+    weight = np.delete(problem.root, suspects, axis=0) ** 2
+    dof = kept.size - len(entries)
+    to_raw = _to_raw(entries, *held)
+    as_float = np.asarray(to_raw, dtype=np.float64)
+    return AffineFit(
+        entries=entries,
+        coefficients=np.asarray(to_raw @ values.astype(np.longdouble), dtype=np.float64),
+        covariance=as_float @ matrix @ as_float.T,
+        mapped_coefficients=values,
+        mapped_covariance=matrix,
+        middle=held[0],
+        half=held[1],
+        residuals=residuals / problem.root,
+        suspects=suspects,
+        dof=dof,
+        residual_rms=float(np.sqrt(np.sum(kept**2) / np.sum(weight) * kept.size / max(dof, 1))),
+        condition=condition,
+        iterations=found.iterations,
+    )
+
+
+def _to_raw(entries: tuple[Entry, ...], middle: float, half: float) -> NDArray[np.longdouble]:
+    """Matrix [p, p] from parameters in mapped temperature to parameters in °C."""
+    matrix = np.eye(len(entries), dtype=np.longdouble)
+    powers = least_squares.raw_powers(middle, half, max(entry.power for entry in entries))
+    for row, this in enumerate(entries):
+        for column, other in enumerate(entries):
+            if (this.kind, this.row, this.factors) == (other.kind, other.row, other.factors):
+                matrix[row, column] = powers[this.power, other.power]
+    return matrix

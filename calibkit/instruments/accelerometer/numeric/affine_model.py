@@ -1,0 +1,169 @@
+"""The affine triad over temperature as a list of named parameters, and its evaluation with
+derivatives.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+AXES = "xyz"
+TILT = ("tilt_north_rad", "tilt_east_rad")
+FIXTURE = ("fixture_x_rad", "fixture_y_rad", "fixture_z_rad")
+HIGHEST_POWER = 9
+"""Of temperature that a name can carry."""
+
+
+@dataclass(frozen=True, slots=True)
+class AffineTerms:
+    """Which parameters are fitted."""
+
+    scale_order: int = 3
+    """Highest power of temperature in the diagonal of M."""
+    cross_order: int = 1
+    """Highest power of temperature off the diagonal of M; −1 leaves M diagonal."""
+    bias_order: int = 3
+    """Highest power of temperature in b."""
+    second_order: bool = False
+    """V_i², V_i V_j and V_i V_k of each axis i (IEEE 1293 K₂, K_ip, K_io)."""
+    third_order: bool = False
+    """V_i³ of each axis i (IEEE 1293 K₃)."""
+    tilt: bool = False
+    """Two tilts of the table's base."""
+    fixture: bool = False
+    """Three angles from the triad to the tool, with M lower triangular."""
+
+
+@dataclass(frozen=True, slots=True)
+class Entry:
+    """One parameter of the model."""
+
+    name: str
+    kind: Literal["m", "b", "n", "tilt", "fixture"]
+    row: int
+    """Axis that it belongs to, or number of the nuisance angle."""
+    factors: tuple[int, ...]
+    """Indications that it multiplies: one for M, none for b, two or three for higher orders."""
+    power: int
+    """Of temperature."""
+
+
+def entries_of(terms: AffineTerms, *, triangular: bool) -> tuple[Entry, ...]:
+    """List the parameters of a model in their order: M row by row, b, higher orders, nuisance
+    angles.
+    """
+    listed: list[Entry] = []
+    for i in range(3):
+        for j in range(i + 1 if triangular else 3):
+            order = terms.scale_order if i == j else terms.cross_order
+            listed += [Entry(f"m_{AXES[i]}{AXES[j]}{k}", "m", i, (j,), k) for k in range(order + 1)]
+    for i in range(3):
+        listed += [Entry(f"b_{AXES[i]}{k}", "b", i, (), k) for k in range(terms.bias_order + 1)]
+    for i in range(3):
+        others = ((i, i), *((i, j) for j in range(3) if j != i)) if terms.second_order else ()
+        for factors in (*others, *(((i, i, i),) if terms.third_order else ())):
+            listed.append(
+                Entry(f"n_{AXES[i]}_{''.join(AXES[j] for j in factors)}", "n", i, factors, 0)
+            )
+    if terms.tilt:
+        listed += [Entry(name, "tilt", i, (), 0) for i, name in enumerate(TILT)]
+    if terms.fixture:
+        listed += [Entry(name, "fixture", i, (), 0) for i, name in enumerate(FIXTURE)]
+    return tuple(listed)
+
+
+def evaluate(
+    entries: Sequence[Entry], values: Array, indication: Array, temperature: Array
+) -> tuple[Array, Array]:
+    """Corrected components [n, 3] and their derivatives [n, 3, p] by the parameters; nuisance
+    angles do nothing here.
+
+    `temperature` [n] is in the unit that the values are meant for: °C, or mapped.
+    """
+    powers = np.vander(temperature, 1 + max(entry.power for entry in entries), increasing=True)
+    matrix, bias = np.zeros((len(indication), 3, 3)), np.zeros((len(indication), 3))
+    for entry, value in zip(entries, values, strict=True):
+        if entry.kind == "m":
+            matrix[:, entry.row, entry.factors[0]] += value * powers[:, entry.power]
+        elif entry.kind == "b":
+            bias[:, entry.row] += value * powers[:, entry.power]
+    shifted = indication - bias
+    corrected = np.einsum("nij,nj->ni", matrix, shifted)
+    slopes = np.zeros((len(indication), 3, len(entries)))
+    for column, (entry, value) in enumerate(zip(entries, values, strict=True)):
+        if entry.kind == "m":
+            slopes[:, entry.row, column] = shifted[:, entry.factors[0]] * powers[:, entry.power]
+        elif entry.kind == "b":
+            slopes[:, :, column] = -matrix[:, :, entry.row] * powers[:, entry.power, None]
+        elif entry.kind == "n":
+            slopes[:, entry.row, column] = np.prod(indication[:, entry.factors], axis=1)
+            corrected[:, entry.row] += value * slopes[:, entry.row, column]
+    return corrected, slopes
+
+
+def entry_of(name: str) -> Entry:
+    """Read a parameter's name back: m_xy1, b_z0, n_x_xx, tilt_north_rad, fixture_x_rad.
+
+    Raises
+    ------
+    FitError
+        For a name that the form accel-affine/1 does not have.
+
+    """
+    high = HIGHEST_POWER
+    whole = AffineTerms(
+        high, high, high, second_order=True, third_order=True, tilt=True, fixture=True
+    )
+    known = {entry.name: entry for entry in entries_of(whole, triangular=False)}
+    if name not in known:
+        raise FitError(
+            f"accel-affine has no parameter {name!r}",
+            hint="names are m_xx0, b_x0, n_x_xx with axes x, y, z",
+        )
+    return known[name]
+
+
+def correct(coefficients: Mapping[str, float], indication: Array, temperature: Array) -> Array:
+    """Corrected components [n, 3] from parameters by name, for temperatures [n] [°C]; nuisance
+    angles do nothing.
+    """
+    entries = tuple(entry_of(name) for name in coefficients)
+    return evaluate(entries, np.array(list(coefficients.values())), indication, temperature)[0]
+
+
+def rotation(angles: Array) -> Array:
+    """Rotation matrix [3, 3] of a rotation vector [3] [rad] (Rodrigues 1840)."""
+    x, y, z = angles
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = float(np.linalg.norm(angles))
+    # sin(a)/a and (1 − cos a)/a², exact at a = 0
+    first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + first * cross + second * cross @ cross, dtype=np.float64)
+
+
+def rotation_vector(matrix: Array) -> Array:
+    """Rotation vector [3] [rad] of a rotation matrix [3, 3], below half a turn."""
+    from scipy.spatial.transform import Rotation
+
+    return np.asarray(Rotation.from_matrix(matrix).as_rotvec(), dtype=np.float64)
+
+
+def tilted_gravity(tool_rotation: Array, tilt: Array) -> tuple[Array, Array]:
+    """Gravity [n, 3] in the tool on a base tilted by two angles, and its derivatives [n, 3, 2] by
+    them.
+    """
+    length = np.sqrt(1.0 + tilt @ tilt)
+    down = np.array([tilt[0], tilt[1], 1.0]) / length
+    slope = (np.eye(3)[:, :2] - np.outer(down, down[:2])) / length
+    return tool_rotation @ down, tool_rotation @ slope

@@ -1,0 +1,268 @@
+"""Which coefficients the held temperatures and attitudes determine, and which dwells would
+determine the rest.
+
+Rank is read from the conditions that were commanded, never from the indications, whose noise makes
+any matrix look full; and from singular values, never from an assumed grid, so that temperature
+sweeps at a few attitudes count for what they are.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.numeric import attitude
+from calibkit.numeric.least_squares import fit as least_squares
+from calibkit.numeric.least_squares import fold, gram
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+TEMPERATURE_STEP_DEGC = 1.0
+"""Temperatures closer than this count as one."""
+WEAK = 1e-3
+"""Smallest singular value, relative to the largest after column scaling, that counts as determined:
+0.06° of attitude.
+"""
+TUMBLE_DEG = np.array(
+    [[90.0, 0.0], [90.0, 90.0], [90.0, 180.0], [90.0, -90.0], [0.0, 0.0], [180.0, 0.0]]
+)
+"""Inclination and toolface [°] of the six positions that are proposed first."""
+
+
+@dataclass(frozen=True, slots=True)
+class Part:
+    """What one axis is to determine."""
+
+    label: str
+    """What the error calls the axis."""
+    names: tuple[str, ...]
+    """Of the columns, the most important first: what the data cannot tell apart is missing at the
+    end.
+    """
+    design: Callable[[Array, Array], Array]
+    """Columns [n, p] from reference vectors [n, 3] and mapped temperatures [n]."""
+
+
+def require(
+    parts: Sequence[Part],
+    reference: Array,
+    temperature: Array,
+    *,
+    order: int,
+    temperature_step: float = TEMPERATURE_STEP_DEGC,
+    lower: str = "lower the orders",
+) -> None:
+    """Refuse conditions that leave a coefficient undetermined: which, why, and which dwells to add.
+
+    Parameters
+    ----------
+    parts
+        One an axis.
+    reference
+        [n, 3] [g].
+    temperature
+        [n] [°C].
+    order
+        Highest power of temperature that is asked for.
+    temperature_step
+        Temperatures closer than this [°C] count as one.
+    lower
+        What to ask less of, in the recipe's words.
+
+    Raises
+    ------
+    FitError
+        Naming the coefficients that cannot be told from the ones before them in the order of
+        importance.
+
+    """
+    levels, level = distinct_temperatures(temperature, temperature_step)
+    middle, half = least_squares.mapping(levels)
+    half = half or 1.0
+    mapped = (level - middle) / half
+    if len(temperature) >= gram.TALL and not any(
+        _loose_at_a_glance(part, reference, mapped) for part in parts
+    ):
+        return
+    loose = {
+        part.label: undetermined(_triangle(part, reference, mapped), part.names) for part in parts
+    }
+    if not any(loose.values()):
+        return
+    offered = _offered_levels(levels, order + 1)
+    add = np.zeros((0, 3))
+    for part in parts:
+        vectors = np.concatenate([reference, attitude.gravity_vector(add[:, 1], add[:, 2])])
+        more = proposals(
+            part.design,
+            vectors,
+            np.concatenate([mapped, add[:, 0]]),
+            offered=(offered - middle) / half,
+        )
+        add = np.concatenate([add, more])
+    add[:, 0] = middle + half * add[:, 0]
+    shown = (
+        ", ".join(f"{value:.4g}" for value in levels)
+        if levels.size <= 6
+        else f"{levels[0]:.4g} … {levels[-1]:.4g}"
+    )
+    faults = "; ".join(
+        f"{label}: {', '.join(sorted(names))}" for label, names in loose.items() if names
+    )
+    raise FitError(
+        f"the data cannot determine {faults}: {len(temperature)} dwells at {levels.size} distinct"
+        f" temperatures ({shown} °C; order {order} needs {order + 1}) in attitudes of which"
+        f" {affine_rank(reference)} are affinely independent (cross-axis terms need 4)",
+        hint=f"add dwells at {in_words(add)}; or {lower}",
+    )
+
+
+def distinct_temperatures(temperature: Array, step: float) -> tuple[Array, Array]:
+    """Levels [k] [°C] at least `step` apart, and the level [n] that each temperature [n] is counted
+    to.
+
+    A level opens at the lowest temperature that is a step above the last one's opening, so a sweep
+    counts as many levels as it has steps, and the scatter of a chamber about its set point counts
+    as one.
+    """
+    ascending = np.sort(temperature)
+    openings = [0]
+    while (
+        following := int(np.searchsorted(ascending, ascending[openings[-1]] + step))
+    ) < ascending.size:
+        openings.append(following)
+    label = _labels(ascending[openings], temperature, step)
+    levels = np.bincount(label, weights=temperature) / np.bincount(label)
+    return levels, levels[label]
+
+
+def _labels(openings: Array, temperature: Array, step: float) -> NDArray[np.int64]:
+    """Number of the last opening [k] at or below each temperature [n], openings at least a step
+    apart.
+
+    Looked up in cells of a step, of which each holds one opening at most: four times as fast as a
+    search.
+    """
+    span = float(np.max(temperature)) - openings[0]
+    if not 0.0 < span < gram.TALL * step or temperature.size < gram.TALL:
+        return np.searchsorted(openings, temperature, side="right") - 1
+    cell = ((temperature - openings[0]) / step).astype(np.int64)
+    edges = openings[0] + step * np.arange(int(span / step) + 2)
+    label: NDArray[np.int64] = (np.searchsorted(openings, edges, side="right") - 1)[cell]
+    fenced = np.append(openings, np.inf)
+    label += temperature >= fenced[label + 1]
+    # a quotient that was rounded up to the next cell
+    label -= temperature < fenced[label]
+    return label
+
+
+def affine_rank(reference: Array) -> int:
+    """How many of the attitudes [n, 3] are affinely independent: 4 when they span space, 3 on one
+    cone or plane.
+    """
+    return _rank(np.column_stack([np.ones(len(reference)), reference]))
+
+
+def undetermined(design: Array, names: Sequence[str]) -> list[str]:
+    """Names of columns of a design, or its triangle, [n, p] that the earlier ones make
+    superfluous.
+    """
+    loose: list[str] = []
+    kept = np.zeros((design.shape[0], 0))
+    for name, column in zip(names, design.T, strict=True):
+        wider = np.column_stack([kept, column])
+        if _rank(wider) < wider.shape[1]:
+            loose.append(name)
+        else:
+            kept = wider
+    return loose
+
+
+def proposals(
+    design: Callable[[Array, Array], Array], reference: Array, mapped: Array, *, offered: Array
+) -> Array:
+    """Further dwells [m, 3], mapped temperature, inclination [°] and toolface [°], that determine
+    every column.
+
+    Parameters
+    ----------
+    design
+        Columns [n, p] from reference vectors [n, 3] and mapped temperatures [n].
+    reference, mapped
+        Of the dwells that exist.
+    offered
+        Mapped temperatures [k] at which dwells can be added.
+
+    """
+    angle = np.tile(TUMBLE_DEG, (offered.size, 1))
+    dwells = np.column_stack([np.repeat(offered, len(TUMBLE_DEG)), angle])
+    rows, choice = (
+        design(reference, mapped),
+        design(attitude.gravity_vector(*angle.T), dwells[:, 0]),
+    )
+    length = np.linalg.norm(np.concatenate([rows, choice]), axis=0)
+    rows, choice = (
+        np.asarray(np.linalg.qr(rows / length, mode="r"), dtype=np.float64),
+        choice / length,
+    )
+    chosen: list[int] = []
+    for _ in range(rows.shape[1]):
+        _, singular, vt = np.linalg.svd(rows)
+        padded = np.zeros(rows.shape[1])
+        padded[: singular.size] = singular
+        null = vt[padded <= WEAK * padded[0]]
+        if not len(null):
+            break
+        # rounded, so that equally good dwells are taken in the order of the table on every machine
+        chosen.append(int(np.argmax(np.round(np.linalg.norm(choice @ null.T, axis=1), 9))))
+        rows = np.concatenate([rows, choice[chosen[-1:]]])
+    return np.asarray(dwells[chosen], dtype=np.float64)
+
+
+def in_words(dwells: Array) -> str:
+    """Dwells [m, 3] of `proposals` as a phrase, temperature by temperature."""
+    parts = []
+    for level in np.unique(dwells[:, 0]):
+        spots = [f"{tilt:g}°/{roll:g}°" for _, tilt, roll in dwells[dwells[:, 0] == level]]
+        parts.append(f"{level:.4g} °C at inclination/toolface {', '.join(spots)}")
+    return "; ".join(parts)
+
+
+def _loose_at_a_glance(part: Part, reference: Array, mapped: Array) -> bool:
+    """Whether a column of many rows is undetermined, from their Gram matrix: its 1e-8 is far from
+    the limit, 1e-3.
+    """
+    whole = gram.condensed(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
+    return bool(undetermined(whole, part.names))
+
+
+def _triangle(part: Part, reference: Array, mapped: Array) -> Array:
+    return fold.triangle(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
+
+
+def _offered_levels(levels: Array, needed: int) -> Array:
+    """Temperatures [°C] to propose: those held already, and new ones in the widest gaps when they
+    are too few.
+    """
+    offered = (
+        np.array([levels[0] - 20.0, levels[0], levels[0] + 20.0]) if levels.size == 1 else levels
+    )
+    while offered.size < needed:
+        gaps = np.diff(offered)
+        widest = int(np.argmax(gaps))
+        offered = np.insert(offered, widest + 1, offered[widest] + gaps[widest] / 2.0)
+    return np.asarray(offered, dtype=np.float64)
+
+
+def _rank(design: Array) -> int:
+    length = np.linalg.norm(design, axis=0)
+    singular = np.linalg.svd(design / np.where(length > 0.0, length, 1.0), compute_uv=False)
+    return int(np.sum(singular > WEAK * singular[0])) if singular[0] > 0.0 else 0

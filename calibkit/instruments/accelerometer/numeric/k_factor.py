@@ -1,0 +1,375 @@
+"""Scale factor, zero offset and cross-axis terms of a triaxial accelerometer over temperature:
+K-factor.
+
+Per axis, linear in ten coefficients (Zhou, Hu & Fu 2010), x shown, t in °C:
+
+    G_x' = G_x (K0 + K1 t + K2 t² + K3 t³) − (K4 + K5 t + K6 t² + K7 t³) − K8 G_y − K9 G_z
+
+K8 and K9 are for x of y and z, for y of z and x, for z of x and y. The reference is regressed on
+the indications, so noise of the indications is noise of the regressors too: `attenuation` says how
+far that pulls each coefficient.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import partial
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.accelerometer.numeric import determination
+from calibkit.numeric.least_squares import fit as least_squares
+from calibkit.numeric.least_squares import fold, gram, robust
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
+UNITS = ("1", "1/degC", "1/degC2", "1/degC3", "g", "g/degC", "g/degC2", "g/degC3", "1", "1")
+CROSS = ((1, 2), (2, 0), (0, 1))
+"""Columns that K8 and K9 multiply, axis by axis: y and z, z and x, x and y."""
+IMPORTANCE = (0, 4, 8, 9, 1, 5, 2, 6, 3, 7)
+"""Order in which coefficients claim the data: what the data cannot tell apart is missing at the end
+of it.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class KTerms:
+    """Which of the ten coefficients of an axis are fitted; the others are zero."""
+
+    scale_order: int = 3
+    """Highest power of temperature in the scale factor, 0..3: K0..K3."""
+    zero_order: int = 3
+    """Highest power of temperature in the zero offset, 0..3: K4..K7."""
+    cross: bool = True
+    """Whether K8 and K9 are fitted."""
+
+    def __post_init__(self) -> None:
+        if not (self.scale_order in range(4) and self.zero_order in range(4)):
+            raise FitError(
+                f"scale order {self.scale_order} and zero order {self.zero_order}",
+                hint="orders of K run from 0 to 3",
+            )
+
+    @property
+    def fitted(self) -> tuple[int, ...]:
+        """Numbers of the fitted coefficients, ascending."""
+        cross = (8, 9) if self.cross else ()
+        return (*range(self.scale_order + 1), *range(4, 5 + self.zero_order), *cross)
+
+
+@dataclass(frozen=True, slots=True)
+class KAxis:
+    """K-factor of one axis."""
+
+    axis: str
+    fitted: tuple[int, ...]
+    """Numbers of the coefficients that were fitted, ascending."""
+    coefficients: Array
+    """K0 … K9 [10] for temperatures in °C, zero where not fitted."""
+    covariance: Array
+    """[10, 10], type A, zero where not fitted."""
+    mapped_coefficients: Array
+    """[10], the same for u = (t − middle)/half: well conditioned, for prediction and for single
+    precision.
+    """
+    mapped_covariance: Array
+    """[10, 10]."""
+    middle: float
+    """[°C]."""
+    half: float
+    """[°C]; 1 when the temperature was constant."""
+    residuals: Array
+    """[n], reference minus corrected [unit of the reference]."""
+    studentised: Array
+    """[n], residuals over their standard deviations."""
+    suspects: tuple[int, ...]
+    """Dwells that no noise explains, by index, worst first; empty for a plain fit."""
+    dof: int
+    """Of the uncertainty: rows less coefficients, or groups less the four that attitudes have to
+    determine.
+    """
+    residual_rms: float
+    """Over the degrees of freedom, so that it estimates the noise without bias [unit of the
+    reference].
+    """
+    condition: float
+    attenuation: Array
+    """[10], shift of each coefficient by noise of the indications, in its standard uncertainties.
+    """
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the fitted coefficients."""
+        return tuple(NAMES[k] for k in self.fitted)
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Of K0 … K9 [10], type A."""
+        return np.sqrt(np.diag(self.covariance))
+
+
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """One axis in mapped temperature."""
+
+    result: least_squares.LinearFit
+    covariance: Array
+    """[p, p], that of the groups where there are groups."""
+    studentised: Array
+    suspects: tuple[int, ...]
+    dof: int
+
+
+def columns(indication: Array, temperature: Array, axis: int, terms: KTerms = KTerms()) -> Array:
+    """Design [n, p] of one axis: what the fitted K multiply, in ascending order of their numbers.
+
+    `temperature` [n] is in the unit that the coefficients are meant for: °C, or mapped to [−1, 1].
+    """
+    return _columns(indication, temperature, axis, terms.fitted)
+
+
+def _columns(indication: Array, temperature: Array, axis: int, numbers: Sequence[int]) -> Array:
+    """Columns [n, p] that the K of the given numbers multiply, in their order, each contiguous."""
+    powers = gram.powers(temperature, 3).T
+    whole = np.empty((len(numbers), temperature.size))
+    for row, k in zip(whole, numbers, strict=True):
+        if k < 4:
+            np.multiply(indication[:, axis], powers[k], out=row)
+        else:
+            np.negative(powers[k - 4] if k < 8 else indication[:, CROSS[axis][k - 8]], out=row)
+    return whole.T
+
+
+def fit(
+    indication: Array,
+    temperature: Array,
+    reference: Array,
+    *,
+    terms: Sequence[KTerms] = (KTerms(), KTerms(), KTerms()),
+    weights: Array | None = None,
+    loss: Literal["least_squares", "robust"] = "least_squares",
+    groups: NDArray[np.int64] | None = None,
+    temperature_step: float = determination.TEMPERATURE_STEP_DEGC,
+) -> tuple[KAxis, KAxis, KAxis]:
+    """Fit K0 … K9 of the three axes.
+
+    Parameters
+    ----------
+    indication
+        [n, 3], dwell means [g, nominally scaled, positive along gravity].
+    temperature
+        [n] [°C].
+    reference
+        [n, 3] [g], from `attitude.gravity_vector`.
+    terms
+        Three, one an axis.
+    weights
+        [n] or [n, 3], 1/variance of the dwell means.
+    loss
+        "robust" downweights wild dwells and names them.
+    groups
+        [n], labels of dwells that share an error (a table position, a stretch of a sweep):
+        covariance by leaving out one group at a time. The ordinary covariance holds for independent
+        dwells of equal noise.
+    temperature_step
+        Temperatures closer than this [°C] count as one when the rank is judged.
+
+    Raises
+    ------
+    FitError
+        When the conditions do not determine a coefficient: names it, says why and which dwells to
+        add.
+
+    """
+    middle, half = least_squares.mapping(temperature)
+    half = half or 1.0
+    if len(temperature) <= max(len(part.fitted) for part in terms):
+        raise FitError(
+            f"{len(temperature)} dwells for {max(len(part.fitted) for part in terms)} coefficients"
+            " an axis",
+            hint="add dwells until residuals can judge the fit, or lower the orders",
+        )
+    require_determined(reference, temperature, terms, temperature_step)
+    fits = [
+        _fit_axis(
+            indication, (temperature - middle) / half, reference, i, terms[i], weights, loss, groups
+        )
+        for i in range(3)
+    ]
+    powers = gram.matrix(
+        lambda rows: gram.powers(temperature[rows], 3, middle=middle, half=half), len(temperature)
+    )
+    x, y, z = (_reported(fits[i], i, terms[i], (powers, middle, half)) for i in range(3))
+    return x, y, z
+
+
+def require_determined(
+    reference: Array,
+    temperature: Array,
+    terms: Sequence[KTerms],
+    temperature_step: float = determination.TEMPERATURE_STEP_DEGC,
+) -> None:
+    """Refuse conditions (references [n, 3], temperatures [n] [°C]) that leave a K undetermined, as
+    `determination.require`.
+    """
+    parts = [
+        determination.Part(
+            f"accel_{AXES[i]}", _ranked_names(part), partial(_ranked_columns, axis=i, terms=part)
+        )
+        for i, part in enumerate(terms)
+    ]
+    determination.require(
+        parts,
+        reference,
+        temperature,
+        order=max(max(part.scale_order, part.zero_order) for part in terms),
+        temperature_step=temperature_step,
+        lower="lower scale_order and zero_order, or set cross to false",
+    )
+
+
+def _ranked_names(terms: KTerms) -> tuple[str, ...]:
+    return tuple(NAMES[k] for k in IMPORTANCE if k in terms.fitted)
+
+
+def _ranked_columns(reference: Array, mapped: Array, *, axis: int, terms: KTerms) -> Array:
+    """Design [n, p] of one axis on the references, the most important column first."""
+    return _columns(reference, mapped, axis, [k for k in IMPORTANCE if k in terms.fitted])
+
+
+def correct(coefficients: Array, indication: Array, temperature: Array) -> Array:
+    """Corrected components [n, 3] from K0 … K9 of the three axes [3, 10], indications [n, 3],
+    temperatures [n] [°C].
+    """
+    parts = [columns(indication, temperature, i) @ coefficients[i] for i in range(3)]
+    return np.column_stack(parts)
+
+
+def variance(axes: Sequence[KAxis], indication: Array, temperature: Array) -> Array:
+    """Variance [n, 3] of corrected components by the coefficients' type A uncertainty, without the
+    dwell's own noise.
+    """
+    parts = []
+    for i, axis in enumerate(axes):
+        design = columns(indication, (temperature - axis.middle) / axis.half, i)
+        parts.append(np.einsum("ij,jk,ik->i", design, axis.mapped_covariance, design))
+    return np.column_stack(parts)
+
+
+def indications(coefficients: Array, reference: Array, temperature: Array) -> Array:
+    """Indications [n, 3] that the K of three axes [3, 10] correct to the reference [n, 3]: the
+    model backwards.
+    """
+    powers = np.vander(temperature, 4, increasing=True)
+    matrix = np.zeros((len(temperature), 3, 3))
+    target = np.empty((len(temperature), 3, 1))
+    for i, (first, second) in enumerate(CROSS):
+        matrix[:, i, i] = powers @ coefficients[i, :4]
+        matrix[:, i, first], matrix[:, i, second] = -coefficients[i, 8], -coefficients[i, 9]
+        target[:, i, 0] = reference[:, i] + powers @ coefficients[i, 4:8]
+    return np.asarray(np.linalg.solve(matrix, target)[:, :, 0], dtype=np.float64)
+
+
+def _fit_axis(
+    indication: Array,
+    mapped: Array,
+    reference: Array,
+    axis: int,
+    terms: KTerms,
+    weights: Array | None,
+    loss: Literal["least_squares", "robust"],
+    groups: NDArray[np.int64] | None,
+) -> _Fitted:
+    """Fit one axis in mapped temperature."""
+    names = [f"{NAMES[k]} of accel_{AXES[axis]}" for k in terms.fitted]
+    weight = None if weights is None else (weights if weights.ndim == 1 else weights[:, axis])
+    target = reference[:, axis]
+    if loss == "least_squares" and groups is None and len(mapped) >= gram.TALL:
+        result = fold.linear(
+            lambda part: columns(indication[part], mapped[part], axis, terms),
+            target,
+            weights=weight,
+            names=names,
+        )
+        return _Fitted(
+            result, result.covariance, _plain_studentised(result, weight), (), result.dof
+        )
+    row_weights = np.ones(len(mapped)) if weight is None else weight
+    design = columns(indication, mapped, axis, terms)
+    if loss == "robust":
+        tough = robust.linear(design, target, weights=weight, names=names)
+        result, studentised, suspects = tough.fit, tough.studentised, tough.suspects
+        row_weights = row_weights * tough.row_weights
+    else:
+        result = least_squares.linear(design, target, weights=weight, names=names)
+        studentised, suspects = _plain_studentised(result, weight), ()
+    if groups is None:
+        return _Fitted(result, result.covariance, studentised, suspects, result.dof)
+    covariance = robust.jackknife_covariance(design, result.residuals, groups, weights=row_weights)
+    # a group is one attitude, or a part of one: four coefficients are what attitudes have to
+    # determine
+    dof = min(result.dof, max(len(np.unique(groups)) - 4, 1))
+    return _Fitted(result, covariance, studentised, suspects, dof)
+
+
+def _plain_studentised(result: least_squares.LinearFit, weights: Array | None) -> Array:
+    """Residuals [n] over their standard deviation, leverage left aside."""
+    root = 1.0 if weights is None else np.sqrt(weights / np.mean(weights))
+    return np.asarray(result.residuals * root / (result.residual_rms or 1.0), dtype=np.float64)
+
+
+def _reported(fitted: _Fitted, axis: int, terms: KTerms, held: tuple[Array, float, float]) -> KAxis:
+    """Put a fit in mapped temperature into raw °C; the conversion is in extended precision, K3 and
+    K7 need it.
+    """
+    result, (powers, middle, half) = fitted.result, held
+    place = np.ix_(terms.fitted, terms.fitted)
+    mapped, mapped_covariance, plain = np.zeros(10), np.zeros((10, 10)), np.zeros((10, 10))
+    mapped[list(terms.fitted)] = result.coefficients
+    mapped_covariance[place], plain[place] = fitted.covariance, result.covariance
+    to_raw = np.eye(10, dtype=np.longdouble)
+    to_raw[:4, :4] = to_raw[4:8, 4:8] = least_squares.raw_powers(middle, half, 3)
+    matrix = np.asarray(to_raw, dtype=np.float64)
+    covariance = matrix @ mapped_covariance @ matrix.T
+    shift = matrix @ _attenuation_shift(mapped, plain, powers)
+    uncertainty = np.sqrt(np.diag(covariance))
+    return KAxis(
+        axis=AXES[axis],
+        fitted=terms.fitted,
+        coefficients=np.asarray(to_raw @ mapped.astype(np.longdouble), dtype=np.float64),
+        covariance=covariance,
+        mapped_coefficients=mapped,
+        mapped_covariance=mapped_covariance,
+        middle=middle,
+        half=half,
+        residuals=result.residuals,
+        studentised=fitted.studentised,
+        suspects=fitted.suspects,
+        dof=fitted.dof,
+        residual_rms=result.residual_rms * float(np.sqrt(1.0 + len(terms.fitted) / result.dof)),
+        condition=result.condition,
+        attenuation=shift / np.where(uncertainty > 0.0, uncertainty, 1.0),
+    )
+
+
+def _attenuation_shift(coefficients: Array, covariance: Array, powers: Array) -> Array:
+    """Shift [10] of least-squares coefficients by noise of the regressors (Fuller 1987, section
+    2.2), mapped basis.
+
+    `powers` [4, 4] is the Gram matrix of the powers of mapped temperature that the indications are
+    multiplied by. The whole residual is taken for noise of the indications, so this is the most
+    that it can be.
+    """
+    noise = np.zeros((10, 10))
+    noise[:4, :4] = powers
+    noise[8, 8] = noise[9, 9] = powers[0, 0]
+    return np.asarray(-(covariance @ noise @ coefficients), dtype=np.float64)

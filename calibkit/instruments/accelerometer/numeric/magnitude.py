@@ -1,0 +1,472 @@
+"""Scale factor, bias and non-orthogonality of a triad from the length of gravity alone, when
+attitudes are unknown.
+
+Nine parameters: scale factors k, biases b, and Q1, Q2, Q3 (Zhou, Hu & Fu 2010, exact form). The
+corrected vector is Q diag(1/k) (V − b) with Q the inverse of the unit axes, and |G'| is to be the
+local gravity. Which way the triad is mounted is nothing that lengths can tell.
+"""
+
+from __future__ import annotations
+
+import warnings
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.accelerometer.numeric import q_factor
+from calibkit.instruments.accelerometer.numeric.norms import LOWER, lengths, lower, squares
+from calibkit.numeric.least_squares import fit as least_squares
+from calibkit.numeric.least_squares import fold, gauss_newton, gram, robust
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+NAMES = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
+TOLERANCES = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 0.0, "max_nfev": 2000}
+"""Of lmfit's leastsq: to the last digits."""
+LARGEST_Q = 0.35
+"""Bound of each Q [rad]: 20°, far beyond any triad."""
+POOR_Q, POOR_SHARE = np.radians(0.25), 5e-3
+"""95 % half-widths that are too wide: of a Q [rad]; of a scale factor, or a bias over it, relative
+to gravity.
+"""
+ILL_CONDITIONED = 20.0
+"""Condition number above which attitudes leave some combination of parameters poorly seen; six
+faces have 1.7.
+"""
+ENOUGH_TO_START = 20_000
+"""Rows of a large set that the start is read from, evenly spread."""
+WEAKEST = 1e-4
+"""Smallest singular value of the scaled Jacobian, relative to the largest, below which nothing is
+reported at all.
+"""
+FEW_DOF = 5
+"""Degrees of freedom below which residuals cannot vouch for the uncertainty."""
+
+
+@dataclass(frozen=True, slots=True)
+class MagnitudeFit:
+    """A finished magnitude-only fit: nine parameters in the order of NAMES."""
+
+    parameters: Array
+    """k [indication per g unit], b [indication], Q [rad]: [9]."""
+    covariance: Array
+    """[9, 9], type A; by the residuals or by the stated noise, whichever is larger."""
+    residuals: Array
+    """[n], |G'| − gravity [unit of gravity]."""
+    leverage: Array
+    """[n], share of each dwell in its own fitted value: near 1, nothing else checks it."""
+    suspects: tuple[int, ...]
+    """Dwells that no noise explains, by index, worst first; empty for a plain fit."""
+    dof: int
+    residual_rms: float
+    """Over the degrees of freedom, so that it estimates the noise without bias [unit of gravity].
+    """
+    condition: float
+    iterations: int
+    flags: tuple[str, ...]
+    """Why these numbers should not be trusted; empty when nothing speaks against them."""
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Of the nine parameters [9], type A."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def half_width(self) -> Array:
+        """Half-widths [9] of 95 % intervals, Student's t at the degrees of freedom."""
+        return self.standard_uncertainty * _t95(self.dof)
+
+    @property
+    def matrix(self) -> Array:
+        """Correction matrix [3, 3]: corrected = matrix · (indication − bias)."""
+        return correction_matrix(self.parameters)
+
+    @property
+    def bias(self) -> Array:
+        """[3], unit of the indication."""
+        return self.parameters[3:6]
+
+
+def correction_matrix(parameters: Array) -> Array:
+    """Lower triangular correction matrix [3, 3] of the nine parameters: exact Q · diag(1/k)."""
+    return q_factor.exact(q_factor.axes_of(parameters[6:9])) / parameters[None, 0:3]
+
+
+def correct(parameters: Array, indication: Array) -> Array:
+    """Corrected components [n, 3] [unit of gravity] from nine parameters and indications [n, 3],
+    frame e1 = x.
+    """
+    return (indication - parameters[3:6]) @ correction_matrix(parameters).T
+
+
+def fit(
+    indication: Array,
+    gravity: float = 1.0,
+    *,
+    noise: Array | None = None,
+    loss: Literal["least_squares", "robust"] = "least_squares",
+) -> MagnitudeFit:
+    """Fit the nine parameters by blocked Gauss-Newton with a step guard; memory does not grow with
+    the rows.
+
+    Parameters
+    ----------
+    indication
+        [n, 3], dwell means, in any unit.
+    gravity
+        Local gravity in the unit that corrected components shall have.
+    noise
+        [n], standard deviation of each |G'| [unit of gravity]: weights, and a floor under the
+        uncertainty.
+    loss
+        "robust" leaves wild dwells out and names them.
+
+    Raises
+    ------
+    FitError
+        For fewer than nine dwells, dwells on one cone or plane, or no convergence.
+
+    """
+    _require_enough(indication)
+    root = np.ones(len(indication)) if noise is None else 1.0 / noise
+
+    def residuals(parameters: Array, rows: slice) -> tuple[Array, Array]:
+        return lengths(parameters, indication[rows], gravity, root[rows])
+
+    begin = _to_triangle(start(indication, gravity))
+    near = gauss_newton.of_some(residuals, begin, len(indication), enough=ENOUGH_TO_START)
+    found = gauss_newton.fit(
+        residuals, near, len(indication), names=_TRIANGLE_NAMES, weakest=WEAKEST
+    )
+    if loss == "robust":
+        return _robust(found, indication, gravity, root)
+    inverse = found.normal_inverse * _variance(found.square, found.dof, absolute=noise is not None)
+    solver = (found.condition, found.iterations, ())
+    return _finished(
+        found.parameters, inverse, indication, gravity, root, solver, found.normal_inverse
+    )
+
+
+def fit_bounded(
+    indication: Array, gravity: float = 1.0, *, noise: Array | None = None
+) -> tuple[MagnitudeFit, Mapping[str, tuple[float, float]]]:
+    """Fit the same nine parameters by lmfit, named and bounded, and give their 95 % confidence
+    intervals.
+
+    The intervals are profile intervals: each parameter is stepped and the others refitted until the
+    F-test rejects at 5 %. An end that is never rejected inside the bounds is infinite.
+
+    Parameters
+    ----------
+    indication, gravity, noise
+        As for `fit`.
+
+    Returns
+    -------
+    The fit, in the same record as `fit`, and parameter name to (low, high).
+
+    Raises
+    ------
+    FitError
+        As `fit`.
+
+    """
+    import lmfit
+
+    _require_enough(indication)
+    root = np.ones(len(indication)) if noise is None else 1.0 / noise
+    begin = start(indication, gravity)
+    model = _Bounded(indication, gravity, root, np.zeros(9), np.ones(9))
+    minimizer = lmfit.Minimizer(
+        model.residuals, _bounded_parameters(begin, indication), scale_covar=noise is None
+    )
+    result = minimizer.minimize(method="leastsq", Dfun=model.slopes, **TOLERANCES)
+    if not result.success or result.covar is None:
+        raise FitError(
+            f"lmfit found no minimum: {result.message}",
+            hint="check units, or add different attitudes",
+        )
+    parameters = np.array([result.params[name].value for name in NAMES])
+    triangle = _to_triangle(parameters)
+    jacobian = lengths(triangle, indication, gravity, root)[1]
+    inverse = np.linalg.inv(np.linalg.qr(jacobian, mode="r"))
+    square, dof = float(np.sum(result.residual**2)), len(indication) - len(NAMES)
+    variance = _variance(square, dof, absolute=noise is not None)
+    singular = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0), compute_uv=False)
+    solver = (float(singular[0] / singular[-1]), int(result.nfev), ())
+    fitted = _finished(triangle, inverse @ inverse.T * variance, indication, gravity, root, solver)
+    # the F-test judges by the residuals alone: where the stated noise is larger, the intervals are
+    # widened as u is
+    widening = float(np.sqrt(variance * dof / square)) if square > 0.0 and dof > 0 else 1.0
+    return fitted, _profile_intervals(fitted, model, widening)
+
+
+def start(indication: Array, gravity: float) -> Array:
+    """Nine starting parameters [9] from the best sphere through indications [n, 3], linear in
+    centre and radius.
+    """
+    indication = indication[:: 1 + len(indication) // ENOUGH_TO_START]
+    centre = indication.mean(axis=0)
+    size = float(np.sqrt(np.mean(np.sum((indication - centre) ** 2, axis=1)))) or 1.0
+    moved = (indication - centre) / size
+    design = np.column_stack([2.0 * moved, np.ones(len(moved))])
+    sphere = least_squares.linear(
+        design, np.sum(moved**2, axis=1), names=("b_x", "b_y", "b_z", "the scale factor")
+    ).coefficients
+    radius = np.sqrt(sphere[3] + sphere[:3] @ sphere[:3])
+    return np.concatenate(
+        [np.full(3, radius * size / gravity), centre + sphere[:3] * size, np.zeros(3)]
+    )
+
+
+_TRIANGLE_NAMES = ("k_x", "Q3", "k_y", "Q2", "Q1", "k_z", "b_x", "b_y", "b_z")
+
+
+def _to_triangle(parameters: Array) -> Array:
+    """Six entries of the correction matrix and the bias [9] from scale factors, bias and Q [9]."""
+    return np.concatenate(
+        [correction_matrix(parameters)[tuple(np.transpose(LOWER))], parameters[3:6]]
+    )
+
+
+def _from_triangle(triangle: Array) -> Array:
+    """Scale factors, bias and Q [9] from six entries of the correction matrix and the bias [9]."""
+    sensitivity = np.linalg.inv(lower(triangle[:6]))
+    scale = np.linalg.norm(sensitivity, axis=1)
+    return np.concatenate([scale, triangle[6:], q_factor.small_angle(sensitivity / scale[:, None])])
+
+
+def _require_enough(indication: Array) -> None:
+    if len(indication) < len(NAMES):
+        raise FitError(
+            f"{len(indication)} dwells for {len(NAMES)} parameters ({', '.join(NAMES)})",
+            hint="hold at least 12 different attitudes, better 18, spread over the whole sphere",
+        )
+
+
+def _variance(square: float, dof: int, *, absolute: bool) -> float:
+    """Factor on the inverse normal matrix: residual variance, never below the stated noise (Birge
+    1932).
+    """
+    if dof <= 0 and not absolute:
+        raise FitError(
+            "nine dwells leave no residual to judge them by",
+            hint="add attitudes, or state the dwell noise",
+        )
+    ratio = square / dof if dof > 0 else 0.0
+    return max(1.0, ratio) if absolute else ratio
+
+
+def _robust(
+    found: gauss_newton.NonlinearFit, indication: Array, gravity: float, root: Array
+) -> MagnitudeFit:
+    """Robust fit from the least-squares solution on."""
+    triangle, tough = robust.nonlinear(
+        lambda at: lengths(at, indication, gravity, root), found.parameters, names=_TRIANGLE_NAMES
+    )
+    solver = (tough.fit.condition, found.iterations, tough.suspects)
+    return _finished(triangle, tough.fit.covariance, indication, gravity, root, solver)
+
+
+def _finished(
+    triangle: Array,
+    covariance: Array,
+    indication: Array,
+    gravity: float,
+    root: Array,
+    solver: tuple[float, int, tuple[int, ...]],
+    normal_inverse: Array | None = None,
+) -> MagnitudeFit:
+    """Complete record from the triangle parameters and their covariance, and (JᵀJ)⁻¹ of all rows
+    where it is known.
+    """
+    condition, iterations, suspects = solver
+    steps = np.concatenate(
+        [np.full(6, float(np.max(np.abs(triangle[:6])))), gravity / np.abs(triangle[[0, 2, 5]])]
+    )
+    slope = q_factor.derivative(_from_triangle, triangle, scale=steps)
+    parameters = _from_triangle(triangle)
+    residual, leverage = _residual_and_leverage(triangle, indication, gravity, root, normal_inverse)
+    used, weight = (
+        np.delete(column, suspects) if suspects else column for column in (residual, root)
+    )
+    dof = used.size - len(NAMES)
+    square = float(np.sum(used**2) / np.sum(weight**2))
+    rms = float(np.sqrt(square * used.size / max(dof, 1)))
+    mapped = slope @ covariance @ slope.T
+    flags = _flags(parameters, np.sqrt(np.diag(mapped)) * _t95(dof), leverage, condition, dof)
+    return MagnitudeFit(
+        parameters,
+        mapped,
+        residual / root,
+        leverage,
+        suspects,
+        dof,
+        rms,
+        condition,
+        iterations,
+        flags,
+    )
+
+
+def _residual_and_leverage(
+    triangle: Array, indication: Array, gravity: float, root: Array, normal_inverse: Array | None
+) -> tuple[Array, Array]:
+    """Weighted residuals [n] and leverages [n], block by block."""
+
+    def slopes(rows: slice) -> Array:
+        return lengths(triangle, indication[rows], gravity, root[rows])[1]
+
+    tall = len(root) >= gram.TALL
+    if tall and normal_inverse is not None:
+        inverse = np.linalg.cholesky(normal_inverse)
+    else:
+        r = (
+            np.linalg.cholesky(gram.matrix(slopes, len(root))).T
+            if tall
+            else fold.triangle(slopes, len(root))
+        )
+        inverse = np.linalg.inv(r)
+    residual, leverage = np.empty(len(root)), np.empty(len(root))
+    for rows in gram.blocks(len(root), gram.block_rows(len(NAMES))):
+        residual[rows], slope = lengths(triangle, indication[rows], gravity, root[rows])
+        leverage[rows] = squares(inverse.T @ slope.T)
+    return residual, leverage
+
+
+def _flags(
+    parameters: Array, half_width: Array, leverage: Array, condition: float, dof: int
+) -> tuple[str, ...]:
+    """Say what is wrong with a set, in words for the engineer."""
+    said: list[str] = []
+    if dof < FEW_DOF:
+        said.append(
+            f"{len(leverage)} dwells for {len(NAMES)} parameters leave {dof} degrees of freedom: "
+            "the residuals cannot vouch for these numbers"
+        )
+    if condition > ILL_CONDITIONED:
+        said.append(
+            f"ill-conditioned: condition number {condition:.3g}, six faces have 1.7; add other"
+            " attitudes"
+        )
+    said += [
+        f"{name} is known to ±{np.degrees(width):.2g}° only (95 %)"
+        for name, width in zip(NAMES[6:], half_width[6:], strict=True)
+        if width > POOR_Q
+    ]
+    relative = half_width[:6] / np.tile(parameters[:3], 2)
+    said += [
+        f"{name} is known to ±{100.0 * share:.2g} % of {'itself' if name[0] == 'k' else 'gravity'}"
+        " only (95 %)"
+        for name, share in zip(NAMES[:6], relative, strict=True)
+        if share > POOR_SHARE
+    ]
+    alone = np.flatnonzero(leverage > 0.99)
+    if alone.size:
+        said.append(
+            f"no other dwell checks dwell {', '.join(str(i) for i in alone)} (leverage above 0.99)"
+        )
+    return tuple(said)
+
+
+def _t95(dof: int) -> float:
+    """Two-sided 95 % quantile of Student's t; that of one degree of freedom when there are none."""
+    from scipy.stats import t
+
+    return float(t.ppf(0.975, max(dof, 1)))
+
+
+@dataclass(frozen=True, slots=True)
+class _Bounded:
+    """The magnitude model as lmfit calls it: parameters are centre + unit · named values."""
+
+    indication: Array
+    gravity: float
+    root: Array
+    centre: Array
+    unit: Array
+
+    def residuals(self, named: Any) -> Array:  # noqa: ANN401 lmfit has no types
+        return lengths(_to_triangle(self.values(named)), self.indication, self.gravity, self.root)[
+            0
+        ]
+
+    def slopes(self, named: Any) -> Array:  # noqa: ANN401 lmfit has no types
+        """Derivatives [n, p] by the parameters that vary: a profile holds one of them still."""
+        values = self.values(named)
+        steps = np.concatenate([values[:3], values[:3], np.ones(3)])
+        inner = q_factor.derivative(_to_triangle, values, scale=steps) * self.unit
+        varying = [j for j, name in enumerate(NAMES) if named[name].vary]
+        return (lengths(_to_triangle(values), self.indication, self.gravity, self.root)[1] @ inner)[
+            :, varying
+        ]
+
+    def values(self, named: Any) -> Array:  # noqa: ANN401 lmfit has no types
+        """Nine parameters of lmfit's named ones."""
+        return np.asarray(
+            self.centre + self.unit * np.array([named[name].value for name in NAMES]),
+            dtype=np.float64,
+        )
+
+
+def _bounded_parameters(begin: Array, indication: Array) -> Any:  # noqa: ANN401 lmfit has no types
+    """Named parameters within bounds that no working triad touches."""
+    import lmfit
+
+    reach = float(np.max(np.ptp(indication, axis=0)))
+    low = np.concatenate([begin[:3] * 0.2, begin[3:6] - reach, np.full(3, -LARGEST_Q)])
+    high = np.concatenate([begin[:3] * 5.0, begin[3:6] + reach, np.full(3, LARGEST_Q)])
+    named = lmfit.Parameters()
+    for name, value, least, most in zip(NAMES, begin, low, high, strict=True):
+        named.add(name, value=float(value), min=float(least), max=float(most))
+    return named
+
+
+def _profile_intervals(
+    fitted: MagnitudeFit, model: _Bounded, widening: float
+) -> dict[str, tuple[float, float]]:
+    """95 % profile intervals of the nine parameters, an end that the data never reject infinite.
+
+    The profile is drawn in standard uncertainties, ten of them at the solution: lmfit steps by the
+    uncertainty and places the ends to 5e-5 of the value, which for a scale factor near 1 would be
+    five uncertainties of 1e-5.
+    """
+    import lmfit
+
+    unit, origin = fitted.standard_uncertainty, 10.0
+    about = _Bounded(
+        model.indication, model.gravity, model.root, fitted.parameters - origin * unit, unit
+    )
+    wide = _bounded_parameters(fitted.parameters, model.indication)
+    named = lmfit.Parameters()
+    for j, name in enumerate(NAMES):
+        low, high = (
+            origin + (end - fitted.parameters[j]) / unit[j]
+            for end in (wide[name].min, wide[name].max)
+        )
+        named.add(name, value=origin, min=float(low), max=float(high))
+    with warnings.catch_warnings():
+        # lmfit warns where a bound is met before the F-test rejects; that end is reported as
+        # infinite instead
+        warnings.simplefilter("ignore")
+        minimizer = lmfit.Minimizer(about.residuals, named)
+        result = minimizer.minimize(method="leastsq", Dfun=about.slopes, **TOLERANCES)
+        for name in NAMES:
+            # 1 by construction; lmfit may have none where it starts at the solution
+            result.params[name].stderr = result.params[name].stderr or 1.0
+        table = lmfit.conf_interval(minimizer, result, sigmas=[0.95])
+    intervals = {}
+    for j, name in enumerate(NAMES):
+        found = np.array([table[name][0][1], table[name][-1][1]]) - origin
+        low, high = fitted.parameters[j] + unit[j] * widening * np.where(
+            np.isfinite(found), found, [-np.inf, np.inf]
+        )
+        intervals[name] = (float(low), float(high))
+    return intervals

@@ -1,0 +1,97 @@
+"""Lengths of the corrected vectors of a triad and their derivatives, many at a time."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.numeric.compiled import kernels_for
+
+if TYPE_CHECKING:
+    from ctypes import CDLL
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
+"""Entries of the lower triangular correction matrix, in the order of the fast solver's parameters.
+"""
+_ROWS, _COLUMNS = np.transpose(LOWER)
+
+
+def lower(entries: Array) -> Array:
+    """Lower triangular matrix [3, 3] of its six entries [6], in the order of LOWER."""
+    matrix = np.zeros((3, 3))
+    matrix[_ROWS, _COLUMNS] = entries
+    return matrix
+
+
+def lengths(triangle: Array, indication: Array, gravity: float, root: Array) -> tuple[Array, Array]:
+    """Weighted residuals [n] |T (V − b)| − gravity and their derivatives [n, 9] by the entries of T
+    and by b.
+
+    Parameters
+    ----------
+    triangle
+        Six entries of T in the order of LOWER, and b: [9].
+    indication
+        V [n, 3].
+    gravity
+        The length that is expected.
+    root
+        Square roots of the weights [n].
+
+    Notes
+    -----
+    Compiled or not, all but the two products of matrices are rounded one by one in the order
+    written here.
+    """
+    matrix, count = lower(triangle[:6]), len(indication)
+    library = kernels_for(indication, root)
+    if library is not None:
+        return _compiled(library, matrix, triangle[6:].copy(), indication, gravity, root)
+    shifted = np.subtract(
+        indication.T, triangle[6:, None], order="C"
+    )  # components as rows, along the memory
+    vector = matrix @ shifted
+    square = vector * vector
+    length = np.sqrt(square[0] + square[1] + square[2])
+    direction = vector * (root / length)
+    slopes = np.empty((9, count))
+    for row, (i, j) in zip(slopes, LOWER, strict=False):
+        np.multiply(direction[i], shifted[j], out=row)
+    np.matmul(-matrix.T, direction, out=slopes[6:])
+    return (length - gravity) * root, slopes.T
+
+
+def squares(rows: Array) -> Array:
+    """Sums [n] of the squares of rows [k, n] down the columns, from the first row to the last."""
+    library = kernels_for(rows)
+    if library is not None:
+        sums = np.empty(rows.shape[1])
+        library.calibkit_squares(rows.ctypes.data, *rows.shape, sums.ctypes.data)
+        return sums
+    added = rows[0] * rows[0]
+    for row in rows[1:]:
+        added += row * row
+    return np.asarray(added, dtype=np.float64)
+
+
+def _compiled(
+    library: CDLL, matrix: Array, bias: Array, indication: Array, gravity: float, root: Array
+) -> tuple[Array, Array]:
+    """The same in two passes."""
+    count = len(indication)
+    shifted, direction, slopes, residual = (np.empty((k, count)) for k in (3, 3, 9, 1))
+    library.calibkit_components(
+        indication.ctypes.data, count, bias.ctypes.data, shifted.ctypes.data
+    )
+    vector = matrix @ shifted
+    library.calibkit_lengths(
+        *(vector.ctypes.data, shifted.ctypes.data, root.ctypes.data, count, gravity),
+        *(residual.ctypes.data, direction.ctypes.data, slopes.ctypes.data),
+    )
+    np.matmul(-matrix.T, direction, out=slopes[6:])
+    return residual[0], slopes.T

@@ -1,0 +1,113 @@
+"""Recipe of a triaxial accelerometer: K-factor, Q-factor and the affine triad over temperature."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from calibkit.recipe.tables import Positive, Recipe, Table
+
+Order = Annotated[int, Field(ge=0, le=3)]
+Inclination = Annotated[float, Field(gt=0.0, lt=180.0)]
+
+
+class Reference(Table):
+    """What the indications are fitted to, and the sign that a positive indication has."""
+
+    kind: Literal["attitude", "magnitude"] = "attitude"
+    convention: Literal["gravity", "specific_force"] = "gravity"
+    solver: Literal["gauss_newton", "lmfit"] = "gauss_newton"
+
+
+class DwellSpec(Table):
+    """How a log is cut into dwells: one row a dwell, or holds found in a continuous log."""
+
+    mode: Literal["rows", "series"] = "rows"
+    window_s: Positive = 1.0
+    shortest_s: Positive = 2.0
+    piece_s: Positive | None = None
+    noise_limit_g: Positive | None = None
+    max_gap_s: Positive = 1.0
+
+
+class KAxisSpec(Table):
+    """Orders of one axis."""
+
+    scale_order: Order = 3
+    zero_order: Order = 3
+    cross: bool = True
+
+
+class KSpec(Table):
+    """K-factor: the same orders for the three axes, or each its own."""
+
+    enabled: bool = True
+    scale_order: Order = 3
+    zero_order: Order = 3
+    cross: bool = True
+    groups: Literal["none", "log"] = "none"
+    x: KAxisSpec | None = None
+    y: KAxisSpec | None = None
+    z: KAxisSpec | None = None
+
+
+class AffineSpec(Table):
+    """The affine triad M(t)(V − b(t)): orders over temperature, higher-order terms, nuisance
+    angles.
+    """
+
+    enabled: bool = True
+    scale_order: Order = 3
+    cross_order: Annotated[int, Field(ge=-1, le=3)] = 1
+    bias_order: Order = 3
+    second_order: bool = False
+    third_order: bool = False
+    tilt: bool = False
+    fixture: bool = False
+
+
+class AccelAcceptance(Table):
+    """Limits on the attitude after correction; a limit that is not stated is not tested."""
+
+    max_inclination_error_deg: Positive | None = None
+    max_toolface_error_sin_deg: Positive | None = None
+    max_residual_rms_g: Positive | None = None
+
+
+class AccelerometerRecipe(Recipe):
+    """Dwells of a triaxial accelerometer at attitudes and temperatures."""
+
+    procedure: Literal["accelerometer"]
+    reference: Reference = Reference()
+    dwells: DwellSpec = DwellSpec()
+    loss: Literal["robust", "least_squares"] = "robust"
+    k: KSpec = KSpec()
+    affine: AffineSpec = AffineSpec()
+    compensation: Literal["affine", "k", "kq"] = "affine"
+    toolface_range_deg: Annotated[tuple[Inclination, Inclination], Field(strict=False)] = (
+        10.0,
+        170.0,
+    )
+    acceptance: AccelAcceptance = AccelAcceptance()
+
+    @model_validator(mode="after")
+    def _compensated_by_what_is_fitted(self) -> AccelerometerRecipe:
+        attitude = self.reference.kind == "attitude"
+        if self.compensation == "k" and not (attitude and self.k.enabled):
+            raise ValueError(
+                "compensation = 'k' needs k.enabled = true and reference.kind = 'attitude'"
+            )
+        crossed = any((getattr(self.k, axis) or self.k).cross for axis in "xyz")
+        if self.compensation == "kq" and (
+            not (attitude and self.k.enabled and self.affine.enabled) or crossed
+        ):
+            raise ValueError(
+                "compensation = 'kq' needs k.enabled, affine.enabled, reference.kind = 'attitude'"
+                " and k.cross = false: K8, K9 and Q would correct the same angles twice"
+            )
+        if self.compensation == "affine" and attitude and not self.affine.enabled:
+            raise ValueError("compensation = 'affine' needs affine.enabled = true")
+        if (self.affine.tilt or self.affine.fixture) and not attitude:
+            raise ValueError("affine.tilt and affine.fixture need reference.kind = 'attitude'")
+        return self

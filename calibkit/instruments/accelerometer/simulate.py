@@ -1,0 +1,264 @@
+"""A triad of servo accelerometers on a two-axis table in a chamber: dwells at attitudes and
+temperatures, or sweeps.
+
+The sensors are physical, not the models that are fitted: magnets that lose flux by an exponential
+law, springs whose bias saturates, axes that turn with temperature, second- and third-order errors,
+cross products, a sensor that lags its case, a thermometer with an error of its own. Indications are
+positive along gravity.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass, field
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.numeric import attitude
+from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+TEMPERATURES_DEGC = (-20.0, -5.0, 10.0, 25.0, 45.0, 65.0, 85.0, 105.0, 125.0)
+AXES = "xyz"
+DECIMALS = {
+    "time_s": 1,
+    "temp_case_degc": 3,
+    "inclination_deg": 4,
+    "toolface_deg": 4,
+    "accel_x_g": 8,
+    "accel_y_g": 8,
+    "accel_z_g": 8,
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Sensor:
+    """One servo accelerometer; temperatures relative to 25 °C."""
+
+    scale_factor: float
+    """Indication per g at 25 °C [1]."""
+    flux_loss: float
+    """Reversible loss of the magnet, as the share of the scale factor [1/°C]."""
+    flux_curvature: float
+    """Of the loss [1/°C²]."""
+    bias: float
+    """At 25 °C [g]."""
+    bias_slope: float
+    """[g/°C]."""
+    bias_bend: float
+    """Saturating part of the bias [g]."""
+    bend_width: float
+    """Temperature over which it saturates [°C]."""
+    second_order: float
+    """K₂ [g/g²]."""
+    third_order: float
+    """K₃ [g/g³]."""
+    cross_product: float
+    """K_ip with the next axis [g/g²]."""
+    axis: tuple[float, float, float]
+    """Sensitive axis at 25 °C, unit vector in the tool."""
+    axis_turn: tuple[float, float, float]
+    """Rotation of the axis [rad/°C] about the tool's axes."""
+
+
+@dataclass(frozen=True, slots=True)
+class Conditions:
+    """How a campaign is run."""
+
+    noise_g: float = 2e-5
+    """Standard deviation of a logged indication [g]."""
+    table_noise_deg: float = 0.01
+    """Standard deviation of inclination and toolface of the table about what is logged [°]."""
+    thermometer_noise_degc: float = 0.02
+    temperatures_degc: tuple[float, ...] = TEMPERATURES_DEGC
+    inclinations_deg: tuple[float, ...] = (30.0, 60.0, 90.0, 120.0, 150.0)
+    """Between the two upright positions, which are always held."""
+    toolfaces: int = 8
+    """Evenly spaced over a turn."""
+    wild: int = 0
+    """Dwells spoilt by a bumped table or a wrong entry."""
+    sweep: bool = False
+    """Temperature swept continuously at a few attitudes in place of dwells on a grid."""
+    sweep_rate_degc_per_min: float = 1.0
+    sweep_interval_s: float = 10.0
+    sweep_attitudes_deg: tuple[tuple[float, float], ...] = field(
+        default=((0.0, 0.0), (90.0, 0.0), (90.0, 90.0), (90.0, 180.0), (90.0, -90.0), (180.0, 0.0))
+    )
+    lag_s: float = 60.0
+    """Time constant between the case, which is logged, and the sensors [s]."""
+
+
+def campaign(
+    seed: int,
+    *,
+    sweep: bool = False,
+    noise_g: float = 2e-5,
+    table_noise_deg: float = 0.01,
+    wild: int = 0,
+) -> Campaign:
+    """Log a triad at every attitude and temperature of the table, or with `sweep` at a few
+    attitudes over temperature.
+
+    Parameters
+    ----------
+    seed
+        What triad, table and noise are drawn from.
+    sweep
+        One log an attitude while the temperature sweeps, in place of one log of dwells.
+    noise_g
+        Standard deviation of a logged indication [g].
+    table_noise_deg
+        Standard deviation of the table about the logged inclination and toolface [°].
+    wild
+        How many dwells are spoilt by a bumped table or a wrong entry.
+
+    Returns
+    -------
+    `positions.csv`, one row a dwell, or `sweep_01.csv` …, and the truth: sensors, conditions, the
+    table's true angles and the wild dwells.
+
+    """
+    return run(
+        seed, Conditions(noise_g=noise_g, table_noise_deg=table_noise_deg, wild=wild, sweep=sweep)
+    )
+
+
+def run(seed: int, conditions: Conditions) -> Campaign:
+    """Run a campaign under conditions of one's own."""
+    rng = np.random.default_rng(seed)
+    sensors = tuple(_sensor(rng, i) for i in range(3))
+    logs, truth = (_sweeps if conditions.sweep else _grid)(rng, sensors, conditions)
+    told = {"sensors": {f"accel_{a}": asdict(s) for a, s in zip(AXES, sensors, strict=True)}}
+    return Campaign(
+        logs, DECIMALS, {"seed": seed, "conditions": asdict(conditions), **told, **truth}
+    )
+
+
+def indications(sensors: tuple[Sensor, ...], gravity: Array, temperature: Array) -> Array:
+    """Indications [n, 3] without noise of three sensors in gravity [n, 3] [g] at sensor
+    temperatures [n] [°C].
+    """
+    along = np.column_stack(
+        [np.sum(gravity * sensitive_axis(s, temperature), axis=1) for s in sensors]
+    )
+    warm = temperature - 25.0
+    columns = []
+    for i, sensor in enumerate(sensors):
+        own, next_axis = along[:, i], along[:, (i + 1) % 3]
+        scale = sensor.scale_factor * np.exp(
+            -sensor.flux_loss * warm - sensor.flux_curvature * warm**2
+        )
+        bias = (
+            sensor.bias
+            + sensor.bias_slope * warm
+            + sensor.bias_bend * np.tanh(warm / sensor.bend_width)
+        )
+        higher = (
+            sensor.second_order * own**2
+            + sensor.third_order * own**3
+            + sensor.cross_product * own * next_axis
+        )
+        columns.append(scale * (own + higher + bias))
+    return np.column_stack(columns)
+
+
+def sensitive_axis(sensor: Sensor, temperature: Array) -> Array:
+    """Unit vectors [n, 3] of the sensitive axis at temperatures [n] [°C]."""
+    turned = np.cross(
+        np.array(sensor.axis_turn) * (temperature - 25.0)[:, None], np.array(sensor.axis)
+    )
+    vectors = np.array(sensor.axis) + turned
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float64)
+
+
+def _sensor(rng: np.random.Generator, index: int) -> Sensor:
+    """Draw one accelerometer of the kind that goes down a hole."""
+    axis = np.eye(3)[index] + rng.normal(0.0, 3e-3, 3)
+    first, second, third = (axis / np.linalg.norm(axis)).tolist()
+    turn_x, turn_y, turn_z = rng.normal(0.0, 8e-7, 3).tolist()
+    return Sensor(
+        scale_factor=1.0 + rng.normal(0.0, 3e-3),
+        flux_loss=rng.normal(1.2e-4, 2e-5),
+        flux_curvature=rng.normal(1e-7, 3e-8),
+        bias=rng.normal(0.0, 3e-3),
+        bias_slope=rng.normal(0.0, 3e-5),
+        bias_bend=rng.normal(0.0, 5e-4),
+        bend_width=rng.uniform(150.0, 250.0),
+        second_order=rng.normal(0.0, 1e-5),
+        third_order=rng.normal(0.0, 1e-5),
+        cross_product=rng.normal(0.0, 1e-5),
+        axis=(first, second, third),
+        axis_turn=(turn_x, turn_y, turn_z),
+    )
+
+
+def _grid(
+    rng: np.random.Generator, sensors: tuple[Sensor, ...], conditions: Conditions
+) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
+    """Every attitude at every temperature, one row a dwell."""
+    rolls = np.arange(conditions.toolfaces) * 360.0 / conditions.toolfaces
+    spots = [
+        (0.0, 0.0),
+        *((tilt, roll) for tilt in conditions.inclinations_deg for roll in rolls),
+        (180.0, 0.0),
+    ]
+    angle = np.tile(np.array(spots), (len(conditions.temperatures_degc), 1))
+    # the chamber settles a little off its set point, the sensors follow the case
+    held = np.repeat(np.array(conditions.temperatures_degc), len(spots)) + rng.normal(
+        0.0, 0.2, len(angle)
+    )
+    stood = angle + rng.normal(0.0, conditions.table_noise_deg, angle.shape)
+    vector = attitude.gravity_vector(stood[:, 0], stood[:, 1])
+    indicated = indications(sensors, vector, held) + rng.normal(
+        0.0, conditions.noise_g, (len(angle), 3)
+    )
+    wild = np.sort(rng.choice(len(angle), conditions.wild, replace=False))
+    indicated[wild] += rng.uniform(2e-3, 0.3, (wild.size, 3)) * rng.choice(
+        [-1.0, 1.0], (wild.size, 3)
+    )
+    case = held + rng.normal(0.0, conditions.thermometer_noise_degc, len(angle))
+    truth = {
+        "inclination_deg": attitude.inclination(vector).tolist(),
+        "toolface_deg": attitude.toolface(vector).tolist(),
+        "wild_dwells": wild.tolist(),
+    }
+    return {"positions.csv": _columns(case, angle, indicated)}, truth
+
+
+def _sweeps(
+    rng: np.random.Generator, sensors: tuple[Sensor, ...], conditions: Conditions
+) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
+    """One attitude a log while the chamber goes from its lowest to its highest temperature."""
+    low, high = min(conditions.temperatures_degc), max(conditions.temperatures_degc)
+    duration = (high - low) / conditions.sweep_rate_degc_per_min * 60.0
+    time = np.arange(0.0, duration, conditions.sweep_interval_s)
+    case = low + conditions.sweep_rate_degc_per_min / 60.0 * time
+    # a first-order lag behind a ramp that starts at rest
+    lagging = conditions.sweep_rate_degc_per_min / 60.0 * conditions.lag_s
+    sensor = case - lagging * (1.0 - np.exp(-time / conditions.lag_s))
+    logs, stands = {}, []
+    for number, spot in enumerate(conditions.sweep_attitudes_deg, start=1):
+        angle = np.tile(np.array(spot), (time.size, 1))
+        stood = angle[0] + rng.normal(0.0, conditions.table_noise_deg, 2)
+        vector = attitude.gravity_vector(np.full(time.size, stood[0]), np.full(time.size, stood[1]))
+        indicated = indications(sensors, vector, sensor) + rng.normal(
+            0.0, conditions.noise_g, (time.size, 3)
+        )
+        shown = case + rng.normal(0.0, conditions.thermometer_noise_degc, time.size)
+        logs[f"sweep_{number:02d}.csv"] = {"time_s": time, **_columns(shown, angle, indicated)}
+        stands.append(stood.tolist())
+    return logs, {"attitudes_deg": stands}
+
+
+def _columns(case: Array, angle: Array, indicated: Array) -> dict[str, Array]:
+    """Canonical columns of a log."""
+    return {
+        "temp_case_degc": case,
+        "inclination_deg": angle[:, 0],
+        "toolface_deg": angle[:, 1],
+        **{f"accel_{name}_g": indicated[:, i] for i, name in enumerate(AXES)},
+    }

@@ -1,0 +1,103 @@
+"""A triad of MEMS accelerometers that a hand put down in many positions: a log of holds and turns,
+attitudes unknown.
+
+The sensors are physical, not the model that is fitted: scale factors, biases and axes that are off,
+second-order errors, white noise and a bias that wanders, and a hand that never lets a turn be
+smooth. Indications are positive along gravity.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.instruments.accelerometer.numeric import q_factor
+from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+INTERVAL_S = 0.04
+HOLD_S, TURN_S = 4.0, 1.2
+DECIMALS = {"time_s": 2, "accel_x_g": 5, "accel_y_g": 5, "accel_z_g": 5}
+NOISE_G, SHAKE_G, WALK_G = 2e-4, 3e-2, 2e-6
+"""Standard deviations of a sample at rest, of the hand while it turns, and of a step of the
+wandering bias [g].
+"""
+SECOND_ORDER = 2e-5
+"""Largest second-order error [g/g²]."""
+
+
+def campaign(seed: int, *, positions: int = 24) -> Campaign:
+    """Log one triad in a number of positions, and the same triad in half as many others for
+    validation.
+
+    Parameters
+    ----------
+    seed : what triad, positions and noise are drawn from.
+    positions : the six faces, roughly, and the rest in any direction.
+
+    Returns
+    -------
+    `tumble.csv`, `withheld/tumble.csv`, and the truth: scale factors, biases, Q1, Q2, Q3 and the
+    directions of gravity.
+
+    """
+    rng = np.random.default_rng(seed)
+    scale, bias, q = (
+        1.0 + rng.normal(0.0, 5e-3, 3),
+        rng.normal(0.0, 2e-2, 3),
+        rng.normal(0.0, 8e-3, 3),
+    )
+    axes = q_factor.axes_of(q)
+    second_order = rng.uniform(-SECOND_ORDER, SECOND_ORDER, 3)
+    logs, held = {}, {}
+    for name, count in (("tumble.csv", positions), ("withheld/tumble.csv", positions // 2)):
+        directions = _directions(rng, count)
+        along = _path(rng, directions) @ axes.T
+        walk = np.cumsum(rng.normal(0.0, WALK_G, along.shape), axis=0)
+        indicated = (
+            scale * (along + second_order * along**2)
+            + bias
+            + walk
+            + rng.normal(0.0, NOISE_G, along.shape)
+        )
+        logs[name] = {
+            "time_s": np.arange(len(along)) * INTERVAL_S,
+            **{f"accel_{axis}_g": indicated[:, k] for k, axis in enumerate("xyz")},
+        }
+        held[name] = directions.tolist()
+    truth = {
+        "procedure": "accelerometer_magnitude",
+        "seed": seed,
+        "k": scale.tolist(),
+        "b": bias.tolist(),
+        "Q": q.tolist(),
+        "second_order": second_order.tolist(),
+        "units": {"k": "1", "b": "g", "Q": "rad", "second_order": "g/g^2"},
+        "gravity": held,
+    }
+    return Campaign(logs, DECIMALS, truth)
+
+
+def _directions(rng: np.random.Generator, count: int) -> Array:
+    """Unit vectors [count, 3] of gravity: the six faces within a few degrees, then any."""
+    faces = np.vstack((np.eye(3), -np.eye(3)))[:count] + rng.normal(0.0, 0.04, (min(count, 6), 3))
+    vectors = np.vstack((faces, rng.normal(size=(max(count - 6, 0), 3))))
+    return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float64)
+
+
+def _path(rng: np.random.Generator, directions: Array) -> Array:
+    """Specific gravity [n, 3] along holds and the turns between them, which a hand shakes."""
+    hold, turn = round(HOLD_S / INTERVAL_S), round(TURN_S / INTERVAL_S)
+    share = np.linspace(0.0, 1.0, turn, endpoint=False)[:, None]
+    pieces = []
+    for here, after in zip(directions, np.roll(directions, -1, axis=0), strict=True):
+        pieces += [
+            np.tile(here, (hold, 1)),
+            here + (after - here) * share + rng.normal(0.0, SHAKE_G, (turn, 3)),
+        ]
+    return np.concatenate(pieces)

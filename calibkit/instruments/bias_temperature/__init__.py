@@ -1,0 +1,1 @@
+"""Bias of any channel as a polynomial of temperature."""

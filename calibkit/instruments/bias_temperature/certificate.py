@@ -1,0 +1,104 @@
+"""Bias results: each channel's bias as a polynomial of its abscissa."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from calibkit import units
+from calibkit.certificate.results import (
+    Block,
+    Equation,
+    Figure,
+    GridTable,
+    ListTable,
+    Result,
+    Series,
+)
+from calibkit.certificate.stated import powers, range_words, residual_words
+from calibkit.certificate.words import Words, unit_mark
+
+if TYPE_CHECKING:
+    from calibkit.certificate.stated import Stated
+    from calibkit.coefficients import Model, Record
+
+CURVE = Equation(
+    "polynomial/1",
+    r"p(T) = \sum_k p_k T^k",
+    Words("T the abscissa named in the tables.", "T 为表中所示自变量。"),
+)
+
+
+def blocks(stated: Stated) -> tuple[Block, ...]:
+    """Block of bias.json."""
+    record = stated.records.get("bias.json")
+    if record is None:
+        return ()
+    tables: list[ListTable | GridTable] = []
+    figures: list[Figure] = []
+    notes: list[Words] = []
+    for model in record.models:
+        tables.append(
+            stated.coefficients(
+                record, model, Words(f"{model.name}: coefficients", f"{model.name}：系数")
+            )
+        )
+        abscissa = next(iter(model.valid))
+        table = _values(stated, record, model, abscissa)
+        if table is not None:
+            tables.append(table)
+            figures.append(_plot(model, table, abscissa))
+        notes += [residual_words(model), range_words(model), *stated.left_out(model)]
+    title = Words("Bias over temperature", "零偏随温度")
+    return (
+        Block(
+            record.stage, "bias.json", title, (CURVE,), tuple(tables), tuple(figures), tuple(notes)
+        ),
+    )
+
+
+def _values(stated: Stated, record: Record, model: Model, abscissa: str) -> GridTable | None:
+    """Bias of one channel over its abscissa."""
+    points = stated.grid(model, abscissa)
+    if not points:
+        return None
+    unit = units.column_unit(model.name)
+
+    def at(x: float) -> Result:
+        weights, slope = powers("p", model, x)
+        return stated.linear(
+            record,
+            model,
+            "bias",
+            Words("bias", "零偏"),
+            weights,
+            unit,
+            at=x,
+            slope=slope,
+            condition=(abscissa, units.column_unit(abscissa)),
+            principal=x == stated.reference_degc,
+        )
+
+    head = Words(f"{abscissa} [{unit_mark(units.column_unit(abscissa)) or 1}]")
+    title = Words(f"{model.name}: bias", f"{model.name}：零偏")
+    return stated.over(title, points, [(Words("bias", "零偏"), unit, at)], row_head=head)
+
+
+def _plot(model: Model, table: GridTable, abscissa: str) -> Figure:
+    """Bias over the abscissa with its expanded uncertainty."""
+    found = [row[0] for row in table.cells]
+    points = [r for r in found if r is not None and r.uncertainty is not None]
+    U = tuple(r.uncertainty.expanded_uncertainty for r in points if r.uncertainty is not None)
+    series = Series(
+        Words("bias ± U", "零偏 ± U"),
+        tuple(r.at[0][1] for r in points),
+        tuple(r.value for r in points),
+        U,
+    )
+    unit = unit_mark(units.column_unit(model.name)) or "1"
+    x_unit = unit_mark(units.column_unit(abscissa)) or "1"
+    return Figure(
+        table.title,
+        Words(f"{abscissa} [{x_unit}]"),
+        Words(f"bias [{unit}]", f"零偏 [{unit}]"),
+        (series,),
+    )

@@ -1,0 +1,72 @@
+"""Figures of biases against their abscissa."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.numeric import spans
+from calibkit.report.figures import GOOD, INK, RAW, page
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+BINS = 200
+
+
+@dataclass(frozen=True, slots=True)
+class BiasCurve:
+    """One channel: bin means of the indication over the abscissa, and the polynomial there."""
+
+    name: str
+    abscissa: Array
+    indication: Array
+    polynomial: Array
+
+
+@dataclass(frozen=True, slots=True)
+class BiasReport:
+    """All that the figures show."""
+
+    abscissa: str
+    curves: tuple[BiasCurve, ...]
+
+
+def binned(abscissa: Array, indication: Array) -> tuple[Array, Array]:
+    """Means of abscissa and indication [bins] over equal steps of the abscissa; empty steps are
+    left out.
+    """
+    edges = np.linspace(*spans.extremes(abscissa), BINS + 1)
+    count, sums = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS))
+    for start, stop in spans.along(abscissa, indication):
+        x, y = abscissa[start:stop], indication[start:stop]
+        index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+        count += np.bincount(index, minlength=BINS)
+        sums += [np.bincount(index, weights=values, minlength=BINS) for values in (x, y)]
+    full = count > 0
+    return sums[0][full] / count[full], sums[1][full] / count[full]
+
+
+def pages(title: str, report: BiasReport) -> list[Figure]:
+    """Up to three channels in a row, as many rows as it takes."""
+    columns = min(3, len(report.curves))
+    rows = -(-len(report.curves) // columns)
+    figure, axes = page(
+        rows, columns, title=f"{title}: bias against {report.abscissa}", height=1.2 + 2.6 * rows
+    )
+    for ax, curve in zip(axes, report.curves, strict=False):
+        ax.plot(
+            curve.abscissa, curve.indication, ".", ms=3, color=RAW, label="means of the indication"
+        )
+        ax.plot(curve.abscissa, curve.polynomial, color=GOOD, label="polynomial")
+        ax.set(title=curve.name, xlabel=report.abscissa)
+        ax.xaxis.label.set_color(INK)
+    axes[0].legend(loc="best")
+    for ax in axes[len(report.curves) :]:
+        ax.set_visible(False)
+    return [figure]

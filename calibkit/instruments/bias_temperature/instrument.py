@@ -1,0 +1,143 @@
+"""Bias of each channel of a static instrument as a polynomial of a temperature: logs →
+bias.json.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from calibkit import check as checks
+from calibkit import units
+from calibkit.check import copies
+from calibkit.coefficients import Input
+from calibkit.errors import UsageError
+from calibkit.frame import Examined, Finding, refuse
+from calibkit.ingest import logs as ingest
+from calibkit.ingest import pieces, write_back
+from calibkit.instruments.bias_temperature import figures as pages
+from calibkit.instruments.bias_temperature import polynomials
+from calibkit.procedures import Fitted
+from calibkit.report.documents import Drawn
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Log
+    from calibkit.ingest.logs import Reader
+    from calibkit.procedures import Applied, Progress
+    from calibkit.recipe import BiasTemperatureRecipe
+    from calibkit.report.summary import Summary
+
+
+def _columns(spec: BiasTemperatureRecipe) -> tuple[str, ...]:
+    """Columns that the polynomials need."""
+    return tuple(
+        dict.fromkeys(
+            (spec.polynomials.abscissa, *(entry.indication for entry in spec.polynomials.bias))
+        )
+    )
+
+
+def read(
+    spec: BiasTemperatureRecipe, data: Path, file: str, reader: Reader = ingest.read_log
+) -> Log:
+    """One log in the recipe's columns; time is read where the log has it."""
+    return reader(spec, data / file, file, _columns(spec), ("time_s",))
+
+
+def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
+    """What is wrong with a log; one on disk is looked at in pieces."""
+    if not log.on_disk:
+        return _found(spec, log)
+    pieced = pieces.through(spec, log)
+    if any(finding.refused for finding in pieced.findings):
+        return list(pieced.findings)
+    rest = (finding for finding in _found(spec, pieced.log) if finding.name not in pieces.BY_PIECE)
+    return [*checks.rows(log, spec.polynomials.min_rows), *pieced.findings, *rest]
+
+
+def _found(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
+    """What is wrong with a log that is looked at whole."""
+    early = [
+        *checks.rows(log, spec.polynomials.min_rows),
+        *checks.finite(log, list(log.frame.columns)),
+    ]
+    if any(finding.refused for finding in early):
+        return early
+    timed = "time_s" in log.frame.columns
+    found = [
+        *early,
+        *(checks.monotonic(log) if timed else ()),
+        *(checks.gaps(log, spec.polynomials.max_gap_s) if timed else ()),
+        *checks.varying(log, [spec.polynomials.abscissa]),
+    ]
+    if any(finding.refused for finding in found):
+        return found
+    for entry in spec.polynomials.bias:
+        found += checks.series.indication(
+            log, entry.indication, units.column_unit(entry.indication)
+        )
+    return [
+        *found,
+        *checks.magnitude.compensated(
+            log, spec, [entry.indication for entry in spec.polynomials.bias]
+        ),
+    ]
+
+
+def examine(spec: BiasTemperatureRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log."""
+    return Examined(tuple(_findings(spec, log)))
+
+
+def fit(
+    spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted:
+    """Fit every polynomial to the rows of all logs together."""
+    logs, flags = [], []
+    for log in copies.distinct(
+        ingest.ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+    ):
+        found = _findings(spec, log)
+        refuse(found)
+        logs.append(log)
+        flags += [f"{log.file}: {note}" for note in log.notes] + [
+            str(finding) for finding in found if finding.flagged
+        ]
+    fits = polynomials.fit(logs, spec.polynomials)
+    result = polynomials.result(fits, flags)
+    inputs = tuple(Input.of(log) for log in logs)
+    return Fitted(
+        (result,),
+        inputs,
+        polynomials.summary(spec.title, fits, result.flags),
+        polynomials.drawing(spec.title, fits),
+    )
+
+
+def apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+    """Take each channel's polynomial, zero at the reference, out of every row."""
+    log = read(spec, data.parent, data.name)
+    refuse(_findings(spec, log))
+    columns, flags = polynomials.compensated(log, records["bias.json"], spec)
+    return write_back.replaced(spec, data, columns), flags
+
+
+def validate(
+    spec: BiasTemperatureRecipe, records: Mapping[str, Record], logs: Iterable[Log]
+) -> tuple[dict[str, Any], Summary]:
+    """Standard deviation of each channel before and after, of logs that were not fitted."""
+    entries = []
+    for log in logs:
+        refuse(_findings(spec, log))
+        entries.append(polynomials.validation_entry(log, records["bias.json"], spec))
+    return {"logs": entries}, polynomials.validation_summary(entries)
+
+
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures and summary of a fit."""
+    if not isinstance(fitted.drawing, pages.BiasReport):
+        raise UsageError("not a fit of bias_temperature")
+    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)

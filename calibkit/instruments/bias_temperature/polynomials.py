@@ -1,0 +1,227 @@
+"""Channels of a static instrument → bias.json: each channel's bias as a polynomial of any
+abscissa.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import units
+from calibkit.coefficients import Coefficient, Model, StageResult
+from calibkit.frame import values
+from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport, binned
+from calibkit.numeric import spans
+from calibkit.numeric.least_squares import fit as core
+from calibkit.numeric.least_squares import fold, hac
+from calibkit.report.summary import Summary, SummaryTable, number
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Log
+    from calibkit.instruments.bias_temperature.recipe import Bias, Polynomials
+    from calibkit.recipe import BiasTemperatureRecipe
+
+    Array = NDArray[np.float64]
+    Room = Callable[[int], Array]
+
+
+@dataclass(frozen=True, slots=True)
+class BiasFit:
+    """One channel's polynomial: raw powers of the abscissa in its own unit, with their
+    covariance.
+    """
+
+    indication: str
+    abscissa: str
+    coefficients: Array
+    covariance: Array
+    dof: int
+    residual_rms: float
+    valid: tuple[float, float]
+    curve: BiasCurve
+
+
+def fit(logs: Sequence[Log], spec: Polynomials) -> list[BiasFit]:
+    """Fit each channel's polynomial by least squares on the abscissa mapped to [−1, 1], over the
+    rows of all logs.
+
+    The covariance allows for autocorrelated residuals (Newey & West 1987): a sensor that warms up
+    is not white.
+    """
+    abscissa, room = _joined(logs, spec.abscissa)
+    return [
+        _fitted(entry, spec.abscissa, abscissa, _joined(logs, entry.indication)[0], room)
+        for entry in spec.bias
+    ]
+
+
+def _joined(logs: Sequence[Log], column: str) -> tuple[Array, Room]:
+    """A column [n] of all logs, one behind the other, on disk where one of them is; and what makes
+    arrays there.
+    """
+    room = next((log.room for log in logs if log.on_disk), np.empty)
+    parts = [values(log.frame, column) for log in logs]
+    if len(parts) == 1:
+        return parts[0], room
+    whole = room(sum(part.size for part in parts))
+    row = 0
+    for part in parts:
+        for start, stop in spans.along(part):
+            whole[row : row + stop - start] = part[start:stop]
+            row += stop - start
+            spans.release(whole)
+    return whole, room
+
+
+def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Room) -> BiasFit:
+    """One channel's polynomial over the abscissa of that name."""
+    design, to_raw = core.mapped_powers(abscissa, entry.order)
+    names = [f"p{k}" for k in range(entry.order + 1)]
+    found = fold.linear(design, indication, names=names, room=room)
+    raw, covariance = core.in_raw_powers(
+        found.coefficients, hac.covariance(design, found.residuals), to_raw
+    )
+    shown = binned(abscissa, indication)
+    curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
+    return BiasFit(
+        entry.indication,
+        name,
+        raw,
+        covariance,
+        found.dof,
+        found.residual_rms,
+        spans.extremes(abscissa),
+        BiasCurve(entry.indication, *shown, curve),
+    )
+
+
+def result(fits: Sequence[BiasFit], flags: Sequence[str]) -> StageResult:
+    """bias.json: one polynomial/1 model a channel, coefficients ascending, p<k> multiplies the k-th
+    power.
+    """
+    return StageResult("bias", models=tuple(map(_model, fits)), flags=tuple(flags))
+
+
+def _model(found: BiasFit) -> Model:
+    """polynomial/1 model of one channel."""
+    unit, per = units.column_unit(found.indication), units.column_unit(found.abscissa)
+    uncertainty = np.sqrt(np.diag(found.covariance))
+    pairs = enumerate(zip(found.coefficients.tolist(), uncertainty.tolist(), strict=True))
+    return Model(
+        name=found.indication,
+        form="polynomial/1",
+        coefficients=tuple(
+            Coefficient(f"p{k}", value, _power_unit(unit, per, k), u) for k, (value, u) in pairs
+        ),
+        covariance=tuple(map(tuple, found.covariance.tolist())),
+        dof=found.dof,
+        residual_rms=found.residual_rms,
+        residual_unit=unit,
+        valid={found.abscissa: found.valid},
+    )
+
+
+def _power_unit(unit: str, per: str, power: int) -> str:
+    """Unit of the coefficient of a power of the abscissa."""
+    return unit if power == 0 else f"{unit}/({per})" if power == 1 else f"{unit}/({per})^{power}"
+
+
+def summary(title: str, fits: Sequence[BiasFit], flags: Sequence[str]) -> Summary:
+    """What the console says: coefficients of every channel, highest power last."""
+    rows = []
+    for found in fits:
+        u = np.sqrt(np.diag(found.covariance))
+        for k, (value, error) in enumerate(zip(found.coefficients, u, strict=True)):
+            rows.append(
+                (found.indication if k == 0 else "", f"p{k}", f"{value:.7g}", f"{error:.1e}")
+            )
+        rows.append(("", "residual rms", number(found.residual_rms), ""))
+    title_of_table = f"Bias as a polynomial of {fits[0].abscissa}"
+    table = SummaryTable(
+        title_of_table, ("channel", "power", "coefficient", "standard uncertainty"), tuple(rows)
+    )
+    return Summary(title, (table,), tuple(flags), ())
+
+
+def drawing(title: str, fits: Sequence[BiasFit]) -> BiasReport:  # noqa: ARG001 (the shape of every drawing function)
+    """What the figures show."""
+    return BiasReport(fits[0].abscissa, tuple(found.curve for found in fits))
+
+
+def compensated(
+    log: Log, record: Record, spec: BiasTemperatureRecipe
+) -> tuple[dict[str, Array], tuple[str, ...]]:
+    """Channels [rows] without their drift, which is zero at the reference; clamped to the fitted
+    range and flagged.
+
+    The reference is the recipe's temperature where the abscissa is a temperature in °C, else the
+    middle of the range.
+    """
+    columns, flags = {}, []
+    for entry in spec.polynomials.bias:
+        model = record.model(entry.indication)
+        abscissa = spec.polynomials.abscissa
+        low, high = model.valid[abscissa]
+        reference = spec.reference_temp_degc if abscissa.endswith("_degc") else (low + high) / 2.0
+        powers = [coefficient.value for coefficient in model.coefficients]
+        x, y, outside = values(log.frame, abscissa), values(log.frame, entry.indication), 0
+        zero = np.polynomial.polynomial.polyval(np.clip(reference, low, high), powers)
+        columns[entry.indication] = made = log.room(x.size)
+        for a, b in spans.along(x, y, made):
+            bias = np.polynomial.polynomial.polyval(np.clip(x[a:b], low, high), powers)
+            made[a:b] = y[a:b] - (bias - zero)
+            outside += int(np.count_nonzero((x[a:b] < low) | (x[a:b] > high)))
+        if outside:
+            share = 100.0 * outside / x.size
+            flags.append(
+                f"{log.file}: {abscissa} clamped to {low:g} … {high:g} over {share:.1f} % of the"
+                " rows"
+            )
+    return columns, tuple(dict.fromkeys(flags))
+
+
+def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> dict[str, object]:
+    """JSON object of one validated log: standard deviation of every channel before and after."""
+    columns, flags = compensated(log, record, spec)
+    channels = [
+        {
+            "name": name,
+            "unit": units.column_unit(name),
+            "before": spans.deviation(values(log.frame, name)),
+            "after": spans.deviation(output),
+        }
+        for name, output in columns.items()
+    ]
+    return {
+        "name": log.file,
+        "sha256": log.sha256,
+        "rows": log.rows,
+        "channels": channels,
+        "flags": list(flags),
+    }
+
+
+def validation_summary(entries: Sequence[dict[str, object]]) -> Summary:
+    """What the console says of a validation."""
+    rows, flags = [], []
+    for entry in entries:
+        channels = entry["channels"]
+        assert isinstance(channels, list)  # noqa: S101 (narrows the JSON object made above)
+        rows += [
+            (str(entry["name"]), c["name"], number(c["before"]), number(c["after"]), c["unit"])
+            for c in channels
+        ]
+        found = entry["flags"]
+        assert isinstance(found, list)  # noqa: S101 (as above)
+        flags += found
+    table = SummaryTable(
+        "Standard deviation", ("log", "channel", "before", "after", "unit"), tuple(rows)
+    )
+    return Summary("", (table,), tuple(flags), ())

@@ -1,0 +1,1 @@
+"""Thermal drift of fibre-optic gyros."""

@@ -1,0 +1,297 @@
+"""A thermal drift model and its logs → mean rate at the reference temperature, the earth's part of
+it, and the bias.
+
+Beside it the turn-on bias of each log, and the hysteresis that the model leaves, cooling against
+heating.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.coefficients import Condition, Figure
+from calibkit.errors import FitError
+from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import uncertainty as thermal_uncertainty
+from calibkit.numeric import earth, gum
+from calibkit.recipe import type_b
+from calibkit.report.summary import SummaryTable, number
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from typing import Any
+
+    from calibkit.instruments.fog_thermal.compensate import DriftModel
+    from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
+    from calibkit.instruments.fog_thermal.ramps import PreparedLog
+    from calibkit.recipe import FogThermalRecipe
+
+RESULT = "bias_at_reference"
+
+
+@dataclass(frozen=True, slots=True)
+class Rest:
+    """Rate at rest at a temperature with its type A standard uncertainty, and the earth's along the
+    input axis, where known.
+    """
+
+    temp_degc: float
+    rate_dph: float
+    standard_uncertainty: float
+    earth_dph: float | None
+    by_latitude: float
+    """Derivative of the earth's rate by latitude [°/h/°]."""
+    turn_on: tuple[tuple[str, float], ...]
+    """Bias [°/h] of each log against their mean."""
+
+    @property
+    def bias_dph(self) -> float | None:
+        """Rate less that of the earth."""
+        return None if self.earth_dph is None else self.rate_dph - self.earth_dph
+
+
+def earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
+    """Earth's rate [°/h] along the input axis and its derivative by latitude [°/h/°]; none and 0
+    where it is not known.
+
+    It is where latitude and attitude of the axis are given.
+    """
+    axis, latitude = recipe.input_axis, recipe.site.latitude_deg
+    if axis is None or latitude is None:
+        return None, 0.0
+    where = latitude, axis.elevation_deg, axis.azimuth_deg or 0.0
+    return float(earth.along_axis(*where)), float(earth.along_axis_by_latitude(*where))
+
+
+def at_rest(
+    model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
+) -> Rest | None:
+    """Rate at rest at the reference temperature; none without a model on levels, which alone tells
+    it from the drift.
+    """
+    if model.thermal is None:
+        return None
+    low, high = model.thermal.valid.temperature
+    temperature = min(max(recipe.reference_temp_degc, low), high)
+    row = evaluate.at_rest(model.thermal, temperature)[0]
+    rate = float(row @ model.thermal.coefficients)
+    u = float(np.sqrt(row @ model.thermal.covariance[:9, :9] @ row))
+    turn_on = tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True))
+    return Rest(temperature, rate, u, *earth_rate(recipe), turn_on)
+
+
+def flags(rest: Rest | None, recipe: FogThermalRecipe) -> list[str]:
+    """Why no rate at rest is stated, or that it is not at the temperature that was asked for."""
+    if rest is None:
+        return [
+            (
+                "no rate at rest and no bias is stated: without a model on levels the drift of"
+                " the logs is in their means"
+            )
+        ]
+    if rest.temp_degc != recipe.reference_temp_degc:
+        asked = (
+            f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted"
+            " temperatures"
+        )
+        return [f"{asked}: rate and bias are those at {rest.temp_degc:.1f} °C"]
+    return []
+
+
+def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
+    """Latitude and attitude of the input axis, where they are given."""
+    found = []
+    if recipe.site.latitude_deg is not None:
+        found.append(Condition("latitude", recipe.site.latitude_deg, "deg"))
+    if recipe.input_axis is not None:
+        found.append(Condition("input_axis_elevation", recipe.input_axis.elevation_deg, "deg"))
+        if recipe.input_axis.azimuth_deg is not None:
+            found.append(Condition("input_axis_azimuth", recipe.input_axis.azimuth_deg, "deg"))
+    return tuple(found)
+
+
+def figures(rest: Rest | None) -> tuple[Figure, ...]:
+    """Figures of drift_rate.json, type A."""
+    if rest is None:
+        return ()
+    found = [Figure("mean_rate_at_reference", rest.rate_dph, "deg/h", rest.standard_uncertainty)]
+    if rest.earth_dph is not None and rest.bias_dph is not None:
+        found.append(Figure("earth_rate_along_input_axis", rest.earth_dph, "deg/h", 0.0))
+        found.append(Figure(RESULT, rest.bias_dph, "deg/h", rest.standard_uncertainty))
+    return (
+        *found,
+        *(Figure(f"turn_on_bias.{name}", value, "deg/h", 0.0) for name, value in rest.turn_on),
+    )
+
+
+def uncertainty(rest: Rest | None, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
+    """Combined uncertainty of the bias as a JSON object, type B terms of the latitude and of the
+    rate in it; none without one.
+    """
+    if rest is None or rest.bias_dph is None or recipe.site.latitude_deg is None:
+        return []
+    known = {
+        "latitude_deg": (recipe.site.latitude_deg, -rest.by_latitude),
+        "gyro_dph": (rest.rate_dph, 1.0),
+    }
+    parts = type_b.terms_of(recipe.type_b, RESULT, rest.bias_dph, known).components
+    if not parts:
+        return []
+    own = gum.Component("type A", rest.bias_dph, rest.standard_uncertainty, "A")
+    combined = gum.combine([own, *parts])
+    return [
+        {
+            "result": f"drift_rate: {RESULT}",
+            "unit": "deg/h",
+            "value": rest.bias_dph,
+            "components": [
+                {
+                    "name": part.name,
+                    "kind": part.kind,
+                    "standard_uncertainty": abs(part.sensitivity) * part.standard_uncertainty,
+                }
+                for part in (own, *parts)
+            ],
+            "standard_uncertainty": combined.standard_uncertainty,
+            "effective_dof": (
+                combined.effective_dof if np.isfinite(combined.effective_dof) else None
+            ),
+            "coverage_factor": combined.coverage_factor,
+            "expanded_uncertainty": combined.expanded_uncertainty,
+            "probability": combined.probability,
+        }
+    ]
+
+
+def tables(rest: Rest | None) -> tuple[SummaryTable, ...]:
+    """Mean rate, the earth's part, the bias, and the turn-on bias of each log."""
+    if rest is None:
+        return ()
+    u = number(rest.standard_uncertainty, 2)
+    rows = [("mean rate", f"{rest.rate_dph:+.4f}", u)]
+    if rest.earth_dph is None:
+        rows.append(
+            ("earth's rate in it: not known without [site] latitude_deg and [input_axis]", "", "")
+        )
+    else:
+        rows.append(("earth's rate along the input axis", f"{rest.earth_dph:+.4f}", ""))
+        rows.append(("bias", f"{rest.rate_dph - rest.earth_dph:+.4f}", u))
+    rows += [(f"turn-on bias of {name}", f"{value:+.4f}", "") for name, value in rest.turn_on]
+    title = f"At rest at {rest.temp_degc:g} °C [°/h]; turn-on biases of the logs against their mean"
+    return (SummaryTable(title, ("", "rate", "standard uncertainty"), tuple(rows)),)
+
+
+@dataclass(frozen=True, slots=True)
+class BothWays:
+    """Cooling less heating at the same case temperature: of the indication, and of what the model
+    leaves (where there is one).
+
+    `constant` is that of the logs' turn-on biases with its standard uncertainty: a constant part of
+    the hysteresis, or chance.
+    """
+
+    before: Hysteresis
+    after: Hysteresis | None
+    constant: tuple[float, float] | None
+
+
+def hysteresis(model: DriftModel, logs: Sequence[PreparedLog]) -> BothWays | None:
+    """Heating against cooling; none without ramps both ways."""
+    thermal = [log.thermal for log in logs]
+    try:
+        before = thermal_uncertainty.hysteresis(None, thermal)
+        after = (
+            None
+            if model.thermal is None
+            else thermal_uncertainty.hysteresis(model.thermal, thermal)
+        )
+    except FitError:
+        return None
+    return BothWays(before, after, _constant(model, logs))
+
+
+def _constant(model: DriftModel, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:
+    """Turn-on biases of cooling logs less those of heating ones; none where a log has ramps both
+    ways or a side has one log.
+    """
+    if model.thermal is None:
+        return None
+    ways = [{ramp.rate > 0.0 for ramp in log.ramps} for log in logs]
+    heating, cooling = (
+        model.thermal.turn_on[[way == {warmer} for way in ways]] for warmer in (True, False)
+    )
+    if any(len(way) != 1 for way in ways) or min(heating.size, cooling.size) < 2:
+        return None
+    u = np.sqrt(np.var(heating, ddof=1) / heating.size + np.var(cooling, ddof=1) / cooling.size)
+    return float(cooling.mean() - heating.mean()), float(u)
+
+
+def hysteresis_figures(found: BothWays | None) -> tuple[Figure, ...]:
+    """Figures of drift_rate.json: rms beyond noise, and the difference at each temperature, before
+    and after.
+    """
+    if found is None:
+        return ()
+    figures = []
+    for name, side in (("hysteresis_before", found.before), ("hysteresis", found.after)):
+        if side is not None:
+            each = zip(side.temperature, side.difference, side.standard_uncertainty, strict=True)
+            figures.append(Figure(f"{name}_rms", side.rms, "deg/h", 0.0))
+            figures += [
+                Figure(f"{name}_at_{degc:g}_degc", float(value), "deg/h", float(u))
+                for degc, value, u in each
+            ]
+    if found.constant is not None:
+        figures.append(
+            Figure(
+                "turn_on_bias_cooling_less_heating", found.constant[0], "deg/h", found.constant[1]
+            )
+        )
+    return tuple(figures)
+
+
+def hysteresis_tables(found: BothWays | None) -> tuple[SummaryTable, ...]:
+    """Table of cooling against heating."""
+    if found is None:
+        return ()
+    after = found.after or found.before
+    left = {
+        degc: value
+        for degc, value in zip(after.temperature, after.difference, strict=True)
+        if found.after
+    }
+    each = zip(
+        found.before.temperature, found.before.difference, after.standard_uncertainty, strict=True
+    )
+    rows = [
+        (
+            f"{degc:g}",
+            f"{value:+.4f}",
+            f"{left[degc]:+.4f}" if degc in left else "",
+            number(float(u), 2),
+        )
+        for degc, value, u in each
+    ]
+    rows.append(
+        (
+            "rms beyond noise",
+            number(found.before.rms, 2),
+            number(found.after.rms, 2) if found.after else "",
+            "",
+        )
+    )
+    if found.constant is not None:
+        rows.append(
+            ("turn-on biases", "", f"{found.constant[0]:+.4f}", number(found.constant[1], 2))
+        )
+    title = "Hysteresis: cooling less heating at a case temperature [°/h], each log about its mean"
+    return (
+        SummaryTable(
+            title,
+            ("case [°C]", "indication", "left by the model", "standard uncertainty"),
+            tuple(rows),
+        ),
+    )

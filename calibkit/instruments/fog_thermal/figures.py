@@ -1,0 +1,258 @@
+"""Figures of a gyro's thermal run: what was measured, what was fitted, what is left."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+COEFFICIENTS = ("a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]")
+
+
+@dataclass(frozen=True, slots=True)
+class DriftLog:
+    """Block means of a log: time [s], case temperature [°C], indication raw, denoised and
+    compensated [°/h].
+    """
+
+    name: str
+    time: Array
+    temperature: Array
+    raw: Array
+    denoised: Array
+    compensated: Array
+
+
+@dataclass(frozen=True, slots=True)
+class RampCoefficients:
+    """a0, a1, a2 of a ramp per interval with their standard uncertainties, at its rate [°C/min]."""
+
+    rate: float
+    a: Array
+    standard_uncertainty: Array
+
+
+@dataclass(frozen=True, slots=True)
+class RateCurve:
+    """a_j over the fitted rates of a side: rate [n, °C/min], a [n, 3]; whether it is what the run
+    exports.
+    """
+
+    side: str
+    exported: bool
+    rate: Array
+    a: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Tested:
+    """What one model leaves of the drift on ramps that were left out of its fit, and the raw drift
+    [°/h].
+    """
+
+    name: str
+    raw: float
+    left: float
+    exported: bool
+
+    @property
+    def share(self) -> float:
+        """Share of the raw drift that is left [1]."""
+        return self.left / self.raw
+
+
+@dataclass(frozen=True, slots=True)
+class HysteresisView:
+    """Cooling less heating [m, °/h] of something, over case temperature [m, °C], with standard
+    uncertainties [m].
+    """
+
+    name: str
+    temperature: Array
+    difference: Array
+    standard_uncertainty: Array
+
+
+@dataclass(frozen=True, slots=True)
+class DriftReport:
+    """All that the figures show."""
+
+    title: str
+    interval_s: float
+    logs: tuple[DriftLog, ...]
+    ramps: tuple[RampCoefficients, ...]
+    curves: tuple[RateCurve, ...]
+    tested: tuple[Tested, ...]
+    hysteresis: tuple[HysteresisView, ...] = ()
+
+
+def pages(report: DriftReport) -> list[Figure]:
+    """Pages of the report: logs, coefficients over rate, residuals."""
+    return [*_log_pages(report), coefficients_page(report), residual_page(report)]
+
+
+def _log_pages(report: DriftReport) -> list[Figure]:
+    """Raw, denoised and compensated indication of every log, six panels a page."""
+    chunks = [report.logs[start : start + 6] for start in range(0, len(report.logs), 6)]
+    return [logs_page(report, chunk) for chunk in chunks]
+
+
+def logs_page(report: DriftReport, logs: Sequence[DriftLog]) -> Figure:
+    """Raw, denoised and compensated indication over time, one panel a log, all to one scale."""
+    rows = max(1, -(-len(logs) // 2))
+    figure, axes = page(
+        rows,
+        2,
+        title=f"{report.title}: {report.interval_s:g} s means of the indication",
+        height=1.2 + 2.4 * rows,
+    )
+    reach = max(float(np.ptp(log.denoised)) for log in report.logs) * 0.65
+    for ax, log in zip(axes, logs, strict=False):
+        minutes = log.time / 60.0
+        ax.plot(minutes, log.raw, color=RAW, lw=0.6, label="indication")
+        ax.plot(minutes, log.denoised, color=DENOISED, label="denoised")
+        ax.plot(
+            minutes,
+            log.denoised - (log.raw - log.compensated),
+            color=GOOD,
+            label="denoised and compensated",
+        )
+        middle = float(log.denoised.min() + log.denoised.max()) / 2.0
+        ax.set_ylim(middle - reach, middle + reach)
+        ax.set(title=log.name, xlabel="time [min]", ylabel="rate [°/h]")
+    axes[0].legend(loc="best", ncols=3)
+    for ax in axes[len(logs) :]:
+        ax.set_visible(False)
+    return figure
+
+
+def coefficients_page(report: DriftReport) -> Figure:
+    """a_j against temperature rate with error bars (k = 2), the exported polynomials over their
+    fitted range, the orders.
+    """
+    figure, axes = page(
+        2, 2, title=f"{report.title}: drift coefficients per {report.interval_s:g} s interval"
+    )
+    for j, ax in enumerate(axes[:3]):
+        for ramp in report.ramps:
+            colour = SIDES["heating" if ramp.rate > 0.0 else "cooling"]
+            ax.errorbar(
+                ramp.rate,
+                ramp.a[j],
+                2.0 * ramp.standard_uncertainty[j],
+                fmt="o",
+                ms=4,
+                capsize=3,
+                color=colour,
+            )
+        for curve in report.curves:
+            ax.plot(
+                curve.rate,
+                curve.a[:, j],
+                color=SIDES[curve.side],
+                ls="-" if curve.exported else "--",
+            )
+            ax.axvspan(curve.rate[0], curve.rate[-1], color=SIDES[curve.side], alpha=0.06, lw=0)
+        ax.axhline(0.0, color=MUTED, lw=0.6)
+        ax.set(
+            xlabel="temperature rate [°C/min]",
+            ylabel=COEFFICIENTS[j],
+            title=f"a{j}: bars k = 2, dashed: not exported",
+        )
+    _tested(axes[3], report.tested)
+    return figure
+
+
+def _tested(ax: Axes, tested: Sequence[Tested]) -> None:
+    """Share of the raw drift that each model leaves on ramps it has not seen; raw is 1."""
+    shown = sorted(tested, key=lambda entry: -entry.share)
+    colours = [GOOD if entry.exported else RAW for entry in shown]
+    ax.barh(
+        [entry.name for entry in shown],
+        [min(entry.share, 3.0) for entry in shown],
+        color=colours,
+        height=0.7,
+    )
+    for row, entry in enumerate(shown):
+        ax.text(
+            min(entry.share, 3.0) + 0.03,
+            row,
+            f"{entry.share:.3g}",
+            va="center",
+            fontsize=8,
+            color=INK,
+        )
+    ax.axvline(1.0, color=ALERT, ls="--", lw=0.9)
+    ax.set(
+        xlabel="drift left on withheld ramps, share of raw (dashed: raw)",
+        title="each ramp left out (green: exported)",
+    )
+    ax.set_xlim(0.0, 3.4)
+    ax.grid(visible=False, axis="y")
+
+
+def residual_page(report: DriftReport) -> Figure:
+    """What is left after compensation, mean of each log removed, against case temperature and
+    against time.
+    """
+    rows = 3 if report.hysteresis else 2
+    figure, axes = page(
+        rows,
+        1,
+        title=f"{report.title}: residual after compensation, 100 s means",
+        height=2.8 * rows + 2.0,
+    )
+    group = max(1, round(100.0 / report.interval_s))
+    for log in report.logs:
+        left = _means(log.compensated - log.compensated.mean(), group)
+        colour = SIDES["heating" if log.temperature[-1] > log.temperature[0] else "cooling"]
+        axes[0].plot(_means(log.temperature, group), left, color=colour, lw=0.9, alpha=0.8)
+        axes[1].plot(_means(log.time, group) / 60.0, left, color=colour, lw=0.9, alpha=0.8)
+    axes[0].set(
+        xlabel="case temperature [°C]", ylabel="residual [°/h]", title="red: heating, blue: cooling"
+    )
+    axes[1].set(xlabel="time [min]", ylabel="residual [°/h]")
+    if report.hysteresis:
+        _hysteresis(axes[2], report.hysteresis)
+    return figure
+
+
+def _hysteresis(ax: Axes, views: Sequence[HysteresisView]) -> None:
+    """Cooling less heating at the same case temperature, with error bars (k = 2)."""
+    for view, colour in zip(views, (RAW, DENOISED), strict=False):
+        bars = 2.0 * view.standard_uncertainty
+        ax.errorbar(
+            view.temperature,
+            view.difference,
+            bars,
+            fmt="o",
+            ms=4,
+            capsize=3,
+            color=colour,
+            label=view.name,
+        )
+    ax.legend(loc="best")
+    ax.axhline(0.0, color=MUTED, lw=0.6)
+    ax.set(
+        xlabel="case temperature [°C]",
+        ylabel="cooling − heating [°/h]",
+        title="hysteresis: bars k = 2",
+    )
+
+
+def _means(values: Array, group: int) -> Array:
+    """Means of whole groups of values, or the values themselves where there is no whole group."""
+    whole = values.size // group
+    return values if whole == 0 else values[: whole * group].reshape(whole, group).mean(axis=1)

@@ -1,0 +1,392 @@
+"""drift_rate.json → chain that a gyro's firmware updates once an interval: level, lagged, or
+recursive gradient form.
+"""
+
+from __future__ import annotations
+
+from fractions import Fraction
+from math import comb
+from typing import TYPE_CHECKING
+
+from calibkit.errors import OutputError
+from calibkit.firmware import exact
+from calibkit.firmware.chain import Case, Map, Memory, Output, Select, Slope, Term
+from calibkit.firmware.draft import BEYOND, Draft, factor, numbers, powers
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibkit.coefficients import Model
+    from calibkit.firmware.chain import Chain
+
+CASE = "temperature of the sensor case, mean of the interval"
+AIR = "temperature of the air around the sensor, mean of the interval"
+STATIC = ("b0", "b1", "b2", "b3")
+WIDEST = 2
+"""Halves of the fitted range that the word of an input reaches from its middle."""
+FASTEST = 2
+"""Times the largest fitted rate up to which the printed error bound of a chain with memory holds.
+"""
+LEAST_SAMPLES = 4
+"""Values that the rate of a level model needs at least; its oldest must lie half a window back."""
+LONGEST_DRIFT = 1024
+"""Largest increments [intervals] that the recursive form sums before it is limited."""
+FORMULA = (
+    "corrected = indication - drift, both in deg/h; the drift is 0 at rest at {reference:g} degC"
+)
+RECURSIVE = (
+    "corrected = indication - drift, both in deg/h; the drift is 0 at the reset, or where it is"
+    " anchored"
+)
+
+
+def chain(
+    models: Sequence[Model], reference_degc: float, mode: str, slope_window_s: float
+) -> Chain:
+    """Chain of the drift term that a run exports; OutputError where it has none, or one that
+    removes the true rate.
+    """
+    if not models:
+        raise OutputError(
+            "the run has no drift term: no tested model was better than none",
+            hint="there is nothing to export",
+        )
+    if models[0].form == "fog-drift-rate/1":
+        if mode == "one_step":
+            raise OutputError(
+                "compensation 'one_step' removes the true rate (rate gain 0)",
+                hint="fit with drift.compensation = 'recursive'",
+            )
+        return _recursive(models, slope_window_s)
+    if models[0].form == "fog-drift-lagged/1":
+        return _lagged(models[0], reference_degc)
+    return _level(models[0], reference_degc)
+
+
+def _output(draft: Draft, source: str) -> None:
+    """The drift as the only result."""
+    draft.outputs.append(
+        Output("drift_dph", "deg/h", source, "drift, to be subtracted from the indication")
+    )
+
+
+def _case(draft: Draft, model: Model) -> tuple[Fraction, Fraction]:
+    """Case temperature x, followed beyond the fitted range, and its middle and half [°C]."""
+    middle, half = exact.span(*model.valid["temp_case_degc"])
+    reach = (middle - WIDEST * half, middle + WIDEST * half)
+    draft.input("temp_case_degc", "degC", CASE, reach)  # the map limits it, and says so
+    return draft.map(
+        "x", "temp_case_degc", model.valid["temp_case_degc"], flag="TEMP_CLAMPED", beyond=BEYOND
+    )
+
+
+def _largest(model: Model, column: str) -> Fraction:
+    """Largest magnitude of a fitted range; 1 where it is a single 0."""
+    return max(abs(Fraction(limit)) for limit in model.valid[column]) or Fraction(1)
+
+
+def _limited(draft: Draft, model: Model, name: str, source: str, column: str, flag: str) -> None:
+    """A driver inside its fitted range, in units of its largest magnitude."""
+    low, high = (Fraction(limit) / _largest(model, column) for limit in model.valid[column])
+    draft.limit(name, source, low, high, flag)
+
+
+def _terms(
+    draft: Draft, model: Model, reference_degc: float, middle: Fraction, half: Fraction
+) -> str:
+    """Sum of the drift terms over u, rate, gradient and gradient_rate, less the drift at rest at
+    the reference.
+    """
+    r, g, q = (
+        _largest(model, column)
+        for column in ("temp_rate_degc_min", "gradient_degc", "gradient_rate_degc_min")
+    )
+    low, high = model.valid["temp_case_degc"]
+    static = exact.mapped(numbers(model, *STATIC), middle, half)
+    at_rest = exact.value(static, (Fraction(min(max(reference_degc, low), high)) - middle) / half)
+    s_rate, s_grad, s_grad2, s_temp_rate, s_grad_rate = numbers(
+        model, "s_rate", "s_grad", "s_grad2", "s_temp_rate", "s_grad_rate"
+    )
+    by_rate = exact.scale((s_rate + s_temp_rate * middle, s_temp_rate * half), r)
+    return draft.sum(
+        "drift",
+        draft.polynomial("by_gradient_rate", (s_grad_rate * q,), "", "gradient_rate"),
+        draft.polynomial("by_gradient_squared", (s_grad2 * g * g,), "", "gradient", "gradient"),
+        draft.polynomial("by_gradient", (s_grad * g,), "", "gradient"),
+        draft.polynomial("by_rate", by_rate, "u", "rate"),
+        draft.polynomial("static", exact.add(static, (-at_rest,)), "u"),
+    )
+
+
+def _used(model: Model) -> tuple[bool, bool, bool]:
+    """Whether rate, gradient and rate of the gradient enter."""
+    return (
+        any(numbers(model, "s_rate", "s_temp_rate")),
+        any(numbers(model, "s_grad", "s_grad2")),
+        any(numbers(model, "s_grad_rate")),
+    )
+
+
+def _ranges(draft: Draft, model: Model, whose: str) -> None:
+    """Fitted ranges in words."""
+    for column, (low, high) in model.valid.items():
+        draft.ranges.append(f"{column} of the {whose} {low:.4g} to {high:.4g}")
+
+
+def _lagged(model: Model, reference_degc: float) -> Chain:
+    """Coil temperatures behind the case: lag = T_case − T_o and fall = T_o − T_i, both in units of
+    half.
+
+    The case is taken as straight over an interval h and the equations are solved exactly over it:
+    with a = exp(−h/τ_o), b = exp(−h/τ_i), lag ← a lag + τ_o (1 − a)/h ΔT and fall ← b fall + κ lag
+    + λ ΔT, κ = τ_i (a − b)/(τ_o − τ_i), λ = (τ_i (1 − b) − τ_o κ)/h. States that vanish at rest
+    keep their digits there.
+    """
+    draft, h = Draft(), Fraction(model.value("interval"))
+    middle, half = _case(draft, model)
+    tau = Fraction(model.value("tau_outer"))
+    a = exact.exp(-h / tau)
+    draft.steps += [Memory("x_before", "x", "same"), Memory("lag_before", "lag", "zero")]
+    draft.sum("move", factor("x"), factor("x_before", -1))
+    move = draft.polynomial("lag_move", (tau * (1 - a) / h,), "", "move")
+    draft.sum(
+        "lag",
+        draft.polynomial("lag_decay", (1 - a,), "", "lag_before", sign=-1),
+        move,
+        factor("lag_before"),
+    )
+    fastest = FASTEST * _largest(model, "temp_rate_degc_min") / 60 / half
+    _bound(draft, "move", 2 * BEYOND, fastest * h)
+    _bound(draft, "lag", 2 * BEYOND, min(2 * BEYOND, fastest * tau))
+    _, gradient, gradient_rate = _used(model)
+    if gradient or gradient_rate:
+        _inner(draft, model, (h, tau, a), half)
+    draft.sum("coil", factor("x"), factor("lag", -1))
+    low, high = ((Fraction(limit) - middle) / half for limit in model.valid["temp_case_degc"])
+    draft.limit("u", "coil", low, high, "TEMP_CLAMPED")
+    per_minute = 60 * half / tau / _largest(model, "temp_rate_degc_min")
+    draft.sum("coil_rate", draft.polynomial("rate_of_lag", (per_minute,), "", "lag"))
+    _limited(draft, model, "rate", "coil_rate", "temp_rate_degc_min", "RATE_CLAMPED")
+    _output(draft, _terms(draft, model, reference_degc, middle, half))
+    _ranges(draft, model, "coil")
+    text = f"the case moves by no more than {float(fastest * half * 60):.3g} degC/min"
+    return draft.chain(
+        [model.form],
+        FORMULA.format(reference=reference_degc),
+        interval_s=float(h),
+        condition=text,
+    )
+
+
+def _bound(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:
+    """Bounds of a value and of what is remembered of it; the filters pass an error of x with a gain
+    of at most 2.
+    """
+    for key in (name, f"{name}_before"):
+        draft.limits[key], draft.usual[key] = limit, usual
+    draft.gains[name] = Fraction(2)
+
+
+def _inner(
+    draft: Draft, model: Model, outer: tuple[Fraction, Fraction, Fraction], half: Fraction
+) -> None:
+    """The inner coil: its gradient to the outer one and that gradient's rate."""
+    (h, tau, a), tau_i = outer, Fraction(model.value("tau_inner"))
+    b = exact.exp(-h / tau_i)
+    carried = tau_i * (a - b) / (tau - tau_i) if tau != tau_i else h / tau * a
+    moved = (tau_i * (1 - b) - tau * carried) / h
+    draft.steps.append(Memory("fall_before", "fall", "zero"))
+    draft.sum(
+        "fall",
+        draft.polynomial("fall_move", (moved,), "", "move"),
+        draft.polynomial("fall_lag", (carried,), "", "lag_before"),
+        draft.polynomial("fall_decay", (1 - b,), "", "fall_before", sign=-1),
+        factor("fall_before"),
+    )
+    share = min(Fraction(1), tau_i / tau)
+    _bound(draft, "fall", 2 * BEYOND * share, draft.usual["lag"] * share)
+    scale = _largest(model, "gradient_degc")
+    draft.sum("coil_gradient", draft.polynomial("gradient_of_fall", (half / scale,), "", "fall"))
+    _limited(draft, model, "gradient", "coil_gradient", "gradient_degc", "GRADIENT_CLAMPED")
+    if any(numbers(model, "s_grad_rate")):
+        scale = _largest(model, "gradient_rate_degc_min")
+        draft.sum(
+            "coil_gradient_rate",
+            draft.polynomial(
+                "gradient_rate_of_fall", (60 * half / tau_i / scale,), "", "fall", sign=-1
+            ),
+            draft.polynomial("gradient_rate_of_lag", (60 * half / tau / scale,), "", "lag"),
+        )
+        _limited(
+            draft,
+            model,
+            "gradient_rate",
+            "coil_gradient_rate",
+            "gradient_rate_degc_min",
+            "RATE_CLAMPED",
+        )
+
+
+def _level(model: Model, reference_degc: float) -> Chain:
+    """Case temperature, its gradient to the air, and their rates by parabolas over the window
+    before.
+    """
+    draft, h = Draft(), Fraction(model.value("interval"))
+    middle, half = _case(draft, model)
+    low, high = ((Fraction(limit) - middle) / half for limit in model.valid["temp_case_degc"])
+    draft.limit("u", "x", low, high, "TEMP_CLAMPED")
+    rate, gradient, gradient_rate = _used(model)
+    length, least = _window(h, Fraction(model.value("window")))
+    fastest = FASTEST * _largest(model, "temp_rate_degc_min")
+    if rate:
+        weights = exact.scale(
+            _weights(h, length, least), half / _largest(model, "temp_rate_degc_min")
+        )
+        _slope(draft, "case_rate", "x", weights, length, least)
+        draft.usual["case_rate.difference"] = min(2 * BEYOND, fastest * length * h / 60 / half)
+        _limited(draft, model, "rate", "case_rate", "temp_rate_degc_min", "RATE_CLAMPED")
+    if gradient or gradient_rate:
+        scale = _largest(model, "gradient_degc")
+        reach = (middle - 2 * BEYOND * half, middle + 2 * BEYOND * half)
+        draft.input("temp_env_degc", "degC", AIR, reach, "AIR_CLAMPED")
+        draft.sum("apart", factor("temp_case_degc"), factor("temp_env_degc", -1))
+        table = draft.table(
+            "wide_gradient_map", (Fraction(0), 1 / scale, Fraction(-2), Fraction(2))
+        )
+        draft.steps.append(Map("wide_gradient", "apart", table, "GRADIENT_CLAMPED"))
+        if gradient:
+            _limited(draft, model, "gradient", "wide_gradient", "gradient_degc", "GRADIENT_CLAMPED")
+        if gradient_rate:
+            weights = exact.scale(
+                _weights(h, length, least), scale / _largest(model, "gradient_rate_degc_min")
+            )
+            _slope(draft, "case_gradient_rate", "wide_gradient", weights, length, least)
+            _limited(
+                draft,
+                model,
+                "gradient_rate",
+                "case_gradient_rate",
+                "gradient_rate_degc_min",
+                "RATE_CLAMPED",
+            )
+    _output(draft, _terms(draft, model, reference_degc, middle, half))
+    _ranges(draft, model, "case")
+    text = f"the case moves by no more than {float(fastest):.3g} degC/min"
+    return draft.chain(
+        [model.form],
+        FORMULA.format(reference=reference_degc),
+        interval_s=float(h),
+        condition=text if rate else "",
+    )
+
+
+def _slope(
+    draft: Draft, name: str, source: str, weights: exact.Poly, length: int, least: int
+) -> None:
+    """A rate by the weights of its window."""
+    draft.steps.append(
+        Slope(name, source, draft.table(f"{name}_weights", weights), length, least, "RATE_STARTING")
+    )
+
+
+def _window(h: Fraction, window: Fraction) -> tuple[int, int]:
+    """Values in a full window, and the fewest that give a rate: four, and half a window."""
+    length = int(window / h) + 1
+    half_window = -(-window // (2 * h)) + 1
+    return length, max(LEAST_SAMPLES, int(half_window))
+
+
+def _weights(h: Fraction, length: int, least: int) -> exact.Poly:
+    """Rows of weights [1/min] of v_i − v_0, i = 1 … length − 1: end slope of the least-squares
+    parabola, exactly.
+
+    With x = −i the parabola through m values has the slope at its newest end e₂ᵀ (AᵀA)⁻¹ Aᵀ v, A =
+    (1, x, x²).
+    """
+    rows: list[Fraction] = []
+    for m in range(least, length + 1):
+        design = [(Fraction(1), Fraction(-i), Fraction(i * i)) for i in range(m)]
+        normal = [
+            [sum((row[j] * row[k] for row in design), Fraction(0)) for k in range(3)]
+            for j in range(3)
+        ]
+        picked = exact.solve(normal, (Fraction(0), Fraction(1), Fraction(0)))
+        weights = [
+            sum((p * entry for p, entry in zip(picked, row, strict=True)), Fraction(0)) * 60 / h
+            for row in design
+        ]
+        rows += [*weights[1:], *[Fraction(0)] * (length - m)]
+    return tuple(rows)
+
+
+def _recursive(models: Sequence[Model], slope_window_s: float) -> Chain:
+    """D ← D + Δ, Δ = Σ_j a_j(r) G^j of the side that the chamber moves on, from the values of the
+    update before.
+    """
+    draft, h = Draft(), Fraction(models[0].value("interval"))
+    cases = [model.valid["temp_case_degc"] for model in models]
+    middle, half = exact.span(min(low for low, _ in cases), max(high for _, high in cases))
+    reach = (middle - 2 * half, middle + 2 * half)
+    draft.input("temp_case_degc", "degC", CASE, reach, "TEMP_CLAMPED")
+    draft.input("temp_env_degc", "degC", AIR, reach, "AIR_CLAMPED")
+    fastest = 4 * max(_largest(model, "temp_rate_degc_min") for model in models)
+    meaning = (
+        f"rate of the air, slope by least squares over the {slope_window_s:g} s before the end of"
+        " the interval"
+    )
+    draft.input(
+        "temp_env_rate_degc_min", "degC/min", meaning, (-fastest, fastest)
+    )  # the sides limit it, and say so
+    draft.sum("apart", factor("temp_case_degc"), factor("temp_env_degc", -1))
+    selected = [case for model in models for case in _side(draft, model)]
+    draft.steps.append(Select("increment", "temp_env_rate_degc_min", tuple(selected), "HELD"))
+    largest = max(_largest_increment(draft, model.name) for model in models)
+    longest = Fraction(2) ** exact.power_of_two(LONGEST_DRIFT * largest)
+    draft.steps += [
+        Memory("drift_before", "drift", "zero"),
+        Memory("increment_before", "increment", "zero"),
+    ]
+    draft.sum("total", factor("increment_before"), factor("drift_before"))
+    draft.limit("drift", "total", -longest, longest, "DRIFT_LIMITED")
+    draft.limits |= {"drift_before": longest, "increment_before": largest}
+    _output(draft, "drift")
+    for model in models:
+        _ranges(draft, model, f"{model.name} side")
+    return draft.chain([model.form for model in models], RECURSIVE, interval_s=float(h))
+
+
+def _largest_increment(draft: Draft, name: str) -> Fraction:
+    """Largest increment of a side [°/h]: all its coefficients together, for mapped drivers."""
+    return sum(
+        (abs(c) for table, t in draft.tables.items() if table.startswith(f"a_{name}_") for c in t),
+        Fraction(0),
+    )
+
+
+def _side(draft: Draft, model: Model) -> list[Case]:
+    """Increment of one side: a_j(r) as polynomials of the mapped rate, for powers of the mapped
+    gradient.
+    """
+    name, (low, high) = model.name, model.valid["temp_rate_degc_min"]
+    r_middle, r_half = draft.map(
+        f"rate_{name}", "temp_env_rate_degc_min", (low, high), flag="RATE_CLAMPED", group=name
+    )
+    g_middle, g_half = draft.map(
+        f"gradient_{name}",
+        "apart",
+        model.valid["gradient_degc"],
+        flag="GRADIENT_CLAMPED",
+        group=name,
+    )
+    over_rate = [exact.mapped(powers(model, f"c{j}"), r_middle, r_half) for j in range(3)]
+    terms: list[list[Term]] = []
+    for i in (2, 1, 0):
+        parts = [
+            exact.scale(over_rate[j], comb(j, i) * g_middle ** (j - i) * g_half**i)
+            for j in range(i, 3)
+        ]
+        factors = (f"gradient_{name}",) * i
+        terms.append(draft.polynomial(f"a_{name}_{i}", exact.add(*parts), f"rate_{name}", *factors))
+    value = draft.sum(f"increment_{name}", *terms)
+    table = draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,))
+    return [Case(value, 1 if low > 0 else -1 if high < 0 else 0, table, name)]

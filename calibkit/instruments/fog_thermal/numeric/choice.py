@@ -1,0 +1,308 @@
+"""The choice between no drift term, level models and lagged models, by what each does to a ramp
+that it has not seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.fog_thermal.numeric import lagged, level, pooled_fit, uncertainty
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS, chosen_columns
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.fog_thermal.numeric.lagged import Survey
+    from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
+    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+CLEARLY = 0.95
+"""Share of the raw drift figure that a model must get below on left-out ramps."""
+ALIKE = 1.0025
+"""Ratio of pooled errors up to which two candidates count as alike: the noise of 100 s means hides
+more.
+"""
+WORSE = 1.01
+"""Factor above raw at which a left-out ramp counts as made worse: the drift rms of a log repeats to
+about a percent.
+"""
+FIGURE_BLOCKS = 10
+"""Blocks that the drift figure averages: 100 s, the longer of the two intervals of GJB 2426A, at a
+model interval of 10 s.
+"""
+LEAST_RAMPS = 3
+"""Ramps below which leaving one out says nothing: one more than the sides of a thermal cycle."""
+HALF_TRUSTED = 0.5
+"""Share of a figure's rows that must have a say, robust weights considered, for it to count."""
+
+
+@dataclass(frozen=True, slots=True)
+class Candidate:
+    """A model that may be chosen."""
+
+    name: str
+    form: Literal["level", "lagged"]
+    terms: tuple[str, ...]
+
+
+STATIC = ("b0", "b1", "b2", "b3")
+CANDIDATES = (
+    Candidate("level T", "level", STATIC[:2]),
+    Candidate("level T²", "level", STATIC[:3]),
+    Candidate("level T³", "level", STATIC),
+    Candidate("level T³, rate", "level", (*STATIC, "s_rate")),
+    Candidate("level T³, rate, gradient", "level", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
+    Candidate("level, all terms", "level", TERMS),
+    Candidate("lagged T³, one lag", "lagged", (*STATIC, "s_rate", "s_temp_rate")),
+    Candidate("lagged T³, rate, gradient", "lagged", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
+    Candidate("lagged, all terms", "lagged", lagged.LAGGED_TERMS),
+)
+
+
+@dataclass(frozen=True, slots=True)
+class Fitted:
+    """A candidate with its solution on all ramps, and the survey that a lagged one is fitted again
+    with.
+    """
+
+    candidate: Candidate
+    solution: Solution
+    survey: Survey | None
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """What a candidate did to each ramp that was left out of its fit."""
+
+    candidate: Candidate
+    ramps: tuple[str, ...]
+    raw: Array
+    """[ramps], drift rms [°/h] of 100 s means, the ramp's mean removed."""
+    compensated: Array
+    """[ramps], the same with the model of the other ramps taken off."""
+    errors: tuple[Array, ...]
+    """Each ramp's compensated 100 s means [°/h], the mean removed."""
+    parameters: int
+    """Number of coefficients and lags."""
+    endless: bool
+    """Whether a lag came out as the longest that is looked for: then it stands for something that
+    is not a lag.
+    """
+
+    @property
+    def pooled_raw(self) -> float:
+        """Root mean square of the raw figures [°/h]."""
+        return float(np.sqrt(np.mean(self.raw**2)))
+
+    @property
+    def pooled(self) -> float:
+        """Root mean square of the compensated figures [°/h]."""
+        return float(np.sqrt(np.mean(self.compensated**2)))
+
+    @property
+    def helps(self) -> bool:
+        """Whether the left-out ramps came out clearly below raw together, and none of them
+        above.
+        """
+        return self.pooled <= CLEARLY * self.pooled_raw and bool(
+            np.all(self.compensated <= WORSE * self.raw)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ThermalChoice:
+    """Every candidate's left-out errors, and the model that is exported (or none), with the
+    reason.
+    """
+
+    tested: tuple[LeftOut, ...]
+    refused: tuple[str, ...]
+    chosen: LeftOut | None
+    model: ThermalModel | None
+    reason: str
+
+
+def choose(
+    logs: Sequence[ThermalLog],
+    candidates: Sequence[Candidate] = CANDIDATES,
+    *,
+    window_s: float | None = None,
+    figure_blocks: int = FIGURE_BLOCKS,
+) -> ThermalChoice:
+    """Fit each candidate without each ramp in turn, and export the one with the smallest error on
+    what it had not seen.
+
+    Never worse than raw: a candidate whose pooled error is not below CLEARLY times the raw drift,
+    or that makes any left-out ramp worse, is out; where all are, no drift term is exported.
+    Left-out ramps are evaluated without clamping: the exported model has seen their ranges, and the
+    question is whether its form holds.
+
+    Parameters
+    ----------
+    logs : block means of each log.
+    candidates : models to choose from.
+    window_s : trailing window of the rates of level models [s]; by default 90 s, longer for long
+        blocks.
+    figure_blocks : blocks that the drift figures average.
+
+    Raises
+    ------
+    FitError : no log, or a ramp too short.
+
+    """
+    stacked = pooled_fit.stack(logs)
+    if len(stacked.ramps) < LEAST_RAMPS:
+        reason = (
+            f"{len(stacked.ramps)} ramps, expected at least {LEAST_RAMPS} to leave one out: no"
+            " drift term"
+        )
+        return ThermalChoice((), (), None, None, reason)
+    solutions, refused = solutions_of(stacked, candidates, window_s)
+    tested = tuple(left_out(fitted, stacked, figure_blocks) for fitted in solutions)
+    best = best_of(tested)
+    if best is None:
+        return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
+    solution = solutions[best].solution
+    model = (lagged.finished if solution.form == "lagged" else pooled_fit.finished)(
+        solution, stacked
+    )
+    explained = uncertainty.explained(model, stacked.logs, figure_blocks)
+    model = replace(
+        model,
+        model_error=uncertainty.model_error(tested[best].errors, explained),
+        model_error_dof=float(len(stacked.ramps) - 1),
+    )
+    return ThermalChoice(tested, refused, tested[best], model, _why(tested[best]))
+
+
+def best_of(tested: Sequence[LeftOut]) -> int | None:
+    """Number of the candidate to export: of those that help and are alike the least, the one with
+    the fewest parameters.
+
+    One with a lag on its upper bound is only taken where no other helps.
+    """
+    helping = [k for k, result in enumerate(tested) if result.helps]
+    helping = [k for k in helping if not tested[k].endless] or helping
+    if not helping:
+        return None
+    least = min(tested[k].pooled for k in helping)
+    alike = [k for k in helping if tested[k].pooled <= ALIKE * least]
+    return min(alike, key=lambda k: (tested[k].parameters, tested[k].pooled))
+
+
+def _why(best: LeftOut) -> str:
+    return (
+        f"{best.candidate.name}: {best.pooled:.3g} deg/h on left-out ramps against"
+        f" {best.pooled_raw:.3g} deg/h raw, the least, or the simplest of those alike, of the"
+        " candidates that make no ramp worse"
+    )
+
+
+def _nothing_helps(tested: Sequence[LeftOut], refused: Sequence[str]) -> str:
+    if not tested:
+        return f"no candidate could be fitted: {'; '.join(refused)}: no drift term"
+    least = min(tested, key=lambda result: result.pooled)
+    worse = [
+        name
+        for name, a, b in zip(least.ramps, least.compensated, least.raw, strict=True)
+        if a > WORSE * b
+    ]
+    made = f" and makes {', '.join(worse)} worse" if worse else ""
+    return (
+        f"the best candidate ({least.candidate.name}) leaves {least.pooled:.3g} deg/h on left-out"
+        f" ramps against {least.pooled_raw:.3g} deg/h raw{made}: no drift term"
+    )
+
+
+def solutions_of(
+    stacked: Stack, candidates: Sequence[Candidate], window_s: float | None = None
+) -> tuple[list[Fitted], tuple[str, ...]]:
+    """Solutions of the candidates that the logs can determine, and why the others are not there.
+
+    The robust weights of the rows are the same for every candidate, so that their errors compare.
+    """
+    prepared = level.basis(stacked, window_s)
+    surveyed = (
+        lagged.survey(stacked, prepared.trust)
+        if any(c.form == "lagged" for c in candidates)
+        else None
+    )
+    solved: list[Fitted] = []
+    refused = []
+    for candidate in candidates:
+        try:
+            if surveyed is not None and candidate.form == "lagged":
+                solution = lagged.solve(surveyed, candidate.terms)
+            else:
+                solution = level.solve(prepared, candidate.terms)
+        except FitError as error:
+            refused.append(f"{candidate.name}: {error.message}")
+            continue
+        solved.append(Fitted(candidate, solution, surveyed if candidate.form == "lagged" else None))
+    return solved, tuple(refused)
+
+
+def left_out(fitted: Fitted, stacked: Stack, figure_blocks: int) -> LeftOut:
+    """Errors of a candidate on each ramp when it is fitted to the others; lags start from the fit
+    to all of them.
+    """
+    raw, compensated, errors = [], [], []
+    trust = fitted.solution.trust
+    for rows, predicted in zip(stacked.ramps, _predicted(fitted, stacked), strict=True):
+        indication = stacked.indication[rows]
+        raw.append(float(np.std(figure_means(indication, trust[rows], figure_blocks))))
+        error = figure_means(indication - predicted, trust[rows], figure_blocks)
+        errors.append(error - error.mean())
+        compensated.append(float(np.std(error)))
+    lags = fitted.solution.log_lags
+    return LeftOut(
+        candidate=fitted.candidate,
+        ramps=stacked.ramp_names,
+        raw=np.array(raw),
+        compensated=np.array(compensated),
+        errors=tuple(errors),
+        parameters=len(fitted.candidate.terms) + lags.size,
+        endless=bool(np.any(lags > np.log(lagged.BOUNDS_S[1]) - lagged.STEP)),
+    )
+
+
+def _predicted(fitted: Fitted, stacked: Stack) -> Iterator[Array]:
+    """Drift [rows, °/h] of each ramp, up to a constant, by the model of all the others."""
+    solution = fitted.solution
+    if fitted.survey is None:
+        moment = pooled_fit.moments(solution.columns, solution.weights, stacked)
+        for number, rows in enumerate(stacked.ramps):
+            kept = np.arange(len(stacked.ramps)) != number
+            found = pooled_fit.solved(pooled_fit.pooled(moment, stacked, kept))
+            yield solution.columns[rows] @ (
+                found[0] if found else np.zeros(solution.columns.shape[1])
+            )
+        return
+    chosen = chosen_columns(solution.terms)[1:]
+    everything = np.ones(len(stacked.ramps), dtype=bool)
+    problem = lagged.Problem(fitted.survey, chosen, solution.weights, everything)
+    near = lagged.tangent(problem, solution.log_lags)
+    for number, rows in enumerate(stacked.ramps):
+        yield lagged.without(near, number)[1][rows]
+
+
+def figure_means(values: Array, trust: Array, group: int) -> Array:
+    """Means [m] of values [n] over groups of rows that have a say; a rest that fills no group is
+    left out.
+    """
+    whole = max(values.size // group, 1) * min(group, values.size)
+    weight = trust[:whole].reshape(-1, min(group, values.size))
+    usable = weight.mean(axis=1) >= HALF_TRUSTED * max(
+        float(np.median(trust)), np.finfo(float).tiny
+    )
+    grouped = values[:whole].reshape(weight.shape)[usable]
+    return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)

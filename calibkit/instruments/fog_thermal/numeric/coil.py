@@ -1,0 +1,133 @@
+"""Coil temperatures that follow the case through two first-order lags, solved exactly between
+samples.
+
+    τ_o T_o' = T_s − T_o,        τ_i T_i' = T_o − T_i
+
+The rates are exact by the equations themselves, T_o' = (T_s − T_o)/τ_o and T_i' = (T_o − T_i)/τ_i:
+no difference of a quantised thermometer is ever taken.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.instruments.fog_thermal.numeric.terms import Drivers
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+SECONDS_PER_MINUTE = 60.0
+LONGEST_EXPONENT = 200.0
+"""Exponent up to which decays are summed in one go: e^200 squared is still a number."""
+
+
+@dataclass(frozen=True, slots=True)
+class Path:
+    """Case temperatures of logs, one a row, straight between samples; short logs are padded with
+    steps that take no time.
+    """
+
+    start: Array
+    """[L], first case temperature [°C] of each log."""
+    above: Array
+    """[L, n], case temperature above the first [°C]."""
+    step: Array
+    """[L, n − 1], length of each step [s]."""
+    change: Array
+    """[L, n − 1], change of the case temperature over each step [°C]."""
+    inside: Mask
+    """[L, n], which of the instants are there."""
+
+
+def path(logs: Sequence[tuple[Array, Array]]) -> Path:
+    """Path of logs, each with its time [n, s] and case temperature [n, °C]."""
+    longest = max(time.size for time, _ in logs)
+    step, change = np.zeros((len(logs), longest - 1)), np.zeros((len(logs), longest - 1))
+    inside = np.zeros((len(logs), longest), dtype=bool)
+    for row, (time, case) in enumerate(logs):
+        step[row, : time.size - 1], change[row, : time.size - 1] = np.diff(time), np.diff(case)
+        inside[row, : time.size] = True
+    above = np.concatenate([np.zeros((len(logs), 1)), np.cumsum(change, axis=1)], axis=1)
+    return Path(np.array([case[0] for _, case in logs]), above, step, change, inside)
+
+
+def temperatures(
+    along: Path, tau_outer: float, tau_inner: float | None
+) -> tuple[Array, Array, Array]:
+    """Outer and inner coil temperature and T_o' [each n, °C, °C, °C/s] of logs, one after the
+    other.
+
+    Both start at the case temperature of a log's first sample, as after a long soak. The case is
+    taken as straight between samples and the equations are solved exactly there, so that the step
+    makes no difference, and gaps may be of any length: with m the slope over a step h and a =
+    exp(−h/τ), T_o ← a T_o + x1 − a x0 − m τ_o (1 − a). Without an inner lag the inner temperature
+    is that of the outer coil.
+    """
+    h, x = along.step, along.above[:, :-1]
+    m = along.change / np.where(h > 0.0, h, 1.0)
+    decay = np.exp(-h / tau_outer)
+    behind = m * tau_outer
+    outer = _decaying(h / tau_outer, along.change - (behind - x) * (1.0 - decay))
+    rate = (along.above - outer) / tau_outer
+    first = along.start[:, None]
+    if tau_inner is None:
+        shown = (outer + first)[along.inside]
+        return shown, shown, rate[along.inside]
+    line = x - behind - m * tau_inner
+    away = (outer[:, :-1] - x + behind) * _carried(h, tau_outer, tau_inner)
+    inner = _decaying(h / tau_inner, along.change - line * np.expm1(-h / tau_inner) + away)
+    return (outer + first)[along.inside], (inner + first)[along.inside], rate[along.inside]
+
+
+def _carried(h: Array, tau_outer: float, tau_inner: float) -> Array:
+    """Response of the inner lag after h [s] to an outer lag that starts at 1 and decays; also where
+    both are equal.
+    """
+    apart = h * abs(1.0 / tau_inner - 1.0 / tau_outer)
+    ratio = np.where(apart > 0.0, -np.expm1(-apart) / np.where(apart > 0.0, apart, 1.0), 1.0)
+    return np.asarray(
+        h / tau_inner * np.exp(-h / max(tau_outer, tau_inner)) * ratio, dtype=np.float64
+    )
+
+
+def _decaying(exponent: Array, supply: Array) -> Array:
+    """States [L, n + 1] of s_k = exp(−exponent_k) s_{k−1} + supply_k from 0, summed in pieces that
+    cannot overflow.
+    """
+    passed = np.cumsum(exponent, axis=1)
+    state = np.zeros((exponent.shape[0], exponent.shape[1] + 1))
+    start, steps = 0, exponent.shape[1]
+    while start < steps:
+        base = passed[:, start - 1 : start] if start else np.zeros((exponent.shape[0], 1))
+        furthest = (passed[:, start:] - base).max(axis=0)
+        stop = start + max(int(np.searchsorted(furthest, LONGEST_EXPONENT, side="right")), 1)
+        if stop == start + 1:
+            state[:, stop] = np.exp(-exponent[:, start]) * state[:, start] + supply[:, start]
+        else:
+            grown = np.exp(passed[:, start:stop] - base)
+            sums = np.cumsum(grown * supply[:, start:stop], axis=1)
+            state[:, start + 1 : stop + 1] = (state[:, start : start + 1] + sums) / grown
+        start = stop
+    return state
+
+
+def drivers(along: Path, tau_outer: float, tau_inner: float | None) -> Drivers:
+    """Drivers [n] of logs, one after the other; without an inner lag the coil is one mass and has
+    no gradient.
+    """
+    outer, inner, rate = temperatures(along, tau_outer, tau_inner)
+    per_minute = rate * SECONDS_PER_MINUTE
+    gradient = outer - inner
+    if tau_inner is None:
+        return Drivers(outer, per_minute, gradient, gradient)
+    return Drivers(
+        outer, per_minute, gradient, per_minute - gradient / tau_inner * SECONDS_PER_MINUTE
+    )

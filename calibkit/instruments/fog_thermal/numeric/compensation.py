@@ -1,0 +1,119 @@
+"""Thermal drift taken out of a gyro's indication, and the check that its rate was left in."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.instruments.fog_thermal.numeric import gradient as drift
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+INJECTED_RATE_DPH = 7.5
+"""Constant rate that the rate-gain check adds to the indication [°/h]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Increments:
+    """Drift increments Δ̂_k [n, °/h] from interval k − 1 to k, and where the model was held or
+    clamped.
+    """
+
+    delta: Array
+    held: Mask
+    rate_clamped: Mask
+    gradient_clamped: Mask
+
+
+def increments(
+    polynomials: Sequence[drift.RatePolynomial], gradient: Array, rate: Array
+) -> Increments:
+    """Δ̂_k = a0(r) + a1(r) G + a2(r) G² with r [°C/min] and G [K] taken at k − 1 (CN102095419A step
+    4); Δ̂_0 = 0.
+
+    Each rate is served by the side it was fitted on. The drift is held (Δ̂ = 0) below half of the
+    smallest fitted rate, where a0 would be integrated without bound, and on a side that was not
+    fitted. Rates and gradients beyond the fitted ranges are clamped to them, and said so.
+    """
+    n = gradient.size
+    delta, held = np.zeros(n), np.ones(n, dtype=bool)
+    rate_clamped, gradient_clamped = np.zeros(n, dtype=bool), np.zeros(n, dtype=bool)
+    r, G = rate[:-1], gradient[:-1]
+    for polynomial in polynomials:
+        served = np.flatnonzero(_served(polynomial, r))
+        clamped = np.clip(G[served], *polynomial.gradient)
+        a = drift.evaluate(polynomial, r[served])
+        delta[served + 1] = a[:, 0] + a[:, 1] * clamped + a[:, 2] * clamped**2
+        held[served + 1] = False
+        low, high = polynomial.rates
+        slack = 0.1 * max(
+            abs(low), abs(high)
+        )  # the measured rate of one ramp wanders by some percent
+        rate_clamped[served + 1] = (r[served] < low - slack) | (r[served] > high + slack)
+        gradient_clamped[served + 1] = clamped != G[served]
+    return Increments(delta, held, rate_clamped, gradient_clamped)
+
+
+def _served(polynomial: drift.RatePolynomial, rate: Array) -> Mask:
+    """Where a rate is on the polynomial's side and not so slow that the chamber is at rest."""
+    low, high = polynomial.rates
+    moving = np.abs(rate) >= polynomial.slowest / 2.0
+    return np.asarray(moving & (rate > 0.0 if low > 0.0 else rate < 0.0 if high < 0.0 else True))
+
+
+def recursive(delta: Array) -> Array:
+    """Drift D̂_k = D̂_{k−1} + Δ̂_k [n, °/h] from D̂_0 = 0; the output ω_k − D̂_k keeps the true
+    rate.
+    """
+    return np.cumsum(delta)
+
+
+def one_step(indication: Array, delta: Array) -> Array:
+    """Output ω_k − (ω_{k−1} + Δ̂_k) [n, °/h] as published (CN102095419A step 4): a first
+    difference, the rate is lost.
+
+    The first output is NaN-free by definition 0, because there is no interval before it.
+    """
+    output = np.zeros_like(indication)
+    output[1:] = indication[1:] - (indication[:-1] + delta[1:])
+    return output
+
+
+def referenced(
+    level: Array, temperature: Array, reference: float, valid: tuple[float, float]
+) -> Array:
+    """Drift [n, °/h] shifted to zero at the instant whose temperature is closest to the reference
+    [°C], clamped to valid.
+    """
+    target = min(max(reference, valid[0]), valid[1])
+    return np.asarray(level - level[int(np.argmin(np.abs(temperature - target)))], dtype=np.float64)
+
+
+def rate_gain(compensate: Callable[[Array], Array], indication: Array) -> float:
+    """Share [1] of a constant rate added to the indication [n, °/h] that arrives at the compensated
+    output.
+    """
+    moved = compensate(indication + INJECTED_RATE_DPH) - compensate(indication)
+    return float(np.mean(moved[1:]) / INJECTED_RATE_DPH)
+
+
+def drift_rms(output: Array, group: int = 1) -> float:
+    """Standard deviation [°/h] of an output [n] averaged over groups of intervals, its mean
+    removed.
+
+    With groups of 100 s this is the bias stability of GJB 2426A over the log. Averaging keeps angle
+    random walk from hiding the drift; a rest that fills no group is left out unless there would be
+    fewer than two groups.
+    """
+    whole = output.size // group
+    if whole < 2:
+        return float(np.std(output))
+    return float(np.std(output[: whole * group].reshape(whole, group).mean(axis=1)))

@@ -1,0 +1,127 @@
+"""Drift along a log by a fitted level or lagged model: what is taken off the indication, and where
+the model was clamped.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.instruments.fog_thermal.numeric import coil, level
+from calibkit.instruments.fog_thermal.numeric.terms import Drivers, clamped, raw_design
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+REFERENCE_DEGC = 25.0
+RELATIVE_STEP = 1e-3
+"""Change of a lag by which the drift is differentiated."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evaluation:
+    """Drift [n, °/h] along a log, how it follows the coefficients, and where [n] a driver was
+    outside its fitted range.
+    """
+
+    drift: Array
+    sensitivities: Array
+    """[n, 9 + lags], derivative of the drift by each coefficient and each lag."""
+    beyond: Array
+    """[n, °/h], what clamping took off: the model's drift without it, less that with it."""
+    temperature_clamped: Mask
+    rate_clamped: Mask
+    gradient_clamped: Mask
+
+    @property
+    def clamped(self) -> Mask:
+        """Where anything was clamped."""
+        return self.temperature_clamped | self.rate_clamped | self.gradient_clamped
+
+
+def drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drivers:
+    """Drivers [n] of a log as the model's form has them; a coil starts at the case temperature of
+    the first sample.
+    """
+    if model.form == "level":
+        return level.drivers(time, case, env, model.window_s)
+    along = coil.path([(time, case)])
+    return coil.drivers(along, model.lags[0], model.lags[1] if len(model.lags) > 1 else None)
+
+
+def evaluate(
+    model: ThermalModel,
+    time: Array,
+    case: Array,
+    env: Array,
+    reference_degc: float = REFERENCE_DEGC,
+) -> Evaluation:
+    """Drift along a log, zero at rest (no rate, no gradient) at the reference temperature.
+
+    Parameters
+    ----------
+    model : a fitted model.
+    time, case, env : [n, s], [n, °C], [n, °C], strictly increasing, of any sampling; env does not
+        enter a lagged model.
+    reference_degc : clamped to the fitted range.
+
+    Notes
+    -----
+    Only samples at or before an instant enter its drift. Outside the fitted ranges of temperature,
+    rate and gradient the drift is that at the bound, and flagged. Lags start in equilibrium at the
+    first sample: a log that starts on the move is off until they have passed. Their equations are
+    solved exactly between samples, whatever the sampling; the rates of a level model ask for at
+    least four samples in its window.
+
+    """
+    found = drivers(model, time, case, env)
+    inside = clamped(found, model.valid, model.terms)
+    rest = at_rest(model, reference_degc)
+    rows = raw_design(inside.drivers) - rest
+    by_lag = [
+        _by_lag(model, k, found, inside.drivers, (time, case, env)) for k in range(len(model.lags))
+    ]
+    return Evaluation(
+        rows @ model.coefficients,
+        np.column_stack([rows, *by_lag]),
+        (raw_design(found) - rest - rows) @ model.coefficients,
+        inside.temperature,
+        inside.rate,
+        inside.gradient,
+    )
+
+
+def at_rest(model: ThermalModel, reference_degc: float) -> Array:
+    """Design row [1, 9] of rest at the reference temperature, clamped to the fitted range."""
+    still = np.zeros(1)
+    low, high = model.valid.temperature
+    return raw_design(Drivers(np.array([min(max(reference_degc, low), high)]), still, still, still))
+
+
+def _by_lag(
+    model: ThermalModel, k: int, found: Drivers, inside: Drivers, log: tuple[Array, Array, Array]
+) -> Array:
+    """Derivative [n, °/h/s] of the drift by the k-th lag; a driver that is clamped does not move
+    with it.
+    """
+    step = model.lags[k] * RELATIVE_STEP
+    lags = tuple(lag + step * (j == k) for j, lag in enumerate(model.lags))
+    moved = drivers(replace(model, lags=lags), *log)
+    held = Drivers(
+        np.where(found.temperature == inside.temperature, moved.temperature, inside.temperature),
+        np.where(found.rate == inside.rate, moved.rate, inside.rate),
+        np.where(found.gradient == inside.gradient, moved.gradient, inside.gradient),
+        np.where(
+            found.gradient_rate == inside.gradient_rate, moved.gradient_rate, inside.gradient_rate
+        ),
+    )
+    return np.asarray(
+        (raw_design(held) - raw_design(inside)) @ model.coefficients / step, dtype=np.float64
+    )

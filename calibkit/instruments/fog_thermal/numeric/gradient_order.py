@@ -1,0 +1,128 @@
+"""The order of the drift coefficients over temperature rate, chosen by what it does to a rate it
+has not seen.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.instruments.fog_thermal.numeric import compensation, gradient
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+SAME_RATE = 0.1
+"""Relative difference up to which two ramps count as one temperature rate."""
+WORSE = 1.01
+"""Factor above raw at which a left-out ramp counts as made worse: the drift rms of a log repeats to
+about a percent.
+"""
+
+MARGIN = 0.9
+"""Factor below raw that the pooled error must reach: of several orders one beats raw by some
+percent by luck alone.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOut:
+    """Drift rms [°/h] of each ramp's log: raw, compensated by a model fitted without that ramp's
+    rate, and with it.
+    """
+
+    side: str
+    order: int
+    raw: Array
+    compensated: Array
+    fitted: Array
+
+    @property
+    def pooled_raw(self) -> float:
+        """Root mean square of the raw figures [°/h]."""
+        return float(np.sqrt(np.mean(self.raw**2)))
+
+    @property
+    def pooled(self) -> float:
+        """Root mean square of the compensated figures [°/h]."""
+        return float(np.sqrt(np.mean(self.compensated**2)))
+
+    @property
+    def helps(self) -> bool:
+        """Whether the left-out ramps came out clearly better than raw, and no ramp worse, left out
+        or not.
+
+        A left-out edge rate is held or clamped, so that only the full fit shows what the model does
+        to it.
+        """
+        worst = np.maximum(self.compensated, self.fitted)
+        return self.pooled <= MARGIN * self.pooled_raw and bool(np.all(worst <= WORSE * self.raw))
+
+
+def rate_groups(ramps: Sequence[gradient.RampFit]) -> list[list[int]]:
+    """Indices of the ramps, grouped by temperature rate, slowest to fastest."""
+    order = sorted(range(len(ramps)), key=lambda i: ramps[i].rate)
+    groups: list[list[int]] = []
+    for i in order:
+        last = ramps[groups[-1][0]].rate if groups else None
+        if last is not None and abs(ramps[i].rate - last) <= SAME_RATE * abs(last):
+            groups[-1].append(i)
+        else:
+            groups.append([i])
+    return groups
+
+
+def leave_one_rate_out(
+    ramps: Sequence[gradient.RampFit],
+    logs: Sequence[gradient.Blocks],
+    order: int,
+    side: str,
+    group: int,
+) -> LeftOut:
+    """Fit the polynomials without each rate in turn and compensate that rate's logs as the
+    instrument would.
+
+    The left-out rate may lie outside the remaining ones: it is then clamped or held exactly as at
+    run time. `group` is the number of intervals that the drift figure averages. Needs more rates
+    than order + 1.
+    """
+    raw = np.array([compensation.drift_rms(log.indication, group) for log in logs])
+    compensated = np.zeros(len(ramps))
+    groups = rate_groups(ramps)
+    for left in groups:
+        kept = [ramps[i] for other in groups if other is not left for i in other]
+        polynomial = gradient.over_rates(kept, order, side)
+        for i in left:
+            compensated[i] = _left(polynomial, logs[i], group)
+    whole = gradient.over_rates(ramps, order, side)
+    return LeftOut(
+        side, order, raw, compensated, np.array([_left(whole, log, group) for log in logs])
+    )
+
+
+def _left(polynomial: gradient.RatePolynomial, log: gradient.Blocks, group: int) -> float:
+    """Drift rms [°/h] that a side's polynomials leave of a log."""
+    delta = compensation.increments([polynomial], log.gradient, log.rate).delta
+    return compensation.drift_rms(log.indication - compensation.recursive(delta), group)
+
+
+def candidates(
+    ramps: Sequence[gradient.RampFit], logs: Sequence[gradient.Blocks], side: str, group: int
+) -> list[LeftOut]:
+    """Leave-one-rate-out results of every order that the rates of a side can test: four rates never
+    test the cubic.
+    """
+    rates = len(rate_groups(ramps))
+    return [leave_one_rate_out(ramps, logs, order, side, group) for order in range(rates - 1)]
+
+
+def best(results: Sequence[LeftOut]) -> LeftOut | None:
+    """Of the orders that help, the one with the smallest pooled error; none when no order helps."""
+    helping = [result for result in results if result.helps]
+    return min(helping, key=lambda result: result.pooled) if helping else None

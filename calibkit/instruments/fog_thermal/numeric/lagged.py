@@ -1,0 +1,402 @@
+"""The `lagged` model: drift on coil temperatures that follow the case through first-order lags, by
+variable projection.
+
+    τ_o T_o' = T_s − T_o,        τ_i T_i' = T_o − T_i,        T = T_o,  G = T_o − T_i
+
+As G' = T_o' − G/τ_i is a sum of T' and G, s_grad_rate is not a term of this model. The linear
+coefficients are eliminated at every step, so that the descent is over the lags alone (Golub &
+Pereyra 1973).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.fog_thermal.numeric import coil, pooled_fit
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution
+from calibkit.instruments.fog_thermal.numeric.terms import (
+    TERMS,
+    Drivers,
+    chosen_columns,
+    scaled_design,
+    scales_of,
+    valid_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack, ThermalLog
+    from calibkit.instruments.fog_thermal.numeric.terms import Scales, ThermalModel
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+LAGGED_TERMS = tuple(term for term in TERMS if term != "s_grad_rate")
+BOUNDS_S = (20.0, 3600.0)
+"""Range of the lags: shorter ones are within two model intervals, longer ones are not over when a
+soak is.
+"""
+STARTS_S = (30.0, 70.0, 160.0, 360.0, 800.0, 1800.0)
+"""Lags from which the minimum is looked for."""
+MOST_STARTS = 3
+STEP = 1e-3
+"""Change of the logarithm of a lag by which the columns are differentiated."""
+LARGEST_STEP = 0.7
+"""Change of the logarithm of a lag in one iteration: a factor of two."""
+ITERATIONS = 25
+HALVINGS = 6
+CLOSE = 1e-4
+"""Square sum of a step, in that of an average row, that ends a descent."""
+DETERMINED = 0.3
+"""Relative standard uncertainty of a lag above which its interval, and those of the terms it is one
+with, are not normal.
+"""
+LAG_NAMES = ("tau_outer", "tau_inner")
+ONE_WITH_LAGS = ("s_rate", "s_grad", "s_grad2")
+SETTLED = 1e-10
+"""Change of the logarithm of a lag that ends the polishing."""
+
+
+@dataclass(frozen=True, slots=True)
+class Survey:
+    """The logs of a lagged fit, and moments of all terms on a grid of lags, from which every
+    candidate starts.
+    """
+
+    stacked: Stack
+    along: coil.Path
+    scales: Scales
+    trust: Array
+    """[n], robust weights of the rows."""
+    grid: Array
+    """[g, 2], logarithms of the lags."""
+    moments: Array
+    """[g, ramps, 9, 9], of (1, LAGGED_TERMS without b0, indication)."""
+
+
+def survey(stacked: Stack, trust: Array | None = None) -> Survey:
+    """Survey of logs; trust [n] are robust weights from another fit to them, by default those for
+    the middle of the grid.
+    """
+    along = coil.path([(log.time, log.case) for log in stacked.logs])
+    middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
+    scales = scales_of(valid_of(coil.drivers(along, middle, middle)))
+    every = np.arange(1, len(LAGGED_TERMS))
+    if trust is None:
+        trust = pooled_fit.trust(
+            scaled_design(coil.drivers(along, middle, middle), scales)[:, every], stacked
+        )
+    grid = np.log(np.stack(np.meshgrid(STARTS_S, STARTS_S, indexing="ij"), axis=-1).reshape(-1, 2))
+    designs = (scaled_design(coil.drivers(along, *np.exp(lags)), scales)[:, every] for lags in grid)
+    found = np.stack([pooled_fit.moments(design, trust, stacked) for design in designs])
+    return Survey(stacked, along, scales, trust, grid, found)
+
+
+@dataclass(frozen=True, slots=True)
+class Lags:
+    """Lags at the minimum of the weighted square sum, as logarithms, and the coefficients [k] that
+    go with them.
+    """
+
+    log_lags: Array
+    coefficients: Array
+    square: float
+
+
+@dataclass(frozen=True, slots=True)
+class Problem:
+    """What variable projection minimises: the square sum of a fit to the kept ramps, whose columns
+    depend on the lags.
+    """
+
+    survey: Survey
+    chosen: NDArray[np.int64]
+    weights: Array
+    kept: Mask
+
+    def drivers(self, log_lags: Array) -> Drivers:
+        """Drivers of the logs, one after the other, for logarithms of one lag or two."""
+        outer, *inner = np.exp(log_lags).tolist()
+        return coil.drivers(self.survey.along, outer, inner[0] if inner else None)
+
+    def design(self, log_lags: Array) -> Array:
+        """Scaled columns [n, k] of the chosen terms."""
+        return scaled_design(self.drivers(log_lags), self.survey.scales)[:, self.chosen]
+
+    def at(self, log_lags: Array, design: Array) -> Lags | None:
+        """Linear coefficients for given lags; None where the terms are then dependent."""
+        found = self._solved(design)
+        return None if found is None else Lags(log_lags, *found)
+
+    def _solved(self, design: Array) -> tuple[Array, float] | None:
+        matrix = pooled_fit.moments(design, self.weights, self.survey.stacked)
+        return pooled_fit.solved(pooled_fit.pooled(matrix, self.survey.stacked, self.kept))
+
+    def sensitivities(self, here: Lags, design: Array) -> Array:
+        """Change [n, lags] of the fitted drift for a change of the logarithm of each lag."""
+        shifts = _shifts(here.log_lags)
+        moved = [self.design(here.log_lags + step) - design for step in np.diag(shifts)]
+        return np.column_stack([change @ here.coefficients for change in moved]) / shifts
+
+    def tells(self, design: Array, changes: Array) -> bool:
+        """Whether the drift changes with the lags otherwise than with the coefficients."""
+        return self._solved(np.column_stack([design, changes])) is not None
+
+    def direction(self, here: Lags, design: Array) -> Array | None:
+        """Gauss-Newton step of the log lags, coefficients free to follow (Golub & Pereyra 1973,
+        Kaufman 1975).
+        """
+        found = self._solved(np.column_stack([design, self.sensitivities(here, design)]))
+        return (
+            None
+            if found is None
+            else np.clip(found[0][self.chosen.size :], -LARGEST_STEP, LARGEST_STEP)
+        )
+
+
+def _shifts(log_lags: Array) -> Array:
+    """Steps [lags] by which columns are differentiated, inside the bounds."""
+    return np.where(log_lags + STEP < np.log(BOUNDS_S[1]), STEP, -STEP)
+
+
+def projected(problem: Problem, start: Array) -> Lags:
+    """Minimise over the lags from a start [lags], the linear coefficients eliminated at every step;
+    lags stay in BOUNDS_S.
+
+    It ends where a step lowers the square sum by less than CLOSE times that of an average row:
+    √CLOSE is about what is then missing to the minimum, in standard deviations. Raises FitError
+    where the terms are dependent at the start.
+    """
+    design = problem.design(start)
+    here = problem.at(start, design)
+    if here is None:
+        raise FitError(
+            "the logs cannot determine the terms of the lagged model",
+            hint="vary temperature and rate",
+        )
+    enough = CLOSE / float(problem.weights.sum())
+    for _ in range(ITERATIONS):
+        step = problem.direction(here, design)
+        lower = None if step is None else _lower(problem, here, step)
+        if lower is None:
+            break
+        settled = here.square - lower[0].square < enough * here.square
+        here, design = lower
+        if settled:
+            break
+    return here
+
+
+@dataclass(frozen=True, slots=True)
+class Tangent:
+    """A problem near its minimum: moments of its columns and of their derivatives, with which any
+    ramp can be left out.
+    """
+
+    problem: Problem
+    log_lags: Array
+    moments: Array
+    """[ramps, (1 + lags) k + 2, ...], of (1, columns, derivatives by the logarithm of each lag,
+    indication).
+    """
+
+
+def tangent(problem: Problem, log_lags: Array) -> Tangent:
+    """Tangent of a problem at given lags."""
+    design = problem.design(log_lags)
+    moved = [
+        (problem.design(log_lags + step) - design) / step.sum()
+        for step in np.diag(_shifts(log_lags))
+    ]
+    whole = np.concatenate([design, *moved], axis=1)
+    return Tangent(
+        problem, log_lags, pooled_fit.moments(whole, problem.weights, problem.survey.stacked)
+    )
+
+
+def without(at: Tangent, ramp: int) -> tuple[Array, Array]:
+    """Log lags and drift [n, °/h, up to a constant] of the fit to all ramps but one: one
+    Gauss-Newton step from all of them.
+
+    Where the step does not lower the square sum of the ramps that remain, the lags stay.
+    """
+    stacked = at.problem.survey.stacked
+    problem = replace(at.problem, kept=np.arange(len(stacked.ramps)) != ramp)
+    k, lags = problem.chosen.size, at.log_lags.size
+    matrix = pooled_fit.pooled(at.moments, stacked, problem.kept)
+    own = np.r_[:k, matrix.shape[0] - 1]
+    here = pooled_fit.solved(matrix[np.ix_(own, own)])
+    if here is not None:
+        along = np.zeros((matrix.shape[0], k + lags + 1))
+        along[:k, :k] = np.eye(k)
+        along[k:-1, k:-1] = np.kron(np.eye(lags), here[0][:, None])
+        along[-1, -1] = 1.0
+        step = pooled_fit.solved(along.T @ matrix @ along)
+        lower = None if step is None else _lower(problem, Lags(at.log_lags, *here), step[0][k:])
+        if lower is not None:
+            return lower[0].log_lags, lower[1] @ lower[0].coefficients
+    return at.log_lags, problem.design(at.log_lags) @ (np.zeros(k) if here is None else here[0])
+
+
+def _lower(problem: Problem, here: Lags, step: Array) -> tuple[Lags, Array] | None:
+    """First point along a step, halved again and again, at which the square sum is lower; None
+    where there is none.
+    """
+    for halving in range(HALVINGS):
+        log_lags = np.clip(here.log_lags + step * 0.5**halving, *np.log(BOUNDS_S))
+        design = problem.design(log_lags)
+        there = problem.at(log_lags, design)
+        if there is not None and there.square < here.square:
+            return there, design
+    return None
+
+
+def polished(problem: Problem, here: Lags) -> Lags:
+    """Take the full steps that square sums are too coarse to judge, as long as each is less than
+    half of the last.
+    """
+    last = np.inf
+    for _ in range(ITERATIONS):
+        design = problem.design(here.log_lags)
+        step = problem.direction(here, design)
+        if step is None:
+            break
+        moved = np.clip(here.log_lags + step, *np.log(BOUNDS_S))
+        size = float(np.max(np.abs(moved - here.log_lags)))
+        there = problem.at(moved, problem.design(moved)) if size < 0.5 * last else None
+        if there is None or there.square > here.square * (
+            1.0 + CLOSE / float(problem.weights.sum())
+        ):
+            break
+        here, last = there, size
+        if size < SETTLED:
+            break
+    return here
+
+
+def solve(surveyed: Survey, terms: Sequence[str]) -> Solution:
+    """Solve a lagged model on surveyed logs; the coil is one mass with one lag unless a gradient is
+    among the terms.
+
+    Raises FitError for terms that are not a lagged model's or that the logs cannot determine.
+    """
+    chosen = chosen_columns(terms)[1:]
+    names = tuple(TERMS[k] for k in chosen)
+    if "s_grad_rate" in names:
+        raise FitError(
+            "s_grad_rate is not a term of a lagged model: G' = T' − G/τ_i is a sum of the others",
+            hint="drop it",
+        )
+    everything = np.ones(len(surveyed.stacked.ramps), dtype=bool)
+    problem = Problem(surveyed, chosen, surveyed.trust, everything)
+    count = 2 if "s_grad" in names else 1
+    reached = [projected(problem, start[:count]) for start in _starts(surveyed, chosen, count)]
+    rough = min(reached, key=lambda lags: lags.square)
+    design = problem.design(rough.log_lags)
+    weights = pooled_fit.balanced_weights(design, surveyed.trust, surveyed.stacked, names)
+    problem = Problem(surveyed, chosen, weights, everything)
+    return _solution(problem, polished(problem, projected(problem, rough.log_lags)), names)
+
+
+def _starts(surveyed: Survey, chosen: NDArray[np.int64], count: int) -> list[Array]:
+    """Logarithms [2] of the surveyed lags from which descents start: the best MOST_STARTS of the
+    grid's local minima.
+
+    Which of two lags is the outer one is told by little, and each order may have a minimum of its
+    own.
+    """
+    everything = np.ones(len(surveyed.stacked.ramps), dtype=bool)
+    columns = np.concatenate([[0], chosen, [len(LAGGED_TERMS)]])
+    squares = np.full(len(surveyed.grid), np.inf)
+    for k, moment in enumerate(surveyed.moments):
+        found = pooled_fit.solved(
+            pooled_fit.pooled(moment[:, columns[:, None], columns], surveyed.stacked, everything)
+        )
+        squares[k] = np.inf if found is None else found[1]
+    if not np.isfinite(squares).any():
+        raise FitError(
+            "the logs cannot determine the terms of the lagged model",
+            hint="vary temperature and rate",
+        )
+    grid = squares.reshape(len(STARTS_S), -1)[:, : None if count > 1 else 1]
+    padded = np.pad(grid, 1, constant_values=np.inf)
+    around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).min(axis=(2, 3))
+    rows, places = np.nonzero((grid <= around) & np.isfinite(grid))
+    best = np.argsort(grid[rows, places], kind="stable")[:MOST_STARTS]
+    return [surveyed.grid[rows[k] * len(STARTS_S) + places[k]] for k in best]
+
+
+def _solution(problem: Problem, found: Lags, names: tuple[str, ...]) -> Solution:
+    """Solution at the minimum; a lag on its bound, or without a trace in the drift, counts as
+    given.
+    """
+    design = problem.design(found.log_lags)
+    changes = problem.sensitivities(found, design)
+    low, high = np.log(BOUNDS_S)
+    free = (
+        (found.log_lags > low + STEP)
+        & (found.log_lags < high - STEP)
+        & problem.tells(design, changes)
+    )
+    return Solution(
+        form="lagged",
+        terms=("b0", *names),
+        scales=problem.survey.scales,
+        drivers=problem.drivers(found.log_lags),
+        columns=design,
+        sensitivities=changes[:, free],
+        coefficients=found.coefficients,
+        log_lags=found.log_lags,
+        free=free,
+        trust=problem.survey.trust,
+        weights=problem.weights,
+        window_s=0.0,
+    )
+
+
+def finished(solution: Solution, stacked: Stack) -> ThermalModel:
+    """Drift model of a lagged solution; lags that the logs do not determine are flagged, with the
+    terms they are one with.
+    """
+    model = pooled_fit.finished(solution, stacked)
+    relative = model.standard_uncertainty[9:] / np.array(model.lags)
+    flags: list[str] = []
+    entangled: list[str] = []
+    for name, lag, free, u in zip(LAG_NAMES, model.lags, solution.free, relative, strict=False):
+        if not free:
+            entangled += LAG_NAMES[: len(model.lags)]
+            flags.append(f"{name} is taken as {lag:.0f} s: the logs do not determine it")
+        elif u > DETERMINED:
+            flags.append(
+                f"{name} is {lag:.0f} s with a relative standard uncertainty of {u:.1g}: hardly"
+                " determined"
+            )
+        if not free or u > DETERMINED:
+            entangled += [name, *(term for term in ONE_WITH_LAGS if term in model.terms)]
+    return replace(model, flags=tuple(flags), entangled=tuple(dict.fromkeys(entangled)))
+
+
+def fit(logs: Sequence[ThermalLog], terms: Sequence[str] = LAGGED_TERMS) -> ThermalModel:
+    """Fit the lagged model to all logs at once.
+
+    Parameters
+    ----------
+    logs : block means of each log; every log has its own turn-on bias and starts in thermal
+        equilibrium.
+    terms : names out of LAGGED_TERMS, b0 among them; without s_grad the coil is one mass with
+        tau_outer alone.
+
+    Raises
+    ------
+    FitError : no log, a ramp too short, or terms that the logs cannot determine.
+
+    """
+    stacked = pooled_fit.stack(logs)
+    return finished(solve(survey(stacked), terms), stacked)

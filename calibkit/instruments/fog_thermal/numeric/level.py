@@ -1,0 +1,188 @@
+"""The `level` model: drift on case temperature, its gradient to the chamber air, and the rates of
+both.
+
+T is the case temperature, G = T_case − T_env; their rates are the end slopes of parabolas over a
+trailing window, so that they can be had at run time, come without delay, and do not show the steps
+of a quantised thermometer.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.fog_thermal.numeric import pooled_fit
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution
+from calibkit.instruments.fog_thermal.numeric.terms import (
+    TERMS,
+    Drivers,
+    chosen_columns,
+    joined,
+    scaled_design,
+    scales_of,
+    valid_of,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack, ThermalLog
+    from calibkit.instruments.fog_thermal.numeric.terms import Scales, ThermalModel
+
+    Array = NDArray[np.float64]
+
+WINDOW_S = 90.0
+"""Trailing window of the rates: a 0.0625 °C step then moves them by less than 0.1 °C/min."""
+SECONDS_PER_MINUTE = 60.0
+LEAST_SAMPLES = 4
+"""Samples that a parabola and one degree of freedom need."""
+CHUNK = 1 << 20
+"""Window elements that are worked on at a time."""
+
+
+def end_slope(time: Array, values: Array, window_s: float = WINDOW_S) -> Array:
+    """Rate [n, 1/min] of values [n] at each instant [s]: end slope of the least-squares parabola
+    over the window before it.
+
+    Only samples at or before an instant enter; a straight line would give the rate half a window
+    ago. Where less than half a window has been seen the rate is 0: the log is taken to start at
+    rest. Irregular sampling and gaps are allowed.
+    """
+    first = np.searchsorted(time, time - window_s * (1.0 + 1e-9), side="left")
+    width = int(np.max(np.arange(time.size) - first)) + 1
+    rows = max(1, CHUNK // width)
+    slope = np.zeros(time.size)
+    for start in range(0, time.size, rows):
+        ends = np.arange(start, min(start + rows, time.size))
+        slope[ends] = _end_slopes(time, values, ends, first[ends], width, window_s)
+    return slope * SECONDS_PER_MINUTE
+
+
+def _end_slopes(
+    time: Array,
+    values: Array,
+    ends: NDArray[np.int64],
+    first: NDArray[np.int64],
+    width: int,
+    window_s: float,
+) -> Array:
+    """End slopes [m, 1/s] of the windows first … ends, by the normal equations of a parabola in x =
+    (t − t_end)/window.
+    """
+    rows = ends[:, None] - np.arange(width)
+    inside = (rows >= first[:, None]).astype(np.float64)
+    rows = np.maximum(rows, first[:, None])
+    x = (time[rows] - time[ends][:, None]) / window_s
+    y = (values[rows] - values[ends][:, None]) * inside
+    powers = [inside, inside * x]
+    for _ in range(3):
+        powers.append(powers[-1] * x)
+    s0, s1, s2, s3, s4 = (np.sum(power, axis=1) for power in powers)
+    v0, v1, v2 = np.sum(y, axis=1), np.sum(y * x, axis=1), np.sum(y * powers[2], axis=1)
+    # slope at x = 0 by Cramer's rule
+    minors = (s1 * s4 - s2 * s3, s0 * s4 - s2 * s2, s0 * s3 - s1 * s2)
+    determinant = s0 * (s2 * s4 - s3 * s3) - s1 * (s1 * s4 - s2 * s3) + s2 * (s1 * s3 - s2 * s2)
+    started = (s0 >= LEAST_SAMPLES) & (x[:, -1] <= -0.5) & (determinant > 0.0)
+    slope = (-minors[0] * v0 + minors[1] * v1 - minors[2] * v2) / np.where(
+        started, determinant, 1.0
+    )
+    return np.asarray(np.where(started, slope, 0.0) / window_s, dtype=np.float64)
+
+
+def drivers(time: Array, case: Array, env: Array, window_s: float = WINDOW_S) -> Drivers:
+    """Drivers [n] of a log: case temperature and its gradient to the chamber air, with their rates.
+
+    Raises FitError when the log is sampled too slowly for the window: its rates would all be 0.
+    """
+    step = float(np.median(np.diff(time))) if time.size > 1 else 0.0
+    if step * (LEAST_SAMPLES - 1) > window_s * (1.0 + 1e-9):
+        raise FitError(
+            f"sampled every {step:g} s, the rates of the level model are taken over {window_s:g} s",
+            hint=(
+                f"use a log that is sampled at least every {window_s / (LEAST_SAMPLES - 1):g} s, or"
+                " a longer window"
+            ),
+        )
+    gradient = case - env
+    return Drivers(
+        case, end_slope(time, case, window_s), gradient, end_slope(time, gradient, window_s)
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Basis:
+    """The logs of a level fit: their drivers, scaled design [n, 9] and robust weights [n]."""
+
+    stacked: Stack
+    window_s: float
+    drivers: Drivers
+    scales: Scales
+    design: Array
+    trust: Array
+
+
+def window_for(stacked: Stack) -> float:
+    """Trailing window [s] for logs: WINDOW_S, or twice what the rates need where blocks are
+    long.
+    """
+    step = max(float(np.median(np.diff(log.time))) for log in stacked.logs)
+    return max(WINDOW_S, 2.0 * (LEAST_SAMPLES - 1) * round(step, 3))
+
+
+def basis(stacked: Stack, window_s: float | None = None) -> Basis:
+    """Basis of a level fit with rates over a trailing window [s]; the rows' weights are those of
+    all terms together.
+    """
+    window_s = window_for(stacked) if window_s is None else window_s
+    found = joined([drivers(log.time, log.case, log.env, window_s) for log in stacked.logs])
+    scales = scales_of(valid_of(found))
+    design = scaled_design(found, scales)
+    return Basis(stacked, window_s, found, scales, design, pooled_fit.trust(design[:, 1:], stacked))
+
+
+def solve(prepared: Basis, terms: Sequence[str]) -> Solution:
+    """Solve a level model; raises FitError for terms that the logs cannot determine."""
+    chosen = chosen_columns(terms)[1:]
+    design = prepared.design[:, chosen]
+    names = tuple(TERMS[k] for k in chosen)
+    weights = pooled_fit.balanced_weights(design, prepared.trust, prepared.stacked, names)
+    return Solution(
+        form="level",
+        terms=("b0", *names),
+        scales=prepared.scales,
+        drivers=prepared.drivers,
+        columns=design,
+        sensitivities=np.zeros((design.shape[0], 0)),
+        coefficients=pooled_fit.coefficients(design, weights, prepared.stacked, names),
+        log_lags=np.zeros(0),
+        free=np.zeros(0, dtype=bool),
+        trust=prepared.trust,
+        weights=weights,
+        window_s=prepared.window_s,
+    )
+
+
+def fit(
+    logs: Sequence[ThermalLog], terms: Sequence[str] = TERMS, *, window_s: float | None = None
+) -> ThermalModel:
+    """Fit the level model to all logs at once.
+
+    Parameters
+    ----------
+    logs : block means of each log; every log has its own turn-on bias.
+    terms : names out of TERMS, b0 among them.
+    window_s : trailing window of the rates [s], which the model carries with it; by default 90 s,
+        longer for long blocks.
+
+    Raises
+    ------
+    FitError : no log, a ramp too short, or terms that the logs cannot determine.
+
+    """
+    stacked = pooled_fit.stack(logs)
+    return pooled_fit.finished(solve(basis(stacked, window_s), terms), stacked)

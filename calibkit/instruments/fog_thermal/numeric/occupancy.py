@@ -1,0 +1,152 @@
+"""Block means that a spike cannot move, and weights that keep the temperatures a log dwells at from
+ruling the fit.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.numeric import spans
+from calibkit.numeric.least_squares.robust import MAD_TO_SIGMA
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.numeric.intervals import Intervals
+
+    Array = NDArray[np.float64]
+    Rows = NDArray[np.int64]
+
+SPIKE = 5.0
+"""Deviation from its interval's median, in standard deviations, above which a sample is a spike: 6
+of 10 million normal ones.
+"""
+BIN_DEGC = 2.5
+"""Width of the temperature bins that occupancy is counted in: a model's misfit does not change
+within it.
+"""
+
+
+def spikes(indication: Array, held: Intervals) -> Rows:
+    """Samples [k] of an indication [n] that stand out of their model interval.
+
+    A sample is compared with its interval's median. The standard deviation is that of the whole
+    log's deviations, by their median absolute value, or the interval's own where that is larger:
+    where the indication truly moves within an interval, nothing is a spike. Where most samples are
+    alike (counts of a quiet gyro) the smallest step stands in for it. Of two samples in an interval
+    neither stands out.
+    """
+    own, middles, largest = (np.empty(held.first.size) for _ in range(3))
+    every = max(1, held.rows // spans.SAMPLE)
+    sample: list[Array] = []
+    for among, rows in held.groups():
+        first = held.first[among] - rows.start
+        middles[among] = _medians(indication[rows], first)
+        away = _deviation(indication[rows], middles[among], held.count[among])
+        own[among], largest[among] = _medians(away, first), np.maximum.reduceat(away, first)
+        sample.append(away[away.size % every // 2 :: every].copy())
+        spans.release(indication)
+
+    def deviations() -> Iterator[Array]:
+        for among, rows in held.groups():
+            yield _deviation(indication[rows], middles[among], held.count[among])
+            spans.release(indication)
+
+    bracket = spans.likely(np.concatenate(sample)) if held.rows > spans.KEPT else None
+    whole = spans.middle(deviations, held.rows, bracket)
+    if whole == 0.0:
+        whole = min(
+            (float(part[part > 0.0].min()) for part in deviations() if part.any()), default=0.0
+        )
+    limit = SPIKE * MAD_TO_SIGMA * np.maximum(own, whole)
+    found = [np.zeros(0, dtype=np.int64)]
+    for k in np.flatnonzero(largest > limit).tolist():
+        start = int(held.first[k])
+        part = indication[start : start + int(held.count[k])]
+        found.append(np.flatnonzero(np.abs(part - middles[k]) > limit[k]) + start)
+    return np.concatenate(found)
+
+
+def _deviation(values: Array, middles: Array, count: Rows) -> Array:
+    """Absolute deviations of values [n] from the medians [m] of their intervals of `count` [m]
+    samples.
+    """
+    away = np.repeat(middles, count)
+    np.subtract(values, away, out=away)
+    return np.abs(away, out=away)
+
+
+def _medians(values: Array, first: Rows) -> Array:
+    """Median of each interval [m], which start at `first`, from values [n]; those of one size are
+    partitioned together.
+    """
+    count = np.diff(np.append(first, values.size))
+    out = np.empty(first.size)
+    for size in np.unique(count).tolist():
+        same = np.flatnonzero(count == size)
+        begin = int(first[same[0]])
+        if int(first[same[-1]]) == begin + (same.size - 1) * size and (np.diff(same) == 1).all():
+            together = values[begin : begin + same.size * size].reshape(same.size, size)
+        else:
+            together = values[first[same, None] + np.arange(size)]
+        out[same] = spans.medians(together)
+    return out
+
+
+def means(values: Array, held: Intervals, *, without: Rows) -> Array:
+    """Means [m] of values [n] over the model intervals without some samples [k], but where that
+    would leave none.
+    """
+    found = held.means(values)
+    hit, at = np.unique(np.searchsorted(held.first, without, side="right") - 1, return_index=True)
+    ends = np.append(at, without.size)
+    for k, interval in enumerate(hit.tolist()):
+        first, count = int(held.first[interval]), int(held.count[interval])
+        kept = np.ones(count, dtype=np.bool_)
+        kept[without[ends[k] : ends[k + 1]] - first] = False
+        if kept.any():
+            found[interval] = np.mean(values[first : first + count][kept])
+    return found
+
+
+def counts(temperature: Array, width: float = BIN_DEGC) -> Array:
+    """How many of the temperatures [n, °C] lie in each one's own bin of that width: [n]."""
+    _, number, count = np.unique(
+        np.floor(temperature / width), return_inverse=True, return_counts=True
+    )
+    return np.asarray(count[number], dtype=np.float64)
+
+
+def weights(count: Array, noise: float, misfit: float) -> Array:
+    """Weights [n] of blocks whose temperature is occupied by count [n] blocks, 1 on average.
+
+    The mean over a bin has variance noise²/count from noise and misfit² from the model, which does
+    not average: a bin is worth count/(noise² + count misfit²) in all, each of its blocks 1/(noise²
+    + count misfit²). Without misfit all blocks count alike; without noise all temperatures do,
+    however long they were dwelt at.
+    """
+    largest = max(noise, misfit)
+    if largest == 0.0:
+        return np.ones_like(count)
+    raw = 1.0 / ((noise / largest) ** 2 + count * (misfit / largest) ** 2)
+    return np.asarray(raw / np.mean(raw), dtype=np.float64)
+
+
+def misfit(residuals: Array, trust: Array, lags: Sequence[int]) -> float:
+    """Misfit [°/h] of a model along one log: root of the mean product of residuals [n] that are
+    some blocks apart.
+
+    White noise drops out of such products; what lasts for longer than the lags does not. `trust`
+    [n] weighs the rows, and the mean is 0 where it comes out negative.
+    """
+    products, shares = 0.0, 0.0
+    weighted = residuals * trust
+    for lag in lags:
+        if lag < residuals.size:
+            products += float(weighted[lag:] @ weighted[:-lag])
+            shares += float(trust[lag:] @ trust[:-lag])
+    return float(np.sqrt(max(products, 0.0) / shares)) if shares > 0.0 else 0.0

@@ -1,0 +1,435 @@
+"""Many logs in one fit of drift on levels: each log its own turn-on bias, spikes without a say,
+every temperature its share.
+
+The fit works on moments of the scaled columns, one matrix a ramp. Sums of them give the fit to any
+choice of ramps at the cost of a small linear system, which is what leaving out each ramp in turn,
+and fitting lags, ask for again and again.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from itertools import pairwise
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
+from calibkit.instruments.fog_thermal.numeric import occupancy
+from calibkit.instruments.fog_thermal.numeric.terms import (
+    TERMS,
+    ThermalModel,
+    chosen_columns,
+    to_raw,
+    valid_of,
+)
+from calibkit.numeric import intervals
+from calibkit.numeric.least_squares import fit
+from calibkit.numeric.least_squares.robust import HUBER, MAD_TO_SIGMA, TUKEY
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.fog_thermal.numeric.terms import Drivers, Scales
+    from calibkit.numeric.intervals import Intervals
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.int64]
+    Mask = NDArray[np.bool_]
+
+NEIGHBOURS = 7
+"""Blocks whose median residual a block is compared with: a misfit that lasts longer is the model's,
+not a spike's.
+"""
+ITERATIONS = 30
+SETTLED = 1e-3
+"""Largest change of a robust weight that ends the iteration."""
+LASTING_S = (60.0, 300.0)
+"""Times apart at which residuals are compared for what lasts."""
+LASTING_LAGS = 25
+DEPENDENT = 1e-10
+"""Eigenvalue of the columns' correlation matrix, of which the mean is one, below which they are
+dependent.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class ThermalLog:
+    """Block means of one log: time [s], case and chamber temperature [°C], indication [°/h], ramp
+    each block belongs to.
+
+    `part` [n] counts the log's ramps upwards from 0; a soak belongs to the ramp before it.
+    """
+
+    name: str
+    time: Array
+    case: Array
+    env: Array
+    indication: Array
+    part: Index
+
+
+def thermal_log(
+    name: str,
+    time: Array,
+    case: Array,
+    env: Array,
+    indication: Array,
+    interval_s: float,
+    begins: Sequence[int] = (),
+) -> ThermalLog:
+    """Block means of a log [n] at the model interval [s], as `thermal_blocks`; raises FitError as
+    `intervals.of`.
+    """
+    held = intervals.of(time, interval_s)
+    middle, t_case, t_env = (held.means(values) for values in (time, case, env))
+    return thermal_blocks(name, held, middle, t_case, t_env, indication, begins)
+
+
+def thermal_blocks(
+    name: str,
+    held: Intervals,
+    time: Array,
+    case: Array,
+    env: Array,
+    indication: Array,
+    begins: Sequence[int] = (),
+) -> ThermalLog:
+    """Block means of a log: those [m] of time, case and chamber over the intervals that hold
+    samples, those of an indication [n].
+
+    Spikes of the indication are left out. `begins` are the first samples of the ramps after the
+    log's first.
+    """
+    rate = occupancy.means(indication, held, without=occupancy.spikes(indication, held))
+    ramp = np.searchsorted(np.asarray(begins, dtype=np.int64), held.first, side="right")
+    return ThermalLog(name, time, case, env, rate, ramp.astype(np.int64))
+
+
+@dataclass(frozen=True, slots=True)
+class Stack:
+    """Several logs one after the other: indication [n, °/h], and which rows make up which ramp of
+    which log.
+    """
+
+    logs: tuple[ThermalLog, ...]
+    indication: Array
+    ramps: tuple[slice, ...]
+    ramp_log: Index
+    ramp_names: tuple[str, ...]
+
+    @property
+    def log_rows(self) -> list[slice]:
+        """Rows of each log."""
+        ends = np.cumsum([log.time.size for log in self.logs])
+        return [
+            slice(int(end) - log.time.size, int(end))
+            for end, log in zip(ends, self.logs, strict=True)
+        ]
+
+
+def stack(logs: Sequence[ThermalLog]) -> Stack:
+    """Put logs one after the other; raises FitError for no log, a value that is not finite, a ramp
+    of less than ten blocks.
+    """
+    if not logs:
+        raise FitError("no log to fit", hint="check the file names in [logs]")
+    for log in logs:
+        if not all(
+            np.isfinite(values).all() for values in (log.time, log.case, log.env, log.indication)
+        ):
+            raise FitError(
+                f"{log.name}: a value that is not finite reached the fit",
+                hint="exclude the rows that hold it",
+            )
+    ramps, owners, names = [], [], []
+    row = 0
+    for number, log in enumerate(logs):
+        edges = [0, *(np.flatnonzero(np.diff(log.part)) + 1).tolist(), log.part.size]
+        for k, (start, stop) in enumerate(pairwise(edges), start=1):
+            if stop - start < 10:
+                raise FitError(
+                    f"{log.name}: a ramp of {stop - start} blocks",
+                    hint="shorten the model interval",
+                )
+            ramps.append(slice(row + start, row + stop))
+            owners.append(number)
+            names.append(log.name if len(edges) == 2 else f"{log.name}:{k}")
+        row += log.part.size
+    indication = np.concatenate([log.indication for log in logs])
+    return Stack(
+        tuple(logs), indication, tuple(ramps), np.array(owners, dtype=np.int64), tuple(names)
+    )
+
+
+def moments(columns: Array, weights: Array, stacked: Stack) -> Array:
+    """Moment matrices [ramps, k + 2, k + 2] of (1, columns [n, k], indication), weighted, one a
+    ramp.
+    """
+    whole = np.empty((columns.shape[0], columns.shape[1] + 2))
+    whole[:, 0], whole[:, 1:-1], whole[:, -1] = 1.0, columns, stacked.indication
+    weighted = whole * weights[:, None]
+    return np.stack([weighted[rows].T @ whole[rows] for rows in stacked.ramps])
+
+
+def pooled(moment: Array, stacked: Stack, kept: Mask) -> Array:
+    """Moment matrix [k + 1, k + 1] of the kept ramps [ramps], a free offset of each log
+    eliminated.
+    """
+    _, first = np.unique(stacked.ramp_log[kept], return_index=True)
+    log = np.add.reduceat(moment[kept], first, axis=0)
+    away = log[:, 0, 1:] / np.sqrt(log[:, :1, 0])
+    return np.asarray(log[:, 1:, 1:].sum(axis=0) - away.T @ away, dtype=np.float64)
+
+
+def solved(matrix: Array) -> tuple[Array, float] | None:
+    """Coefficients [k] and weighted square sum of the residuals of a moment matrix [k + 1, k + 1];
+    None where dependent.
+    """
+    left, right = matrix[:-1, :-1], matrix[:-1, -1]
+    square = np.diag(left)
+    if not np.all(square > 0.0):
+        return None
+    length = np.sqrt(square)
+    correlation = left / np.outer(length, length)
+    if length.size and np.linalg.eigvalsh(correlation)[0] < DEPENDENT:
+        return None
+    found = np.linalg.solve(correlation, right / length) / length
+    rest = matrix[-1, -1] - 2.0 * found @ right + found @ left @ found
+    return found, max(float(rest), 0.0)
+
+
+def offsets(columns: Array, coefficients: Array, weights: Array, stacked: Stack) -> Array:
+    """Weighted mean residual [logs] of each log: b0 with its turn-on bias."""
+    residual = stacked.indication - columns @ coefficients
+    return np.array(
+        [float(np.average(residual[rows], weights=weights[rows])) for rows in stacked.log_rows],
+        dtype=np.float64,
+    )
+
+
+def residuals(columns: Array, coefficients: Array, weights: Array, stacked: Stack) -> Array:
+    """Residuals [n, °/h] with each log's own offset removed."""
+    level = offsets(columns, coefficients, weights, stacked)
+    sizes = [log.time.size for log in stacked.logs]
+    return np.asarray(
+        stacked.indication - columns @ coefficients - np.repeat(level, sizes), dtype=np.float64
+    )
+
+
+def isolated(residual: Array, stacked: Stack) -> Array:
+    """Residuals [n] less the median of their neighbourhood in the same log: what no smooth misfit
+    explains.
+    """
+    apart = np.empty_like(residual)
+    half = NEIGHBOURS // 2
+    for rows in stacked.log_rows:
+        padded = np.pad(residual[rows], half, mode="reflect")
+        around = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
+        apart[rows] = residual[rows] - np.median(around, axis=1)
+    return apart
+
+
+def noise_of(apart: Array) -> float:
+    """Standard deviation [°/h] of a block's noise from isolated residuals [n], by their median
+    absolute value.
+    """
+    return MAD_TO_SIGMA * float(np.median(np.abs(apart)))
+
+
+def loss_weights(apart: Array, *, biweight: bool) -> Array:
+    """Weights [n] of Huber's loss, or of Tukey's, for isolated residuals [n] over their scale."""
+    scale = noise_of(apart)
+    ratio = np.abs(apart) / (scale if scale > 0.0 else 1.0)
+    if biweight:
+        return np.asarray((1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2, dtype=np.float64)
+    return np.asarray(HUBER / np.maximum(ratio, HUBER), dtype=np.float64)
+
+
+def coefficients(
+    columns: Array, weights: Array, stacked: Stack, names: Sequence[str], kept: Mask | None = None
+) -> Array:
+    """Coefficients [k] of a weighted fit to the kept ramps (all when absent), each log with its own
+    offset.
+
+    Raises FitError naming the terms that the logs cannot determine.
+    """
+    everything = np.ones(len(stacked.ramps), dtype=bool) if kept is None else kept
+    found = solved(pooled(moments(columns, weights, stacked), stacked, everything))
+    if found is not None:
+        return found[0]
+    whole = columns.copy()
+    for rows in stacked.log_rows:
+        whole[rows] -= np.average(whole[rows], axis=0, weights=weights[rows])
+    loose = fit.undetermined(whole * np.sqrt(weights)[:, None], names) or list(names)
+    raise FitError(
+        f"the logs cannot determine {', '.join(loose)}",
+        hint="vary temperature, rate and gradient, or drop these terms",
+    )
+
+
+def trust(columns: Array, stacked: Stack) -> Array:
+    """Tukey's weights [n] of the rows of a fit to these columns, started from Huber's.
+
+    The loss acts on isolated residuals: where a model misses a transient for minutes no row loses
+    its say, and columns that the logs cannot tell apart do not matter.
+    """
+    weights = np.ones(stacked.indication.size)
+    for biweight in (False, True):
+        for _ in range(ITERATIONS):
+            apart = isolated(_projected_out(columns, weights, stacked), stacked)
+            moved, weights = weights, loss_weights(apart, biweight=biweight)
+            if float(np.max(np.abs(moved - weights))) < SETTLED:
+                break
+    return weights
+
+
+def _lasting(log: ThermalLog) -> list[int]:
+    """Numbers of blocks that are LASTING_S apart, at most LASTING_LAGS of them."""
+    step = float(np.median(np.diff(log.time)))
+    first, last = (max(round(apart / step), 1) for apart in LASTING_S)
+    return list(range(first, last + 1, max((last - first) // (LASTING_LAGS - 1), 1)))
+
+
+def _projected_out(columns: Array, weights: Array, stacked: Stack) -> Array:
+    """Residuals [n] of a weighted fit of whatever the columns determine, each log with its own
+    offset.
+    """
+    matrix = pooled(
+        moments(columns, weights, stacked), stacked, np.ones(len(stacked.ramps), dtype=bool)
+    )
+    length = np.sqrt(np.clip(np.diag(matrix)[:-1], 0.0, None))
+    length = np.where(length > 0.0, length, 1.0)
+    correlation = matrix[:-1, :-1] / np.outer(length, length)
+    found = (
+        np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
+        @ (matrix[:-1, -1] / length)
+        / length
+    )
+    return residuals(columns, found, weights, stacked)
+
+
+def balanced_weights(columns: Array, trust: Array, stacked: Stack, names: Sequence[str]) -> Array:
+    """Weights [n] of the rows: trust in each (robust weights [n]), shared out over the temperatures
+    by their occupancy.
+    """
+    residual = residuals(columns, coefficients(columns, trust, stacked, names), trust, stacked)
+    noise = noise_of(isolated(residual, stacked))
+    lasting = [
+        occupancy.misfit(residual[rows], trust[rows], _lasting(log))
+        for rows, log in zip(stacked.log_rows, stacked.logs, strict=True)
+    ]
+    case = np.concatenate([log.case for log in stacked.logs])
+    return trust * occupancy.weights(
+        occupancy.counts(case), noise, float(np.sqrt(np.mean(np.square(lasting))))
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """A solved model in the scaled basis: what it is made of, and where its minimum is."""
+
+    form: Literal["level", "lagged"]
+    terms: tuple[str, ...]
+    scales: Scales
+    drivers: Drivers
+    columns: Array
+    """[n, k], the scaled terms without b0."""
+    sensitivities: Array
+    """[n, m], change of the drift for a change of the logarithm of each lag that is free."""
+    coefficients: Array
+    """[k]."""
+    log_lags: Array
+    """Logarithms of the lags [s]; none of a level model."""
+    free: Mask
+    """[lags], whether a lag was fitted and is not on its bound."""
+    trust: Array
+    """[n], robust weights."""
+    weights: Array
+    """[n], with the occupancy of the temperatures."""
+    window_s: float
+
+
+def finished(solution: Solution, stacked: Stack) -> ThermalModel:
+    """Drift model of a solution, in raw units, with a covariance for noise that is as long as the
+    logs.
+
+    Raises FitError naming the terms that the logs cannot determine.
+    """
+    chosen = chosen_columns(solution.terms)[1:]
+    exact = _exact(solution, stacked)
+    design = np.column_stack([solution.columns, solution.sensitivities])
+    residual = residuals(solution.columns, exact, solution.weights, stacked)
+    groups = [
+        thermal_noise.grouped(design[r], residual[r], solution.weights[r]) for r in stacked.log_rows
+    ]
+    noise = thermal_noise.estimated(groups)
+    level = offsets(solution.columns, exact, solution.weights, stacked)
+    matrix = _to_raw_and_lags(solution, len(stacked.logs), chosen)
+    found = thermal_noise.covariance(groups, noise)
+    covariance = matrix @ found @ matrix.T
+    covariance[0, 0] += _turn_on_variance(level, found)
+    lags = np.exp(solution.log_lags)
+    scaled = np.concatenate([[level.mean()], np.zeros(8)])
+    scaled[chosen] = exact
+    used = solution.trust > 0.0
+    return ThermalModel(
+        form=solution.form,
+        terms=solution.terms,
+        coefficients=to_raw(solution.scales) @ scaled,
+        lags=tuple(lags.tolist()),
+        covariance=covariance,
+        window_s=solution.window_s,
+        valid=valid_of(solution.drivers),
+        turn_on=level - level.mean(),
+        dof=int(used.sum()) - chosen.size - int(solution.free.sum()) - len(stacked.logs),
+        residual_rms=float(np.sqrt(np.average(residual**2, weights=solution.trust))),
+        noise=noise,
+        model_error=0.0,
+        model_error_dof=float("inf"),
+        entangled=(),
+        flags=(),
+    )
+
+
+def _exact(solution: Solution, stacked: Stack) -> Array:
+    """Coefficients [k] by orthogonal factorisation of the columns less their weighted means in each
+    log.
+    """
+    whole = np.column_stack([solution.columns, stacked.indication])
+    for rows in stacked.log_rows:
+        whole[rows] -= np.average(whole[rows], axis=0, weights=solution.weights[rows])
+    names = tuple(term for term in TERMS if term in solution.terms)[1:]
+    return fit.linear(
+        whole[:, :-1], whole[:, -1], weights=solution.weights, names=names
+    ).coefficients
+
+
+def _to_raw_and_lags(solution: Solution, logs: int, chosen: Index) -> Array:
+    """Matrix [9 + lags, logs + k + free lags] from offsets, scaled coefficients and free log lags
+    to raw units and seconds.
+    """
+    k, lags = chosen.size, solution.log_lags.size
+    scaled = np.zeros((9 + lags, logs + k + int(solution.free.sum())))
+    scaled[0, :logs] = 1.0 / logs
+    scaled[chosen, logs + np.arange(k)] = 1.0
+    free = np.flatnonzero(solution.free)
+    scaled[9 + free, logs + k + np.arange(free.size)] = np.exp(solution.log_lags[free])
+    raw = np.eye(9 + lags)
+    raw[:9, :9] = to_raw(solution.scales)
+    # a term that was not fitted stays out of the others' raw values: its column is zero already
+    return np.asarray(raw @ scaled, dtype=np.float64)
+
+
+def _turn_on_variance(level: Array, covariance: Array) -> float:
+    """Variance [(°/h)²] of the mean turn-on bias of the logs: what their offsets scatter beyond
+    their own uncertainty.
+    """
+    count = level.size
+    if count < 2:
+        return 0.0
+    own = float(np.mean(np.diag(covariance)[:count]) - np.mean(covariance[:count, :count]))
+    return max(float(np.var(level, ddof=1)) - own, 0.0) / count

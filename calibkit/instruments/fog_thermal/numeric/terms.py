@@ -1,0 +1,242 @@
+"""Terms of the thermal drift models on levels, their scaled basis, and the ranges they may be
+evaluated in.
+
+    ω = b0 + b1 T + b2 T² + b3 T³ + s_rate Ṫ + s_grad G + s_grad2 G² + s_temp_rate T Ṫ + s_grad_rate
+    Ġ
+
+is the environmental model of IEEE Std 952 (D_T ΔT + D_Ṫ dT/dt + D_∇T d∇T/dt) with the static part
+to third order and the products that a coil's conduction and Shupe effect bring. What T and G stand
+for is the matter of `level` and `lagged`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.numeric.least_squares import fit
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.fog_thermal.numeric.noise import Noise
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+    Span = tuple[float, float]
+
+TERMS = ("b0", "b1", "b2", "b3", "s_rate", "s_grad", "s_grad2", "s_temp_rate", "s_grad_rate")
+UNITS = (
+    "deg/h",
+    "deg/h/degC",
+    "deg/h/degC^2",
+    "deg/h/degC^3",
+    "deg/h/(degC/min)",
+    "deg/h/K",
+    "deg/h/K^2",
+    "deg/h/degC/(degC/min)",
+    "deg/h/(K/min)",
+)
+NEEDS = {"b2": "b1", "b3": "b2", "s_grad2": "s_grad", "s_temp_rate": "s_rate"}
+"""A term that is only meaningful beside another: without it the model would depend on where a scale
+has its zero.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Drivers:
+    """What drift is a function of, each [n]: temperature [°C], its rate [°C/min], gradient [K], its
+    rate [K/min].
+    """
+
+    temperature: Array
+    rate: Array
+    gradient: Array
+    gradient_rate: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Valid:
+    """Fitted ranges of the drivers: temperature [°C], its rate [°C/min], gradient [K], its rate
+    [K/min].
+    """
+
+    temperature: Span
+    rate: Span
+    gradient: Span
+    gradient_rate: Span
+
+
+@dataclass(frozen=True, slots=True)
+class Clamped:
+    """Drivers inside the fitted ranges, and where [n] they had to be brought there."""
+
+    drivers: Drivers
+    temperature: Mask
+    rate: Mask
+    gradient: Mask
+
+
+def chosen_columns(terms: Sequence[str]) -> NDArray[np.int64]:
+    """Columns of the design that a term set uses; raises FitError for a set that is not one."""
+    for term in terms:
+        if term not in TERMS:
+            raise FitError(
+                f"{term!r} is not a drift term", hint=f"the terms are {', '.join(TERMS)}"
+            )
+        if term in NEEDS and NEEDS[term] not in terms:
+            raise FitError(f"drift term {term} without {NEEDS[term]}", hint="add the lower term")
+    if "b0" not in terms:
+        raise FitError("a drift model without b0", hint="the mean rate is always a term")
+    return np.array([k for k, term in enumerate(TERMS) if term in terms], dtype=np.int64)
+
+
+def joined(parts: Sequence[Drivers]) -> Drivers:
+    """Drivers of several logs, one after the other."""
+    return Drivers(
+        np.concatenate([part.temperature for part in parts]),
+        np.concatenate([part.rate for part in parts]),
+        np.concatenate([part.gradient for part in parts]),
+        np.concatenate([part.gradient_rate for part in parts]),
+    )
+
+
+def valid_of(drivers: Drivers) -> Valid:
+    """Ranges that the drivers cover."""
+
+    def span(values: Array) -> Span:
+        return float(values.min()), float(values.max())
+
+    return Valid(
+        span(drivers.temperature),
+        span(drivers.rate),
+        span(drivers.gradient),
+        span(drivers.gradient_rate),
+    )
+
+
+def clamped(drivers: Drivers, valid: Valid, terms: Sequence[str]) -> Clamped:
+    """Bring the drivers that the terms use into the fitted ranges; the rate of the gradient counts
+    as a rate.
+    """
+    rated = {"s_rate", "s_temp_rate"} & set(terms)
+    T, _ = _inside(drivers.temperature, valid.temperature, used=len(terms) > 1)
+    r, rate = _inside(drivers.rate, valid.rate, used=bool(rated))
+    g, gradient = _inside(drivers.gradient, valid.gradient, used="s_grad" in terms)
+    q, second = _inside(drivers.gradient_rate, valid.gradient_rate, used="s_grad_rate" in terms)
+    return Clamped(Drivers(T, r, g, q), drivers.temperature != T, rate | second, gradient)
+
+
+def _inside(values: Array, span: Span, *, used: bool) -> tuple[Array, Mask]:
+    """Values [n] inside a range and where they were not; as they are where no term uses them."""
+    inside = np.clip(values, *span) if used else values
+    return inside, np.asarray(inside != values)
+
+
+def raw_design(drivers: Drivers) -> Array:
+    """Design [n, 9] in raw units, one column a term."""
+    T, r = drivers.temperature, drivers.rate
+    design = np.empty((T.size, 9))
+    design[:, 0] = 1.0
+    design[:, 1], design[:, 4] = T, r
+    np.multiply(T, T, out=design[:, 2])
+    np.multiply(design[:, 2], T, out=design[:, 3])
+    design[:, 5] = drivers.gradient
+    np.multiply(drivers.gradient, drivers.gradient, out=design[:, 6])
+    np.multiply(T, r, out=design[:, 7])
+    design[:, 8] = drivers.gradient_rate
+    return design
+
+
+@dataclass(frozen=True, slots=True)
+class Scales:
+    """Maps of the drivers to about [−1, 1]: u = (T − middle)/half, the others over their largest
+    magnitude.
+    """
+
+    middle: float
+    half: float
+    rate: float
+    gradient: float
+    gradient_rate: float
+
+
+def scales_of(valid: Valid) -> Scales:
+    """Scales of the ranges that drivers cover; a driver that is always zero keeps its unit."""
+    low, high = valid.temperature
+    largest = [
+        max(abs(a), abs(b)) or 1.0 for a, b in (valid.rate, valid.gradient, valid.gradient_rate)
+    ]
+    return Scales((low + high) / 2.0, (high - low) / 2.0 or 1.0, *largest)
+
+
+def scaled_design(drivers: Drivers, scales: Scales) -> Array:
+    """Design [n, 9] on scaled drivers: the same terms, well conditioned."""
+    return raw_design(
+        Drivers(
+            (drivers.temperature - scales.middle) / scales.half,
+            drivers.rate / scales.rate,
+            drivers.gradient / scales.gradient,
+            drivers.gradient_rate / scales.gradient_rate,
+        )
+    )
+
+
+def to_raw(scales: Scales) -> Array:
+    """Matrix [9, 9] from coefficients of the scaled design to those in raw units."""
+    matrix = np.zeros((9, 9))
+    matrix[:4, :4] = fit.raw_powers(scales.middle, scales.half, 3)
+    product = scales.half * scales.rate
+    matrix[4, 4], matrix[4, 7] = 1.0 / scales.rate, -scales.middle / product
+    matrix[5, 5], matrix[6, 6] = 1.0 / scales.gradient, 1.0 / scales.gradient**2
+    matrix[7, 7], matrix[8, 8] = 1.0 / product, 1.0 / scales.gradient_rate
+    return matrix
+
+
+@dataclass(frozen=True, slots=True)
+class ThermalModel:
+    """A finished drift model on levels, of either form."""
+
+    form: Literal["level", "lagged"]
+    terms: tuple[str, ...]
+    """The terms that were fitted; the others are 0."""
+    coefficients: Array
+    """[9], in the order and units of TERMS and UNITS."""
+    lags: tuple[float, ...]
+    """tau_outer and, unless the coil is one mass, tau_inner [s]; none of a level model."""
+    covariance: Array
+    """[9 + lags, 9 + lags], type A, of the coefficients and the lags; zero for terms that were not
+    fitted.
+    """
+    window_s: float
+    """Trailing window of the rates of a level model [s]; 0 of a lagged one."""
+    valid: Valid
+    turn_on: Array
+    """Bias [°/h] of each log against b0."""
+    dof: int
+    residual_rms: float
+    """Of the block means [°/h], spikes left out."""
+    noise: Noise
+    """White noise of a block and flicker (model misfit included) that the uncertainties stand on.
+    """
+    model_error: float
+    """What lasts in ramps that were left out of the fit [°/h], beyond type A and noise; 0 where
+    none was.
+    """
+    model_error_dof: float
+    """Degrees of freedom of the model error: ramps that were left out, less one."""
+    entangled: tuple[str, ...]
+    """Coefficients and lags whose uncertainties hold together, through the covariance, but not one
+    by one.
+    """
+    flags: tuple[str, ...]
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Type A standard uncertainties [9 + lags] of coefficients and lags."""
+        return np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))

@@ -1,0 +1,211 @@
+"""What the compensated rate is uncertain by: coefficients, model error on ramps not seen, clamping;
+and the hysteresis left.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.fog_thermal.numeric import evaluate
+from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
+from calibkit.numeric import gum
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.fog_thermal.numeric.evaluate import Evaluation
+    from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
+
+    Array = NDArray[np.float64]
+
+NEIGHBOURING = (1, 2, 3)
+"""How many means apart left-out errors are compared: 100 to 300 s."""
+POSTERIOR_REACH = 6.0
+"""Standard errors beyond which nothing of the model error's posterior is left."""
+POSTERIOR_LEVELS = 2001
+MOVING_DEGC_MIN = 0.3
+"""Temperature rate [°C/min] above which a block counts as heating, below minus which as cooling."""
+HYSTERESIS_BIN_DEGC = 5.0
+LEAST_BLOCKS = 5
+"""Blocks on each side that a bin of the hysteresis needs."""
+
+
+def model_error(errors: Sequence[Array], explained: float = 0.0) -> float:
+    """Model error [°/h] from errors of left-out ramps [m, °/h each]: what lasts in them beyond
+    `explained` [(°/h)²].
+
+    White noise drops out of products of neighbouring errors; what a model misses on a ramp that it
+    has not seen lasts, and stays. So do flicker noise and the uncertainty of the coefficients,
+    whose mean product `explained` takes off: they are stated apart. The mean product has a standard
+    error, from the scatter of the ramps, so that what is left of it may come out small, or
+    negative, by chance: the model error is the root mean square over its posterior for a flat
+    prior.
+    """
+    products, counts = _products(errors)
+    if counts.sum() == 0:
+        return 0.0
+    mean = float(products.sum() / counts.sum())
+    scatter = float(np.sum((products - mean * counts) ** 2)) * counts.size / max(counts.size - 1, 1)
+    error = float(np.sqrt(scatter)) / float(counts.sum())
+    excess = mean - explained
+    if error == 0.0:
+        return float(np.sqrt(max(excess, 0.0)))
+    levels = np.linspace(0.0, np.sqrt(max(excess, 0.0) + POSTERIOR_REACH * error), POSTERIOR_LEVELS)
+    log_share = -0.5 * ((levels**2 - excess) / error) ** 2
+    share = np.exp(log_share - log_share.max())
+    return float(np.sqrt(share @ levels**2 / share.sum()))
+
+
+def _products(errors: Sequence[Array]) -> tuple[Array, Array]:
+    """Sum of the products of neighbouring errors of each ramp [r], and how many they are [r]."""
+    sums = [sum(float(e[k:] @ e[: e.size - k]) for k in NEIGHBOURING if k < e.size) for e in errors]
+    return np.array(sums), np.array(
+        [sum(max(e.size - k, 0) for k in NEIGHBOURING) for e in errors], dtype=np.float64
+    )
+
+
+def explained(model: ThermalModel, logs: Sequence[ThermalLog], group: int) -> float:
+    """Mean product [(°/h)²] of neighbouring errors, means over a group of blocks, that type A and
+    flicker noise make.
+
+    Each ramp is taken about its own mean, as left-out errors are.
+    """
+    longest = max(log.time.size for log in logs) // group
+    flicker = model.noise.flicker**2 * thermal_noise.flicker_kernel(max(longest, 1))
+    total, count = 0.0, 0
+    for log in logs:
+        sensitivity = evaluate.evaluate(model, log.time, log.case, log.env).sensitivities
+        for part in np.unique(log.part):
+            rows = np.flatnonzero(log.part == part)
+            whole, first = rows.size // group, int(rows[0]) // group
+            s = sensitivity[rows[: whole * group]].reshape(whole, group, -1).mean(axis=1)
+            s -= s.mean(axis=0)
+            last = min(first + whole, longest)
+            noise = about_its_mean(flicker[last - whole : last, last - whole : last])
+            for k in NEIGHBOURING:
+                if k < whole:
+                    product = np.einsum("ij,jk,ik->i", s[k:], model.covariance, s[: whole - k])
+                    total += float(product.sum() + np.trace(noise, k))
+                    count += whole - k
+    return total / count if count else 0.0
+
+
+def about_its_mean(covariance: Array) -> Array:
+    """Covariance [m, m] of values less their mean."""
+    columns = covariance - covariance.mean(axis=0)
+    return np.asarray(columns - columns.mean(axis=1)[:, None], dtype=np.float64)
+
+
+def drift_uncertainty(model: ThermalModel, evaluation: Evaluation) -> Array:
+    """Standard uncertainty [n, °/h] of the drift along a log, and so of the compensated rate.
+
+    Noise of the indication and the turn-on bias of the log are not drift and not in it.
+    """
+    return np.asarray(
+        np.sqrt(np.sum(contributions(model, evaluation).values ** 2, axis=0)), dtype=np.float64
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Contributions:
+    """Independent contributions [m, n, °/h] to the uncertainty of the drift along a log: names,
+    kinds, degrees of freedom [m].
+    """
+
+    names: tuple[str, ...]
+    kinds: tuple[str, ...]
+    values: Array
+    dof: Array
+
+
+def contributions(model: ThermalModel, evaluation: Evaluation) -> Contributions:
+    """Contributions to the uncertainty of the drift along a log.
+
+    Type A of coefficients and lags, propagated (JCGM 100, 5.2.2); the model error on left-out
+    ramps; where a driver was clamped, a rectangular distribution as wide to either side as what the
+    model would have said without clamping. The type A variance is already the mean over what the
+    noise may be (thermal_noise.estimated), so that k = 2 covers 95 %: its degrees of freedom count
+    as infinite (Kacker & Jones 2003, Metrologia 40:235).
+    """
+    type_a = gum.along(model.covariance, evaluation.sensitivities)
+    missed = np.full(type_a.size, model.model_error)
+    beyond = np.abs(evaluation.beyond) / np.sqrt(3.0)
+    return Contributions(
+        ("coefficients", "model error on ramps left out", "beyond the fitted ranges"),
+        ("A", "A", "B"),
+        np.stack([type_a, missed, beyond]),
+        np.array([np.inf, model.model_error_dof, np.inf]),
+    )
+
+
+@dataclass(frozen=True, slots=True)
+class Hysteresis:
+    """Cooling less heating [m, °/h] of what a model leaves, over case temperature [m, °C], with
+    standard uncertainties [m].
+    """
+
+    temperature: Array
+    difference: Array
+    standard_uncertainty: Array
+
+    @property
+    def rms(self) -> float:
+        """Root mean square [°/h] of the differences beyond their uncertainties; 0 where these
+        explain them.
+        """
+        excess = float(np.mean(self.difference**2 - self.standard_uncertainty**2))
+        return float(np.sqrt(max(excess, 0.0)))
+
+
+def hysteresis(model: ThermalModel | None, logs: Sequence[ThermalLog]) -> Hysteresis:
+    """Compare what a model leaves (without one: the indication) on heating and on cooling ramps at
+    the same case temperature.
+
+    Each log's mean is taken off first, as its turn-on bias cannot be told from it: of the
+    hysteresis its shape is shown, not a constant part. Raises FitError where no temperature was
+    passed in both directions.
+    """
+    heating: dict[int, list[float]] = {}
+    cooling: dict[int, list[float]] = {}
+    for log in logs:
+        left = log.indication
+        if model is not None:
+            left = left - evaluate.evaluate(model, log.time, log.case, log.env).drift
+        rate = _smoothed(np.gradient(log.case, log.time)) * 60.0
+        bins = np.floor(log.case / HYSTERESIS_BIN_DEGC).astype(np.int64)
+        for cells, moving in (
+            (heating, rate >= MOVING_DEGC_MIN),
+            (cooling, rate <= -MOVING_DEGC_MIN),
+        ):
+            for number in np.unique(bins[moving]).tolist():
+                cells.setdefault(number, []).extend(
+                    (left - left.mean())[moving & (bins == number)].tolist()
+                )
+    sides = [
+        (number, cooling.get(number, []), heating.get(number, [])) for number in sorted(heating)
+    ]
+    both = [
+        (number, down, up) for number, down, up in sides if min(len(down), len(up)) >= LEAST_BLOCKS
+    ]
+    if not both:
+        raise FitError(
+            "no temperature was passed heating and cooling", hint="hysteresis needs ramps both ways"
+        )
+    middle = (np.array([number for number, _, _ in both]) + 0.5) * HYSTERESIS_BIN_DEGC
+    difference = np.array([np.mean(down) - np.mean(up) for _, down, up in both])
+    variance = [
+        np.var(down, ddof=1) / len(down) + np.var(up, ddof=1) / len(up) for _, down, up in both
+    ]
+    return Hysteresis(middle, difference, np.sqrt(np.array(variance)))
+
+
+def _smoothed(values: Array) -> Array:
+    """Running mean [n] over nine blocks: the steps of a quantised thermometer are no motion."""
+    return np.convolve(np.pad(values, 4, mode="edge"), np.full(9, 1.0 / 9.0), mode="valid")

@@ -1,0 +1,380 @@
+"""Logs of a gyro in a chamber → segments, denoised indication, block means at the model
+interval.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.coefficients import Figure, Input, StageResult
+from calibkit.errors import FitError, FrameError
+from calibkit.frame import Examined, Finding, Held, Log, refuse, values
+from calibkit.ingest import pieces, pins
+from calibkit.instruments.fog_thermal.numeric import gradient, pooled_fit
+from calibkit.numeric import intervals, segments, spans
+from calibkit.numeric.wavelet import denoise
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+    from calibkit.recipe import FogThermalRecipe
+
+    Array = NDArray[np.float64]
+
+LONGER_WINDOWS = 3
+"""How often the window of the slope is doubled where a log moves and shows no ramp: a chamber that
+climbs in small steps.
+"""
+LEAST_LEAD_DEGC = 2.0
+"""Growth of the case's lead over the air [°C] that self-heating and noisy thermometers do not
+reach.
+"""
+COLUMNS = ("time_s", "temp_case_degc", "temp_env_degc", "gyro_dph")
+
+
+@dataclass(frozen=True, slots=True)
+class Ramp:
+    """One ramp of a log: model intervals start … stop − 1, measured (or given) temperature rate
+    [°C/min].
+    """
+
+    name: str
+    start: int
+    stop: int
+    rate: float
+
+
+@dataclass(frozen=True, slots=True)
+class PreparedLog:
+    """All that later stages need of a log: block means of the indication, of the denoised
+    indication, ramps, noise.
+    """
+
+    name: str
+    source: Input
+    raw: gradient.Blocks
+    denoised: gradient.Blocks
+    thermal: ThermalLog
+    ramps: tuple[Ramp, ...]
+    noise: tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...]
+    flags: tuple[str, ...]
+
+
+def findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
+    """Check a log that is to be fitted; nothing is fitted to one in which something is refused. One
+    on disk goes in pieces.
+    """
+    if not log.on_disk:
+        return _findings(log, recipe)
+    pieced = pieces.through(recipe, log)
+    if any(finding.refused for finding in pieced.findings):
+        return list(pieced.findings)
+    rest = (
+        finding for finding in _findings(pieced.log, recipe) if finding.name not in pieces.BY_PIECE
+    )
+    return [*check.rows(log, recipe.checks.min_rows), *pieced.findings, *rest]
+
+
+def _findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
+    """Findings of a log that is looked at whole."""
+    found = usable(log, recipe.checks.min_rows)
+    if any(finding.refused for finding in found):
+        return found
+    case, air = "temp_case_degc", "temp_env_degc"
+    found += [
+        *check.gaps(log, recipe.checks.max_gap_s),
+        *check.varying(log, [case, air, "gyro_dph"]),
+    ]
+    if any(finding.refused for finding in found):
+        return found
+    return [
+        *found,
+        *check.magnitude.clock(log, air),
+        *check.thermometers.pair(log, case, air),
+        *_as_ordered(log, recipe),
+        *check.magnitude.gyro(log, "gyro_dph"),
+        *check.magnitude.compensated(log, recipe, ["gyro_dph"]),
+        *check.series.temperatures(log, case, air),
+        *check.series.turned_back(log, case),
+        *check.series.indication(log, "gyro_dph", "deg/h"),
+    ]
+
+
+def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
+    """A chamber that changed at another rate than the recipe says it did."""
+    given = recipe.drift.rates_degc_min.get(log.name)
+    if given is None:
+        return []
+    cuts, _ = _found(log, recipe)
+    ramps = [segment.rate for segment in cuts if segment.kind == "ramp"]
+    return (
+        check.thermometers.given(log, "temp_env_degc", given, max(ramps, key=abs)) if ramps else []
+    )
+
+
+def usable(log: Log, min_rows: int = 3) -> list[Finding]:
+    """Check a log that is to be compensated, which may be at rest, and in which time may be
+    missing.
+    """
+    early = [*check.rows(log, min_rows), *check.finite(log, COLUMNS)]
+    if any(finding.refused for finding in early):
+        return early
+    temperatures = check.plausible_temperature(log, ["temp_case_degc", "temp_env_degc"])
+    return [*early, *check.monotonic(log), *temperatures, *check.plausible_rate(log, "gyro_dph")]
+
+
+def leading(log: PreparedLog) -> None:
+    """Refuse a case that runs ahead of the air that drives it: the two columns are swapped.
+
+    Without a soak after the ramp rates do not tell it (`check.thermometers`). From the ramp's
+    beginning to its middle: at its end a case that lags comes nearer, which a log that begins on
+    its way shows as a gain.
+    """
+    for ramp in log.ramps:
+        grown = float(
+            log.raw.gradient[(ramp.start + ramp.stop) // 2] - log.raw.gradient[ramp.start]
+        )
+        if grown * ramp.rate > 0.0 and abs(grown) > LEAST_LEAD_DEGC:
+            raise FrameError(
+                f"{log.source.name}: at {ramp.rate:+.1f} °C/min the case gains {abs(grown):.1f} °C"
+                " on the chamber air, expected it to lag behind",
+                hint="temp_case_degc and temp_env_degc are swapped, in the log or in [columns]",
+            )
+
+
+def prepare(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> PreparedLog:
+    """Cut, denoise and average one log by its findings; raises FrameError or FitError naming the
+    log.
+    """
+    refuse(found)
+    suspected = next((finding for finding in found if finding.name == "unit"), None)
+    try:
+        prepared = _prepared(log, recipe, found)
+        if suspected is None:
+            leading(prepared)
+    except (FrameError, FitError) as error:
+        if suspected is None:
+            raise
+        said = f"{suspected.place}: {suspected.found}; {suspected.advice}"
+        raise type(error)(error.message, hint=f"first of all: {said}") from None
+    return prepared
+
+
+def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> PreparedLog:
+    """A checked log, cut, denoised and averaged."""
+    time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
+    try:
+        held = intervals.of(time, recipe.drift.interval_s, log.steps.usual)
+    except FitError as error:
+        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
+    cuts, slope = cut(log, recipe)
+    spans.release(time, env)
+    smooth, noise, flags = _denoised(log, gyro, cuts, held, recipe)
+    middle, t_case, t_env = (held.means(values) for values in (time, case, env))
+    raw = gradient.blocks_of(held, middle, t_case, t_env, held.means(gyro), slope)
+    clean = replace(raw, indication=held.filled(smooth))
+    return PreparedLog(
+        log.name,
+        Input.of(log),
+        raw,
+        clean,
+        pooled_fit.thermal_blocks(log.name, held, middle, t_case, t_env, gyro, _begins(cuts)),
+        _ramps(log, cuts, held, env),
+        noise,
+        tuple(f"{log.file}: {note}" for note in (*log.notes, *flags, *_coarse(case, env, recipe)))
+        + tuple(str(finding) for finding in found if finding.flagged),
+    )
+
+
+def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
+    """Words on thermometers that read in coarse steps."""
+    window = recipe.segments.slope_window_s
+    return [
+        f"{column} is read in steps of {segments.quantum(values):g} °C: its rate is taken over as"
+        " many minutes as that needs"
+        for column, values in (("temp_case_degc", case), ("temp_env_degc", env))
+        if segments.coarse(values, window)
+    ]
+
+
+def _begins(cuts: Sequence[segments.Segment]) -> list[int]:
+    """First rows of the ramps after the first: a soak belongs to the ramp before it, the first soak
+    to the first ramp.
+    """
+    return [segment.start for segment in cuts if segment.kind == "ramp"][1:]
+
+
+def cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
+    """Segments of a log and the causal slope [°C/min] of its chamber air; a rate given in the
+    recipe replaces both.
+
+    Segments that the recipe pins replace those found. A chamber that climbs in steps of a degree,
+    each held for minutes, shows its rate over some steps only: where a log moves and no ramp is
+    found, the window is doubled up to LONGER_WINDOWS times.
+    """
+    time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
+    given = recipe.drift.rates_degc_min.get(log.name)
+    if given is not None:
+        return [segments.Segment("ramp", 0, time.size, given)], np.broadcast_to(given, time.shape)
+    pinned = pins.rows(log, recipe, ["soak", "ramp"])
+    if pinned is not None:
+        ramps = [
+            (a, b)
+            for (a, b), kind in zip(pinned.tolist(), pins.kinds(log, recipe), strict=True)
+            if kind == "ramp"
+        ]
+        slope = segments.measured_slope(time, env, recipe.segments.slope_window_s, room=log.room)
+        return segments.pinned(time, env, slope, ramps), slope
+    return _found(log, recipe)
+
+
+def _found(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
+    """Segments that the chamber air shows, and its slope."""
+    time, env = (values(log.frame, column) for column in ("time_s", "temp_env_degc"))
+    low, high = log.extremes("temp_env_degc")
+    spec = recipe.segments
+    limits = {"ramp_min": spec.ramp_min_degc_min, "min_span": spec.ramp_min_span_degc}
+    first: tuple[list[segments.Segment], Array] | None = None
+    for doubled in range(LONGER_WINDOWS + 1):
+        window = spec.slope_window_s * 2.0**doubled
+        slope = segments.measured_slope(time, env, window, room=log.room)
+        cuts = segments.segments(slope, env, **limits, merge=round(window / log.steps.usual))
+        if any(segment.kind == "ramp" for segment in cuts) or high - low < spec.ramp_min_span_degc:
+            return cuts, slope
+        first = first or (cuts, slope)
+    assert first is not None  # noqa: S101 (the loop runs at least once)
+    return first
+
+
+def examine(log: Log, recipe: FogThermalRecipe) -> Examined:
+    """Findings of a log, all that would stop a fit, and its soaks and ramps."""
+    found = findings(log, recipe)
+    if any(finding.refused for finding in found):
+        return Examined(tuple(found))
+    env = values(log.frame, "temp_env_degc")
+    held: tuple[Held, ...] = ()
+    try:
+        cuts, _ = cut(log, recipe)
+        pinned = pins.rows(log, recipe, ["soak", "ramp"]) is not None
+        held = tuple(
+            (
+                Held("ramp", piece.start, piece.stop, piece.rate, "°C/min", pinned)
+                if piece.kind == "ramp"
+                else Held(
+                    "soak",
+                    piece.start,
+                    piece.stop,
+                    float(np.median(env[piece.start : piece.stop])),
+                    "°C",
+                    pinned,
+                )
+            )
+            for piece in cuts
+        )
+        prepare(log, recipe, found)
+    except (FitError, FrameError) as error:
+        found.append(Finding.of(error))
+    return Examined(tuple(found), held)
+
+
+def _denoised(
+    log: Log,
+    gyro: Array,
+    cuts: Sequence[segments.Segment],
+    held: intervals.Intervals,
+    recipe: FogThermalRecipe,
+) -> tuple[Array, tuple[tuple[str, tuple[float, ...], tuple[float, ...]], ...], list[str]]:
+    """Block means [m] of the indication, each segment denoised by itself, with what was taken for
+    noise, and flags.
+    """
+    if not recipe.denoise.enabled:
+        return held.means(gyro), (), []
+    noise: list[tuple[str, tuple[float, ...], tuple[float, ...]]] = []
+    flags: list[str] = []
+
+    def parts() -> Iterator[Array]:
+        for number, segment in enumerate(cuts):
+            part = gyro[segment.start : segment.stop]
+            found = _of_segment(log, part, segment, recipe)
+            if found is None:
+                flags.append(
+                    f"soak of {part.size} rows is shorter than the filter and was not denoised"
+                )
+            else:
+                noise.append((f"{log.name}.{number}", tuple(found.noise), tuple(found.thresholds)))
+            yield part if found is None else found.signal
+            spans.release(gyro)
+
+    means = held.means_of_parts(parts())
+    return means, tuple(noise), flags
+
+
+def _of_segment(
+    log: Log, part: Array, segment: segments.Segment, recipe: FogThermalRecipe
+) -> denoise.Denoised | None:
+    """A segment [n] denoised; none for a soak that is too short for the filter. A ramp too short is
+    refused.
+    """
+    spec = recipe.denoise
+    try:
+        return denoise.denoise(
+            part,
+            wavelet=spec.wavelet,
+            levels=None if spec.levels == "auto" else spec.levels,
+            threshold=spec.threshold,
+            rule=spec.rule,
+            extension=spec.extension,
+            room=log.room,
+        )
+    except FitError as error:
+        if segment.kind == "ramp":
+            raise FitError(
+                f"{log.file}: ramp of {part.size} rows: {error.message}", hint=error.hint
+            ) from None
+        return None
+
+
+def _ramps(
+    log: Log, cuts: Sequence[segments.Segment], held: intervals.Intervals, env: Array
+) -> tuple[Ramp, ...]:
+    """Ramps in model intervals, named by their log (numbered where a log has several)."""
+    moving = [segment for segment in cuts if segment.kind == "ramp"]
+    if not moving:
+        raise FrameError(
+            f"{log.file}: no ramp found: the chamber air moves from {env.min():g} to"
+            f" {env.max():g} °C",
+            hint=(
+                "check the chamber column, or lower [segments] ramp_min_degc_min and"
+                " ramp_min_span_degc"
+            ),
+        )
+    names = (
+        [log.name] if len(moving) == 1 else [f"{log.name}:{k}" for k in range(1, len(moving) + 1)]
+    )
+    return tuple(
+        Ramp(name, held.of_row(segment.start), held.of_row(segment.stop - 1) + 1, segment.rate)
+        for name, segment in zip(names, moving, strict=True)
+    )
+
+
+def denoise_result(logs: Sequence[PreparedLog]) -> StageResult:
+    """denoise.json: noise and threshold of every level of every denoised segment (named
+    log.segment).
+    """
+    figures = []
+    for log in logs:
+        for name, noise, thresholds in log.noise:
+            for level, (sigma, threshold) in enumerate(
+                zip(noise, thresholds, strict=True), start=1
+            ):
+                figures.append(Figure(f"{name}.noise_{level}", sigma, "deg/h", 0.0))
+                figures.append(Figure(f"{name}.threshold_{level}", threshold, "deg/h", 0.0))
+    flags = () if figures else ("denoising is off",)
+    return StageResult("denoise", figures=tuple(figures), flags=flags)

@@ -1,0 +1,115 @@
+"""Recipe of the thermal drift of a fibre-optic gyro."""
+
+from __future__ import annotations
+
+import difflib
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator, model_validator
+
+from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
+
+
+class Checks(Table):
+    """What a log must be like before anything is fitted to it."""
+
+    min_rows: Annotated[int, Field(ge=3)] = 100
+    max_gap_s: Positive = 60.0
+
+
+class Segments(Table):
+    """How soaks and ramps are told apart from the chamber air's measured rate."""
+
+    slope_window_s: Positive = 60.0
+    ramp_min_degc_min: Positive = 0.3
+    ramp_min_span_degc: Positive = 5.0
+
+
+class Denoise(Table):
+    """Lifting-wavelet denoising of the indication, each segment by itself."""
+
+    enabled: bool = True
+    wavelet: str = "cdf97"
+    levels: Annotated[int, Field(ge=1, le=20)] | Literal["auto"] = "auto"
+    threshold: Literal["universal", "sure", "bayes", "minimax"] = "universal"
+    rule: Literal["soft", "hard", "garrote", "firm"] = "firm"
+    extension: Literal["trend", "antisymmetric", "symmetric"] = "trend"
+
+    @field_validator("wavelet")
+    @classmethod
+    def _known(cls, wavelet: str) -> str:
+        import pywt
+
+        known = ["haar", "cdf53", "cdf97", *pywt.wavelist(kind="discrete")]
+        if wavelet not in known:
+            close = difflib.get_close_matches(wavelet, known, n=1)
+            raise ValueError(
+                f"unknown wavelet '{wavelet}'; did you mean '{close[0] if close else 'cdf97'}'?"
+            )
+        return wavelet
+
+
+class Drift(Table):
+    """Which drift model is exported, and the published one of each ramp over temperature rate
+    (CN102095419A).
+    """
+
+    model: Literal["auto", "gradient_rate", "level", "lagged"] = "auto"
+    interval_s: Positive = 10.0
+    estimate: Literal["levels", "increments"] = "levels"
+    order: Annotated[int, Field(ge=0, le=5)] | Literal["auto"] = "auto"
+    sides: Literal["separate", "joint"] = "separate"
+    compensation: Literal["recursive", "one_step"] = "recursive"
+    rates_degc_min: dict[str, float] = {}
+
+
+class InputAxis(Table):
+    """Where the gyro's input axis points in the chamber: elevation above the horizontal, azimuth
+    from north [°].
+    """
+
+    elevation_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    azimuth_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
+
+    @model_validator(mode="after")
+    def _azimuth_known(self) -> InputAxis:
+        if abs(self.elevation_deg) < 90.0 and self.azimuth_deg is None:
+            raise ValueError(
+                "azimuth_deg is needed for an axis that is not vertical: the earth's horizontal"
+                " rate is seen"
+            )
+        return self
+
+
+class Output(Table):
+    """What `apply` adds beside the compensated rate."""
+
+    rate_uncertainty: bool = False
+
+
+class Acceptance(Table):
+    """Limits that a fit and a validation are held against; a limit that is not stated is not
+    tested.
+    """
+
+    min_reduction: NonNegative | None = None
+    max_drift_rms_dph: Positive | None = None
+    min_share_within_uncertainty: Annotated[float, Field(gt=0.0, le=1.0)] | None = None
+    rate_gain_tolerance: Positive = 1e-3
+
+
+class FogThermalRecipe(Recipe):
+    """Ramps of a fibre-optic gyro in a chamber, one ramp a log."""
+
+    procedure: Literal["fog_thermal"]
+    checks: Checks = Checks()
+    segments: Segments = Segments()
+    denoise: Denoise = Denoise()
+    drift: Drift = Drift()
+    input_axis: InputAxis | None = None
+    output: Output = Output()
+    acceptance: Acceptance = Acceptance()
+
+    def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
+        """The rates that are given for logs by their names."""
+        return ((("drift", "rates_degc_min"), tuple(self.drift.rates_degc_min)),)

@@ -1,0 +1,234 @@
+"""Results of a gyro's thermal run → the records that the report draws and prints."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.instruments.fog_thermal import uncertainty as fog_uncertainty
+from calibkit.instruments.fog_thermal.figures import (
+    DriftLog,
+    DriftReport,
+    HysteresisView,
+    RampCoefficients,
+    RateCurve,
+    Tested,
+)
+from calibkit.instruments.fog_thermal.numeric import gradient
+from calibkit.report.summary import Summary, SummaryTable, number
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+    from typing import Any
+
+    from calibkit.coefficients import Criterion
+    from calibkit.frame import Log
+    from calibkit.instruments.fog_thermal.bias import BothWays
+    from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
+    from calibkit.instruments.fog_thermal.decision import Export
+    from calibkit.instruments.fog_thermal.gradient_file import FittedRamp, SideChoice
+    from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
+    from calibkit.instruments.fog_thermal.ramps import PreparedLog
+    from calibkit.instruments.fog_thermal.uncertainty import Stated
+
+
+def drift_report(
+    title: str,
+    logs: Sequence[PreparedLog],
+    ramps: Sequence[FittedRamp],
+    choices: Sequence[SideChoice],
+    tested: Sequence[Tested],
+    model: DriftModel,
+) -> DriftReport:
+    """Everything that the figures of a fit show."""
+    shown = tuple(log_view(log, model) for log in logs)
+    points = tuple(
+        RampCoefficients(
+            item.fit.rate, item.fit.coefficients, np.sqrt(np.diag(item.fit.covariance))
+        )
+        for item in ramps
+    )
+    exported = bool(model.polynomials)
+    curves = tuple(
+        _curve(choice.chosen, exported=exported) for choice in choices if choice.chosen is not None
+    )
+    return DriftReport(title, model.interval_s, shown, points, curves, tuple(tested))
+
+
+def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
+    """What the figures show of one log."""
+    return DriftLog(
+        log.name,
+        log.raw.time,
+        log.raw.case,
+        log.raw.indication,
+        log.denoised.indication,
+        model.output(model.along(log.raw), log.raw.indication, "recursive"),
+    )
+
+
+def hysteresis_view(found: BothWays | None) -> tuple[HysteresisView, ...]:
+    """What the figures show of the hysteresis: of the indication, and of what the model leaves."""
+    sides = (
+        () if found is None else (("indication", found.before), ("left by the model", found.after))
+    )
+    return tuple(
+        HysteresisView(name, side.temperature, side.difference, side.standard_uncertainty)
+        for name, side in sides
+        if side is not None
+    )
+
+
+def _curve(polynomial: gradient.RatePolynomial, *, exported: bool) -> RateCurve:
+    """Polynomials of a side over their fitted rates."""
+    rate = np.linspace(*polynomial.rates, 101)
+    return RateCurve(polynomial.side, exported, rate, gradient.evaluate(polynomial, rate))
+
+
+def tested(
+    choices: Sequence[SideChoice], levels: ThermalChoice | None, export: Export
+) -> tuple[Tested, ...]:
+    """Every model that was tested on withheld ramps, the orders of the published scheme side by
+    side.
+    """
+    orders = tuple(
+        Tested(
+            f"gradient_rate {choice.side}, order {result.order}",
+            result.pooled_raw,
+            result.pooled,
+            bool(export.model.polynomials)
+            and choice.chosen is not None
+            and choice.chosen.order == result.order,
+        )
+        for choice in choices
+        for result in choice.tested
+    )
+    if levels is None:
+        return orders
+    return orders + tuple(
+        Tested(
+            result.candidate.name,
+            result.pooled_raw,
+            result.pooled,
+            export.name == result.candidate.name,
+        )
+        for result in levels.tested
+    )
+
+
+def summary(
+    title: str,
+    figures: Sequence[LogFigures],
+    ramps: Sequence[FittedRamp],
+    results: Sequence[Tested],
+    stated: Sequence[Stated],
+    flags: Sequence[str],
+    criteria: Sequence[Criterion],
+) -> Summary:
+    """What the console and report.txt say of a fit."""
+    uncertainty = (fog_uncertainty.table(stated),) if stated else ()
+    tables = (ramp_table(ramps), tested_table(results), before_after_table(figures), *uncertainty)
+    return Summary(title, tables, tuple(dict.fromkeys(flags)), tuple(criteria))
+
+
+def ramp_table(ramps: Sequence[FittedRamp]) -> SummaryTable:
+    """a_j of each ramp with standard uncertainties."""
+    rows = []
+    for item in ramps:
+        u = np.sqrt(np.diag(item.fit.covariance))
+        cells = [
+            f"{value:.3e} ± {error:.0e}"
+            for value, error in zip(item.fit.coefficients, u, strict=True)
+        ]
+        rows.append((item.ramp.name, f"{item.fit.rate:+.2f}", *cells))
+    return SummaryTable(
+        "Drift coefficients of each ramp, per interval (± standard uncertainty, type A)",
+        ("ramp", "°C/min", "a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]"),
+        tuple(rows),
+    )
+
+
+def tested_table(results: Sequence[Tested]) -> SummaryTable:
+    """Drift rms on withheld ramps under each model, and which is exported."""
+    rows = tuple(
+        (
+            entry.name,
+            number(entry.raw),
+            number(entry.left),
+            f"{entry.share:.3f}",
+            "exported" if entry.exported else "",
+        )
+        for entry in results
+    )
+    return SummaryTable(
+        "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
+        ("model", "raw", "compensated", "share of raw", ""),
+        rows,
+    )
+
+
+def before_after_table(figures: Sequence[LogFigures]) -> SummaryTable:
+    """Drift rms of each log before and after with the rate gain beside it."""
+    rows = tuple(
+        (
+            log.name,
+            number(log.before),
+            number(log.after),
+            f"{log.reduction:.2f}",
+            f"{log.gain_recursive:.4f}",
+            f"{log.after_one_step:.3g} ({log.gain_one_step + 0.0:.3f})",
+        )
+        for log in figures
+    )
+    return SummaryTable(
+        "Drift rms of each log [°/h, 100 s means]; rate gain: share of a true constant rate that is"
+        " left in the output",
+        ("log", "before", "after", "before/after", "rate gain", "one_step (its gain)"),
+        rows,
+    )
+
+
+def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[SummaryTable, ...]:
+    """How uncertain the compensated rate of each validated log is said to be, and whether its 100 s
+    means are as near.
+    """
+    rows = []
+    for log in logs:
+        entry = log["uncertainty"]
+        if "means_of_100_s" in entry:
+            sizes = (entry["standard_uncertainty_mean"], entry["expanded_uncertainty_largest"])
+            share = entry["share_within_expanded_uncertainty"]
+            rows.append(
+                (
+                    log["name"],
+                    *(number(size, 2) for size in sizes),
+                    str(entry["means_of_100_s"]),
+                    f"{share:.1%}",
+                )
+            )
+    if not rows:
+        return ()
+    title = (
+        "Compensated rate [°/h]: stated uncertainty, and 100 s means within it and noise of their"
+        " log's mean (95 % expected)"
+    )
+    return (SummaryTable(title, ("log", "u, mean", "U, largest", "means", "within"), tuple(rows)),)
+
+
+def validation_entry(log: Log, figures: LogFigures, model: DriftModel) -> dict[str, object]:
+    """JSON object of one validated log."""
+    return {
+        "name": log.file,
+        "sha256": log.sha256,
+        "rows": log.rows,
+        "mode": model.mode,
+        "drift_rms_before": figures.before,
+        "drift_rms_after": figures.after if model.mode == "recursive" else figures.after_one_step,
+        "reduction": figures.reduction,
+        "rate_gain": figures.gain_recursive if model.mode == "recursive" else figures.gain_one_step,
+        "one_step": {"drift_rms_after": figures.after_one_step, "rate_gain": figures.gain_one_step},
+        "unit": "deg/h",
+        "averaging_s": 100.0,
+        "flags": list(figures.flags),
+    }

@@ -1,0 +1,1 @@
+"""Noise of gyros at rest: Allan and wavelet deviations."""

@@ -1,0 +1,143 @@
+"""Results of a gyro at rest: noise terms, bias stability, Allan and wavelet deviation."""
+
+from __future__ import annotations
+
+import math
+import re
+from typing import TYPE_CHECKING
+
+from calibkit.certificate.results import (
+    Block,
+    Equation,
+    Figure,
+    GridTable,
+    ListTable,
+    Result,
+    Series,
+)
+from calibkit.certificate.words import Words
+
+if TYPE_CHECKING:
+    from calibkit.certificate.stated import Stated
+    from calibkit.coefficients import Figure as Found
+    from calibkit.coefficients import Record
+
+ALLAN = Equation(
+    "allan-deviation/1",
+    r"\sigma^2(\tau) = \frac{R^2\tau^2}{2} + \frac{K^2\tau}{3} + \frac{2 \ln 2}{\pi} B^2 "
+    r"+ \frac{N^2}{\tau} + \frac{3 Q^2}{\tau^2}",
+    Words(
+        "σ Allan deviation, τ averaging time; N angle random walk, B bias instability, K rate"
+        " random walk, R rate ramp, Q quantization.",
+        "σ 为 Allan 偏差，τ 为平均时间；N 角度随机游走，B 零偏不稳定性，K 速率随机游走，R"
+        " 速率斜坡，Q 量化噪声。",
+    ),
+)
+NAMES = {
+    "angle_random_walk": Words("angle random walk N", "角度随机游走 N"),
+    "bias_instability": Words("bias instability B", "零偏不稳定性 B"),
+    "rate_random_walk": Words("rate random walk K", "速率随机游走 K"),
+    "rate_ramp": Words("rate ramp R", "速率斜坡 R"),
+    "quantization": Words("quantization Q", "量化噪声 Q"),
+    "bias_stability_10_s": Words(
+        "bias stability, 10 s means (GJB 2426A)", "零偏稳定性（10 s 平均，GJB 2426A）"
+    ),
+    "bias_stability_100_s": Words(
+        "bias stability, 100 s means (GJB 2426A)", "零偏稳定性（100 s 平均，GJB 2426A）"
+    ),
+}
+_TAU = re.compile(r"(allan|wavelet)_deviation_([0-9.e+-]+)_s\.(.+)")
+FEW = 3.0
+"""Standard uncertainties from zero within which a magnitude is stated by an interval."""
+
+
+def blocks(stated: Stated) -> tuple[Block, ...]:
+    """Block of gyro_noise.json."""
+    record = stated.records.get("gyro_noise.json")
+    if record is None:
+        return ()
+    terms = [figure for figure in record.figures if not _TAU.fullmatch(figure.name)]
+    results = tuple(_stated(stated, record, figure, NAMES) for figure in terms)
+    tables: list[ListTable | GridTable] = [
+        ListTable(Words("Noise and bias stability", "噪声与零偏稳定性"), results)
+    ]
+    figures = []
+    for name in dict.fromkeys(m.group(3) for f in record.figures if (m := _TAU.fullmatch(f.name))):
+        table = _deviations(stated, record, name)
+        tables.append(table)
+        figures.append(_plot(table))
+    notes = tuple(Words(flag) for flag in record.flags)
+    title = Words("Noise at rest", "静态噪声")
+    return (
+        Block(
+            record.stage,
+            f"{record.stage}.json",
+            title,
+            (ALLAN,),
+            tuple(tables),
+            tuple(figures),
+            notes,
+        ),
+    )
+
+
+def _stated(stated: Stated, record: Record, figure: Found, names: dict[str, Words]) -> Result:
+    """A noise term; by an interval where it is within a few uncertainties of zero."""
+    what, _, of = figure.name.partition(".")
+    words = names.get(what, Words(what.replace("_", " "))) + Words(f", {of}" if of else "")
+    near_zero = figure.value < FEW * figure.standard_uncertainty
+    return stated.figure(record, figure, words, math.inf, magnitude=near_zero)
+
+
+def _deviations(stated: Stated, record: Record, name: str) -> GridTable:
+    """Allan and wavelet deviation over τ of one record."""
+    found = {
+        (m.group(1), float(m.group(2))): f
+        for f in record.figures
+        if (m := _TAU.fullmatch(f.name)) and m.group(3) == name
+    }
+    kinds = [kind for kind in ("allan", "wavelet") if any(k == kind for k, _ in found)]
+    taus = sorted({tau for _, tau in found})
+    words = {
+        "allan": Words("Allan deviation", "Allan 偏差"),
+        "wavelet": Words("wavelet deviation", "小波偏差"),
+    }
+    cells = tuple(
+        tuple(
+            (
+                stated.figure(record, found[kind, tau], words[kind], math.inf)
+                if (kind, tau) in found
+                else None
+            )
+            for kind in kinds
+        )
+        for tau in taus
+    )
+    return GridTable(
+        Words(f"Deviation over averaging time, {name}", f"随平均时间的偏差（{name}）"),
+        Words("τ [s]"),
+        tuple(words[kind] for kind in kinds),
+        ("deg/h",) * len(kinds),
+        tuple(f"{tau:g}" for tau in taus),
+        cells,
+    )
+
+
+def _plot(table: GridTable) -> Figure:
+    """Deviation over τ, both logarithmic, with expanded uncertainty."""
+    series = []
+    for k, head in enumerate(table.heads):
+        points = [
+            (float(str(tau)), r)
+            for tau, row in zip(table.labels, table.cells, strict=True)
+            if (r := row[k]) is not None
+        ]
+        # a bar that would reach zero has no place on a logarithmic axis
+        U = tuple(
+            min(r.uncertainty.expanded_uncertainty, 0.8 * r.value) if r.uncertainty else 0.0
+            for _, r in points
+        )
+        series.append(
+            Series(head, tuple(tau for tau, _ in points), tuple(r.value for _, r in points), U)
+        )
+    return Figure(table.title, Words("τ [s]"), Words("σ [°/h]"), tuple(series), log=True)

@@ -1,0 +1,422 @@
+"""Records of gyros at rest → Allan deviation, noise terms, wavelet deviation and bias stability,
+and gyro_noise.json.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.coefficients import Criterion, Figure, StageResult
+from calibkit.errors import FitError
+from calibkit.frame import Finding, Log, values
+from calibkit.instruments.gyro_noise.figures import NoiseReport, NoiseView
+from calibkit.numeric.noise import allan, allan_fit
+from calibkit.report.summary import SummaryTable, number
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe, NoiseAcceptance
+
+    Array = NDArray[np.float64]
+
+CASE = "temp_case_degc"
+STEADY_DEGC = 2.0
+"""Change of the case temperature [°C] up to which a record counts as one of noise."""
+OFF_GRID = 0.25
+"""Share of the sampling interval by which a sample may be off its place."""
+LONGEST_GRID = 1 << 27
+"""Places of a grid, gaps included, above which the times cannot be right."""
+LIMITS = {
+    "angle_random_walk": "max_angle_random_walk",
+    "bias_instability": "max_bias_instability_dph",
+    "rate_random_walk": "max_rate_random_walk",
+}
+
+
+@dataclass(frozen=True, slots=True)
+class Record:
+    """One gyro's rate [n, °/h] in one log, on an even grid, NaN where samples are missing."""
+
+    log: str
+    column: str
+    interval_s: float
+    rate: Array
+
+    @property
+    def name(self) -> str:
+        """Log, and column where it is not the only gyro's."""
+        return self.log if self.column == "gyro_dph" else f"{self.column}.{self.log}"
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseFigures:
+    """All that one record says."""
+
+    record: Record
+    curve: allan.DeviationCurve
+    wavelet: allan.DeviationCurve
+    terms: allan_fit.NoiseFit
+    stability: tuple[allan.BiasStability, ...]
+    mean_dph: float
+    missing: int
+    flags: tuple[str, ...]
+
+
+def findings(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
+    """What is wrong with a log; missing rates and gaps in time are gaps and no faults."""
+    spec = recipe.noise
+    early = [*check.rows(log, spec.min_rows), *check.finite(log, ["time_s"])]
+    if any(finding.refused for finding in early):
+        return early
+    found = [*early, *check.monotonic(log)]
+    for column in spec.columns:
+        rate = values(log.frame, column)
+        present = rate[~np.isnan(rate)]
+        if present.size < spec.min_rows or np.isinf(present).any():
+            found.append(
+                Finding(
+                    f"{log.file}: column '{column}'",
+                    f"{present.size} rates{', some infinite' if np.isinf(present).any() else ''}",
+                    f"at least {spec.min_rows} finite ones",
+                    "record for longer, or lower [noise] min_rows",
+                )
+            )
+        elif np.ptp(present) == 0.0:
+            found += check.varying(log, [column])
+        else:
+            wild = check.plausible_rate(log, column)
+            # where rates are missing the rows are no even series
+            found += wild or check.magnitude.at_rest(log, column)
+            found += (
+                []
+                if wild
+                else (
+                    check.series.indication(log, column, "deg/h")
+                    if present.size == rate.size
+                    else []
+                )
+            )
+    if not any(finding.refused for finding in found):
+        found += check.magnitude.interval(log)
+    return [*found, *_steady(log)]
+
+
+def _steady(log: Log) -> list[Finding]:
+    """Flag a case whose temperature moved: drift is then in every figure of the longer averaging
+    times.
+    """
+    if CASE not in log.frame.columns:
+        return []
+    case = values(log.frame, CASE)
+    moved = float(np.nanmax(case) - np.nanmin(case)) if np.isfinite(case).any() else 0.0
+    if moved <= STEADY_DEGC:
+        return []
+    return [
+        Finding(
+            f"{log.file}: column '{CASE}'",
+            f"the case moved by {moved:.1f} °C",
+            f"at most {STEADY_DEGC:g} °C in a record of noise",
+            "hold the temperature, or read the longer averaging times as drift",
+            severity="warn",
+            name="unsteady_temperature",
+        )
+    ]
+
+
+def records(log: Log, columns: Sequence[str]) -> list[Record]:
+    """Rates of a log on an even grid; raises FitError where the samples do not lie on one."""
+    time = values(log.frame, "time_s")
+    step = np.diff(time)
+    usual = float(np.median(step))
+    whole = np.round(step / usual)
+    off = np.abs(step / usual - whole)
+    worst = int(np.argmax(off))
+    if off[worst] > OFF_GRID or not np.all(whole >= 1.0) or float(whole.sum()) > LONGEST_GRID:
+        raise FitError(
+            f"{log.file}:{check.line(log, worst + 1)}: a step of {step[worst]:g} s, expected a"
+            f" multiple of {usual:g} s",
+            hint="an Allan deviation wants even sampling; resampling would change it",
+        )
+    place = np.concatenate(([0], np.cumsum(whole.astype(np.int64))))
+    interval = float((time[-1] - time[0]) / place[-1])
+    found = []
+    for column in columns:
+        rate = np.full(int(place[-1]) + 1, np.nan)
+        rate[place] = values(log.frame, column)
+        found.append(Record(log.name, column, interval, rate))
+    return found
+
+
+def figures_of(record: Record, recipe: GyroNoiseRecipe) -> NoiseFigures:
+    """Curves, terms and bias stability of one record; what a record is too short for is flagged and
+    left out.
+    """
+    spec = recipe.noise
+    try:
+        curve = allan.overlapping(
+            record.rate,
+            record.interval_s,
+            spacing=spec.spacing,
+            points=spec.points,
+            probability=spec.probability,
+        )
+        terms = allan_fit.fit_noise(curve)
+        wavelet = allan.wavelet_deviation(
+            record.rate, record.interval_s, wavelet=spec.wavelet, probability=spec.probability
+        )
+    except FitError as error:
+        raise FitError(f"{record.name}: {error.message}", hint=error.hint) from None
+    stability, flags = [], [f"{record.name}: {flag}" for flag in terms.flags]
+    for block_s in spec.bias_stability_s:
+        try:
+            stability.append(allan.bias_stability(record.rate, record.interval_s, block_s=block_s))
+        except FitError as error:
+            flags.append(f"{record.name}: no bias stability over {block_s:g} s: {error.message}")
+    missing = int(np.isnan(record.rate).sum())
+    if missing:
+        flags.append(
+            f"{record.name}: {missing} of {record.rate.size} samples are missing and counted as"
+            " gaps"
+        )
+    flags += [
+        f"{record.name}: {term.name} ({term.symbol}) not observable: {term.reason}"
+        for term in terms.not_observable
+    ]
+    mean = float(np.nanmean(record.rate))
+    return NoiseFigures(
+        record, curve, wavelet, terms, tuple(stability), mean, missing, tuple(flags)
+    )
+
+
+def result(found: Sequence[NoiseFigures], flags: Sequence[str]) -> StageResult:
+    """gyro_noise.json: figures named quantity.log (or quantity.column.log); a term that is not
+    observable is a flag.
+    """
+    figures = []
+    for one in found:
+        name = one.record.name
+        figures += [
+            Figure(f"{term.name}.{name}", term.value, term.unit, term.standard_uncertainty)
+            for term in one.terms.terms
+        ]
+        # n − 1 block means, were they independent and normal
+        figures += [
+            Figure(
+                f"bias_stability_{entry.block_s:g}_s.{name}",
+                entry.value_dph,
+                "deg/h",
+                _of_deviation(entry),
+            )
+            for entry in one.stability
+        ]
+        for kind, curve in (("allan_deviation", one.curve), ("wavelet_deviation", one.wavelet)):
+            figures += [
+                Figure(
+                    f"{kind}_{tau:.6g}_s.{name}",
+                    float(deviation),
+                    "deg/h",
+                    float(deviation / np.sqrt(2.0 * dof)),
+                )
+                for tau, deviation, dof in zip(
+                    curve.tau_s, curve.deviation_dph, curve.dof, strict=True
+                )
+            ]
+    return StageResult("gyro_noise", figures=tuple(figures), flags=tuple(flags))
+
+
+def _of_deviation(entry: allan.BiasStability) -> float:
+    """Standard uncertainty [°/h] of a standard deviation of n values, σ/√(2(n − 1))."""
+    return float(entry.value_dph / np.sqrt(2.0 * (entry.blocks - 1)))
+
+
+def at_most(curve: allan.DeviationCurve, law: allan_fit.PowerLaw) -> float:
+    """What a noise term can be at most: no term is larger than the whole of σ² at any averaging
+    time, its upper limit taken.
+    """
+    return float(np.min(law.scale * curve.upper_dph / curve.tau_s ** (law.exponent / 2.0)))
+
+
+def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Criterion, ...]:
+    """Limits held against each record; of a term that is not observable against what it can be at
+    most.
+    """
+    tested = []
+    for one in found:
+        observed = {term.name: term for term in one.terms.terms}
+        for law in allan_fit.LAWS:
+            limit = getattr(limits, LIMITS[law.name]) if law.name in LIMITS else None
+            if limit is not None:
+                term = observed.get(law.name)
+                value = at_most(one.curve, law) if term is None else term.value
+                name = (
+                    f"{law.name} of"
+                    f" {one.record.name}{' (not observable: at most)' if term is None else ''}"
+                )
+                tested.append(Criterion(name, value, limit, law.unit, value <= limit))
+        if limits.max_bias_stability_dph is not None:
+            tested += [
+                Criterion(
+                    f"bias stability over {entry.block_s:g} s of {one.record.name}",
+                    entry.value_dph,
+                    limits.max_bias_stability_dph,
+                    "deg/h",
+                    entry.value_dph <= limits.max_bias_stability_dph,
+                )
+                for entry in one.stability
+            ]
+    return tuple(tested)
+
+
+def tables(found: Sequence[NoiseFigures]) -> tuple[SummaryTable, ...]:
+    """Noise terms and bias stability of every record, and the deviations over averaging time."""
+    rows = []
+    for one in found:
+        absent = {term.name for term in one.terms.not_observable}
+        shown = {term.name: term for term in one.terms.terms}
+        for law in allan_fit.LAWS:
+            value, u = ("not observable", "") if law.name in absent else _cells(shown[law.name])
+            rows.append((one.record.name, f"{law.name} {law.symbol}", value, u, law.unit))
+        rows += [
+            (
+                one.record.name,
+                f"bias stability, {s.block_s:g} s",
+                number(s.value_dph),
+                number(_of_deviation(s), 2),
+                "deg/h",
+            )
+            for s in one.stability
+        ]
+    title = "Noise (IEEE Std 952) and bias stability (GJB 2426A: standard deviation of block means)"
+    return (
+        SummaryTable(
+            title, ("record", "figure", "value", "standard uncertainty", "unit"), tuple(rows)
+        ),
+        *(_curve_table(one) for one in found),
+    )
+
+
+def _cells(term: allan_fit.NoiseTerm) -> tuple[str, str]:
+    """Value and standard uncertainty of a term."""
+    return number(term.value), number(term.standard_uncertainty, 2)
+
+
+def _curve_table(one: NoiseFigures) -> SummaryTable:
+    """Deviations of one record over averaging time with confidence limits."""
+    wavelet = dict(
+        zip(one.wavelet.factor.tolist(), one.wavelet.deviation_dph.tolist(), strict=True)
+    )
+    rows = tuple(
+        (
+            f"{tau:g}",
+            number(deviation),
+            number(low),
+            number(high),
+            f"{dof:.0f}",
+            number(wavelet[factor]) if factor in wavelet else "",
+        )
+        for tau, deviation, low, high, dof, factor in zip(
+            *(
+                one.curve.tau_s,
+                one.curve.deviation_dph,
+                one.curve.lower_dph,
+                one.curve.upper_dph,
+                one.curve.dof,
+            ),
+            one.curve.factor.tolist(),
+            strict=True,
+        )
+    )
+    share = f"{100.0 * one.curve.probability:g} %"
+    title = (
+        f"{one.record.name}: overlapping Allan deviation [°/h] with {share} limits, and"
+        f" {one.wavelet.estimator} deviation"
+    )
+    return SummaryTable(title, ("τ [s]", "deviation", "lower", "upper", "dof", "wavelet"), rows)
+
+
+def json_of(one: NoiseFigures) -> dict[str, object]:
+    """JSON object of one record's figures."""
+    curves = {
+        key: {
+            "estimator": curve.estimator,
+            "tau_s": curve.tau_s.tolist(),
+            "deviation": curve.deviation_dph.tolist(),
+            "lower": curve.lower_dph.tolist(),
+            "upper": curve.upper_dph.tolist(),
+            "probability": curve.probability,
+            "unit": "deg/h",
+        }
+        for key, curve in (("allan_deviation", one.curve), ("wavelet_deviation", one.wavelet))
+    }
+    return {
+        "name": one.record.name,
+        "interval_s": one.record.interval_s,
+        "missing": one.missing,
+        "mean": one.mean_dph,
+        "terms": [
+            {
+                "name": t.name,
+                "symbol": t.symbol,
+                "value": t.value,
+                "unit": t.unit,
+                "standard_uncertainty": t.standard_uncertainty,
+            }
+            for t in one.terms.terms
+        ],
+        "not_observable": [
+            {"name": t.name, "symbol": t.symbol, "reason": t.reason}
+            for t in one.terms.not_observable
+        ],
+        "bias_stability": [
+            {"block_s": s.block_s, "value": s.value_dph, "unit": "deg/h", "blocks": s.blocks}
+            for s in one.stability
+        ],
+        **curves,
+    }
+
+
+def drawing(found: Sequence[NoiseFigures]) -> NoiseReport:
+    """What the figures show."""
+    return NoiseReport(tuple(_view(one) for one in found))
+
+
+def _view(one: NoiseFigures) -> NoiseView:
+    """Page of one record; the lower panel has some 600 means."""
+    record, curve = one.record, one.curve
+    size = max(1, record.rate.size // 600)
+    blocks = record.rate[: record.rate.size // size * size].reshape(-1, size)
+    shares = [
+        (f"{term.symbol} {term.value:.3g} {term.unit}", _share(term, curve.tau_s))
+        for term in one.terms.terms
+    ]
+    return NoiseView(
+        record.name,
+        curve.tau_s,
+        curve.deviation_dph,
+        curve.lower_dph,
+        curve.upper_dph,
+        one.terms.model_dph,
+        one.wavelet.estimator,
+        one.wavelet.tau_s,
+        one.wavelet.deviation_dph,
+        tuple(shares),
+        np.asarray(
+            (np.arange(blocks.shape[0]) + 0.5) * (size * record.interval_s / 3600.0),
+            dtype=np.float64,
+        ),
+        np.asarray(blocks.mean(axis=1), dtype=np.float64),
+        size * record.interval_s,
+    )
+
+
+def _share(term: allan_fit.NoiseTerm, tau: Array) -> Array:
+    """Deviation [m, °/h] that one term makes alone."""
+    law = next(law for law in allan_fit.LAWS if law.name == term.name)
+    return np.asarray(term.value / law.scale * tau ** (law.exponent / 2.0), dtype=np.float64)

@@ -1,0 +1,120 @@
+"""Noise of gyros at rest: records → Allan deviation, noise terms, bias stability →
+gyro_noise.json.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from calibkit.check import copies
+from calibkit.coefficients import Input
+from calibkit.errors import FitError, UsageError
+from calibkit.frame import Examined, Finding, refuse
+from calibkit.ingest import logs as ingest
+from calibkit.instruments.gyro_noise import deviations
+from calibkit.instruments.gyro_noise import figures as pages
+from calibkit.procedures import Fitted
+from calibkit.report.documents import Drawn
+from calibkit.report.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Log
+    from calibkit.ingest.logs import Reader
+    from calibkit.instruments.gyro_noise.deviations import NoiseFigures
+    from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
+    from calibkit.procedures import Applied, Progress
+
+
+def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+    """One log in canonical columns; the case temperature is read where the log has it."""
+    return reader(spec, data / file, file, ("time_s", *spec.noise.columns), (deviations.CASE,))
+
+
+def examine(spec: GyroNoiseRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log."""
+    found = deviations.findings(log, spec)
+    if not any(finding.refused for finding in found):
+        try:
+            deviations.records(log, spec.noise.columns)
+        except FitError as error:
+            found.append(Finding.of(error))
+    return Examined(tuple(found))
+
+
+def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[str]]:
+    """Figures of every record in a log, and what was noted on the way."""
+    found = deviations.findings(log, spec)
+    refuse(found)
+    flags = [f"{log.file}: {note}" for note in log.notes] + [
+        str(finding) for finding in found if finding.flagged
+    ]
+    return [
+        deviations.figures_of(record, spec)
+        for record in deviations.records(log, spec.noise.columns)
+    ], flags
+
+
+def fit(spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Estimate the noise of every record."""
+    inputs, figures, flags = [], [], []
+    for log in copies.distinct(
+        ingest.ahead(progress(files, "reading and averaging"), lambda file: read(spec, data, file))
+    ):
+        found, noted = _figures(spec, log)
+        inputs.append(Input.of(log))
+        figures += found
+        flags += [*noted, *(flag for one in found for flag in one.flags)]
+    result = deviations.result(figures, flags)
+    summary = Summary(
+        spec.title,
+        deviations.tables(figures),
+        tuple(flags),
+        deviations.criteria(figures, spec.acceptance),
+    )
+    return Fitted((result,), tuple(inputs), summary, deviations.drawing(figures))
+
+
+def apply(
+    spec: GyroNoiseRecipe,
+    records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
+    data: Path,  # noqa: ARG001 (the same)
+) -> Applied:
+    """Refuse: noise is stated, not compensated."""
+    raise UsageError(
+        f"a run of {spec.procedure} holds nothing to compensate with",
+        hint="apply a run of fog_thermal",
+    )
+
+
+def validate(
+    spec: GyroNoiseRecipe,
+    records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
+    logs: Iterable[Log],
+) -> tuple[dict[str, Any], Summary]:
+    """Noise of records that were not fitted, held against the recipe's limits."""
+    entries, figures, flags = [], [], []
+    for log in logs:
+        found, noted = _figures(spec, log)
+        entries.append(
+            {
+                "name": log.file,
+                "sha256": log.sha256,
+                "rows": log.rows,
+                "records": [deviations.json_of(one) for one in found],
+            }
+        )
+        figures += found
+        flags += [*noted, *(flag for one in found for flag in one.flags)]
+    criteria = deviations.criteria(figures, spec.acceptance)
+    return {"logs": entries}, Summary("", deviations.tables(figures), tuple(flags), criteria)
+
+
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures and summary of a fit."""
+    if not isinstance(fitted.drawing, pages.NoiseReport):
+        raise UsageError("not a fit of gyro_noise")
+    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)

@@ -1,0 +1,58 @@
+"""Recipe of the noise of gyros at rest: Allan deviation, its noise terms, bias stability."""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, field_validator
+
+from calibkit.recipe.tables import Positive, Recipe, Table
+
+GyroColumn = Annotated[str, Field(pattern=r"^gyro(_[a-z0-9]+)?_dph$")]
+
+
+class Noise(Table):
+    """Which columns are rates, and what is estimated from them."""
+
+    columns: Annotated[tuple[GyroColumn, ...], Field(min_length=1, strict=False)] = ("gyro_dph",)
+    points: Annotated[int, Field(ge=1, le=20)] = 1
+    spacing: Literal["octave", "decade"] = "octave"
+    probability: Annotated[float, Field(gt=0.5, lt=1.0)] = 0.95
+    wavelet: str = "db2"
+    bias_stability_s: Annotated[tuple[Positive, ...], Field(strict=False)] = (10.0, 100.0)
+    min_rows: Annotated[int, Field(ge=64)] = 1000
+
+    @field_validator("columns")
+    @classmethod
+    def _each_once(cls, columns: tuple[str, ...]) -> tuple[str, ...]:
+        if len(set(columns)) != len(columns):
+            raise ValueError(f"columns = {list(columns)}: a column stands twice")
+        return columns
+
+    @field_validator("wavelet")
+    @classmethod
+    def _orthogonal(cls, wavelet: str) -> str:
+        import pywt
+
+        if wavelet not in pywt.wavelist(kind="discrete") or not pywt.Wavelet(wavelet).orthogonal:
+            raise ValueError(
+                f"'{wavelet}' is not an orthogonal wavelet; use haar, db2, db3, sym4 ..."
+            )
+        return wavelet
+
+
+class NoiseAcceptance(Table):
+    """Limits; one on a term that is not observable is held against what the term can be at most."""
+
+    max_angle_random_walk: Positive | None = None
+    max_bias_instability_dph: Positive | None = None
+    max_rate_random_walk: Positive | None = None
+    max_bias_stability_dph: Positive | None = None
+
+
+class GyroNoiseRecipe(Recipe):
+    """Gyros at rest at one temperature, one record a log."""
+
+    procedure: Literal["gyro_noise"]
+    noise: Noise = Noise()
+    acceptance: NoiseAcceptance = NoiseAcceptance()

@@ -1,0 +1,71 @@
+"""A gyro at rest for hours: angle random walk, flicker, rate random walk, whole pulses, and a
+recorder that lost some rows.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.simulate import noise
+from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+EARTH_RATE_DPH = 15.041067
+LATITUDE_DEG = 34.2
+DECIMALS = {"gyro_dph": 3}
+GAP_S = (120, 400)
+"""Shortest and longest gap."""
+
+
+def campaign(seed: int, *, hours: float = 6.0) -> Campaign:
+    """Log one gyro at rest at 1 Hz with one gap; the truth has its noise terms.
+
+    Parameters
+    ----------
+    seed : what gyro and noise are drawn from.
+    hours : length of the record.
+
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    count = round(hours * noise.SECONDS_PER_HOUR)
+    terms = {
+        "N": float(rng.uniform(0.003, 0.006)),
+        "B": float(rng.uniform(0.02, 0.04)),
+        "K": float(rng.uniform(0.0, 0.02)),
+        "resolution_dph": 0.02,
+        "bias_dph": float(rng.normal(0.0, 0.5)),
+    }
+    rate = (
+        EARTH_RATE_DPH * np.sin(np.radians(LATITUDE_DEG))
+        + terms["bias_dph"]
+        + noise.angle_random_walk(terms["N"], count, rng)
+        + noise.flicker(terms["B"], count, rng)
+        + noise.rate_random_walk(terms["K"], count, rng)
+    )
+    indication = noise.pulses(rate, terms["resolution_dph"])
+    start, length = int(rng.integers(count // 4, count // 2)), int(rng.integers(*GAP_S))
+    kept = np.ones(count, dtype=bool)
+    kept[start : start + length] = False
+    columns: dict[str, NDArray[Any]] = {
+        "time_s": np.arange(count, dtype=np.int64)[kept],
+        "gyro_dph": indication[kept],
+    }
+    units = {
+        "N": "deg/sqrt(h)",
+        "B": "deg/h",
+        "K": "deg/h/sqrt(h)",
+        "resolution_dph": "deg/h",
+        "bias_dph": "deg/h",
+    }
+    truth = {
+        "procedure": "gyro_noise",
+        "seed": seed,
+        "terms": terms,
+        "units": units,
+        "gap": {"from_s": start, "rows": length},
+    }
+    return Campaign({"static.csv": columns}, DECIMALS, truth)

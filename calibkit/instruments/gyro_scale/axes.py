@@ -1,0 +1,283 @@
+"""Table runs about three axes of one base → sensitivities of any number of gyros, angles between
+them, over temperature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError, RecipeError
+from calibkit.instruments.gyro_scale.numeric import scale_factor
+from calibkit.instruments.gyro_scale.numeric import triad as gyro_triad
+from calibkit.instruments.gyro_scale.pair_files import UNCERTAIN
+from calibkit.instruments.gyro_scale.runs import vertical_rate_dps
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleOverTemperature
+    from calibkit.instruments.gyro_scale.numeric.triad import Triad, TriadOverTemperature
+    from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+    from calibkit.instruments.gyro_scale.runs import TableRun
+
+    Array = NDArray[np.float64]
+
+AXES = ("x", "y", "z")
+ONE_SET_DEGC = 5.0
+"""Runs no further apart in temperature than this belong together."""
+
+
+@dataclass(frozen=True, slots=True)
+class AxesSet:
+    """Runs about all three axes at one temperature, and what they give."""
+
+    runs: tuple[TableRun, ...]
+    temp_degc: float
+    """Mean of the runs; NaN where none was logged."""
+    triad: Triad
+    bias: Array
+    """[g, 1/s], without the earth's rate; NaN where the latitude is unknown."""
+    bias_uncertainty: Array
+
+    @property
+    def label(self) -> str:
+        """Temperature to whole degrees, for names."""
+        return f"{self.temp_degc:.0f}"
+
+
+@dataclass(frozen=True, slots=True)
+class AxesFit:
+    """Gyros over three axes: all runs, the sets they make, the one that is the reference, and
+    polynomials over temperature.
+    """
+
+    gyros: tuple[str, ...]
+    runs: Mapping[str, tuple[TableRun, ...]]
+    """Table axis → its runs."""
+    sets: tuple[AxesSet, ...]
+    reference: int
+    over: TriadOverTemperature | None
+    bias_over: tuple[ScaleOverTemperature, ...]
+    flags: tuple[str, ...]
+
+    def main_axis(self, gyro: str) -> str:
+        """Table axis that a gyro senses most."""
+        row = self.sets[self.reference].triad.sensitivity[self.gyros.index(gyro)]
+        return AXES[int(np.argmax(np.abs(row)))]
+
+    def name(self, gyro: str, axis: str, run: TableRun) -> str:
+        """Name of the model of one gyro in one run."""
+        return (
+            f"{gyro}_about_{axis}"
+            if len(self.runs[axis]) == 1
+            else f"{gyro}_about_{axis}.{run.log.name}"
+        )
+
+    def suffix(self, one: AxesSet) -> str:
+        """What tells a set's names from those of the reference."""
+        return "" if one is self.sets[self.reference] else f"at_{one.label}"
+
+
+def axis_of(spec: GyroTriadRecipe, files: Sequence[str]) -> dict[str, str]:
+    """Log → table axis, or RecipeError for a log of none or of two."""
+    patterns = {axis: getattr(spec.axes, axis) for axis in AXES}
+    found = {}
+    for file in files:
+        named = [
+            axis for axis in AXES if any(fnmatchcase(file, pattern) for pattern in patterns[axis])
+        ]
+        if len(named) != 1:
+            what = "of no table axis" if not named else f"of the table axes {' and '.join(named)}"
+            raise RecipeError(
+                f"{file}: a log {what}", hint="name the logs of each table axis under [axes]"
+            )
+        found[file] = named[0]
+    return found
+
+
+def fit(spec: GyroTriadRecipe, runs: Mapping[str, tuple[TableRun, ...]]) -> AxesFit:
+    """Sensitivities and angles of each set of runs, and each sensitivity over temperature where it
+    varies.
+
+    Raises FitError for a table axis without a run at some temperature.
+    """
+    if missing := [axis for axis in AXES if not runs.get(axis)]:
+        raise FitError(
+            f"no log about table axis {missing[0]}",
+            hint="three axes need a log each; see [axes] and [logs] files",
+        )
+    every = [run for axis in AXES for run in runs[axis]]
+    known = bool(np.isfinite([run.temp_degc for run in every]).all())
+    flags = [flag for run in every for flag in run.flags]
+    if not known and len(every) > len(AXES):
+        flags.append(
+            "temperature is not logged in every run: nothing is fitted over it, all runs count as"
+            " repeated"
+        )
+    sets = tuple(_set_of(group, spec) for group in (_groups(runs) if known else [dict(runs)]))
+    for one in sets:
+        _require_own_axes(one, spec.gyros)
+    temperature = np.array([one.temp_degc for one in sets])
+    reference = int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if known else 0
+    several = len(sets) > 1
+    over = (
+        gyro_triad.over_temperature([one.triad for one in sets], temperature) if several else None
+    )
+    bias_over = _bias_over(sets, temperature) if several else ()
+    flags += [f"{_at(one)}{flag}" for one in sets for flag in one.triad.flags]
+    flags += [*_handed(sets, spec.gyros), *_uncertain(sets, spec.gyros), *_bias_flags(spec, sets)]
+    return AxesFit(spec.gyros, runs, sets, reference, over, bias_over, tuple(dict.fromkeys(flags)))
+
+
+def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
+    """Refuse a gyro named x, y or z that senses another of these axes most: logs or columns are
+    exchanged.
+    """
+    for gyro, row in zip(gyros, one.triad.misalignment, strict=True):
+        most = AXES[int(np.argmax(np.abs(row)))]
+        if gyro in AXES and most != gyro:
+            raise FitError(
+                f"{_at(one)}gyro {gyro} senses table axis {most} most"
+                f" ({row[AXES.index(most)]:+.3f})",
+                hint=(
+                    "logs are exchanged under [axes], or columns; gyros that are not mounted so"
+                    " need other names"
+                ),
+            )
+
+
+def _handed(sets: Sequence[AxesSet], gyros: Sequence[str]) -> list[str]:
+    """Flag for three input axes that make a left-handed system."""
+    if (
+        len(gyros) != len(AXES)
+        or not (np.array([np.linalg.det(one.triad.misalignment) for one in sets]) < 0.0).any()
+    ):
+        return []
+    return ["the input axes make a left-handed system: logs or signs may be exchanged"]
+
+
+def _uncertain(sets: Sequence[AxesSet], gyros: Sequence[str]) -> list[str]:
+    """Flags for gyros whose scale factor hardly is one."""
+    return [
+        f"{_at(one)}{gyro}: the scale factor is known to {100.0 * u / size:.2g} % only: hold faster"
+        " rates, or longer"
+        for one in sets
+        for gyro, size, u in zip(
+            gyros, one.triad.magnitude, one.triad.magnitude_uncertainty, strict=True
+        )
+        if not u < UNCERTAIN * size
+    ]
+
+
+def _at(one: AxesSet) -> str:
+    """Where a set's flag comes from."""
+    return f"{one.label} °C: " if np.isfinite(one.temp_degc) else ""
+
+
+def _groups(runs: Mapping[str, tuple[TableRun, ...]]) -> list[dict[str, tuple[TableRun, ...]]]:
+    """Runs by temperature, coldest first, each group with every axis."""
+    pairs = sorted(
+        ((run.temp_degc, axis, run) for axis in AXES for run in runs[axis]),
+        key=lambda pair: pair[0],
+    )
+    groups: list[dict[str, tuple[TableRun, ...]]] = []
+    last = float("-inf")
+    for degc, axis, run in pairs:
+        if degc - last > ONE_SET_DEGC:
+            groups.append({})
+        groups[-1][axis] = (*groups[-1].get(axis, ()), run)
+        last = degc
+    for group in groups:
+        if missing := [axis for axis in AXES if axis not in group]:
+            there = ", ".join(run.log.file for axis in group for run in group[axis])
+            degc = float(np.mean([run.temp_degc for axis in group for run in group[axis]]))
+            raise FitError(
+                f"no log about table axis {missing[0]} near {degc:.1f} °C, where there are {there}",
+                hint=(
+                    "each temperature needs a run about each axis; take the others out with"
+                    " [[exclude]]"
+                ),
+            )
+    return groups
+
+
+def _set_of(group: Mapping[str, tuple[TableRun, ...]], spec: GyroTriadRecipe) -> AxesSet:
+    """Triad and biases of runs that belong together."""
+    means = [_mean([run.scales for run in group[axis]]) for axis in AXES]
+    every = tuple(run for axis in AXES for run in group[axis])
+    bias, uncertainty = _bias(every, spec)
+    temp = float(np.mean([run.temp_degc for run in every]))
+    return AxesSet(every, temp, gyro_triad.from_runs(*means), bias, uncertainty)
+
+
+def _mean(runs: Sequence[RunScales]) -> RunScales:
+    """Mean K of repeated runs with the covariance of one of them, raised to the scatter of the mean
+    where that is larger.
+
+    It is not divided by the number of runs: the table's unevenness and a gyro's departure from the
+    line repeat.
+    """
+    K = np.array([run.K for run in runs])
+    covariance = np.mean([run.covariance for run in runs], axis=0)
+    if len(runs) > 1:
+        own = np.sqrt(np.diag(covariance))
+        scatter = K.std(axis=0, ddof=1) / np.sqrt(len(runs))
+        raised = np.maximum(scatter / np.where(own > 0.0, own, np.inf), 1.0)
+        covariance = covariance * np.outer(raised, raised)
+    return replace(runs[0], K=K.mean(axis=0), covariance=covariance)
+
+
+def _bias(runs: Sequence[TableRun], spec: GyroTriadRecipe) -> tuple[Array, Array]:
+    """Bias [g, 1/s] of runs about all axes without the earth's rate, F0 − K ω, and its standard
+    uncertainty.
+    """
+    vertical = vertical_rate_dps(spec)
+    if vertical is None:
+        return np.full(len(spec.gyros), np.nan), np.full(len(spec.gyros), np.nan)
+    lines = [run.scales.gyros for run in runs]
+    values = np.array([[line.F0 - line.K * vertical for line in row] for row in lines])
+    gradient = np.array([-vertical, 1.0])
+    noise = np.array(
+        [[gradient @ line.covariance[:2, :2] @ gradient for line in row] for row in lines]
+    )
+    scatter = values.var(axis=0, ddof=1) / len(runs)
+    return values.mean(axis=0), np.sqrt(np.maximum(noise.mean(axis=0) / len(runs), scatter))
+
+
+def _bias_over(sets: Sequence[AxesSet], temperature: Array) -> tuple[ScaleOverTemperature, ...]:
+    """Bias of each gyro over temperature, where the latitude is known."""
+    values = np.array([one.bias for one in sets])
+    if not np.isfinite(values).all():
+        return ()
+    u = np.array([one.bias_uncertainty for one in sets])
+    return tuple(
+        scale_factor.over_temperature(values[:, g], u[:, g], temperature)
+        for g in range(values.shape[1])
+    )
+
+
+def _bias_flags(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> list[str]:
+    """What the biases leave open."""
+    if spec.site.latitude_deg is None:
+        open_end = (
+            "the bias stays mixed with the earth's rate about each table axis, and `apply` is"
+            " refused"
+        )
+        return [f"the latitude is not known ([site] latitude_deg): {open_end}"]
+    flags = []
+    for one in sets:
+        # a bias that differs between the three attitudes depends on the acceleration, or the
+        # earth's rate is wrong
+        largest = float(np.max(one.bias_uncertainty / one.triad.magnitude)) * 3600.0
+        if largest > 1.0:
+            flags.append(
+                f"{_at(one)}the bias is known to {largest:.2g} °/h only: it differs between the"
+                " table axes (latitude, table axis, or a bias that depends on acceleration)"
+            )
+    return flags

@@ -1,0 +1,297 @@
+"""Figures of a gyro's scale factor as GJB 2426A and IEEE Std 952 define them, in parts per million,
+each labelled.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.numeric.least_squares.fit import rank
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleFactor
+
+    Array = NDArray[np.float64]
+
+PPM = 1e6
+ARCSECONDS_PER_DEGREE = 3600.0
+HALF = 0.5
+"""Share of the expected output that counts as a response (GJB 2426A, IEEE Std 952: threshold,
+resolution).
+"""
+SEEN = 4.0
+"""Standard uncertainties by which a response is told from none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Figure:
+    """A value, its uncertainty (type A), its unit, whose term it is and how it is defined."""
+
+    name: str
+    value: float
+    standard_uncertainty: float
+    unit: str
+    standard: str
+    definition: str
+
+
+def nonlinearity_full_scale(scale: ScaleFactor) -> float:
+    """Nonlinearity [ppm]: max |F_j − F̂_j| over the largest one-sided output max |F_j| (GJB
+    2426A).
+    """
+    largest = float(np.max(np.abs(scale.indication)))
+    if largest == 0.0:
+        raise FitError("every indication is zero", hint="check the column of the gyro")
+    return float(np.max(np.abs(scale.residuals))) / largest * PPM
+
+
+def nonlinearity_per_point(scale: ScaleFactor) -> Array:
+    """Relative deviation (F_j − F̂_j)/|K Ω_j| of each plateau [p] [ppm]; NaN at rest."""
+    expected = np.abs(scale.K * scale.rate_dps)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        return np.where(_turning(scale.rate_dps), scale.residuals / expected * PPM, np.nan)
+
+
+def asymmetry_gjb(scale: ScaleFactor) -> float:
+    """Asymmetry |K₊ − K₋|/K̄ [ppm]: a straight line of its own on each side, K̄ their mean (GJB
+    2426A).
+
+    Raises FitError where a side has fewer than two rates.
+    """
+    positive, negative = (float(row @ scale.indication) for row in _slopes_of_sides(scale.rate_dps))
+    return abs(positive - negative) / abs((positive + negative) / 2.0) * PPM
+
+
+def asymmetry_ieee(scale: ScaleFactor) -> float:
+    """Asymmetry |K₊ − K₋|/K [ppm]: slopes on both sides of one intercept, K over the whole range
+    (IEEE Std 952).
+
+    Raises FitError where the rates are not of both signs or are too few.
+    """
+    positive, negative = (
+        float(row @ scale.indication) for row in _slopes_about_intercept(scale.rate_dps)
+    )
+    return abs(positive - negative) / abs(scale.K) * PPM
+
+
+def _slopes_of_sides(rate_dps: Array) -> Array:
+    """Matrix [2, p] from indications to the slopes of the positive and negative side, each with its
+    intercept.
+    """
+    solver = np.zeros((2, rate_dps.size))
+    for row, side, name in ((0, rate_dps > 0.0, "positive"), (1, rate_dps < 0.0, "negative")):
+        if np.unique(np.round(rate_dps[side], 9)).size < 2:
+            raise FitError(
+                f"asymmetry needs two {name} rates or more", hint="run the table both ways"
+            )
+        solver[row, side] = np.linalg.pinv(
+            np.column_stack((rate_dps[side], np.ones(int(side.sum()))))
+        )[0]
+    return solver
+
+
+def _slopes_about_intercept(rate_dps: Array) -> Array:
+    """Matrix [2, p] from indications to the slopes of positive and negative rates that share one
+    intercept.
+    """
+    design = np.column_stack(
+        (np.maximum(rate_dps, 0.0), np.minimum(rate_dps, 0.0), np.ones_like(rate_dps))
+    )
+    if rank(design) < 3:
+        raise FitError(
+            "asymmetry needs rates of both signs, three or more", hint="run the table both ways"
+        )
+    return np.asarray(np.linalg.pinv(design)[:2], dtype=np.float64)
+
+
+def repeatability(K: Array) -> float:
+    """Repeatability sd(K_i)/K̄ [ppm] over the scale factors of Q runs [Q] (GJB 2426A); FitError for
+    one run.
+    """
+    if K.size < 2:
+        raise FitError(
+            "repeatability needs two runs or more", hint="repeat the run at the same temperature"
+        )
+    return float(np.std(K, ddof=1) / abs(np.mean(K))) * PPM
+
+
+def temperature_sensitivity(K: Array, temp_degc: Array, room_degc: float) -> float:
+    """Temperature sensitivity max |K_i − K_m|/(K_m |T_i − T_m|) [ppm/°C] (GJB 2426A).
+
+    K [q] and temperatures [q] [°C]; K_m and T_m are the means of the runs nearest room temperature,
+    within 5 °C of it.
+    """
+    at_room = np.abs(temp_degc - room_degc) <= 5.0
+    if not at_room.any() or at_room.all():
+        raise FitError(
+            f"temperature sensitivity needs runs within 5 °C of {room_degc:g} °C and others"
+            " outside",
+            hint="add runs, or state the room temperature",
+        )
+    K_m, T_m = float(K[at_room].mean()), float(temp_degc[at_room].mean())
+    relative = np.abs(K[~at_room] - K_m) / (abs(K_m) * np.abs(temp_degc[~at_room] - T_m))
+    return float(np.max(relative)) * PPM
+
+
+def threshold_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
+    """Smallest tested rate [°/s] from which the output is at least half of the expected; NaN where
+    noise hides it.
+
+    An upper limit of the threshold: smaller rates were not tested. `standard_uncertainty` [p] is of
+    the plateau means.
+    """
+    expected = np.abs(scale.K * scale.rate_dps)
+    turning = _turning(scale.rate_dps)
+    share = (scale.indication - scale.F0)[turning] / (scale.K * scale.rate_dps)[turning]
+    seen = standard_uncertainty[turning] * SEEN < HALF * expected[turning]
+    rates = np.abs(scale.rate_dps[turning])
+    return _smallest_from_which(rates, seen & (share >= HALF))
+
+
+def resolution_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
+    """Smallest tested step of rate [°/s] from which the output changes by half of the expected; NaN
+    as above.
+    """
+    order = np.argsort(scale.rate_dps, kind="stable")
+    step = np.diff(scale.rate_dps[order])
+    change = np.diff(scale.indication[order])
+    noise = np.hypot(standard_uncertainty[order][1:], standard_uncertainty[order][:-1])
+    real = step > 1e-9
+    share = change[real] / (scale.K * step[real])
+    seen = noise[real] * SEEN < HALF * np.abs(scale.K) * step[real]
+    return _smallest_from_which(step[real], seen & (share >= HALF))
+
+
+def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[Figure, ...]:
+    """All figures that one run can show, labelled; what its rates cannot show is left out.
+
+    `standard_uncertainty` [p] is of the plateau means; each figure's own is what that noise makes
+    of it.
+    """
+    gjb, ieee = "GJB 2426A", "IEEE Std 952"
+    u_K = float(scale.standard_uncertainty[0])
+    pulse = ARCSECONDS_PER_DEGREE / abs(scale.K)
+    return (
+        Figure("scale_factor_gjb", scale.K, u_K, "1/deg", gjb, "output per input rate"),
+        Figure(
+            "scale_factor_ieee",
+            pulse,
+            pulse * u_K / abs(scale.K),
+            "arcsec",
+            ieee,
+            "angle per pulse, 1/K",
+        ),
+        *_nonlinearities(scale, standard_uncertainty),
+        *_asymmetries(scale, standard_uncertainty),
+        *_limits(scale, standard_uncertainty),
+    )
+
+
+def _nonlinearities(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
+    """Nonlinearity over full scale and per point, with the noise of the point that decides it."""
+    gjb, ieee = "GJB 2426A", "IEEE Std 952"
+    worst = int(np.argmax(np.abs(scale.residuals)))
+    of_full = PPM / float(np.max(np.abs(scale.indication)))
+    per_point = np.abs(nonlinearity_per_point(scale))
+    point = int(np.nanargmax(per_point))
+    of_point = PPM / abs(scale.K * float(scale.rate_dps[point]))
+    u_full, u_point = (
+        float(standard_uncertainty[worst]) * of_full,
+        float(standard_uncertainty[point]) * of_point,
+    )
+    rms = scale.residual_rms / abs(scale.K)
+    u_rms = float(np.sqrt(np.mean(standard_uncertainty**2) / (2.0 * scale.rate_dps.size))) / abs(
+        scale.K
+    )
+    return [
+        Figure(
+            "nonlinearity_full_scale",
+            nonlinearity_full_scale(scale),
+            u_full,
+            "ppm",
+            gjb,
+            "max|F - F_fit|/max|F|",
+        ),
+        Figure(
+            "nonlinearity_per_point",
+            float(per_point[point]),
+            u_point,
+            "ppm",
+            gjb,
+            "max|F - F_fit|/|K*rate|",
+        ),
+        Figure("linearity_error_rms", rms, u_rms, "deg/s", ieee, "rms of residuals as input rate"),
+    ]
+
+
+def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
+    """Asymmetry in both senses, where the rates can show it."""
+    rate = scale.rate_dps
+    if any(np.unique(np.round(side, 9)).size < 2 for side in (rate[rate > 0.0], rate[rate < 0.0])):
+        return []
+    gjb, ieee = (
+        float(np.linalg.norm((rows[0] - rows[1]) * standard_uncertainty)) / abs(scale.K) * PPM
+        for rows in (_slopes_of_sides(rate), _slopes_about_intercept(rate))
+    )
+    return [
+        Figure(
+            "asymmetry_gjb",
+            asymmetry_gjb(scale),
+            gjb,
+            "ppm",
+            "GJB 2426A",
+            "|K+ - K-|/mean, a line on each side",
+        ),
+        Figure(
+            "asymmetry_ieee",
+            asymmetry_ieee(scale),
+            ieee,
+            "ppm",
+            "IEEE Std 952",
+            "|K+ - K-|/K, one intercept",
+        ),
+    ]
+
+
+def _limits(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
+    """Threshold and resolution, where noise does not hide them; they are tested rates and have no
+    uncertainty.
+    """
+    found = (
+        (
+            "threshold",
+            threshold_dps(scale, standard_uncertainty),
+            "smallest tested rate with half the expected output",
+        ),
+        (
+            "resolution",
+            resolution_dps(scale, standard_uncertainty),
+            "smallest tested step with half the change",
+        ),
+    )
+    return [
+        Figure(name, value, 0.0, "deg/s", "GJB 2426A", text)
+        for name, value, text in found
+        if np.isfinite(value)
+    ]
+
+
+def _turning(rate_dps: Array) -> NDArray[np.bool_]:
+    """Whether a plateau is not at rest."""
+    return np.asarray(
+        np.abs(rate_dps) > 1e-9 * np.max(np.abs(rate_dps), initial=0.0), dtype=np.bool_
+    )
+
+
+def _smallest_from_which(sizes: Array, responds: NDArray[np.bool_]) -> float:
+    """Smallest size from which on all respond; NaN where the largest does not."""
+    order = np.argsort(sizes, kind="stable")
+    silent = np.flatnonzero(~responds[order])
+    first = int(silent[-1]) + 1 if silent.size else 0
+    return float(sizes[order][first]) if first < sizes.size else float("nan")

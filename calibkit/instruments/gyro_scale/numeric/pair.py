@@ -1,0 +1,275 @@
+"""Orthogonality of two gyros from their scale factors about two table axes: N, ε, γ and the angle α
+between them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
+
+    Array = NDArray[np.float64]
+
+Side = Literal["same", "opposite"]
+
+ORDER = ("N", "epsilon", "gamma", "alpha_deg")
+"""Of the covariance's rows and columns."""
+NEAR_ONE = 10.0
+"""Standard uncertainties of γ from |γ| = 1 within which first-order propagation to α fails."""
+ONE_SIDED = 3.0
+"""The same, within which α = 0° or 180° is possible and the interval of α is one-sided."""
+IMPOSSIBLE = 0.05
+"""Excess of |γ| over one that no noise and no misalignment explains: the logs are of other axes."""
+DRAWS = 200_000
+COVERAGE_Z = 1.959963984540054
+"""Normal quantile of a two-sided 95 % interval."""
+CONSISTENT = 4.0
+"""Standard uncertainties by which two results may differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class GyroPair:
+    """Ratios and angle of two gyros, from K_A and K_B about their own axes and K_Ba, B about A's
+    axis.
+    """
+
+    N: float
+    """K_B/K_A."""
+    epsilon: float
+    """K_Ba/K_A."""
+    gamma: float
+    """K_Ba/K_B = cos α, within [−1, 1]."""
+    alpha_deg: float
+    """Angle of B's input axis to A's axis [°], 0 to 180."""
+    covariance: Array
+    """[4, 4] of N, ε, γ, α [°]; type A."""
+    alpha_interval_deg: tuple[float, float]
+    """95 % interval of α; where |γ| is within noise of one it is one-sided, from 0° or up to 180°.
+    """
+    side: Side
+    """`same` for γ ≥ 0 (α ≤ 90°), `opposite` for γ < 0."""
+    clamped: bool
+    """Whether noise gave |γ| > 1."""
+    gamma_indicated: float
+    """K_Ba/K_B before it was clamped."""
+    flags: tuple[str, ...]
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Of N, ε, γ, α [°] [4]."""
+        return np.sqrt(np.diag(self.covariance))
+
+    @property
+    def orthogonality_error_deg(self) -> float:
+        """90° − α [°]."""
+        return 90.0 - self.alpha_deg
+
+
+def pair(
+    K_A: float, K_B: float, K_Ba: float, covariance: Array, *, seed: int = 0, draws: int = DRAWS
+) -> GyroPair:
+    """Ratios and angle of two gyros with their full covariance.
+
+    Parameters
+    ----------
+    K_A, K_B : scale factors of A and B about their own axes, in one unit.
+    K_Ba : scale factor of B about A's axis, in the same unit.
+    covariance : [3, 3] of K_A, K_B, K_Ba; K_A and K_Ba of one table run are correlated by what the
+        run shares.
+    seed, draws : of the Monte Carlo propagation near |γ| = 1.
+
+    Returns
+    -------
+    GyroPair, after the published method: N = K_B/K_A, ε = K_Ba/K_A = N cos α, γ = ε/N = K_Ba/K_B.
+    K_A enters N and ε alone and K_B is shared by N and γ, so that their variances cannot be added;
+    the covariance says so.
+
+    Raises
+    ------
+    FitError
+        A scale factor about its own axis that is zero or not finite, or |γ| too far above one for
+        noise.
+
+    """
+    values = np.array([K_A, K_B, K_Ba])
+    if (
+        not (np.isfinite(values).all() and np.isfinite(covariance).all())
+        or K_A == 0.0
+        or K_B == 0.0
+    ):
+        raise FitError(f"scale factors K_A {K_A:g}, K_B {K_B:g}, K_Ba {K_Ba:g} cannot give ratios")
+    indicated = K_Ba / K_B
+    if abs(indicated) > 1.0 + IMPOSSIBLE:
+        raise FitError(
+            f"gamma {indicated:g} is far beyond 1: gyro B indicates more about A's axis than about"
+            " its own",
+            hint="check which log is of which table axis and which column is of which gyro",
+        )
+    jacobian = _ratios_jacobian(K_A, K_B, K_Ba)
+    ratios = jacobian @ covariance @ jacobian.T
+    u_gamma = float(np.sqrt(ratios[2, 2]))
+    gamma = float(np.clip(indicated, -1.0, 1.0))
+    alpha = float(np.degrees(np.arccos(gamma)))
+    near = 1.0 - abs(indicated) <= NEAR_ONE * u_gamma
+    if near:
+        full, interval = _by_draws(values, covariance, np.random.default_rng(seed), draws)
+    else:
+        full, interval = _first_order(ratios, gamma, alpha)
+    return GyroPair(
+        N=K_B / K_A,
+        epsilon=K_Ba / K_A,
+        gamma=gamma,
+        alpha_deg=alpha,
+        covariance=full,
+        alpha_interval_deg=interval,
+        side="same" if gamma >= 0.0 else "opposite",
+        clamped=abs(indicated) > 1.0,
+        gamma_indicated=indicated,
+        flags=_flags(indicated, u_gamma),
+    )
+
+
+def from_runs(about_a: RunScales, about_b: RunScales, *, seed: int = 0) -> GyroPair:
+    """Pair from the table runs about A's reference axis and about B's own axis, gyro A first and B
+    second in both.
+
+    K_A and K_Ba come from the first run and share its noise, K_B from the second; gyro A in the
+    second run checks γ.
+    """
+    if about_a.K.size != 2 or about_b.K.size != 2:
+        raise FitError(
+            f"{about_a.K.size} and {about_b.K.size} gyros in the runs of a pair",
+            hint="give two columns",
+        )
+    covariance = np.zeros((3, 3))
+    covariance[np.ix_((0, 2), (0, 2))] = about_a.covariance
+    covariance[1, 1] = about_b.covariance[1, 1]
+    found = pair(
+        float(about_a.K[0]), float(about_b.K[1]), float(about_a.K[1]), covariance, seed=seed
+    )
+    own = np.diag([about_a.covariance[0, 0], about_b.covariance[0, 0]])
+    _, _, flags = cross_check(found, float(about_a.K[0]), float(about_b.K[0]), own)
+    return replace(found, flags=(*found.flags, *flags))
+
+
+def _ratios_jacobian(K_A: float, K_B: float, K_Ba: float) -> Array:
+    """Derivatives [3, 3] of N, ε, γ with respect to K_A, K_B, K_Ba."""
+    return np.array(
+        [
+            [-K_B / K_A**2, 1.0 / K_A, 0.0],
+            [-K_Ba / K_A**2, 0.0, 1.0 / K_A],
+            [0.0, -K_Ba / K_B**2, 1.0 / K_B],
+        ]
+    )
+
+
+def _first_order(
+    ratios: Array, gamma: float, alpha_deg: float
+) -> tuple[Array, tuple[float, float]]:
+    """Covariance [4, 4] with α added by dα = −dγ/sin α, and the 95 % interval of α [°] from that of
+    γ.
+    """
+    extend = np.vstack((np.eye(3), [0.0, 0.0, -np.degrees(1.0 / np.sqrt(1.0 - gamma**2))]))
+    u_gamma = float(np.sqrt(ratios[2, 2]))
+    low, high = np.degrees(
+        np.arccos(np.clip([gamma + COVERAGE_Z * u_gamma, gamma - COVERAGE_Z * u_gamma], -1.0, 1.0))
+    )
+    return np.asarray(extend @ ratios @ extend.T), (
+        min(float(low), alpha_deg),
+        max(float(high), alpha_deg),
+    )
+
+
+def _by_draws(
+    values: Array, covariance: Array, rng: np.random.Generator, draws: int
+) -> tuple[Array, tuple[float, float]]:
+    """Covariance [4, 4] and 95 % interval of α [°] by Monte Carlo within |γ| ≤ 1 (JCGM 101).
+
+    Draws with |γ| > 1 are impossible angles and are left out; where nearly all are, the draws are
+    moved onto |γ| = 1.
+    """
+    method: Literal["cholesky", "svd"] = "cholesky" if _definite(covariance) else "svd"
+    K_A, K_B, K_Ba = rng.multivariate_normal(values, covariance, draws, method=method).T
+    gamma = K_Ba / K_B
+    indicated = float(values[2] / values[1])
+    sign = 1.0 if indicated > 0.0 else -1.0
+    possible = np.abs(gamma) <= 1.0
+    if possible.mean() < 0.01:
+        gamma = gamma - indicated + sign
+        possible = np.abs(gamma) <= 1.0
+    limited = np.clip(gamma, -1.0, 1.0)
+    drawn = np.vstack((K_B / K_A, K_Ba / K_A, limited, np.degrees(np.arccos(limited))))
+    if possible.any():
+        # none is only left where there is no uncertainty to draw from: the limit itself then stands
+        drawn = drawn[:, possible]
+    one_sided = 1.0 - abs(indicated) < ONE_SIDED * float(gamma.std())
+    quantiles = (0.025, 0.975) if not one_sided else (0.0, 0.95) if sign > 0.0 else (0.05, 1.0)
+    low, high = (float(np.quantile(drawn[3], q)) for q in quantiles)
+    if one_sided:
+        low, high = (0.0, high) if sign > 0.0 else (low, 180.0)
+    return np.cov(drawn), (low, high)
+
+
+def _definite(covariance: Array) -> bool:
+    """Whether a covariance has a Cholesky factor."""
+    return bool(np.linalg.eigvalsh(covariance)[0] > 1e-12 * np.trace(covariance))
+
+
+def _flags(indicated: float, u_gamma: float) -> tuple[str, ...]:
+    """What a reader of the angle must know."""
+    flags = []
+    excess = abs(indicated) - 1.0
+    if excess > 0.0:
+        flags.append(f"|gamma| {abs(indicated):.9g} clamped to 1")
+    if excess > CONSISTENT * u_gamma:
+        flags.append(
+            f"|gamma| exceeds 1 by {excess * 1e6:.0f} ppm, more than noise explains: "
+            "gyro B's own table axis is not its input axis, or the runs differ in temperature"
+        )
+    if -excess < ONE_SIDED * u_gamma:
+        flags.append(
+            "|gamma| is within noise of 1: the interval of alpha is one-sided, by Monte Carlo"
+        )
+    if abs(indicated) < 2.0 * u_gamma:
+        flags.append("gamma is within noise of 0: its sign does not tell the side")
+    return tuple(flags)
+
+
+def cross_check(
+    result: GyroPair, K_A: float, K_Ab: float, covariance: Array
+) -> tuple[float, float, tuple[str, ...]]:
+    """Second γ from gyro A turned about B's axis, K_Ab/K_A, which must agree with the first.
+
+    Parameters
+    ----------
+    result : the pair.
+    K_A, K_Ab : scale factors of A about its own and about B's axis.
+    covariance : [2, 2] of K_A, K_Ab.
+
+    Returns
+    -------
+    γ, its standard uncertainty, and a flag where both differ by more than their uncertainties
+    explain.
+
+    """
+    gamma = K_Ab / K_A
+    gradient = np.array([-K_Ab / K_A**2, 1.0 / K_A])
+    uncertainty = float(np.sqrt(gradient @ covariance @ gradient))
+    expected = float(np.hypot(uncertainty, result.standard_uncertainty[2]))
+    difference = gamma - result.gamma_indicated
+    if abs(difference) <= CONSISTENT * expected:
+        return gamma, uncertainty, ()
+    ratio = abs(difference) / max(expected, np.finfo(np.float64).tiny)
+    flag = (
+        f"gamma from A about B's axis differs by {difference:.2g}, {ratio:.0f} standard"
+        " uncertainties: a table axis is not the input axis of its gyro"
+    )
+    return gamma, uncertainty, (flag,)

@@ -1,0 +1,256 @@
+"""Means over the held rates of a rate-table log: whole revolutions, the earth's rate, and the noise
+of the means.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale.numeric.plateau_noise import Part, Record, modulation, noise_of
+from calibkit.instruments.gyro_scale.numeric.plateaus import (
+    DEFAULT_RULES,
+    REVOLUTION_DEG,
+    Rules,
+    find,
+    turn_of,
+)
+from calibkit.numeric import spans
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.gyro_scale.numeric.plateau_noise import Modulation
+    from calibkit.instruments.gyro_scale.numeric.plateaus import Room, Series, Turn
+
+    Array = NDArray[np.float64]
+    Counts = NDArray[np.int64]
+
+DISAGREEMENT = 10e-6
+"""Relative difference of table angle and table rate from which it is flagged."""
+
+
+@dataclass(frozen=True, slots=True)
+class Plateaus:
+    """Means over p held rates of m gyros."""
+
+    rate_dps: Array
+    """Table rate [p] [°/s], the mean over the same samples as the indication."""
+    indication: Array
+    """Means [p, m] in the unit of the indication."""
+    covariance: Array
+    """Of the means [p, m, m]: noise within each plateau, type A."""
+    revolutions: Counts
+    """Whole revolutions averaged [p]; 0 where the table turned less than one."""
+    samples: Counts
+    """Samples used [p]."""
+    duration_s: Array
+    """Time averaged [p] [s]."""
+    temp_degc: Array
+    """Mean temperature [p] [°C]; NaN where none was logged."""
+    angle_rate_dps: Array
+    """Rate [p] [°/s] that the logged table angle gives over the same samples; NaN where none was
+    logged.
+    """
+    span: Counts
+    """First row and one past the last row used [p, 2]."""
+    flags: tuple[str, ...]
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Of the means [p, m]."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+
+def means(
+    time_s: Array,
+    table_rate_dps: Array,
+    indication: Array,
+    *,
+    table_angle_deg: Array | None = None,
+    temp_degc: Array | None = None,
+    rules: Rules = DEFAULT_RULES,
+    held: Counts | None = None,
+    room: Room = np.empty,
+) -> Plateaus:
+    """Average each held rate of a rate-table log over whole revolutions of the table.
+
+    Parameters
+    ----------
+    time_s, table_rate_dps, table_angle_deg, rules : as for `find`.
+    held : [p, 2], rows of the held rates where they are known; found by `find` otherwise.
+    indication : [n, m], one column a gyro; each row is the mean rate over the interval that ends at
+        it.
+    temp_degc : [n] [°C].
+    room : makes arrays along the rows; columns that lie in mapped files are worked on in the memory
+        of a span.
+
+    Returns
+    -------
+    Plateaus. Over a whole revolution the horizontal part of the earth's rate vanishes; where the
+    table turned less than one and its angle is logged, the modulation with the angle, fitted to all
+    plateaus together, is taken out. Without an angle a plateau at rest is left out, and one of less
+    than a revolution is kept and flagged.
+
+    Raises
+    ------
+    FitError
+        As `find`, or an indication that is not finite.
+
+    """
+    signals = indication.reshape(time_s.size, -1)
+    if not spans.finite(signals):
+        row = int(np.flatnonzero(~np.isfinite(signals).all(axis=1))[0])
+        raise FitError(
+            f"the indication in row {row} is not finite", hint="exclude the rows that hold it"
+        )
+    turn = turn_of(time_s, table_rate_dps, table_angle_deg, room=room)
+    found = find(time_s, table_rate_dps, rules=rules, turn=turn) if held is None else held
+    return _means(Record(turn, table_rate_dps, signals), found, temp_degc)
+
+
+def _means(record: Record, held: Counts, temp_degc: Array | None) -> Plateaus:
+    """Averages over the rows of held rates [p, 2]."""
+    turn = record.turn
+    parts = [_whole_revolutions(record, first, stop) for first, stop in held.tolist()]
+    wave = modulation(record, parts)
+    parts, left_out = _without_rest(turn, parts, determined=wave.earth)
+    values = _averages(record, parts, spans.series(record.signals))
+    covariance, flags = noise_of(record, parts, wave, values)
+    if wave.earth:
+        values, covariance = _unmodulated(record, parts, wave, values, covariance)
+    rate = _averages(record, parts, spans.series(record.rate))
+    nan = np.full(len(parts), np.nan)
+    angle_rate = _averages(record, parts, turn.rate) if turn.logged else nan
+    revolutions = np.array([part.revolutions for part in parts], dtype=np.int64)
+    return Plateaus(
+        rate_dps=rate,
+        indication=values,
+        covariance=covariance,
+        revolutions=revolutions,
+        samples=np.array([part.stop - part.first for part in parts], dtype=np.int64),
+        duration_s=np.array([part.duration_s for part in parts]),
+        temp_degc=nan if temp_degc is None else _averages(record, parts, spans.series(temp_degc)),
+        angle_rate_dps=angle_rate,
+        span=np.array([(part.first, part.stop) for part in parts], dtype=np.int64),
+        flags=(
+            *left_out,
+            *_partial(revolutions, corrected=wave.earth),
+            *flags,
+            *_disagreement(rate, angle_rate),
+        ),
+    )
+
+
+def _whole_revolutions(record: Record, first: int, stop: int) -> Part:
+    """A plateau over whole revolutions: the last interval counts for the fraction that completes
+    the last of them.
+    """
+    turned = record.turn.turn_deg
+    travelled, reached, last = 0.0, 0.0, 0
+    for _, travel in _travel(turned, first, stop):
+        travelled = float(travel[-1])
+    # a table that stops on the revolution it began with may log a hair less
+    whole = int(np.floor(travelled / REVOLUTION_DEG + 1e-6))
+    if whole < 1:
+        return Part.of(record, first, stop, 1.0, 0)
+    for row, travel in _travel(turned, first, stop):
+        last = row + min(int(np.searchsorted(travel, whole * REVOLUTION_DEG)), travel.size - 1)
+        reached = float(travel[last - row])
+        if reached >= whole * REVOLUTION_DEG:
+            break
+    excess = reached - whole * REVOLUTION_DEG
+    share = 1.0 - min(max(excess / abs(float(turned[first + last])), 0.0), 1.0)
+    return Part.of(record, first, first + last + 1, share, whole)
+
+
+def _travel(turned: Array, first: int, stop: int) -> Iterator[tuple[int, Array]]:
+    """Way turned [°] since row `first`, a span of rows after the other, each with the rows before
+    it.
+    """
+    before = 0.0
+    for a, b in spans.along(turned[first:stop]):
+        travel = turned[first + a : first + b].copy()
+        travel[0] += before
+        np.cumsum(travel, out=travel)
+        before = float(travel[-1])
+        yield a, np.abs(travel)
+
+
+def _averages(record: Record, parts: list[Part], values: Series) -> Array:
+    """Time averages [p, ...] of values [n, ...] over the plateaus."""
+    return np.array([part.average(record, values) for part in parts])
+
+
+def _without_rest(
+    turn: Turn, parts: list[Part], *, determined: bool
+) -> tuple[list[Part], tuple[str, ...]]:
+    """Plateaus without those at rest whose share of the earth's horizontal rate nobody knows."""
+    kept = [
+        part
+        for part in parts
+        if determined
+        or part.revolutions
+        or abs(spans.total(turn.turn_deg[part.first : part.stop])) > 1.0
+    ]
+    if not kept:
+        raise FitError(
+            "the table never turns in this log",
+            hint="a scale factor needs held rates other than zero",
+        )
+    rest = len(parts) - len(kept)
+    note = (
+        f"{rest} plateaus at rest left out: their share of the earth's horizontal rate is unknown"
+    )
+    return kept, (note,) if rest else ()
+
+
+def _unmodulated(
+    record: Record, parts: list[Part], wave: Modulation, values: Array, covariance: Array
+) -> tuple[Array, Array]:
+    """Means without the earth's horizontal rate where the table turned less than a revolution, and
+    their covariance.
+    """
+    values, covariance = values.copy(), covariance.copy()
+    for j, part in enumerate(parts):
+        if part.revolutions:
+            continue
+        mean = part.average(record, record.basis)
+        values[j] -= mean @ wave.factors[:2]
+        covariance[j] += np.diag(wave.variance * float(mean @ wave.unit_covariance @ mean))
+    return values, covariance
+
+
+def _partial(revolutions: Counts, *, corrected: bool) -> tuple[str, ...]:
+    """Flag for plateaus of less than a revolution."""
+    count = int(np.sum(revolutions == 0))
+    if not count:
+        return ()
+    if corrected:
+        return (
+            (
+                f"{count} plateaus of less than a revolution: the earth's horizontal rate was"
+                " fitted and taken out"
+            ),
+        )
+    return (
+        (
+            f"{count} plateaus of less than a revolution: the earth's horizontal rate is not"
+            " averaged out"
+        ),
+    )
+
+
+def _disagreement(rate: Array, angle_rate: Array) -> tuple[str, ...]:
+    """Flag where the logged angle and the logged rate are not of one table."""
+    if np.isnan(angle_rate).any() or not np.any(rate):
+        return ()
+    relative = float(angle_rate @ rate / (rate @ rate)) - 1.0
+    if abs(relative) <= DISAGREEMENT:
+        return ()
+    return (f"the table angle turns {relative * 1e6:+.0f} ppm faster than the table rate says",)

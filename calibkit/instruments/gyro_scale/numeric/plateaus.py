@@ -1,0 +1,317 @@
+"""Rate plateaus of a rate-table log: where the table holds a rate, without acceleration and
+settling.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.numeric import spans
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+    Counts = NDArray[np.int64]
+    Room = Callable[[int], Array]
+    Series = Callable[[int, int], Array]
+    """Values of rows first … stop − 1."""
+
+REVOLUTION_DEG = 360.0
+MAD_TO_SIGMA = 1.0 / 0.6744897501960817
+"""Standard deviation of normal noise over its median absolute deviation."""
+FIFTH_TO_SIGMA = 1.0 / 0.2533471031357997
+"""The same over its 0.2 quantile."""
+NOISE_RANGE = 10.0
+"""Peak-to-peak range of the rate, in standard deviations of its noise, that a held rate may show.
+"""
+QUANTA = 3.5
+"""Range that a flickering resolution may add, in quanta."""
+FLICKER = 0.02
+"""Share of the rows at which a rate must flicker."""
+SOON = 8
+"""Rows within which a flicker is taken back."""
+SMALL = 5e-3
+"""Of the largest rate, above which a change is a step of the table."""
+GAP = 3.0
+"""Sampling intervals, in medians, that end a plateau: nobody knows what the table did meanwhile."""
+
+ANGLE_SLACK = 10.0
+"""How much more the rate from the table angle may range: the jitter of the time stamps is in it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rules:
+    """What counts as a held rate."""
+
+    shortest_s: float = 2.0
+    """Shortest plateau."""
+    shortest_samples: int = 8
+    settle_s: float = 1.0
+    """Dropped after each change of rate; at most a quarter of the plateau."""
+    relative: float = 1e-3
+    """Range of the rate within `shortest_s`, of the rate."""
+    floor_dps: float = 1e-4
+    """The same near zero rate [°/s]."""
+
+
+DEFAULT_RULES = Rules()
+
+
+@dataclass(frozen=True, slots=True)
+class Turn:
+    """What the table did in each sampling interval that ends at a row: turn [n] [°], angle in its
+    middle [n] [rad].
+    """
+
+    interval_s: Array
+    turn_deg: Array
+    middle_rad: Array
+    logged: bool
+
+    def rate(self, first: int, stop: int) -> Array:
+        """Rate [°/s] of the table in the intervals that end at rows first … stop − 1."""
+        spans.release(self.turn_deg, self.interval_s)
+        return self.turn_deg[first:stop] / self.interval_s[first:stop]
+
+
+def find(
+    time_s: Array,
+    table_rate_dps: Array,
+    *,
+    table_angle_deg: Array | None = None,
+    rules: Rules = DEFAULT_RULES,
+    turn: Turn | None = None,
+) -> Counts:
+    """Rows of the held rates of a rate-table log, without acceleration and settling.
+
+    Parameters
+    ----------
+    time_s : [n] [s], strictly increasing.
+    table_rate_dps : [n] [°/s], commanded or measured.
+    table_angle_deg : [n] [°], of any wrapping; where logged, the rate that it gives must be held
+        too.
+    rules : what counts as held.
+    turn : what `turn_of` gives for these columns, where it is known already.
+
+    Returns
+    -------
+    [p, 2], first row and one past the last row of each plateau.
+
+    Raises
+    ------
+    FitError
+        Times that do not increase, values that are not finite, or no held rate at all.
+
+    """
+    _require_record(time_s, table_rate_dps)
+    turn = turn or turn_of(time_s, table_rate_dps, table_angle_deg)
+    interval = spans.median(turn.interval_s)
+    window = max(rules.shortest_samples, int(np.ceil(rules.shortest_s / interval)))
+    still = [_Stillness.of(spans.series(table_rate_dps), time_s.size, window, rules)]
+    if turn.logged:
+        # a commanded rate steps at once, while the table takes its time: only the angle shows that
+        wide = replace(rules, relative=ANGLE_SLACK * rules.relative)
+        still.append(_Stillness.of(turn.rate, time_s.size, window, wide))
+
+    def held(first: int, stop: int) -> NDArray[np.bool_]:
+        chosen = _unbroken(turn.interval_s[first : stop + window - 1], window, interval)
+        for series in still:
+            chosen &= series.held(first, stop)
+        spans.release(table_rate_dps, turn.turn_deg, turn.interval_s)
+        return chosen
+
+    runs = spans.runs(max(time_s.size - window + 1, 0), held)
+    trimmed = [
+        _settled(time_s, *_steady(table_rate_dps, *run, rules, still[0].quantum), rules)
+        for run in _joined(runs, window)
+    ]
+    kept = [
+        (first, stop)
+        for first, stop in trimmed
+        if stop - first >= max(rules.shortest_samples // 2, 2)
+    ]
+    if not kept:
+        low, high = spans.extremes(table_rate_dps)
+        raise FitError(
+            f"no held rate of {rules.shortest_s:g} s in {time_s.size} rows with table rates of"
+            f" {low:g} to {high:g} °/s"
+            + (", by table rate and table angle together" if turn.logged else ""),
+            hint=(
+                "check that the rate column is the table's, or allow shorter plateaus or a wider"
+                " range of rate"
+            ),
+        )
+    return np.array(kept, dtype=np.int64)
+
+
+def _require_record(time_s: Array, table_rate_dps: Array) -> None:
+    """Refuse times that do not increase and table rates that are not finite."""
+    if time_s.size < 4 or time_s.size != table_rate_dps.size:
+        raise FitError(
+            f"{time_s.size} times and {table_rate_dps.size} table rates, expected at least four of"
+            " each"
+        )
+    if not (spans.finite(time_s) and spans.finite(table_rate_dps)):
+        raise FitError("a time or a table rate is not finite", hint="exclude the rows that hold it")
+    back = spans.where(time_s, lambda step: step <= 0.0, step=True)
+    if back.size:
+        raise FitError(
+            f"time does not increase in row {int(back[0]) + 1}",
+            hint="split the log there, or repair its clock",
+        )
+
+
+def turn_of(
+    time_s: Array, table_rate_dps: Array, table_angle_deg: Array | None, *, room: Room = np.empty
+) -> Turn:
+    """Turn of the table in each interval.
+
+    From the logged angle, unwrapped about the turn that the rate lets expect; without one, from the
+    rate. `room` makes the arrays.
+    """
+    if table_angle_deg is not None and not spans.finite(table_angle_deg):
+        raise FitError("a table angle is not finite", hint="exclude the rows that hold it")
+    interval, turned, middle = (room(time_s.size) for _ in range(3))
+    angle = 0.0
+    for a, b in spans.along(time_s, table_rate_dps, interval, turned, middle):
+        interval[a:b] = np.diff(
+            time_s[max(a - 1, 0) : b], prepend=[] if a else 2.0 * time_s[0] - time_s[1]
+        )
+        expected = table_rate_dps[a:b] * interval[a:b]
+        if table_angle_deg is None:
+            turned[a:b] = expected
+            through = expected.copy()
+            through[0] += angle
+            np.cumsum(through, out=through)
+            angle = float(through[-1])
+            middle[a:b] = np.radians(through - expected / 2.0)
+            continue
+        before = [] if a else table_angle_deg[0] - expected[0]
+        step = np.diff(table_angle_deg[max(a - 1, 0) : b], prepend=before)
+        turned[a:b] = expected + np.remainder(step - expected + 180.0, REVOLUTION_DEG) - 180.0
+        middle[a:b] = np.radians(table_angle_deg[a:b] - turned[a:b] / 2.0)
+        spans.release(table_angle_deg)
+    return Turn(interval, turned, middle, logged=table_angle_deg is not None)
+
+
+@dataclass(frozen=True, slots=True)
+class _Stillness:
+    """What it takes for a rate to be held over a window of rows."""
+
+    rate: Series
+    window: int
+    rules: Rules
+    noise: float
+    """Range [°/s] that its noise may add."""
+    quantum: float
+    """Range [°/s] that its flickering resolution may add."""
+
+    @classmethod
+    def of(cls, rate: Series, rows: int, window: int, rules: Rules) -> _Stillness:
+        """That of a rate of so many rows."""
+        if rows < window:
+            return cls(rate, window, rules, 0.0, 0.0)
+
+        def bends() -> Iterator[Array]:
+            return (np.abs(np.diff(rate(a, b + 2), 2)) for a, b in spans.over(rows - 2))
+
+        # second differences, the smaller ones: neither a steady acceleration nor many short
+        # plateaus are noise
+        noise = FIFTH_TO_SIGMA * spans.quantile_of(bends, rows - 2, 0.2) / np.sqrt(6.0)
+        return cls(rate, window, rules, NOISE_RANGE * noise, QUANTA * _quantum(rate, rows))
+
+    def held(self, first: int, stop: int) -> NDArray[np.bool_]:
+        """Whether the rate is held over the windows that begin in rows first … stop − 1."""
+        from scipy.ndimage import maximum_filter1d, minimum_filter1d
+
+        rate = self.rate(first, stop + self.window - 1)
+        begin = slice(self.window // 2, self.window // 2 + stop - first)
+        highest, lowest = (
+            maximum_filter1d(rate, self.window)[begin],
+            minimum_filter1d(rate, self.window)[begin],
+        )
+        allowed = np.maximum(
+            self.rules.relative * np.maximum(np.abs(highest), np.abs(lowest)), self.rules.floor_dps
+        )
+        return np.asarray(
+            highest - lowest <= np.maximum(allowed, max(self.noise, self.quantum)), dtype=np.bool_
+        )
+
+
+def _quantum(rate: Series, rows: int) -> float:
+    """Resolution of a logged rate that flickers between neighbouring values; 0 where it does not.
+
+    A flicker is the smallest change there is, small against the rates, frequent, and soon taken
+    back.
+    """
+    quantum, largest = np.inf, 0.0
+    for a, b in spans.over(rows):
+        part = rate(a, min(b + 1, rows))
+        change = np.abs(np.diff(part))
+        quantum = min(quantum, float(np.min(change, where=change > 0.0, initial=np.inf)))
+        largest = max(largest, float(np.max(np.abs(part))))
+    if not quantum < SMALL * largest:
+        return 0.0
+    back, last, before = 0, -SOON, 0.0
+    for a, b in spans.over(rows - 1):
+        step = np.diff(rate(a, b + 1))
+        at = np.flatnonzero(step)
+        if not at.size:
+            continue
+        change, row = np.concatenate(([before], step[at])), np.concatenate(([last], at + a))
+        flicker = np.abs(change) < 1.5 * quantum
+        taken = (
+            flicker[1:] & flicker[:-1] & (change[1:] * change[:-1] < 0.0) & (np.diff(row) < SOON)
+        )
+        back += int(np.count_nonzero(taken))
+        last, before = int(row[-1]), float(change[-1])
+    return quantum if back > FLICKER * rows else 0.0
+
+
+def _unbroken(interval_s: Array, window: int, median_s: float) -> NDArray[np.bool_]:
+    """Whether the window that begins at each row has no gap in it."""
+    gaps = np.concatenate(([0], np.cumsum(interval_s[1:] > GAP * median_s)))
+    return np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)
+
+
+def _joined(runs: list[tuple[int, int]], window: int) -> list[tuple[int, int]]:
+    """Rows that runs of held windows cover; where two share rows, the first keeps them."""
+    spans: list[tuple[int, int]] = []
+    for begin, end in runs:
+        first = max(begin, spans[-1][1]) if spans else begin
+        if end - 1 + window > first:
+            spans.append((first, end - 1 + window))
+    return spans
+
+
+def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) -> tuple[int, int]:
+    """Longest stretch of a span whose rate stays by its median: a slow creep into or out of it is
+    cut off.
+    """
+    part = rate[first:stop]
+    middle = spans.median(part)
+    noise = MAD_TO_SIGMA * spans.middle(
+        lambda: (np.abs(part[a:b] - middle) for a, b in spans.along(part)), part.size
+    )
+    allowed = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, quantum)
+    near = spans.runs(part.size, lambda a, b: np.abs(part[a:b] - middle) <= allowed)
+    begin, end = max(near, key=lambda run: run[1] - run[0])
+    spans.release(rate)
+    return first + begin, first + end
+
+
+def _settled(time_s: Array, first: int, stop: int, rules: Rules) -> tuple[int, int]:
+    """Span without its settling time, without its first interval, which began before it, and
+    without its last.
+    """
+    wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
+    begin = max(int(np.searchsorted(time_s, time_s[first] + wait, side="right")), first + 1)
+    spans.release(time_s)
+    return begin, stop - 1

@@ -1,0 +1,211 @@
+"""Response of a gyro beyond the straight line: odd polynomials, and the sine of an open-loop
+fibre-optic gyro.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.numeric.least_squares.fit import linear
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+Form = Literal["odd-polynomial", "sine"]
+ORDERS = (1, 3, 5, 7)
+"""Highest powers of the odd polynomials that are compared."""
+LARGEST_PHASE = np.pi / 2.0
+"""Where the sine stops growing: an open-loop gyro is used below it."""
+GRID = 24
+"""Rates of the sine that are tried before refinement."""
+
+
+@dataclass(frozen=True, slots=True)
+class Response:
+    """A fitted response.
+
+    odd-polynomial: F = F0 + K1 Ω + K3 Ω³ + …; sine: F = F0 + K Ω_s sin(Ω/Ω_s), K the slope at zero
+    rate.
+    """
+
+    form: Form
+    order: int
+    """Highest power; 1 for the sine, which is counted by its form."""
+    names: tuple[str, ...]
+    coefficients: Array
+    covariance: Array
+    dof: int
+    residuals: Array
+    left_out_rms: float
+    """Of the errors at each plateau when it is left out, in the unit of the indication."""
+
+    def at(self, rate_dps: Array) -> Array:
+        """Indication at rates [n] [°/s]."""
+        if self.form == "sine":
+            zero, slope, scale = self.coefficients
+            return np.asarray(zero + slope * scale * np.sin(rate_dps / scale), dtype=np.float64)
+        powers = np.concatenate(([0], np.arange(1, self.order + 1, 2)))
+        return np.asarray(rate_dps[:, None] ** powers @ self.coefficients, dtype=np.float64)
+
+
+def odd_polynomial(rate_dps: Array, indication: Array, order: int) -> Response:
+    """Fit F = F0 + K1 Ω + K3 Ω³ + … to plateau means [p] over rates [p] [°/s], up to an odd order.
+
+    Raises FitError for an even order, or rates too few or too alike for it.
+    """
+    if order % 2 == 0:
+        raise FitError(f"an odd polynomial of order {order}", hint="give an odd order")
+    powers = np.concatenate(([0], np.arange(1, order + 1, 2)))
+    unit = float(np.max(np.abs(rate_dps)))
+    names = ("F0", *(f"K{k}" for k in powers[1:]))
+    design = (rate_dps[:, None] / unit) ** powers
+    fit = linear(design, indication, names=names)
+    to_raw = 1.0 / unit**powers
+    return Response(
+        form="odd-polynomial",
+        order=order,
+        names=names,
+        coefficients=fit.coefficients * to_raw,
+        covariance=fit.covariance * np.outer(to_raw, to_raw),
+        dof=fit.dof,
+        residuals=fit.residuals,
+        left_out_rms=float(np.sqrt(np.mean(_left_out_linear(design, fit.residuals) ** 2))),
+    )
+
+
+def _left_out_linear(design: Array, residuals: Array) -> Array:
+    """Error of each row when it is left out of a linear fit, e/(1 − h) (Allen 1974); inf where it
+    decides alone.
+    """
+    q, _ = np.linalg.qr(design)
+    free = 1.0 - np.sum(q**2, axis=1)
+    return np.where(free > 1e-9, residuals / np.maximum(free, 1e-9), np.inf)
+
+
+def sine(rate_dps: Array, indication: Array) -> Response:
+    """Fit F = F0 + K Ω_s sin(Ω/Ω_s), the response of an open-loop gyro (Lefèvre, The Fiber-Optic
+    Gyroscope, chapter 2).
+
+    rate_dps, indication : [p]. Raises FitError for fewer than four rates or rates within a straight
+    line of it.
+    """
+    if rate_dps.size < 4:
+        raise FitError(
+            f"{rate_dps.size} plateaus for the three coefficients of a sine", hint="add rates"
+        )
+    scale = _best_scale(rate_dps, indication)
+    zero, slope = _sine_factors(rate_dps, indication, scale)
+    phase = rate_dps / scale
+    jacobian = np.column_stack(
+        (
+            np.ones_like(phase),
+            scale * np.sin(phase),
+            slope * (np.sin(phase) - phase * np.cos(phase)),
+        )
+    )
+    residuals = indication - zero - slope * scale * np.sin(phase)
+    dof = rate_dps.size - 3
+    # the linear fit of the residuals on the Jacobian carries the covariance of the last
+    # Gauss-Newton step
+    step = linear(jacobian, residuals, names=("F0", "K", "rate_scale"))
+    return Response(
+        form="sine",
+        order=1,
+        names=("F0", "K", "rate_scale_dps"),
+        coefficients=np.array([zero, slope, scale]),
+        covariance=step.covariance,
+        dof=dof,
+        residuals=residuals,
+        left_out_rms=float(np.sqrt(np.mean(_left_out_sine(rate_dps, indication) ** 2))),
+    )
+
+
+def _sine_factors(rate_dps: Array, indication: Array, scale: float) -> tuple[float, float]:
+    """F0 and K of the sine of a given rate scale [°/s]: a straight line over Ω_s sin(Ω/Ω_s)."""
+    bent = scale * np.sin(rate_dps / scale)
+    middle = float(bent.mean())
+    departure = bent - middle
+    slope = float(np.sum(departure * indication) / np.sum(departure**2))
+    return float(indication.mean()) - slope * middle, slope
+
+
+def _best_scale(rate_dps: Array, indication: Array) -> float:
+    """Rate scale [°/s] of least squares, the linear coefficients eliminated (Golub & Pereyra
+    1973).
+    """
+    from scipy.optimize import minimize_scalar
+
+    largest = float(np.max(np.abs(rate_dps)))
+
+    def square(bend: float) -> float:
+        scale = largest / bend
+        zero, slope = _sine_factors(rate_dps, indication, scale)
+        return float(np.sum((indication - zero - slope * scale * np.sin(rate_dps / scale)) ** 2))
+
+    bends = np.linspace(0.01, LARGEST_PHASE, GRID)
+    best = int(np.argmin([square(float(bend)) for bend in bends]))
+    bounds = (
+        float(bends[max(best - 1, 0)]) * (0.01 if best == 0 else 1.0),
+        float(bends[min(best + 1, GRID - 1)]),
+    )
+    found = minimize_scalar(square, bounds=bounds, method="bounded", options={"xatol": 1e-10})
+    return largest / float(found.x)
+
+
+def _left_out_sine(rate_dps: Array, indication: Array) -> Array:
+    """Error of each plateau [p] when it is left out of the sine."""
+    errors = np.empty_like(indication)
+    for row in range(rate_dps.size):
+        others = np.arange(rate_dps.size) != row
+        scale = _best_scale(rate_dps[others], indication[others])
+        zero, slope = _sine_factors(rate_dps[others], indication[others], scale)
+        errors[row] = indication[row] - zero - slope * scale * np.sin(rate_dps[row] / scale)
+    return errors
+
+
+def choose(
+    rate_dps: Array, indication: Array, *, orders: Sequence[int] = ORDERS, with_sine: bool = True
+) -> tuple[Response, tuple[Response, ...]]:
+    """Choose the response by leave-one-plateau-out error; the simplest that is not clearly worse
+    than the best.
+
+    Parameters
+    ----------
+    rate_dps, indication : [p].
+    orders : odd orders to compare.
+    with_sine : whether the sine is compared too.
+
+    Returns
+    -------
+    The chosen response and all that were compared. A response with more coefficients must lower the
+    rms error by more than a tenth: by chance alone a superfluous term often wins by a few per cent.
+
+    Raises
+    ------
+    FitError
+        No response can be fitted to so few rates.
+
+    """
+    distinct = np.unique(np.round(rate_dps, 9)).size
+    fitted = [
+        odd_polynomial(rate_dps, indication, order)
+        for order in orders
+        if (order + 1) // 2 + 2 <= distinct
+    ]
+    if with_sine and distinct >= 5:
+        fitted.append(sine(rate_dps, indication))
+    if not fitted:
+        raise FitError(f"{distinct} rates cannot show the shape of a response", hint="add rates")
+    chosen = fitted[0]
+    for candidate in sorted(fitted[1:], key=lambda response: response.coefficients.size):
+        if candidate.left_out_rms < 0.9 * chosen.left_out_rms:
+            chosen = candidate
+    return chosen, tuple(fitted)

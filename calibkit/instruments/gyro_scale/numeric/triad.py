@@ -1,0 +1,221 @@
+"""Any number of gyros over three table axes: sensitivity vectors, the angles between them,
+misalignment matrix.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale.numeric import scale_factor
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleOverTemperature
+
+    Array = NDArray[np.float64]
+
+COLLINEAR = 4.0
+"""Standard uncertainties from 0° or 180° below which an angle's first-order uncertainty does not
+hold.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Triad:
+    """Sensitivity vectors of g gyros in the axes of the table."""
+
+    sensitivity: Array
+    """s_g = (K_gx, K_gy, K_gz) [g, 3], scale factor about each table axis."""
+    covariance: Array
+    """[g, 3, g, 3] of the sensitivities; type A."""
+    magnitude: Array
+    """|s_g| [g]: scale factor about the gyro's own input axis."""
+    magnitude_uncertainty: Array
+    misalignment: Array
+    """Misalignment matrix [g, 3]: the unit vectors u_g = s_g/|s_g| as rows; the identity for an
+    ideal triad.
+    """
+    misalignment_uncertainty: Array
+    """[g, 3]."""
+    compensation: Array
+    """[3, g], takes indications without bias to rates about the table axes [°/s] (least squares for
+    g > 3).
+    """
+    angles_deg: Array
+    """Angles between the input axes [g, g] [°]."""
+    angle_uncertainty_deg: Array
+    """[g, g]; first order, flagged where an angle is within noise of 0° or 180°."""
+    flags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class TriadOverTemperature:
+    """Each sensitivity a polynomial of temperature in °C, of an order of its own."""
+
+    curves: tuple[tuple[ScaleOverTemperature, ...], ...]
+    """[g][3]."""
+
+    @property
+    def valid_degc(self) -> tuple[float, float]:
+        """Temperatures that were fitted."""
+        return self.curves[0][0].valid_degc
+
+    def at(self, temp_degc: float) -> Triad:
+        """Triad at a temperature [°C], clamped to the fitted range and flagged where it was."""
+        points = [[curve.at(temp_degc) for curve in row] for row in self.curves]
+        sensitivity = np.array([[float(value[0]) for value, _ in row] for row in points])
+        u = np.array([[float(u[0]) for _, u in row] for row in points])
+        low, high = self.valid_degc
+        flag = f"{temp_degc:g} °C is outside the fitted {low:g} to {high:g} °C: clamped"
+        return triad(
+            sensitivity, np.diag(u.ravel() ** 2), flags=() if low <= temp_degc <= high else (flag,)
+        )
+
+
+def from_runs(about_x: RunScales, about_y: RunScales, about_z: RunScales) -> Triad:
+    """Triad from one table run about each axis, the same gyros in the same order in all three."""
+    runs = (about_x, about_y, about_z)
+    count = {run.K.size for run in runs}
+    if len(count) > 1:
+        raise FitError(
+            f"the runs about the three axes have {', '.join(str(run.K.size) for run in runs)} gyros"
+        )
+    size = count.pop()
+    covariance = np.zeros((size, 3, size, 3))
+    for axis, run in enumerate(runs):
+        # the three runs share no samples; gyros of one run do
+        covariance[:, axis, :, axis] = run.covariance
+    return triad(np.column_stack([run.K for run in runs]), covariance.reshape(3 * size, 3 * size))
+
+
+def triad(sensitivity: Array, covariance: Array, *, flags: Sequence[str] = ()) -> Triad:
+    """Angles and misalignment of g gyros from their scale factors about three orthogonal table
+    axes.
+
+    Parameters
+    ----------
+    sensitivity : [g, 3], row g the scale factors of gyro g about x, y, z.
+    covariance : [3 g, 3 g] of the sensitivities, gyro by gyro.
+
+    Returns
+    -------
+    Triad: u_g = s_g/|s_g|, α_gh = atan2(|u_g × u_h|, u_g · u_h), which loses no digits near 0° and
+    180°.
+
+    Raises
+    ------
+    FitError
+        Values that are not finite, or a gyro that senses none of the axes.
+
+    """
+    count = len(sensitivity)
+    if not (np.isfinite(sensitivity).all() and np.isfinite(covariance).all()):
+        raise FitError("a sensitivity is not finite", hint="check the run about each axis")
+    size = np.linalg.norm(sensitivity, axis=1)
+    if not (size > 0.0).all():
+        raise FitError(f"gyro {int(np.argmin(size)) + 1} senses none of the three table axes")
+    unit = sensitivity / size[:, None]
+    full = covariance.reshape(count, 3, count, 3)
+    u_size = np.sqrt(np.einsum("ga,gagb,gb->g", unit, full, unit))
+    across = (np.eye(3) - unit[:, :, None] * unit[:, None, :]) / size[:, None, None]
+    u_unit = np.sqrt(np.einsum("gij,gjgk,gik->gi", across, full, across))
+    angles, uncertainty = np.zeros((count, count)), np.zeros((count, count))
+    for g in range(count):
+        for h in range(g + 1, count):
+            angles[g, h], uncertainty[g, h] = _angle(unit, size, full, g, h)
+    angles, uncertainty = angles + angles.T, uncertainty + uncertainty.T
+    near = np.minimum(angles, 180.0 - angles) < COLLINEAR * uncertainty
+    noted = [
+        f"gyros {g + 1} and {h + 1} are collinear within noise"
+        for g, h in np.argwhere(np.triu(near, 1))
+    ]
+    if np.linalg.matrix_rank(unit, tol=1e-6) < 3:
+        noted.append("the gyros do not span three axes: the compensation leaves rates out")
+    return Triad(
+        sensitivity=sensitivity,
+        covariance=full,
+        magnitude=size,
+        magnitude_uncertainty=u_size,
+        misalignment=unit,
+        misalignment_uncertainty=u_unit,
+        compensation=np.asarray(np.linalg.pinv(sensitivity, rcond=1e-6), dtype=np.float64),
+        angles_deg=angles,
+        angle_uncertainty_deg=uncertainty,
+        flags=(*flags, *noted),
+    )
+
+
+def _angle(unit: Array, size: Array, covariance: Array, g: int, h: int) -> tuple[float, float]:
+    """Angle [°] between two input axes and its standard uncertainty [°], to first order."""
+    a, b = unit[g], unit[h]
+    cosine, sine = float(a @ b), float(np.linalg.norm(np.cross(a, b)))
+    angle = float(np.degrees(np.arctan2(sine, cosine)))
+    if sine < 1e-12:
+        # any direction across the axis: the largest of them
+        spread = covariance[g, :, g, :] / size[g] ** 2 + covariance[h, :, h, :] / size[h] ** 2
+        return angle, float(np.degrees(np.sqrt(np.linalg.eigvalsh(spread)[-1])))
+    toward_b, toward_a = (b - cosine * a) / sine, (a - cosine * b) / sine
+    gradient = np.concatenate((-toward_b / size[g], -toward_a / size[h]))
+    rows = np.ix_((g, h), range(3), (g, h), range(3))
+    return angle, float(
+        np.degrees(np.sqrt(max(gradient @ covariance[rows].reshape(6, 6) @ gradient, 0.0)))
+    )
+
+
+def over_temperature(
+    triads: Sequence[Triad], temp_degc: Array, *, order: int | None = None
+) -> TriadOverTemperature:
+    """Fit each entry of the sensitivities of t triads at temperatures [t] [°C] as a polynomial.
+
+    The order is by default each entry's of least leave-one-temperature-out error. Raises FitError
+    for fewer temperatures than coefficients. The covariance is the larger of scatter and noise.
+    """
+
+    def curve(g: int, axis: int) -> ScaleOverTemperature:
+        values = np.array([entry.sensitivity[g, axis] for entry in triads])
+        noise = np.sqrt([entry.covariance[g, axis, g, axis] for entry in triads])
+        return scale_factor.over_temperature(values, noise, temp_degc, order=order)
+
+    count = len(triads[0].sensitivity)
+    return TriadOverTemperature(
+        tuple(tuple(curve(g, axis) for axis in range(3)) for g in range(count))
+    )
+
+
+def acceleration_sensitivity(up: Array, down: Array, gravity: float) -> tuple[Array, Array]:
+    """Bias [g] and acceleration sensitivity [g, 3] of gyros from static means with each axis up and
+    down.
+
+    Parameters
+    ----------
+    up, down : [g, 3], column a the mean indications with axis a up, and down.
+    gravity : in the unit of the acceleration that the sensitivity will be multiplied by.
+
+    Notes
+    -----
+    Ferraris, Grimaldi & Parvis 1995, equation 9; the mean of up and down is free of acceleration.
+    The earth's rate is in both unless it was taken out before.
+
+    """
+    return np.asarray((up + down).mean(axis=1) / 2.0), np.asarray((up - down) / (2.0 * gravity))
+
+
+def turned(indication: Array, offset: Array, interval_s: Array, angle_deg: float) -> Array:
+    """Sensitivity [g] about one axis from a turn through a known angle: ∫(indication − offset) dt
+    over the angle.
+
+    indication, offset : [n, g], the offset bias and acceleration sensitivity; interval_s : [n].
+    Ferraris, Grimaldi & Parvis 1995, equations 12 to 15; a column of the sensitivity matrix.
+    """
+    if angle_deg == 0.0:
+        raise FitError("a turn through 0° has no sensitivity")
+    return np.asarray(
+        ((indication - offset) * interval_s[:, None]).sum(axis=0) / angle_deg, dtype=np.float64
+    )

@@ -1,0 +1,158 @@
+"""Recipes of gyros on a rate table: two gyros on one base, runs over temperature, any number of
+gyros over three axes.
+"""
+
+from __future__ import annotations
+
+from typing import Annotated, Literal
+
+from pydantic import Field, model_validator
+
+from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
+
+Axis = Annotated[str, Field(pattern=r"^[a-z0-9]+$")]
+
+
+class TableSpec(Table):
+    """Rate table: which way its axis points for positive rates, and what its rate is taken from."""
+
+    axis: Literal["up", "down"] = "up"
+    reference: Literal["rate", "angle"] = "rate"
+
+
+class PlateauSpec(Table):
+    """What counts as a held rate."""
+
+    shortest_s: Positive = 2.0
+    shortest_samples: Annotated[int, Field(ge=4)] = 8
+    settle_s: NonNegative = 1.0
+    relative: Positive = 1e-3
+    floor_dps: Positive = 1e-4
+    min_rates: Annotated[int, Field(ge=3)] = 3
+
+
+class GyroRecipe(Recipe):
+    """What all procedures of the rate table share."""
+
+    table: TableSpec = TableSpec()
+    plateaus: PlateauSpec = PlateauSpec()
+    nominal_scale_factor: float | None = None
+
+    @model_validator(mode="after")
+    def _scale_factor_scales(self) -> GyroRecipe:
+        if self.nominal_scale_factor == 0.0:
+            raise ValueError("a nominal_scale_factor of 0 turns no count into a rate")
+        return self
+
+
+class OwnAxisRecipe(GyroRecipe):
+    """Gyros compensated about their own axes, each by itself."""
+
+    response: Literal["line", "auto"] = "line"
+    compensation: Literal["laboratory", "inertial"] = "laboratory"
+
+    @model_validator(mode="after")
+    def _earth_is_known(self) -> OwnAxisRecipe:
+        if self.compensation == "inertial" and self.site.latitude_deg is None:
+            raise ValueError(
+                "compensation = 'inertial' needs [site] latitude_deg: the earth's rate is left in"
+                " the output"
+            )
+        return self
+
+
+class PairLogs(Table):
+    """Which log is of which table axis."""
+
+    axis_a: str = "table_axis_a.csv"
+    axis_b: str = "table_axis_b.csv"
+
+    @model_validator(mode="after")
+    def _two_logs(self) -> PairLogs:
+        if self.axis_a == self.axis_b:
+            raise ValueError(
+                f"axis_a and axis_b are both '{self.axis_a}': each table axis has its own log"
+            )
+        return self
+
+
+class PairAcceptance(Table):
+    """Limits of a pair; a limit that is not stated is not tested."""
+
+    max_nonlinearity_ppm: Positive | None = None
+    max_asymmetry_ppm: Positive | None = None
+    max_scale_factor_error_ppm: Positive | None = None
+    max_gamma_uncertainty: Positive | None = None
+    max_orthogonality_error_deg: Positive | None = None
+
+
+class GyroPairRecipe(OwnAxisRecipe):
+    """Two gyros, both logged while the table turns about A's reference axis and about B's own
+    axis.
+    """
+
+    procedure: Literal["gyro_pair"]
+    pair: PairLogs = PairLogs()
+    acceptance: PairAcceptance = PairAcceptance()
+
+
+class RateTableAcceptance(Table):
+    """Limits of rate-table runs; a limit that is not stated is not tested."""
+
+    max_nonlinearity_ppm: Positive | None = None
+    max_asymmetry_ppm: Positive | None = None
+    max_scale_factor_error_ppm: Positive | None = None
+    max_repeatability_ppm: Positive | None = None
+    max_temperature_sensitivity_ppm_degc: Positive | None = None
+
+
+class RateTableRecipe(OwnAxisRecipe):
+    """Runs of one or more gyros about the table axis, one run a log, repeated and over
+    temperature.
+    """
+
+    procedure: Literal["rate_table"]
+    gyros: Annotated[tuple[Axis, ...], Field(min_length=1, strict=False)] = ("x",)
+    acceptance: RateTableAcceptance = RateTableAcceptance()
+
+    @model_validator(mode="after")
+    def _each_gyro_once(self) -> RateTableRecipe:
+        if len(set(self.gyros)) != len(self.gyros):
+            raise ValueError(f"gyros = {list(self.gyros)}: a gyro stands twice")
+        return self
+
+
+class TriadLogs(Table):
+    """Which logs are of which table axis, by file name patterns."""
+
+    x: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = ("about_x*.csv",)
+    y: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = ("about_y*.csv",)
+    z: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = ("about_z*.csv",)
+
+
+class TriadAcceptance(Table):
+    """Limits of gyros over three table axes; a limit that is not stated is not tested."""
+
+    max_nonlinearity_ppm: Positive | None = None
+    max_asymmetry_ppm: Positive | None = None
+    max_orthogonality_error_deg: Positive | None = None
+    max_angle_uncertainty_deg: Positive | None = None
+    max_rate_error_ppm: Positive | None = None
+    max_cross_axis_ppm: Positive | None = None
+
+
+class GyroTriadRecipe(GyroRecipe):
+    """Any number of gyros on one base, all logged while the table turns about each of three
+    orthogonal axes of the base.
+    """
+
+    procedure: Literal["gyro_triad"]
+    gyros: Annotated[tuple[Axis, ...], Field(min_length=1, strict=False)] = ("x", "y", "z")
+    axes: TriadLogs = TriadLogs()
+    acceptance: TriadAcceptance = TriadAcceptance()
+
+    @model_validator(mode="after")
+    def _each_gyro_once(self) -> GyroTriadRecipe:
+        if len(set(self.gyros)) != len(self.gyros):
+            raise ValueError(f"gyros = {list(self.gyros)}: a gyro stands twice")
+        return self

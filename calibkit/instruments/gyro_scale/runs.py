@@ -1,0 +1,350 @@
+"""Logs of a rate table → held rates → scale factors of every gyro in every run."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.errors import FitError
+from calibkit.frame import Examined, Finding, Held, Log, refuse, values
+from calibkit.ingest import logs, pins
+from calibkit.instruments.gyro_scale.numeric import plateau_means, plateaus, scale_factor
+from calibkit.numeric import anomalies, earth, spans
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from numpy.typing import NDArray
+
+    from calibkit.ingest.logs import Reader
+    from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
+    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleFactor
+    from calibkit.instruments.gyro_scale.recipe import GyroRecipe
+
+    Array = NDArray[np.float64]
+
+RATE, ANGLE, TEMPERATURE = "table_rate_dps", "table_angle_deg", "temp_case_degc"
+FASTEST_DPS = 2e4
+"""Table rate [°/s] that no table reaches: the column is in another unit."""
+ONE_TABLE = 0.01
+"""Relative difference between table angle and table rate beyond which one of them is in another
+unit or sign.
+"""
+BEYOND = 1000.0
+"""Times the counts of all but a hundredth of the rows that no row has: what is as large is a
+logger's mark.
+"""
+HALF_TURN_DEG = 180.0
+"""Turn [°] between two rows from which an angle does not say how far the table turned."""
+ONE_SOAK_DEGC = 2.0
+"""Span of a run's temperatures [°C] up to which it stood at one."""
+LEAST_ROWS = 16
+LEAST_TRIAD = 3
+"""Gyros over three axes from which one of them is along the table axis of every log."""
+
+
+@dataclass(frozen=True, slots=True)
+class TableRun:
+    """One log: its held rates and the best straight line of every gyro over them."""
+
+    log: Log
+    gyros: tuple[str, ...]
+    plateaus: Plateaus
+    scales: RunScales
+    flags: tuple[str, ...]
+
+    def scale(self, gyro: str) -> ScaleFactor:
+        """Scale factor of one gyro."""
+        return self.scales.gyros[self.gyros.index(gyro)]
+
+    def noise(self, gyro: str) -> Array:
+        """Standard uncertainty [p, 1/s] of the gyro's means over the held rates."""
+        return np.asarray(
+            self.plateaus.standard_uncertainty[:, self.gyros.index(gyro)], dtype=np.float64
+        )
+
+    @property
+    def temp_degc(self) -> float:
+        """Mean temperature [°C] of the held rates; NaN where none was logged."""
+        return float(self.plateaus.temp_degc.mean())
+
+    @property
+    def temp_range(self) -> tuple[float, float]:
+        """Coldest and hottest row [°C] of the run: of all of it where it stood at one temperature,
+        else of its held rates.
+
+        What was calibrated is the soak with its spread, not the mean of it: its own rows are
+        inside.
+        """
+        if TEMPERATURE not in self.log.frame.columns:
+            return float("nan"), float("nan")
+        temperature = anomalies.despiked(values(self.log.frame, TEMPERATURE), room=self.log.room)
+        ends = [spans.extremes(temperature)]
+        if ends[0][1] - ends[0][0] > ONE_SOAK_DEGC:
+            ends = [spans.extremes(temperature[a:b]) for a, b in self.plateaus.span.tolist()]
+        return min(low for low, _ in ends), max(high for _, high in ends)
+
+
+def column(gyro: str) -> str:
+    """Canonical column of a gyro's counts per second."""
+    return f"gyro_{gyro}_lsb"
+
+
+def read(
+    spec: GyroRecipe, data: Path, file: str, gyros: Sequence[str], reader: Reader = logs.read_log
+) -> Log:
+    """One log of the table in canonical columns; table angle and temperature are read where the log
+    has them.
+    """
+    needed: tuple[str, ...] = ("time_s", RATE, *map(column, gyros))
+    optional: tuple[str, ...] = (ANGLE, TEMPERATURE)
+    if spec.table.reference == "angle":
+        needed, optional = (*needed, ANGLE), (TEMPERATURE,)
+    return reader(spec, data / file, file, needed, optional)
+
+
+def vertical_rate_dps(spec: GyroRecipe) -> float | None:
+    """Earth's rate about the table axis [°/s] in the sense of positive table rates; none where the
+    latitude is unknown.
+    """
+    if spec.site.latitude_deg is None:
+        return None
+    upward = float(earth.vertical_rate(spec.site.latitude_deg)) / earth.DPH_PER_DPS
+    return upward if spec.table.axis == "up" else -upward
+
+
+def findings(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
+    """Check a log; nothing is fitted to one in which something is refused."""
+    return _examined(log, gyros, spec)[0]
+
+
+def examine(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Examined:
+    """Findings and held rates of a log."""
+    found, held = _examined(log, gyros, spec)
+    pinned = pins.rows(log, spec, ["rate"]) is not None if held is not None else False
+    rates = zip(held.span.tolist(), held.rate_dps.tolist(), strict=True) if held is not None else ()
+    return Examined(
+        tuple(found), tuple(Held("rate", a, b, rate, "°/s", pinned) for (a, b), rate in rates)
+    )
+
+
+def run_of(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> TableRun:
+    """Held rates and scale factors of one log; raises FrameError or FitError that names it."""
+    found, held = _examined(log, gyros, spec)
+    refuse(found)
+    if held is None:
+        raise FitError(f"{log.file}: no held rates")
+    try:
+        scales = scale_factor.of_run(held, reference=spec.table.reference)
+    except FitError as error:
+        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
+    notes = (f"{log.file}: {note}" for note in (*log.notes, *held.flags))
+    return TableRun(
+        log,
+        tuple(gyros),
+        held,
+        scales,
+        (*notes, *(str(finding) for finding in found if finding.flagged)),
+    )
+
+
+def _examined(
+    log: Log, gyros: Sequence[str], spec: GyroRecipe
+) -> tuple[list[Finding], Plateaus | None]:
+    """What is wrong with a log, and its held rates where it is fit for them."""
+    early = [*check.rows(log, LEAST_ROWS), *check.finite(log, list(log.frame.columns))]
+    if not early:
+        early = [
+            *check.monotonic(log),
+            *check.varying(log, [RATE, *map(column, gyros)]),
+            *_too_fast(log),
+            *(finding for gyro in gyros for finding in _beyond(log, column(gyro))),
+            *(
+                check.plausible_temperature(log, [TEMPERATURE])
+                if TEMPERATURE in log.frame.columns
+                else ()
+            ),
+        ]
+    if any(finding.refused for finding in early):
+        return early, None
+    try:
+        held = _held(log, gyros, spec)
+    except FitError as error:
+        advice = error.hint or "check the table's columns and [plateaus] in the recipe"
+        finding = Finding(
+            log.file, error.message, "held rates of the table", advice, name="held_rates"
+        )
+        return [*early, finding], None
+    found = [*early, *_few_rates(log, held, spec), *_two_tables(log, held)]
+    if not any(finding.refused for finding in found):
+        found += _suspicious(log, gyros, spec)
+    return found, held
+
+
+def _suspicious(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
+    """What a sensor or its logger did, and signs: a fit goes on and says so."""
+    found = check.series.temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
+    reach = {gyro: _span(values(log.frame, column(gyro))) for gyro in gyros}
+    # a gyro across the table axis answers with its misalignment, of either sign
+    along = max(reach, key=lambda gyro: reach[gyro])
+    for gyro in gyros:
+        found += check.series.driven(log, column(gyro), RATE, "1/s", reach[along])
+    if not (
+        spec.procedure == "gyro_triad" and len(gyros) < LEAST_TRIAD
+    ):  # none of two need be along this axis
+        found += check.magnitude.rotation(log, column(along), RATE)
+    return [*found, *check.magnitude.compensated(log, spec, [column(gyro) for gyro in gyros])]
+
+
+def _held(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Plateaus:
+    """Means over the held rates of a log."""
+    rules = plateaus.Rules(
+        spec.plateaus.shortest_s,
+        spec.plateaus.shortest_samples,
+        spec.plateaus.settle_s,
+        spec.plateaus.relative,
+        spec.plateaus.floor_dps,
+    )
+    present = log.frame.columns
+    return plateau_means.means(
+        values(log.frame, "time_s"),
+        values(log.frame, RATE),
+        _beside([values(log.frame, column(gyro)) for gyro in gyros], log),
+        table_angle_deg=values(log.frame, ANGLE) if ANGLE in present else None,
+        temp_degc=values(log.frame, TEMPERATURE) if TEMPERATURE in present else None,
+        rules=rules,
+        held=pins.rows(log, spec, ["rate"]),
+        room=log.room,
+    )
+
+
+def _beside(columns: Sequence[Array], log: Log) -> Array:
+    """Columns of a log beside each other [n, m], where the log lies."""
+    if len(columns) == 1:
+        return columns[0].reshape(-1, 1)
+    made = log.room(len(log.frame) * len(columns)).reshape(-1, len(columns))
+    for a, b in spans.along(made, *columns):
+        for k, one in enumerate(columns):
+            made[a:b, k] = one[a:b]
+    return made
+
+
+def _too_fast(log: Log) -> list[Finding]:
+    """Table rates that no table reaches."""
+    if max(map(abs, log.extremes(RATE))) <= FASTEST_DPS:
+        return []
+    rate = values(log.frame, RATE)
+    bad = spans.where(rate, lambda part: np.abs(part) > FASTEST_DPS)
+    if not bad.size:
+        return []
+    what = f"{rate[bad[0]]:g} °/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
+    advice = f"state the log's unit in [columns.{RATE}]"
+    return [
+        check.at_row(log, int(bad[0]), RATE, what, f"at most {FASTEST_DPS:g} °/s", advice, "range")
+    ]
+
+
+def _span(counts: Array) -> float:
+    """Range of an indication without its two hundredth outermost rows: a spike is no span."""
+    low, high = (
+        spans.quantile_of(lambda: (counts[a:b] for a, b in spans.along(counts)), counts.size, share)
+        for share in (0.005, 0.995)
+    )
+    return high - low
+
+
+def _beyond(log: Log, name: str) -> list[Finding]:
+    """Counts that no rate of the log explains: what loggers write for overload."""
+    data = values(log.frame, name)
+    usual = spans.quantile_of(
+        lambda: (np.abs(data[a:b]) for a, b in spans.along(data)), data.size, 0.99
+    )
+    if not usual > 0.0 or max(map(abs, log.extremes(name))) <= BEYOND * usual:
+        return []
+    bad = spans.where(data, lambda part: np.abs(part) > BEYOND * usual)
+    what = f"{data[bad[0]]:g} 1/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
+    advice = (
+        "a logger writes such numbers for overload or nothing: leave the rows out with [[exclude]]"
+    )
+    expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
+    return [
+        check.at_row(
+            log, int(bad[0]), name, what, expected, advice, "range", figure=float(data[bad[0]])
+        )
+    ]
+
+
+def distinct(rate_dps: Array, spec: GyroRecipe) -> Array:
+    """Distinct held rates, ascending: those that differ by no more than a held rate may vary are
+    one.
+    """
+    ordered = np.sort(rate_dps)
+    near = np.maximum(
+        2.0 * spec.plateaus.floor_dps, 2.0 * spec.plateaus.relative * np.abs(ordered[1:])
+    )
+    return ordered[np.concatenate(([True], np.diff(ordered) > near))]
+
+
+def _few_rates(log: Log, held: Plateaus, spec: GyroRecipe) -> list[Finding]:
+    """Fewer distinct held rates than tell a line and how far it holds."""
+    rates = distinct(held.rate_dps, spec)
+    if rates.size >= spec.plateaus.min_rates:
+        return []
+    there = ", ".join(f"{rate:.4g}" for rate in rates)
+    found = (
+        f"{rates.size} held rate{'s' if rates.size > 1 else ''} ({there} °/s) on"
+        f" {held.rate_dps.size} plateaus"
+    )
+    expected = f"at least {spec.plateaus.min_rates} different ones"
+    return [
+        Finding(
+            log.file,
+            found,
+            expected,
+            "hold more rates, or allow shorter ones: plateaus.shortest_s",
+            name="held_rates",
+        )
+    ]
+
+
+def _two_tables(log: Log, held: Plateaus) -> list[Finding]:
+    """Table angle and table rate that differ by more than a table can: one is in another unit or
+    sign.
+
+    The angle is unwrapped about the turn that the rate lets expect: where that is half a turn or
+    more from row to row, any rate agrees with it within half a turn, and nothing is held against
+    another.
+    """
+    if np.isnan(held.angle_rate_dps).any():
+        return []
+    turn = np.abs(held.rate_dps) * log.steps.usual
+    slow = turn < HALF_TURN_DEG
+    aliased = _aliased(log, turn[~slow], int(slow.sum())) if not slow.all() else []
+    angle, rate = held.angle_rate_dps[slow], held.rate_dps[slow]
+    ratio = float(angle @ rate / (rate @ rate)) if np.any(rate) else 1.0
+    if abs(ratio - 1.0) <= ONE_TABLE:
+        return aliased
+    found = f"it turns {ratio:.4g} times as fast as '{RATE}' says"
+    sign = "one of the two has the other sign: state sign = -1" if ratio < 0.0 else "state the unit"
+    advice = f"{sign} in [columns.{ANGLE}] or [columns.{RATE}]"
+    place = f"{log.file}: column '{ANGLE}'"
+    return [
+        *aliased,
+        Finding(place, found, "the same rate from both", advice, name="unit", figure=ratio),
+    ]
+
+
+def _aliased(log: Log, turn: Array, slower: int) -> list[Finding]:
+    """Rates at which the angle is logged too seldom to say how fast the table turned."""
+    found = f"the table turns by up to {turn.max():.0f}° from row to row at {turn.size} held rates"
+    held = f"the {slower} slower ones" if slower else "none"
+    advice = (
+        f"log faster; the rate is held against the angle at {held} only, and a wrong unit of a fast"
+        " rate is not seen"
+    )
+    place, expected = f"{log.file}: column '{ANGLE}'", f"less than {HALF_TURN_DEG:g}°"
+    return [Finding(place, found, expected, advice, "warn", "aliased", figure=float(turn.max()))]

@@ -1,0 +1,293 @@
+"""Gyros on a rate table: it accelerates, turns unevenly and stands on the earth; the gyros are not
+quite linear.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.simulate import noise
+from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+EARTH_RATE_DPS = 15.041067 / 3600.0
+REFERENCE_DEGC = 25.0
+RATES_DPS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0)
+"""Held by the table, each way."""
+DECIMALS = {
+    "time_s": 1,
+    "table_rate_dps": 6,
+    "table_angle_deg": 4,
+    "temp_case_degc": 2,
+    "gyro_x_lsb": 1,
+    "gyro_a_lsb": 1,
+    "gyro_b_lsb": 1,
+}
+SPARE_S = 6.0
+"""Held beyond a whole revolution, for settling."""
+FINE = 10
+"""Steps of the simulated motion in a sampling interval."""
+
+
+@dataclass(frozen=True, slots=True)
+class RateGyro:
+    """Constants of one gyro on the table."""
+
+    K: float
+    """Scale factor at 25 °C without the terms below [1/s/(°/s)]."""
+    axis: tuple[float, float, float]
+    """Input axis, a unit vector: two components that turn with the table, and the one along the
+    table axis.
+    """
+    K_per_degc: float
+    """Relative change of the scale factor [1/°C]."""
+    ripple_dps: float
+    """Amplitude of the error of the closed loop's phase ramp [°/s]."""
+    ripple_period_dps: float
+    asymmetry: float
+    """Relative difference of the scale factors of positive and negative rates."""
+    bias_dps: float
+    bias_dps_per_degc: float
+    noise_lsb: float
+    """Standard deviation of one sample [1/s]."""
+    lag_s: float
+    """Time constant of the output filter."""
+
+
+@dataclass(frozen=True, slots=True)
+class Table:
+    """Constants of a rate table with a vertical axis and of the room it stands in."""
+
+    latitude_deg: float = 34.2
+    acceleration_dps2: float = 20.0
+    unevenness: float = 1e-5
+    """Relative amplitude of the rate within a revolution."""
+    interval_s: float = 0.5
+    """Between logged samples."""
+    shortest_hold_s: float = 30.0
+    start_angle_deg: float = 0.0
+    warming_degc: float = 0.2
+    """What the case warms by from the first sample to long after the last."""
+    warming_s: float = 1200.0
+
+
+@dataclass(frozen=True, slots=True)
+class Motion:
+    """What the table does at fine steps [k]: end of step [s], nominal rate [°/s], angle [°], and
+    the fine interval.
+    """
+
+    time_s: Array
+    rate_dps: Array
+    angle_deg: Array
+    step_s: float
+
+
+def response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Array:
+    """Indication [1/s] of a gyro at rest in a rate [°/s] about its input axis, without noise."""
+    warmer = np.asarray(temp_degc) - REFERENCE_DEGC
+    seen = rate_dps + gyro.ripple_dps * np.sin(2.0 * np.pi * rate_dps / gyro.ripple_period_dps)
+    seen = (
+        seen
+        + 0.5 * gyro.asymmetry * np.abs(rate_dps)
+        + gyro.bias_dps
+        + gyro.bias_dps_per_degc * warmer
+    )
+    return np.asarray(gyro.K * (1.0 + gyro.K_per_degc * warmer) * seen, dtype=np.float64)
+
+
+def best_line(
+    gyro: RateGyro, table: Table, rates_dps: Sequence[float], temp_degc: float
+) -> tuple[float, float]:
+    """Slope [1/s/(°/s)] and intercept [1/s] of the straight line by least squares over table rates,
+    without noise.
+    """
+    rates = np.asarray(rates_dps, dtype=np.float64)
+    vertical = EARTH_RATE_DPS * np.sin(np.radians(table.latitude_deg))
+    # a whole revolution averages over every direction of the horizontal part; to first order that
+    # is its mean, zero
+    slope, intercept = np.polyfit(
+        rates, response(gyro, (rates + vertical) * gyro.axis[2], temp_degc), 1
+    )
+    return float(slope), float(intercept)
+
+
+def motion(table: Table, rates_dps: Sequence[float]) -> Motion:
+    """Motion of the table through held rates, at rest before the first and after the last."""
+    corners, held = [0.0, 3.0], [0.0, 0.0]
+    for rate in (*rates_dps, 0.0):
+        begin = corners[-1] + abs(rate - held[-1]) / table.acceleration_dps2
+        revolution = 360.0 / abs(rate) if rate else 0.0
+        corners += [
+            begin,
+            begin + (max(table.shortest_hold_s, SPARE_S + 1.02 * revolution) if rate else 3.0),
+        ]
+        held += [rate, rate]
+    step = table.interval_s / FINE
+    count = int(np.floor(corners[-1] / table.interval_s)) * FINE
+    time = np.arange(count + 1) * step
+    nominal_rate = np.asarray(np.interp(time, corners, held), dtype=np.float64)
+    nominal = np.radians(table.start_angle_deg + _integral(nominal_rate, step))
+    uneven = table.unevenness * (np.sin(nominal) + 0.4 * np.cos(2.0 * nominal))
+    angle = table.start_angle_deg + _integral(nominal_rate * (1.0 + uneven), step)
+    return Motion(np.asarray(time, dtype=np.float64), nominal_rate, angle, step)
+
+
+def _integral(rate: Array, step: float) -> Array:
+    """Integral [k + 1] of a rate [k + 1] from its first value, by trapezoids."""
+    return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
+
+
+def input_rate(gyro: RateGyro, table: Table, moved: Motion) -> Array:
+    """Rate about the gyro's input axis [k] [°/s] over each fine step: the table's, and the earth's
+    in table axes.
+    """
+    middle = np.radians(0.5 * (moved.angle_deg[1:] + moved.angle_deg[:-1]))
+    latitude = np.radians(table.latitude_deg)
+    along = np.diff(moved.angle_deg) / moved.step_s + EARTH_RATE_DPS * np.sin(latitude)
+    level = EARTH_RATE_DPS * np.cos(latitude)
+    return np.asarray(
+        gyro.axis[0] * level * np.cos(middle)
+        - gyro.axis[1] * level * np.sin(middle)
+        + gyro.axis[2] * along,
+        dtype=np.float64,
+    )
+
+
+def indication(
+    gyro: RateGyro, table: Table, moved: Motion, temp_degc: Array, rng: np.random.Generator
+) -> NDArray[np.float64]:
+    """Indication [n] [1/s], whole counts over each sampling interval divided by it, of case
+    temperatures [n] [°C].
+    """
+    from scipy.signal import lfilter
+
+    rate = input_rate(gyro, table, moved)
+    keep = np.exp(-moved.step_s / gyro.lag_s)
+    filtered = np.asarray(lfilter([1.0 - keep], [1.0, -keep], rate - rate[0])) + rate[0]
+    counted = response(gyro, filtered, np.repeat(temp_degc, FINE)).reshape(-1, FINE).mean(axis=1)
+    noisy = counted + gyro.noise_lsb * rng.normal(0.0, 1.0, counted.size)
+    return noise.pulses(noisy, 1.0 / table.interval_s)
+
+
+def run(
+    gyros: Mapping[str, RateGyro],
+    table: Table,
+    rates_dps: Sequence[float],
+    start_degc: float,
+    rng: np.random.Generator,
+) -> dict[str, Array]:
+    """Columns of one log of the table turning through held rates [°/s], with one column a gyro."""
+    moved = motion(table, rates_dps)
+    angle = moved.angle_deg[::FINE]
+    time = moved.time_s[::FINE]
+    case = start_degc + table.warming_degc * (1.0 - np.exp(-time[1:] / table.warming_s))
+    encoder = np.round(angle + rng.normal(0.0, 2e-5, angle.size), DECIMALS["table_angle_deg"])
+    columns = {
+        "time_s": time[1:],
+        "table_rate_dps": np.diff(angle) / table.interval_s,
+        "table_angle_deg": np.remainder(encoder[1:], 360.0),
+        "temp_case_degc": noise.reading(case, 0.01, 0.01, rng),
+    }
+    return columns | {
+        name: indication(gyro, table, moved, case, rng) for name, gyro in gyros.items()
+    }
+
+
+def both_ways(rates_dps: Sequence[float] = RATES_DPS) -> tuple[float, ...]:
+    """Rates up one way, then up the other."""
+    return (*rates_dps, *(-rate for rate in rates_dps))
+
+
+def draw(
+    rng: np.random.Generator,
+    *,
+    axis: tuple[float, float, float] = (0.0, 0.0, 1.0),
+    noise_lsb: float = 3.0,
+) -> RateGyro:
+    """Draw a closed-loop gyro of a few ppm nonlinearity."""
+    return RateGyro(
+        K=10000.0 * (1.0 + rng.normal(0.0, 0.01)),
+        axis=axis,
+        K_per_degc=rng.normal(0.0, 1.0) * 10e-6,
+        ripple_dps=rng.uniform(0.5e-4, 2e-4),
+        ripple_period_dps=rng.uniform(25.0, 60.0),
+        asymmetry=rng.normal(0.0, 1.0) * 1e-6,
+        bias_dps=rng.normal(0.0, 1.0) / 3600.0,
+        bias_dps_per_degc=rng.normal(0.0, 0.01) / 3600.0,
+        noise_lsb=noise_lsb,
+        lag_s=rng.uniform(0.02, 0.1),
+    )
+
+
+def tilted(degrees: float, direction_deg: float) -> tuple[float, float, float]:
+    """Unit vector at an angle [°] to the table axis, in a direction [°] about it."""
+    tilt, about = np.radians(degrees), np.radians(direction_deg)
+    return (
+        float(np.sin(tilt) * np.cos(about)),
+        float(np.sin(tilt) * np.sin(about)),
+        float(np.cos(tilt)),
+    )
+
+
+def campaign(
+    seed: int, *, room_runs: int = 3, temperatures_degc: Sequence[float] = (-40.0, 0.0, 60.0)
+) -> Campaign:
+    """Rate-table logs of one gyro: repeated at 25 °C, then once at each other temperature.
+
+    Parameters
+    ----------
+    seed : what gyro, table and noise are drawn from.
+    room_runs : runs at 25 °C, for repeatability.
+    temperatures_degc : of the other runs [°C].
+
+    Returns
+    -------
+    Logs `room_1.csv` … and `at_-40.csv` …; truth with the gyro's constants and each run's best
+    straight line.
+
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    gyro = draw(rng, axis=tilted(rng.uniform(0.0, 0.3), rng.uniform(0.0, 360.0)))
+    table = Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
+    planned = {f"room_{k + 1}.csv": REFERENCE_DEGC for k in range(room_runs)}
+    planned |= {f"at_{degc:.0f}.csv": degc for degc in temperatures_degc}
+    rates = both_ways()
+    logs = {
+        name: run({"gyro_x_lsb": gyro}, table, rates, degc, rng) for name, degc in planned.items()
+    }
+    truth = {
+        "procedure": "rate_table",
+        "seed": seed,
+        "gyro": asdict(gyro),
+        "table": asdict(table),
+        "rates_dps": rates,
+        "logs": {
+            name: truth_of({"gyro_x_lsb": gyro}, table, rates, columns)
+            for name, columns in logs.items()
+        },
+    }
+    return Campaign(logs, DECIMALS, truth)
+
+
+def truth_of(
+    gyros: Mapping[str, RateGyro],
+    table: Table,
+    rates_dps: Sequence[float],
+    columns: Mapping[str, Array],
+) -> dict[str, object]:
+    """Best straight line of each gyro over the rates at the run's mean case temperature,
+    JSON-able.
+    """
+    mean = float(np.mean(columns["temp_case_degc"]))
+    lines = {name: best_line(gyro, table, rates_dps, mean) for name, gyro in gyros.items()}
+    return {"temp_case_degc": mean} | {name: {"K": K, "F0": F0} for name, (K, F0) in lines.items()}

@@ -1,0 +1,130 @@
+"""Three gyros on one base: the table turned about each axis of the base, at room temperature and at
+others.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.instruments.gyro_scale import simulate_rate_table
+from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+GYROS = ("x", "y", "z")
+LARGEST_MOUNTING_DEG = 0.3
+"""Of an input axis from the axis of the base that it is named after."""
+LARGEST_TURN_DEG = 0.02
+"""That an input axis turns by over 100 °C."""
+RATES_DPS = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
+
+
+def unit(vector: Array) -> Array:
+    """Vector of length one."""
+    return vector / np.linalg.norm(vector)
+
+
+def about(axis: int, direction: Array) -> tuple[float, float, float]:
+    """Direction in the base as seen from the table: two components that turn with it, and the one
+    along its axis.
+    """
+    turned = np.roll(direction, 2 - axis)
+    return float(turned[0]), float(turned[1]), float(turned[2])
+
+
+def axes_at(axes: Array, turns: Array, temp_degc: float) -> Array:
+    """Input axes [3, 3] at a temperature [°C]."""
+    warmer = (temp_degc - simulate_rate_table.REFERENCE_DEGC) / 100.0
+    share = warmer * (1.0 + 0.15 * warmer)
+    return np.array([unit(axis + turn * share) for axis, turn in zip(axes, turns, strict=True)])
+
+
+def campaign(
+    seed: int,
+    *,
+    temperatures_degc: Sequence[float] = (-40.0, 0.0, 25.0, 60.0),
+    withheld_degc: Sequence[float] = (40.0,),
+    rates_dps: Sequence[float] | None = None,
+    noise_lsb: float = 3.0,
+) -> Campaign:
+    """Logs `about_x_25.csv` … of three gyros, all logged in every log, and
+    `withheld/about_x_40.csv` … not to be fitted.
+
+    Parameters
+    ----------
+    seed : what gyros, axes, table and noise are drawn from.
+    temperatures_degc : of the chamber on the table [°C]; a log about each axis at each.
+    withheld_degc : temperatures of runs for validation [°C].
+    rates_dps : signed rates that the table holds, in order; 8 each way by default.
+    noise_lsb : standard deviation of one sample [1/s].
+
+    Returns
+    -------
+    Truth: constants, and at each temperature the sensitivities (best straight line of each gyro
+    about each axis), the input axes and the angles between them [°].
+
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    tilts = np.tan(np.radians(LARGEST_MOUNTING_DEG)) * rng.uniform(-1.0, 1.0, (3, 3)) / np.sqrt(2.0)
+    axes = np.array([unit(row) for row in np.eye(3) + tilts * (1.0 - np.eye(3))])
+    turns = np.radians(LARGEST_TURN_DEG) * rng.uniform(-1.0, 1.0, (3, 3))
+    gyros = [simulate_rate_table.draw(rng, noise_lsb=noise_lsb) for _ in GYROS]
+    table = simulate_rate_table.Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
+    rates = simulate_rate_table.both_ways(RATES_DPS) if rates_dps is None else tuple(rates_dps)
+    logs: dict[str, dict[str, Array]] = {}
+    truths: dict[str, dict[str, list[list[float]]]] = {}
+    for degc in (*temperatures_degc, *withheld_degc):
+        folder = "" if degc in temperatures_degc else "withheld/"
+        runs, truths[f"{degc:.0f}"] = _turned(
+            gyros, axes_at(axes, turns, degc), table, rates, degc, rng
+        )
+        logs |= {f"{folder}about_{name}_{degc:.0f}.csv": run for name, run in runs.items()}
+    truth = {
+        "procedure": "gyro_triad",
+        "seed": seed,
+        "gyros": {g: asdict(gyro) for g, gyro in zip(GYROS, gyros, strict=True)},
+        "table": asdict(table),
+        "rates_dps": rates,
+        "at": truths,
+    }
+    decimals = simulate_rate_table.DECIMALS | {f"gyro_{g}_lsb": 1 for g in GYROS}
+    return Campaign(logs, decimals, truth)
+
+
+def _turned(
+    gyros: Sequence[simulate_rate_table.RateGyro],
+    directions: Array,
+    table: simulate_rate_table.Table,
+    rates: Sequence[float],
+    degc: float,
+    rng: np.random.Generator,
+) -> tuple[dict[str, dict[str, Array]], dict[str, list[list[float]]]]:
+    """Columns of the runs about each axis at one temperature [°C], gyros along directions [3, 3],
+    and the truth of them.
+    """
+    runs: dict[str, dict[str, Array]] = {}
+    lines = np.zeros((3, 3))
+    for axis, name in enumerate(GYROS):
+        mounted = {
+            f"gyro_{g}_lsb": replace(gyro, axis=about(axis, direction))
+            for g, gyro, direction in zip(GYROS, gyros, directions, strict=True)
+        }
+        runs[name] = simulate_rate_table.run(mounted, table, rates, degc, rng)
+        case = float(np.mean(runs[name]["temp_case_degc"]))
+        lines[:, axis] = [
+            simulate_rate_table.best_line(gyro, table, rates, case)[0] for gyro in mounted.values()
+        ]
+    cosines = np.clip(directions @ directions.T, -1.0, 1.0)
+    return runs, {
+        "sensitivity": lines.tolist(),
+        "axes": directions.tolist(),
+        "angles_deg": np.degrees(np.arccos(cosines)).tolist(),
+    }

@@ -1,0 +1,1 @@
+"""Inclinometers that seek north in four positions."""

@@ -1,0 +1,164 @@
+"""Inclinometer results: the in-situ scale factor s of each gyro over temperature."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+from typing import TYPE_CHECKING
+
+from calibkit.certificate.results import (
+    Block,
+    Equation,
+    Figure,
+    GridTable,
+    ListTable,
+    Result,
+    Series,
+)
+from calibkit.certificate.stated import powers, range_words, residual_words
+from calibkit.certificate.words import Words
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from calibkit.certificate.stated import Stated
+    from calibkit.coefficients import Model, Record
+
+SCALE = Equation(
+    "inclinometer-scale/1",
+    r"\omega' = s(T)\,\omega, \quad s(T) = \sum_k s_k T^k",
+    Words(
+        "ω indicated rate, ω' corrected rate, T case temperature [°C].",
+        "ω 为示值角速率，ω' 为修正值，T 为壳温 [°C]。",
+    ),
+)
+FIGURES = {
+    "s_x": Words(
+        "s of gyro x at the reference temperature, of one station", "参考温度下 x 陀螺单站 s"
+    ),
+    "s_y": Words(
+        "s of gyro y at the reference temperature, of one station", "参考温度下 y 陀螺单站 s"
+    ),
+    "stations_used": Words("stations used", "采用测站数"),
+    "stations_refused": Words("stations refused", "拒用测站数"),
+}
+
+
+def blocks(stated: Stated) -> tuple[Block, ...]:
+    """Block of inclinometer_scale.json."""
+    record = stated.records.get("inclinometer_scale.json")
+    if record is None:
+        return ()
+    tables: list[ListTable | GridTable] = [
+        stated.coefficients(
+            record,
+            model,
+            Words(f"Coefficients of gyro {model.name}", f"{model.name} 陀螺系数"),
+            partial(_latitude, record),
+        )
+        for model in record.models
+    ]
+    figures: list[Figure] = []
+    temperatures = stated.grid(record.models[0]) if record.models else ()
+    if temperatures:
+        table = stated.over(
+            Words("In-situ scale factor s over temperature", "原位标度因数 s 随温度"),
+            temperatures,
+            [_column(stated, record, model) for model in record.models],
+        )
+        tables.append(table)
+        figures.append(_plot(table))
+    results = tuple(
+        stated.figure(
+            record,
+            figure,
+            FIGURES.get(figure.name, Words(figure.name)),
+            record.models[0].dof,
+            sensitivities=_latitude(record, figure.value) if figure.name.startswith("s_") else None,
+        )
+        for figure in record.figures
+        if figure.name in FIGURES
+    )
+    tables.append(ListTable(Words("Stations", "测站"), results))
+    notes = [*(residual_words(m) for m in record.models), *map(range_words, record.models[:1])]
+    notes += [note for m in record.models[:1] for note in stated.left_out(m)]
+    title = Words("In-situ scale factor of the north-seeking gyros", "寻北陀螺原位标度因数")
+    return (
+        Block(
+            record.stage,
+            f"{record.stage}.json",
+            title,
+            (SCALE,),
+            tuple(tables),
+            tuple(figures),
+            tuple(notes),
+        ),
+    )
+
+
+def _latitude(record: Record, value: float) -> dict[str, tuple[float, float]]:
+    """Sensitivity of s, and of what is proportional to it, to the latitude α: −s tan α, that of a
+    vertical tool.
+    """
+    found = next((c for c in record.conditions if c.name == "latitude"), None)
+    if found is None:
+        return {}
+    return {
+        "latitude_deg": (
+            found.value,
+            -value * math.tan(math.radians(found.value)) * math.pi / 180.0,
+        )
+    }
+
+
+def _column(
+    stated: Stated, record: Record, model: Model
+) -> tuple[Words, str, Callable[[float], Result | None]]:
+    """s(T) of one gyro."""
+
+    def at(t: float) -> Result | None:
+        low, high = model.valid.get("temp_case_degc", (t, t))
+        if not low <= t <= high:
+            return None
+        weights, slope = powers("s", model, t)
+        value = sum(weights[c.name] * c.value for c in model.coefficients if c.name in weights)
+        words = Words(f"s of gyro {model.name}", f"{model.name} 陀螺 s")
+        return stated.linear(
+            record,
+            model,
+            "s",
+            words,
+            weights,
+            "1",
+            at=t,
+            slope=slope,
+            sensitivities=_latitude(record, value),
+            principal=t == stated.reference_degc,
+        )
+
+    return Words(f"s, gyro {model.name}", f"s，{model.name} 陀螺"), "1", at
+
+
+def _plot(table: GridTable) -> Figure:
+    """Scale factor s over temperature with its expanded uncertainty, as ppm from 1."""
+    series = []
+    for k, head in enumerate(table.heads):
+        column = [row[k] for row in table.cells]
+        points = [r for r in column if r is not None and r.uncertainty is not None]
+        U = tuple(
+            1e6 * r.uncertainty.expanded_uncertainty for r in points if r.uncertainty is not None
+        )
+        series.append(
+            Series(
+                head,
+                tuple(r.at[0][1] for r in points),
+                tuple(1e6 * (r.value - 1.0) for r in points),
+                U,
+            )
+        )
+    return Figure(
+        table.title,
+        Words("case temperature [°C]", "壳温 [°C]"),
+        Words("s − 1 [ppm]"),
+        tuple(series),
+    )

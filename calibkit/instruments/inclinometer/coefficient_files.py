@@ -1,0 +1,212 @@
+"""s(T) of each gyro ↔ inclinometer_scale.json."""
+
+from __future__ import annotations
+
+from itertools import groupby
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.coefficients import Coefficient, Condition, Figure, Model, Parameter, StageResult
+from calibkit.errors import CoefficientError
+from calibkit.instruments.inclinometer.errors_and_tables import azimuth_rms
+from calibkit.instruments.inclinometer.noise import Noise
+from calibkit.instruments.inclinometer.solve import WRONG, ScaleModel
+from calibkit.instruments.inclinometer.stations import TEMPERATURE
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping
+
+    from calibkit.coefficients import Record
+    from calibkit.instruments.inclinometer.numeric.published import Sensor
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+    from calibkit.instruments.inclinometer.solve import ScaleFit, Seen
+    from calibkit.instruments.inclinometer.stations import Stations
+
+FILE = "inclinometer_scale.json"
+FORM = "inclinometer-scale/1"
+FEW = 5
+"""Degrees of freedom below which a noise or a scatter is hardly known."""
+
+
+def result(
+    fits: Mapping[Sensor, ScaleFit],
+    stations: Stations,
+    seen: Seen,
+    notes: Iterable[str],
+    spec: InclinometerRecipe,
+    gravity_mps2: float | None,
+) -> StageResult:
+    """Coefficient file of a fit."""
+    site = [
+        Condition("latitude", spec.site.latitude_deg, "deg", spec.site.latitude_uncertainty_deg)
+    ]
+    if gravity_mps2 is not None:
+        site.append(Condition("local_gravity", gravity_mps2, "m/s^2"))
+    return StageResult(
+        "inclinometer_scale",
+        tuple(_model(axis, scale) for axis, scale in fits.items()),
+        _figures(fits, stations, seen, spec),
+        (*notes, *_hardly_known(fits), *station_flags(stations, seen)),
+        tuple(site),
+    )
+
+
+def _model(axis: Sensor, scale: ScaleFit) -> Model:
+    """inclinometer-scale/1 model of one gyro."""
+    model = scale.model
+    uncertainty = np.sqrt(np.clip(np.diag(model.covariance), 0.0, None))
+    return Model(
+        name=axis,
+        form=FORM,
+        coefficients=tuple(
+            Coefficient(f"s{k}", float(value), _unit(k), float(u))
+            for k, (value, u) in enumerate(zip(model.coefficients, uncertainty, strict=True))
+        ),
+        covariance=tuple(map(tuple, model.covariance.tolist())),
+        dof=scale.dof,
+        residual_rms=scale.residual_rms,
+        residual_unit="1",
+        valid={} if model.valid is None else {TEMPERATURE: model.valid},
+        parameters=(
+            Parameter("scatter", model.scatter, "1"),
+            Parameter("gyro_noise", model.noise.gyro_dph, "deg/h"),
+            Parameter("accel_noise", model.noise.accel_g, "g"),
+            Parameter("noise_dof", float(model.noise.dof), "1"),
+        ),
+    )
+
+
+def _unit(power: int) -> str:
+    """Unit of s0, s1, …."""
+    return "1" if power == 0 else "1/degC" + ("" if power == 1 else str(power))
+
+
+def _figures(
+    fits: Mapping[Sensor, ScaleFit], stations: Stations, seen: Seen, spec: InclinometerRecipe
+) -> tuple[Figure, ...]:
+    """Scale factors at the reference temperature, how many stations carried it, and the azimuth
+    before and after.
+    """
+    figures = []
+    for axis, scale in fits.items():
+        valid = scale.model.valid
+        at = np.array(
+            [
+                (
+                    spec.reference_temp_degc
+                    if valid is None
+                    else np.clip(spec.reference_temp_degc, *valid)
+                )
+            ]
+        )
+        prior = scale.model.prior(at)
+        figures.append(
+            Figure(f"s_{axis}", float(prior.s[0]), "1", float(prior.standard_uncertainty[0]))
+        )
+        figures.append(Figure(f"roots_used_{axis}", float(scale.used.sum()), "1", 0.0))
+    refused = int(seen.refused.sum())
+    figures.append(Figure("stations_used", float(seen.refused.size - refused), "1", 0.0))
+    figures.append(Figure("stations_refused", float(refused), "1", 0.0))
+    count, before, after = azimuth_rms(stations, seen)
+    if count:
+        spread = np.sqrt(1.0 / (2.0 * count))
+        figures.append(Figure("azimuth_rms_before", before, "deg", float(before * spread)))
+        figures.append(Figure("azimuth_rms_after", after, "deg", float(after * spread)))
+    return tuple(figures)
+
+
+def _hardly_known(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
+    """What rests on so few degrees of freedom that its uncertainty is a guess."""
+    flags = []
+    for axis, scale in fits.items():
+        if scale.model.noise.dof < FEW:
+            flags.append(
+                f"{axis}: the noise of a reading is known from {scale.model.noise.dof} degrees of"
+                " freedom: state stations.gyro_noise_dph and stations.accel_noise_g"
+            )
+        if scale.dof < FEW:
+            flags.append(
+                f"{axis}: s(T) has {scale.dof} degrees of freedom: its scatter is hardly known"
+            )
+    return flags
+
+
+def station_flags(stations: Stations, seen: Seen) -> tuple[str, ...]:
+    """Flags of the stations, the refused ones first; stations of one flag share a line."""
+    contradicted = int(seen.contradicted.sum())
+    lines = []
+    if 2 * contradicted > len(stations.names):
+        lines.append(f"{contradicted} of {len(stations.names)} stations contradict s(T): {WRONG}")
+    joined = seen.joined
+    refused = [
+        (name, f"refused: {reason}")
+        for name, reason in zip(stations.names, joined.status, strict=True)
+        if reason
+    ]
+    flagged = [
+        (name, flag)
+        for name, reason, flags in zip(stations.names, joined.status, joined.flags, strict=True)
+        if not reason
+        for flag in flags
+    ]
+    for group in (refused, flagged):
+        order = {text: k for k, text in reversed(list(enumerate(text for _, text in group)))}
+        for text, entries in groupby(
+            sorted(group, key=lambda entry: order[entry[1]]), key=lambda entry: entry[1]
+        ):
+            names = [name for name, _ in entries]
+            lines.append(f"station{'s' if len(names) > 1 else ''} {', '.join(names)}: {text}")
+    return tuple(lines)
+
+
+def temperature_flags(
+    file: str, stations: Stations, found: Mapping[Sensor, ScaleModel]
+) -> tuple[str, ...]:
+    """Stations whose temperature the calibration has not seen, or that have none."""
+    valid = next(iter(found.values())).valid
+    if valid is None:
+        return ()
+    low, high = valid
+    unknown = ~np.isfinite(stations.temperature)
+    flags = []
+    if unknown.any():
+        flags.append(
+            f"{file}: {int(unknown.sum())} of {unknown.size} stations have no temp_case_degc: their"
+            f" s may be any of s(T) over {low:.1f} to {high:.1f} °C"
+        )
+    outside = ~unknown & ((stations.temperature < low) | (stations.temperature > high))
+    if outside.any():
+        flags.append(
+            f"{file}: temperature clamped to {low:.1f} to {high:.1f} °C at {int(outside.sum())} of"
+            f" {unknown.size} stations"
+        )
+    return tuple(flags)
+
+
+def models(records: Mapping[str, Record], spec: InclinometerRecipe) -> dict[Sensor, ScaleModel]:
+    """s(T) of each gyro that the recipe reads, from a run's file; raises CoefficientError where it
+    holds none.
+    """
+    if FILE not in records:
+        raise CoefficientError(f"the run holds no {FILE}", hint="it is not a run of inclinometer")
+    found: dict[Sensor, ScaleModel] = {}
+    for axis in spec.axes:
+        model = records[FILE].model(axis)
+        if model.form != FORM:
+            raise CoefficientError(
+                f"{FILE}: model '{axis}' is {model.form}, expected {FORM}",
+                hint="use a newer calibkit",
+            )
+        found[axis] = ScaleModel(
+            np.array([coefficient.value for coefficient in model.coefficients]),
+            np.array(model.covariance),
+            model.value("scatter"),
+            model.valid.get(TEMPERATURE),
+            Noise(
+                model.value("accel_noise"),
+                model.value("gyro_noise"),
+                round(model.value("noise_dof")),
+            ),
+        )
+    return found

@@ -1,0 +1,219 @@
+"""Continuous logs of an inclinometer → one row a dwell: the mean of what was read while the tool
+stood in a position.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from itertools import pairwise
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.errors import FrameError
+from calibkit.frame import Finding, Held, require, values
+from calibkit.instruments.inclinometer.numeric import published
+from calibkit.numeric import attitude
+from calibkit.numeric.dwells import averages
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    import pandas as pd
+    from numpy.typing import NDArray
+
+    from calibkit.frame import Log
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.int64]
+
+FEWEST = 3
+"""Rows of a dwell, at least: fewer tell no standard error."""
+DIRECTIONS = ("position_deg", "toolface_deg", "azimuth_deg")
+"""Columns that end where they begin."""
+CLOSURE = {"accel": (0.01, "g"), "gyro": (1.0, "deg/h")}
+"""What the four positions of one station may fail to close by, whatever they hold: bias drift and
+position errors of a tool.
+"""
+CERTAIN = 10.0
+"""Standard errors from which a closure is no noise."""
+
+
+@dataclass(frozen=True, slots=True)
+class Dwelt:
+    """A log with one row a position, and the rows start … stop − 1 of the log as it was read that
+    each row stands for.
+    """
+
+    log: Log
+    start: Index
+    stop: Index
+    findings: tuple[Finding, ...] = ()
+    continuous: bool = False
+
+    def along(self, of_row: Array, rows: int) -> Array:
+        """Value of each row of the log as it was read [rows]: of its dwell, between dwells of the
+        one before.
+        """
+        dwell = np.searchsorted(self.start, np.arange(rows), side="right") - 1
+        return of_row[np.maximum(dwell, 0)]
+
+    def standing(self, rows: int) -> NDArray[np.bool_]:
+        """Whether each row of the log as it was read lies in a dwell [rows]."""
+        edges = np.zeros(rows + 1, dtype=np.int64)
+        np.add.at(edges, self.start, 1)
+        np.add.at(edges, self.stop, -1)
+        return np.cumsum(edges[:-1]) > 0
+
+    def held(self, kind: str) -> tuple[Held, ...]:
+        """Stations, or dwells, as rows of the log as it was read."""
+        if kind == "dwell":
+            position = values(self.log.frame, "position_deg")
+            parts = zip(self.start.tolist(), self.stop.tolist(), position.tolist(), strict=True)
+            return (
+                tuple(Held("dwell", a, b, p, "deg") for a, b, p in parts) if self.continuous else ()
+            )
+        station = values(self.log.frame, "station")
+        bounds = [0, *(np.flatnonzero(np.diff(station)) + 1).tolist(), station.size]
+        return tuple(
+            Held("station", int(self.start[a]), int(self.stop[b - 1]), float(b - a), "positions")
+            for a, b in pairwise(bounds)
+        )
+
+
+def of(log: Log, spec: InclinometerRecipe) -> Dwelt:
+    """One row a position: a log that has several rows in a position is averaged over each dwell,
+    another is left as it is.
+
+    A dwell is a run of rows whose position_deg (and station, where there is one) stays the same to
+    0.2°, of at least stations.dwell_s, less stations.settle_s at both ends. Without a column
+    `station`, dwells that follow each other in four different positions are one. Raises FrameError
+    where neither the log nor its dwells tell the stations.
+    """
+    frame = log.frame
+    start, stop = _runs(log)
+    standing = (stop - start)[stop - start >= FEWEST].sum()
+    if "time_s" not in frame.columns or 2 * standing <= len(frame):
+        require(log.file, frame.columns, ("station",))
+        rows = np.arange(len(frame))
+        return Dwelt(log, rows, rows + 1)
+    if "station" not in frame.columns and spec.stations.method != "four_differences":
+        # any number of positions makes a station then: nothing says where the next one begins
+        require(log.file, frame.columns, ("station",))
+    there = np.isfinite(values(frame, "position_deg"))[start]
+    start, stop = _standing(values(frame, "time_s"), start[there], stop[there], spec)
+    if not start.size:
+        raise FrameError(
+            f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",
+            hint="state stations.dwell_s and stations.settle_s as the log was taken",
+        )
+    means, errors = _averages(log, start, stop)
+    if "station" in means.columns:
+        return Dwelt(replace(log, frame=means), start, stop, (), continuous=True)
+    reduced = replace(log, frame=means.assign(station=_numbered(values(means, "position_deg"))))
+    return Dwelt(reduced, start, stop, tuple(_open(reduced, errors, spec)), continuous=True)
+
+
+def _runs(log: Log) -> tuple[Index, Index]:
+    """First row and end of each run of rows in one position of one station."""
+    turned = np.remainder(values(log.frame, "position_deg"), 360.0) / (
+        2.0 * published.POSITION_TOLERANCE_DEG
+    )
+    cell = np.where(
+        np.isfinite(turned),
+        np.remainder(np.round(turned), 360.0 / 2.0 / published.POSITION_TOLERANCE_DEG),
+        -1.0,
+    )
+    moved = np.diff(cell) != 0.0
+    if "station" in log.frame.columns:
+        moved |= np.diff(values(log.frame, "station")) != 0.0
+    bounds = np.concatenate(([0], np.flatnonzero(moved) + 1, [cell.size]))
+    return bounds[:-1], bounds[1:]
+
+
+def _standing(
+    time: Array, start: Index, stop: Index, spec: InclinometerRecipe
+) -> tuple[Index, Index]:
+    """Runs that last, less the time that the tool takes to settle at their beginning and end."""
+    lasting = time[stop - 1] - time[start] >= spec.stations.dwell_s
+    start, stop = start[lasting], stop[lasting]
+    first = np.searchsorted(time, time[start] + spec.stations.settle_s, side="left")
+    last = np.searchsorted(time, time[stop - 1] - spec.stations.settle_s, side="right")
+    enough = last - first >= FEWEST
+    return first[enough], last[enough]
+
+
+def _averages(log: Log, start: Index, stop: Index) -> tuple[pd.DataFrame, dict[str, Array]]:
+    """Mean of every column over each dwell, directions around the circle, and its standard error;
+    index of the first row.
+    """
+    import pandas as pd
+
+    intervals = np.column_stack((start, stop))
+    names = [name for name in log.frame.columns if pd.api.types.is_numeric_dtype(log.frame[name])]
+    columns = np.column_stack([values(log.frame, name) for name in names])
+    for k, name in enumerate(names):
+        if name in DIRECTIONS:
+            # the rows of a dwell as departures from its first: 359.98° and 0.01° are neighbours
+            first = np.repeat(columns[start, k], np.diff(np.append(start, len(columns))))
+            columns[start[0] :, k] = first + attitude.wrapped(columns[start[0] :, k] - first)
+    found = averages(columns, intervals)
+    frame = pd.DataFrame(found.mean, columns=names, index=log.frame.index[start])
+    return frame, dict(zip(names, found.standard_error.T, strict=True))
+
+
+def _numbered(position: Array) -> Array:
+    """Station number of each dwell [d], from 1: the next station begins where a position comes
+    again or four are there.
+    """
+    station, seen = 1, set[int]()
+    numbers = np.empty(position.size)
+    for k, quarter in enumerate((np.round(position / 90.0).astype(np.int64) % 4).tolist()):
+        if quarter in seen or len(seen) == len(published.POSITIONS_DEG):
+            station, seen = station + 1, set()
+        seen.add(quarter)
+        numbers[k] = station
+    return numbers
+
+
+def _open(log: Log, errors: Mapping[str, Array], spec: InclinometerRecipe) -> list[Finding]:
+    """Stations told by their positions alone whose four readings do not close: the tool was moved
+    between them.
+
+    r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of one attitude holds neither signal nor bias.
+    """
+    station, position = values(log.frame, "station"), values(log.frame, "position_deg")
+    names = [
+        (kind, f"{kind}_{axis}_{suffix}")
+        for axis in spec.axes
+        for kind, suffix in (("accel", "g"), ("gyro", "dph"))
+    ]
+    four = published.arrange(
+        station, position, np.column_stack([values(log.frame, name) for _, name in names])
+    )
+    known = published.arrange(
+        station, position, np.column_stack([errors[name] for _, name in names])
+    )
+    closures = 2.0 * published.closures(np.moveaxis(four.indication, 1, -1))
+    certain = CERTAIN * np.sqrt(np.sum(known.indication**2, axis=1))
+    found = []
+    for column, (kind, name) in enumerate(names):
+        limit, unit = CLOSURE[kind]
+        for k in np.flatnonzero(
+            np.abs(closures[:, column]) > np.maximum(limit, certain[:, column])
+        ).tolist():
+            row = int(np.flatnonzero(station == four.station[k])[0])
+            found.append(
+                Finding(
+                    f"{log.place(row)}: station {four.station[k]:g}: {name}",
+                    f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closures[k, column]:.3g} {unit}",
+                    f"at most {limit:g} {unit} of one attitude",
+                    "the tool was moved between these dwells: give a column station, or leave out"
+                    " with [[exclude]] the dwells that make no four",
+                    name="closure",
+                    line=check.line(log, row),
+                )
+            )
+    return found

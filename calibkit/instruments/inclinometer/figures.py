@@ -1,0 +1,198 @@
+"""Figures of a north-seeking inclinometer: s(T), azimuth error against C, the stations before and
+after.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+    from numpy.typing import NDArray
+
+    from calibkit.report.summary import SummaryTable
+
+    Array = NDArray[np.float64]
+
+ROWS = 36
+"""Stations on one page of the table."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleCurve:
+    """Roots of s of one gyro [n] with standard uncertainties, which of them were used, and s(T) on
+    a grid.
+    """
+
+    axis: str
+    label: str
+    abscissa: Array
+    root: Array
+    root_uncertainty: Array
+    used: NDArray[np.bool_]
+    grid: Array
+    s: Array
+    standard_uncertainty: Array
+
+
+@dataclass(frozen=True, slots=True)
+class SeekingReport:
+    """All that the figures show: C, azimuth error before and after, azimuth shift by s, its
+    uncertainty, each [n].
+    """
+
+    curves: tuple[ScaleCurve, ...]
+    label: Array
+    before: Array
+    after: Array
+    shift: Array
+    standard_uncertainty: Array
+    table: SummaryTable
+
+
+def pages(title: str, report: SeekingReport) -> list[Figure]:
+    """s(T), and azimuth against C."""
+    return [scale_page(title, report), azimuth_page(title, report)]
+
+
+def scale_page(title: str, report: SeekingReport) -> Figure:
+    """s(T) of each gyro with its band, over the roots that carried it."""
+    count = len(report.curves)
+    figure, axes = page(
+        count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count
+    )
+    for ax, curve in zip(axes, report.curves, strict=True):
+        known = np.isfinite(curve.root)
+        for chosen, colour, name in (
+            (curve.used, DENOISED, "roots used"),
+            (~curve.used, RAW, "roots not used"),
+        ):
+            there = known & chosen
+            if there.any():
+                spread = (
+                    2.0
+                    * np.where(np.isfinite(curve.root_uncertainty), curve.root_uncertainty, 0.0)[
+                        there
+                    ]
+                )
+                ax.errorbar(
+                    curve.abscissa[there],
+                    curve.root[there],
+                    spread,
+                    fmt="o",
+                    ms=3,
+                    lw=0.8,
+                    color=colour,
+                    label=name,
+                )
+        low, high = (curve.s + sign * 2.0 * curve.standard_uncertainty for sign in (-1.0, 1.0))
+        ax.fill_between(curve.grid, low, high, color=GOOD, alpha=0.2, lw=0)
+        ax.plot(curve.grid, curve.s, color=GOOD, label="s(T), band k = 2")
+        ax.set(title=f"gyro {curve.axis}: bars k = 2", xlabel=curve.label, ylabel="s [1]")
+        ax.ticklabel_format(useOffset=False)
+        _limits(ax, curve)
+        ax.legend(loc="best", ncols=3)
+    return figure
+
+
+def _limits(ax: Axes, curve: ScaleCurve) -> None:
+    """Show s(T) and the roots that carried it; a root near C = 0 may lie far outside."""
+    used = curve.used & np.isfinite(curve.root)
+    bars = 2.0 * curve.root_uncertainty[used]
+    low = min([*(curve.root[used] - bars), *(curve.s - 2.0 * curve.standard_uncertainty)])
+    high = max([*(curve.root[used] + bars), *(curve.s + 2.0 * curve.standard_uncertainty)])
+    margin = 0.06 * (high - low) + 1e-6
+    ax.set_ylim(low - margin, high + margin)
+
+
+def azimuth_page(title: str, report: SeekingReport) -> Figure:
+    """Azimuth error before and after against C, or what s changes where there is no reference
+    azimuth.
+    """
+    against = bool(np.isfinite(report.after).any())
+    figure, axes = page(2, 1, title=f"{title}: azimuth against C = cos α cos θ + sin α sin θ cos ψ")
+    bars = 2.0 * report.standard_uncertainty
+    if against:
+        axes[0].plot(report.label, report.before, "o", ms=4, color=RAW, label="s = 1")
+        axes[0].errorbar(
+            report.label,
+            report.after,
+            bars,
+            fmt="o",
+            ms=4,
+            lw=0.8,
+            color=GOOD,
+            label="corrected, bars k = 2",
+        )
+        axes[0].set(title="error against the reference", xlabel="C", ylabel="azimuth error [°]")
+    else:
+        axes[0].errorbar(
+            report.label,
+            report.shift,
+            bars,
+            fmt="o",
+            ms=4,
+            lw=0.8,
+            color=DENOISED,
+            label="bars k = 2",
+        )
+        axes[0].set(
+            title="what s changes (no reference azimuth)",
+            xlabel="C",
+            ylabel="azimuth − azimuth with s = 1 [°]",
+        )
+    axes[0].axhline(0.0, color=MUTED, lw=0.6)
+    axes[0].legend(loc="best", ncols=2)
+    axes[1].plot(report.label, bars, "o", ms=4, color=ALERT)
+    axes[1].set(title="stated uncertainty of the azimuth, k = 2", xlabel="C", ylabel="U [°]")
+    axes[1].set_ylim(bottom=0.0)
+    return figure
+
+
+def table_pages(title: str, table: SummaryTable) -> list[Figure]:
+    """The stations before and after, so many a page."""
+    chunks = [table.rows[start : start + ROWS] for start in range(0, len(table.rows), ROWS)]
+    return [_table_page(f"{title}: {table.title}", table.columns, rows) for rows in chunks]
+
+
+def _table_page(title: str, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> Figure:
+    """One page of a table, numbers right-aligned."""
+    figure, axes = page(1, 1, title=title)
+    ax = axes[0]
+    ax.set_axis_off()
+    step = 1.0 / (ROWS + 1)
+    for number, column in enumerate(columns):
+        x = (number + 0.9) / len(columns)
+        ax.text(
+            x,
+            1.0 - step / 2.0,
+            column,
+            ha="right",
+            va="center",
+            fontsize=7.0,
+            fontweight="bold",
+            color=INK,
+        )
+        # one text a column: a text a cell takes a second to draw
+        cells = "\n".join(row[number] for row in rows)
+        ax.text(
+            x,
+            1.0 - 1.3 * step,
+            cells,
+            ha="right",
+            va="top",
+            fontsize=8.0,
+            linespacing=1.5,
+            color=INK,
+        )
+    ax.set(xlim=(0.0, 1.0), ylim=(0.0, 1.0))
+    ax.plot([0.0, 1.0], [1.0 - step, 1.0 - step], color=MUTED, lw=0.6)
+    return figure

@@ -1,0 +1,170 @@
+"""Four-position inclinometer: stations → inclinometer_scale.json."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.check import copies
+from calibkit.coefficients import Input
+from calibkit.errors import FrameError, UsageError
+from calibkit.frame import refuse, values
+from calibkit.ingest import logs as ingest
+from calibkit.ingest import write_back
+from calibkit.instruments.accelerometer import fit as accel_fit
+from calibkit.instruments.inclinometer import (
+    coefficient_files,
+    dwells,
+    errors_and_tables,
+    latitude,
+    solve,
+)
+from calibkit.instruments.inclinometer import figures as pages
+from calibkit.instruments.inclinometer import stations as inclinometer_stations
+from calibkit.procedures import Fitted
+from calibkit.report.documents import Drawn
+from calibkit.report.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.coefficients import Record
+    from calibkit.frame import Examined, Log
+    from calibkit.ingest.logs import Reader
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+    from calibkit.procedures import Applied, Progress
+
+
+def _on_site(spec: InclinometerRecipe) -> InclinometerRecipe:
+    """The recipe with the site's gravity worked out from latitude and height where it was not
+    measured.
+    """
+    gravity = accel_fit.local_gravity(spec.site)
+    return spec.model_copy(update={"site": spec.site.model_copy(update={"gravity_mps2": gravity})})
+
+
+def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+    """One log in canonical columns; m/s² become g by the site's gravity."""
+    columns, optional = inclinometer_stations.needed(spec)
+    return reader(_on_site(spec), data / file, file, columns, optional)
+
+
+def examine(spec: InclinometerRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log, and its stations."""
+    return inclinometer_stations.examine(log, spec)
+
+
+def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+    """Fit s(T) of each gyro to the stations of all logs together."""
+    logs = list(
+        copies.distinct(
+            ingest.ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+        )
+    )
+    admitted, found = inclinometer_stations.admitted(logs, spec)
+    rows = inclinometer_stations.gather(admitted, _on_site(spec))
+    stations = inclinometer_stations.stations(rows, spec)
+    fits, seen = solve.fit(stations, spec)
+    notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
+    notes += [str(finding) for finding in found if finding.flagged]
+    notes += latitude.flags(fits, stations, seen, spec)
+    result = coefficient_files.result(
+        fits, stations, seen, notes, spec, accel_fit.local_gravity(spec.site)
+    )
+    return Fitted(
+        (result,),
+        tuple(Input.of(log) for log in logs),
+        errors_and_tables.summary(fits, stations, seen, result.flags, spec),
+        errors_and_tables.drawing(fits, stations, seen, spec),
+    )
+
+
+def _seek(
+    spec: InclinometerRecipe, records: Mapping[str, Record], log: Log
+) -> tuple[inclinometer_stations.Stations, solve.Seen, tuple[str, ...]]:
+    """Stations of one log with a row a position, solved with a run's s(T), and the flags."""
+    models = coefficient_files.models(records, spec)
+    rows = inclinometer_stations.gather([log], _on_site(spec))
+    stations = inclinometer_stations.stations(
+        rows, spec, {axis: model.noise for axis, model in models.items()}
+    )
+    seen = solve.seek(stations, models, spec)
+    solve.require_consistent(seen, log.file)
+    flags = (*coefficient_files.temperature_flags(log.file, stations, models),)
+    return stations, seen, (*flags, *coefficient_files.station_flags(stations, seen))
+
+
+def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+    """Correct the rates of every row, in the log's own unit, and add each station's angles to its
+    rows.
+    """
+    log = read(spec, data.parent, data.name)
+    refuse(inclinometer_stations.unusable(log, spec))
+    dwelt = dwells.of(log, spec)
+    refuse(dwelt.findings)
+    stations, seen, flags = _seek(spec, records, dwelt.log)
+    rows = len(log.frame)
+    columns = {}
+    for axis, solution in seen.solutions.items():
+        # a station without a result still has the s(T) of its calibration
+        s = np.where(np.isfinite(solution.s), solution.s, seen.priors[axis].s)
+        along = dwelt.along(s[stations.row_station], rows)
+        columns[f"gyro_{axis}_dph"] = along * values(log.frame, f"gyro_{axis}_dph")
+    joined = seen.joined
+    angles = {
+        "inclination_deg": joined.inclination_deg,
+        "toolface_deg": joined.toolface_deg,
+        "azimuth_deg": joined.azimuth_deg,
+    }
+    if spec.output.azimuth_uncertainty:
+        angles["azimuth_standard_uncertainty_deg"] = joined.standard_uncertainty[:, 2]
+    # while the tool turns it has no angles
+    standing = dwelt.standing(rows)
+    derived = {
+        name: np.where(
+            standing,
+            dwelt.along(np.where(seen.refused, np.nan, angle)[stations.row_station], rows),
+            np.nan,
+        )
+        for name, angle in angles.items()
+    }
+    return write_back.replaced(_on_site(spec), data, columns, derived), flags
+
+
+def validate(
+    spec: InclinometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
+) -> tuple[dict[str, Any], Summary]:
+    """Angle errors before and after on stations that were not fitted."""
+    entries, flags, tables, parts = [], [], [], []
+    for log in logs:
+        file = log.file
+        (admitted,), _ = inclinometer_stations.admitted([log], spec)
+        stations, seen, found = _seek(spec, records, admitted)
+        errors = errors_and_tables.errors(stations, seen)
+        if not errors.known.any():
+            raise FrameError(
+                f"{file}: no station has both a reference azimuth and a result",
+                hint="add a column azimuth_deg, or map one under [columns.azimuth_deg]",
+            )
+        entries.append(errors_and_tables.entry(file, log.sha256, log.rows, stations, seen, errors))
+        tables.append(
+            errors_and_tables.error_table(errors, f"{file}: errors against the reference")
+        )
+        flags += [f"{file}: {note}" for note in log.notes] + list(found)
+        flags += errors_and_tables.worse(file, errors)
+        parts.append(errors)
+    criteria = errors_and_tables.criteria(errors_and_tables.pooled(parts), spec, unseen=True)
+    return {"logs": entries}, Summary("", tuple(tables), tuple(flags), criteria)
+
+
+def draw(title: str, fitted: Fitted) -> Drawn:
+    """Figures, and the summary with every station, which the PDF has on pages of their own."""
+    if not isinstance(fitted.drawing, pages.SeekingReport):
+        raise UsageError("not a fit of inclinometer")
+    first, _, *others = fitted.summary.tables
+    whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
+    stations = tuple(pages.table_pages(title, fitted.drawing.table))
+    return Drawn(tuple(pages.pages(title, fitted.drawing)), whole, stations)

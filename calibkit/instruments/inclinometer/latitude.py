@@ -1,0 +1,113 @@
+"""A latitude that the stations contradict: it shows as scatter of the roots of s that their
+readings do not explain.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.instruments.inclinometer.numeric import root_choice
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.inclinometer.numeric.published import Sensor
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+    from calibkit.instruments.inclinometer.solve import ScaleFit, Seen
+    from calibkit.instruments.inclinometer.stations import Stations
+
+    Array = NDArray[np.float64]
+
+SCATTERS = 3.0
+"""Scatter of s, in standard uncertainties of a root, that is flagged; 16 sensors of simulated
+campaigns have 0 to 1.6.
+"""
+STEP_DEG = 0.02
+"""Change of latitude [°] by which the roots' dependence on it is found."""
+SURE, LEAST_DEG = 4.0, 0.03
+"""Standard uncertainties, and degrees, by which a latitude must be off to be named."""
+FEWEST = 5
+"""Stations beyond the coefficients of s(T) from which a latitude is looked for."""
+
+
+def flags(
+    fits: Mapping[Sensor, ScaleFit], stations: Stations, seen: Seen, spec: InclinometerRecipe
+) -> list[str]:
+    """What is to be known of each gyro whose s scatters by more than its readings explain."""
+    said = []
+    for axis, fit in fits.items():
+        u = seen.solutions[axis].s_root_uncertainty[fit.used]
+        expected = float(np.median(u)) if u.size else 0.0
+        if not expected or not fit.dof or fit.model.scatter <= SCATTERS * expected:
+            continue
+        what = (
+            f"{axis}: s scatters by {fit.model.scatter:.1e} beyond its readings, which are good for"
+            f" {expected:.1e}"
+        )
+        said.append(
+            f"{what} ({fit.model.scatter / expected:.1f} times):"
+            f" {_reason(axis, fit, stations, seen, spec)}"
+        )
+    return said
+
+
+def _reason(
+    axis: Sensor, fit: ScaleFit, stations: Stations, seen: Seen, spec: InclinometerRecipe
+) -> str:
+    """The latitude that would explain the scatter, or what else may."""
+    offset, u = _offset(axis, fit, stations, seen, spec)
+    if abs(offset) < max(SURE * u, LEAST_DEG):
+        return (
+            "see that site.latitude_deg is right and the gyro does not change from station to"
+            " station"
+        )
+    found = spec.site.latitude_deg + offset
+    return (
+        f"the stations fit a latitude of {found:.2f}° ± {u:.2f}°, site.latitude_deg says"
+        f" {spec.site.latitude_deg:g}°"
+    )
+
+
+def _offset(
+    axis: Sensor, fit: ScaleFit, stations: Stations, seen: Seen, spec: InclinometerRecipe
+) -> tuple[float, float]:
+    """Latitude that the stations fit less that of the recipe, and its standard uncertainty [°]; 0
+    where they tell none.
+    """
+    pair, latitude = seen.solutions[axis], spec.site.latitude_deg
+    higher, lower = (
+        root_choice.solve(
+            stations.components[axis], at, fit.left_out, refused=stations.status[axis],
+            limits=root_choice.Limits(**spec.limits.model_dump()),
+        )
+        for at in (latitude + STEP_DEG, latitude - STEP_DEG)
+    )  # fmt: skip
+    slope = (higher.s_root - lower.s_root) / (2.0 * STEP_DEG)
+    order = fit.model.coefficients.size
+    same = (higher.root == pair.root) & (lower.root == pair.root)
+    kept = (
+        fit.used
+        & same
+        & np.isfinite(slope)
+        & np.isfinite(pair.s_root)
+        & (pair.s_root_uncertainty > 0.0)
+    )
+    if int(kept.sum()) < order + FEWEST:
+        return 0.0, 0.0
+    temperature = np.where(np.isfinite(stations.temperature), stations.temperature, 0.0)[kept]
+    # s measured at the recipe's latitude is s(T) less slope times what the latitude is off by
+    design = np.column_stack([np.vander(temperature / 100.0, order, increasing=True), -slope[kept]])
+    weight = 1.0 / pair.s_root_uncertainty[kept]
+    solved, _, rank, _ = np.linalg.lstsq(
+        design * weight[:, None], pair.s_root[kept] * weight, rcond=None
+    )
+    if rank < design.shape[1]:
+        return 0.0, 0.0
+    left = (pair.s_root[kept] - design @ solved) * weight
+    factor = max(float(left @ left) / (left.size - rank), 1.0)
+    normal = (design * weight[:, None]).T @ (design * weight[:, None])
+    return float(solved[-1]), float(np.sqrt(factor * np.linalg.inv(normal)[-1, -1]))

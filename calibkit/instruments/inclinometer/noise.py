@@ -1,0 +1,159 @@
+"""Noise of one reading of a sensor pair: as the recipe states it, as the readings show it, as a
+calibration knew it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.inclinometer.numeric import closure
+from calibkit.numeric import gum
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.inclinometer.numeric.published import Sensor
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+
+    Array = NDArray[np.float64]
+
+CONTRADICTED = 1e-6
+"""Probability of closures so much smaller or larger than the known noise, below which they have a
+noise of their own.
+"""
+KINDS = (("accel", "g", "g"), ("gyro", "dph", "deg/h"))
+"""Sensors of a pair: name, last word of their column, unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Noise:
+    """Standard deviation of one reading of a sensor pair, and from how many degrees of freedom it
+    is known.
+    """
+
+    accel_g: float
+    gyro_dph: float
+    dof: int
+
+
+NO_NOISE = Noise(0.0, 0.0, 0)
+"""What is known of the noise before anything is read."""
+
+
+@dataclass(frozen=True, slots=True)
+class Closing:
+    """How n stations close: sums of squares [n, 2] of accelerometer and gyro, and their degrees of
+    freedom [n, 2].
+    """
+
+    squares: Array
+    dofs: NDArray[np.int64]
+
+
+@dataclass(frozen=True, slots=True)
+class Closed:
+    """Noise of the stations that close, and why each [n] of the others is refused (or empty)."""
+
+    noise: Noise
+    wild: tuple[str, ...]
+
+
+def least(
+    known: Noise | None, last_digit: tuple[float, float], spec: InclinometerRecipe
+) -> tuple[float, float]:
+    """Least noise of (accelerometer [g], gyro [°/h]): the recipe's, a calibration's, that of the
+    last digit.
+    """
+    stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
+    before = known or NO_NOISE
+    accel, gyro = (
+        max(digit / float(np.sqrt(12.0)), calibrated, 0.0 if given == "auto" else given)
+        for given, calibrated, digit in zip(
+            stated, (before.accel_g, before.gyro_dph), last_digit, strict=True
+        )
+    )
+    return accel, gyro
+
+
+def judged(closing: Closing, least: tuple[float, float]) -> Closed:
+    """Stations that do not close by far more than the others are refused: one wild reading is no
+    noise of all.
+    """
+    reasons = [""] * len(closing.squares)
+    for column, (kind, _, unit) in enumerate(KINDS):
+        squares, dofs = closing.squares[:, column], closing.dofs[:, column]
+        variance = max(closure.usual(squares, dofs), least[column] ** 2)
+        for k in np.flatnonzero(closure.wild(squares, dofs, least[column] ** 2)).tolist():
+            size = float(np.sqrt(squares[k] / dofs[k]))
+            times = f"{size / np.sqrt(variance):.0f} times the noise of the others"
+            reasons[k] = (
+                reasons[k]
+                or f"a wild reading: the {kind} does not close by {size:.2g} {unit}, {times}"
+            )
+    kept = np.array([not reason for reason in reasons])[:, None]
+    squares, dofs = np.where(kept, closing.squares, 0.0), np.where(kept, closing.dofs, 0)
+    accel, gyro = (closure.noise(squares[:, column], dofs[:, column]) for column in range(2))
+    return Closed(Noise(accel, gyro, int(dofs[:, 1].sum())), tuple(reasons))
+
+
+def decided(
+    own: Noise,
+    known: Noise | None,
+    last_digit: tuple[float, float],
+    spec: InclinometerRecipe,
+    axis: Sensor,
+) -> Noise:
+    """Noise as the recipe states it, else the readings' own pooled with that of a calibration;
+    never below the last digit.
+
+    Raises FitError where nothing tells it.
+    """
+    stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
+    before = known or NO_NOISE
+    pairs = ((own.accel_g, before.accel_g), (own.gyro_dph, before.gyro_dph))
+    found = []
+    for given, (mine, calibrated), digit, (kind, unit, _) in zip(
+        stated, pairs, last_digit, KINDS, strict=True
+    ):
+        if given != "auto":
+            found.append(given)
+        elif own.dof + before.dof == 0:
+            raise FitError(
+                f"{kind}_{axis}_{unit}: no station tells the noise of a reading",
+                hint=(
+                    f"give stations.{kind}_noise_{unit} in the recipe, or stations with more"
+                    " positions"
+                ),
+            )
+        else:
+            found.append(max(_pooled(mine, own.dof, calibrated, before.dof), digit / np.sqrt(12.0)))
+    return Noise(float(found[0]), float(found[1]), own.dof + before.dof)
+
+
+def widened(noise: Noise, spec: InclinometerRecipe) -> Noise:
+    """Noise for propagation: one known from few degrees of freedom is raised by Student's t, so
+    that k = 2 still means 95 %.
+    """
+    if not noise.dof:
+        return noise
+    factor = gum.widening(noise.dof)
+    given = spec.stations.accel_noise_g != "auto", spec.stations.gyro_noise_dph != "auto"
+    accel, gyro = (1.0 if stated else factor for stated in given)
+    return Noise(accel * noise.accel_g, gyro * noise.gyro_dph, noise.dof)
+
+
+def _pooled(own: float, own_dof: int, known: float, known_dof: int) -> float:
+    """Noise of both, weighted by degrees of freedom, or the readings' own where the known one
+    cannot be theirs.
+    """
+    if own_dof and known_dof and known > 0.0:
+        from scipy.special import fdtr, fdtrc
+
+        ratio = (own / known) ** 2
+        if min(fdtr(own_dof, known_dof, ratio), fdtrc(own_dof, known_dof, ratio)) < CONTRADICTED:
+            return own
+    return float(np.sqrt((own_dof * own**2 + known_dof * known**2) / (own_dof + known_dof)))

@@ -1,0 +1,64 @@
+"""What the readings of a station say of their own noise, and which stations hold a reading that is
+none.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+FEWEST = 8
+"""Stations below which their median does not tell what is usual."""
+IMPROBABLE = 1e-20
+"""Probability of a closure from which it is no noise: 9.3 standard deviations with one degree of
+freedom.
+
+With eight stations of one degree of freedom 0.08 % of campaigns have such a one by chance, with
+twelve 0.02 %: the median of few is uncertain itself.
+"""
+
+
+def usual(squares: Array, dof: NDArray[np.int64]) -> float:
+    """Variance of one reading from sums of squares [n] with degrees of freedom [n], by their
+    median: none alone moves it.
+
+    The median of χ²/ν is not 1: it is divided by that of the median degrees of freedom. NaN where
+    no station has any.
+    """
+    known = dof > 0
+    if not known.any():
+        return float("nan")
+    from scipy.special import gammaincinv
+
+    middle = float(np.median(dof[known]))
+    median = 2.0 * float(gammaincinv(middle / 2.0, 0.5)) / middle
+    return float(np.median(squares[known] / dof[known])) / median
+
+
+def wild(squares: Array, dof: NDArray[np.int64], least: float) -> NDArray[np.bool_]:
+    """Which stations [n] do not close by far more than the usual variance, or the `least` that it
+    can be.
+    """
+    found = np.zeros(squares.size, dtype=np.bool_)
+    known = dof > 0
+    if int(known.sum()) < FEWEST:
+        return found
+    from scipy.special import chdtri
+
+    variance = max(usual(squares, dof), least)
+    found[known] = squares[known] > variance * chdtri(dof[known], IMPROBABLE)
+    return found
+
+
+def noise(squares: Array, dof: NDArray[np.int64]) -> float:
+    """Standard deviation of one reading from sums of squares [n] with degrees of freedom [n]; 0
+    where there are none.
+    """
+    total = int(dof.sum())
+    return float(np.sqrt(squares.sum() / total)) if total else 0.0

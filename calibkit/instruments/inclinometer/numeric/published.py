@@ -1,0 +1,273 @@
+"""Four-position north seeking as published (temperature compensation of a FOG inclinometer, Wuxi
+Huilian 2015).
+
+North-east-down axes; azimuth ψ about z, inclination θ about y, toolface φ about z, passive
+rotations; indications positive along gravity; rates in °/h, accelerations in local g. A sensor pair
+is one gyro and one accelerometer on one axis.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Literal
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.numeric.earth import EARTH_RATE_DPH
+
+if TYPE_CHECKING:
+    from numpy.typing import ArrayLike, NDArray
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+Sensor = Literal["x", "y"]
+"""Axis of a sensor pair: at 90° the x sensor lies where y was, the y sensor where −x was."""
+Convention = Literal["gravity", "specific_force"]
+"""What an accelerometer at rest indicates: positive along gravity, or the specific force, positive
+against it.
+"""
+POSITIONS_DEG = (0.0, 90.0, 180.0, 270.0)
+POSITION_TOLERANCE_DEG = 0.1
+"""How far a position may be from its nominal one for the four differences to hold."""
+
+
+@dataclass(frozen=True, slots=True)
+class Readings:
+    """Indications of n stations in the four positions (step A)."""
+
+    station: NDArray[np.float64]
+    """Name of each station [n], in the order of first appearance."""
+    indication: Array
+    """[n, 4, m]: position 0°, 90°, 180°, 270°, and column; NaN where a position is missing."""
+    status: tuple[str, ...]
+    """[n]: empty, or why the station cannot be solved."""
+
+
+@dataclass(frozen=True, slots=True)
+class Components:
+    """Gravity and the earth's rate across the tool at n stations, free of constant bias (step B),
+    and their noise.
+    """
+
+    accel_x: Array
+    accel_y: Array
+    gyro_x: Array
+    gyro_y: Array
+    covariance: Array
+    """[n, 4, 4] of accel_x, accel_y [g], gyro_x, gyro_y [°/h]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Attitude:
+    """Inclination and toolface of n stations (step C)."""
+
+    inclination: Array
+    """θ [rad]."""
+    toolface: Array
+    """φ [rad], in (−π, π]."""
+    clamped: Mask
+    """Whether √(g_x² + g_y²) exceeded g and was clamped to it."""
+
+
+@dataclass(frozen=True, slots=True)
+class Roots:
+    """Both roots of the in-situ scale factor s of n stations (step D)."""
+
+    plus: Array
+    minus: Array
+    half_difference: Array
+    """(s₊ − s₋)/2; 0 where the discriminant is."""
+    clamped: Mask
+    """Whether a negative discriminant was clamped to zero."""
+
+
+def along_gravity(accel: Array, convention: Convention) -> Array:
+    """Accelerometer indications of any shape, positive along gravity whatever convention they were
+    logged in.
+    """
+    if convention not in {"gravity", "specific_force"}:
+        raise FitError(f"sign convention '{convention}'", hint="give gravity or specific_force")
+    return accel if convention == "gravity" else -accel
+
+
+def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> Readings:
+    """Sort rows into stations and positions (step A).
+
+    Parameters
+    ----------
+    station : [r], number of each row's station.
+    position_deg : [r] [°], any order, any multiple of 360° added; repeated positions are averaged.
+    indication : [r, m].
+
+    Returns
+    -------
+    Readings; a station with a missing, another or a non-finite position has the reason in its
+    status.
+
+    """
+    names = np.asarray(station, dtype=np.float64)
+    unique, first, inverse = np.unique(names, return_index=True, return_inverse=True)
+    order = np.argsort(first, kind="stable")
+    rank = np.empty_like(order)
+    rank[order] = np.arange(order.size)
+    turned = np.remainder(position_deg + 45.0, 360.0)
+    index = np.clip(np.floor(turned / 90.0), 0, 3).astype(np.int64)
+    off = np.abs(turned - 45.0 - 90.0 * index) > POSITION_TOLERANCE_DEG
+    total = np.zeros((unique.size, 4, indication.shape[1]))
+    count = np.zeros((unique.size, 4))
+    np.add.at(total, (rank[inverse], index), indication)
+    np.add.at(count, (rank[inverse], index), 1.0)
+    mean = np.where(count[:, :, None] > 0.0, total / np.maximum(count, 1.0)[:, :, None], np.nan)
+    status = [""] * unique.size
+    for k in range(unique.size):
+        missing = [f"{p:g}°" for p, there in zip(POSITIONS_DEG, count[k], strict=True) if not there]
+        strange = np.unique(position_deg[off & (rank[inverse] == k)])
+        if strange.size:
+            status[k] = (
+                f"position {strange[0]:g}° is none of 0°, 90°, 180°, 270°: use the N-position fit"
+            )
+        elif missing:
+            status[k] = f"no reading at position {', '.join(missing)}"
+        elif not np.isfinite(mean[k]).all():
+            status[k] = "an indication is not finite"
+    return Readings(unique[order], mean, tuple(status))
+
+
+def four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
+    """Components along x and y [n] from indications [n, 4] of one sensor: halved differences, bias
+    cancels (step B).
+    """
+    at_0, at_90, at_180, at_270 = np.moveaxis(indication, -1, 0)
+    along, across = (at_0 - at_180) / 2.0, (at_90 - at_270) / 2.0
+    return (along, across) if sensor == "x" else (-across, along)
+
+
+def closures(indication: Array) -> Array:
+    """Half of r₀ − r₉₀ + r₁₈₀ − r₂₇₀ [n] of indications [n, 4]: noise alone, as large as that of
+    one reading.
+    """
+    found: Array = indication @ np.array([0.5, -0.5, 0.5, -0.5])
+    return found
+
+
+def components(
+    accel: Array, gyro: Array, sensor: Sensor, *, accel_noise_g: float, gyro_noise_dph: float
+) -> Components:
+    """Components of one sensor pair from its four positions (step B).
+
+    Parameters
+    ----------
+    accel, gyro : [n, 4] [g] and [°/h].
+    sensor : which axis the pair is on.
+    accel_noise_g, gyro_noise_dph : standard uncertainty of one reading.
+
+    """
+    accel_x, accel_y = four_differences(accel, sensor)
+    gyro_x, gyro_y = four_differences(gyro, sensor)
+    variance = np.array([accel_noise_g, accel_noise_g, gyro_noise_dph, gyro_noise_dph]) ** 2 / 2.0
+    covariance = np.broadcast_to(np.diag(variance), (accel_x.size, 4, 4)).copy()
+    return Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
+
+
+def attitude(accel_x: Array, accel_y: Array) -> Attitude:
+    """Inclination and toolface (step C): θ = arcsin √(g_x² + g_y²), φ = atan2(g_y, −g_x), of
+    components [n] [g].
+    """
+    level = np.hypot(accel_x, accel_y)
+    return Attitude(
+        inclination=np.arcsin(np.minimum(level, 1.0)),
+        toolface=_atan2(accel_y, -accel_x),
+        clamped=np.asarray(level > 1.0, dtype=np.bool_),
+    )
+
+
+def levelled(gyro_x: Array, gyro_y: Array, toolface: Array) -> tuple[Array, Array]:
+    """Rates A, B [n] in units of the earth's rate, turned back by the toolface [rad] (step D)."""
+    cosine, sine = np.cos(toolface), np.sin(toolface)
+    x, y = gyro_x / EARTH_RATE_DPH, gyro_y / EARTH_RATE_DPH
+    return x * cosine - y * sine, x * sine + y * cosine
+
+
+def scale_roots(gyro_x: Array, gyro_y: Array, found: Attitude, latitude_deg: ArrayLike) -> Roots:
+    """Both roots of (s A − sin α sin θ)² + s² B² cos²θ = cos²α cos²θ (step D); NaN where no rate is
+    seen.
+
+    gyro_x, gyro_y : [n] [°/h]; latitude_deg : α [°], one or [n].
+    """
+    A, B = levelled(gyro_x, gyro_y, found.toolface)
+    latitude = np.radians(latitude_deg)
+    sine, cosine = np.sin(found.inclination), np.cos(found.inclination)
+    discriminant = (A**2 + B**2) * np.cos(latitude) ** 2 - (sine * B) ** 2
+    divisor = A**2 + (cosine * B) ** 2
+    middle = A * np.sin(latitude) * sine
+    half = cosine * np.sqrt(np.maximum(discriminant, 0.0))
+    seen = divisor > 0.0
+    safe = np.where(seen, divisor, np.nan)
+    return Roots(
+        plus=(middle + half) / safe,
+        minus=(middle - half) / safe,
+        half_difference=half / safe,
+        clamped=np.asarray(discriminant < 0.0, dtype=np.bool_),
+    )
+
+
+def azimuth(
+    accel_x: Array, accel_y: Array, gyro_x: Array, gyro_y: Array, latitude_deg: ArrayLike
+) -> Array:
+    """Azimuth ψ [n] [rad], in [0, 2π), from corrected rates s ω [n] [°/h] and components [n] [g]
+    (step F).
+
+    ψ = atan2(−(ω_x g_y − ω_y g_x) √(g² − g_x² − g_y²), −g (ω_x g_x + ω_y g_y) − ω_e sin α (g_x² +
+    g_y²)).
+    """
+    x, y = gyro_x / EARTH_RATE_DPH, gyro_y / EARTH_RATE_DPH
+    level = accel_x**2 + accel_y**2
+    east = -(x * accel_y - y * accel_x) * np.sqrt(np.maximum(1.0 - level, 0.0))
+    north = -(x * accel_x + y * accel_y) - np.sin(np.radians(latitude_deg)) * level
+    return _full_circle(_atan2(east, north))
+
+
+def axial_rate(gyro_x: Array, gyro_y: Array, found: Attitude, latitude_deg: ArrayLike) -> Array:
+    """Rate about the tool axis [n] [°/h] from corrected rates s ω: (s A sin θ − sin α)/cos θ (step
+    D).
+    """
+    A, _ = levelled(gyro_x, gyro_y, found.toolface)
+    sine, cosine = np.sin(found.inclination), np.cos(found.inclination)
+    return np.asarray(
+        EARTH_RATE_DPH * (A * sine - np.sin(np.radians(latitude_deg))) / cosine, dtype=np.float64
+    )
+
+
+def label(inclination: Array, psi: Array, latitude_deg: ArrayLike) -> Array:
+    """C = cos α cos θ + sin α sin θ cos ψ [n]: positive for an azimuth of the + root; near zero, s
+    is useless.
+
+    A computed azimuth always agrees with the root it came from: C labels a solution and cannot
+    choose it.
+    """
+    latitude = np.radians(latitude_deg)
+    return np.asarray(
+        np.cos(latitude) * np.cos(inclination)
+        + np.sin(latitude) * np.sin(inclination) * np.cos(psi),
+        dtype=np.float64,
+    )
+
+
+def toolface_plus_azimuth(gyro_x: Array, gyro_y: Array) -> Array:
+    """φ + ψ [n] [rad], in [0, 2π), of a vertical tool, where neither alone is defined: atan2(−ω_y,
+    ω_x).
+    """
+    return _full_circle(_atan2(-gyro_y, gyro_x))
+
+
+def _atan2(y: Array, x: Array) -> Array:
+    """Angle (−π, π] of a vector; a negative zero below the axis does not turn π into −π."""
+    return np.arctan2(y + 0.0, x)
+
+
+def _full_circle(angle: Array) -> Array:
+    """Angle in [0, 2π); a remainder that rounding lifts to the full circle is zero."""
+    turned = np.remainder(angle, 2.0 * np.pi)
+    return np.where(turned >= 2.0 * np.pi, 0.0, turned)

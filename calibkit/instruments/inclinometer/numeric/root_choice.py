@@ -1,0 +1,422 @@
+"""North seeking with uncertainty: which root of s is meant, how far it is trusted, and what comes
+of θ, φ, s and ψ.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.inclinometer.numeric import published
+from calibkit.instruments.inclinometer.numeric.covariance import covariance, root_gradient
+from calibkit.numeric.attitude import wrapped
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from calibkit.instruments.inclinometer.numeric.published import Attitude, Components, Roots
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+QUANTITIES = ("inclination_deg", "toolface_deg", "s", "azimuth_deg")
+"""Of the covariance's rows and columns."""
+LIKELIER = 3.0
+"""Difference of log-likelihood, odds of 20 to 1, by which one of two positive roots must win."""
+DISAGREES = 5.0
+"""Standard uncertainties by which a root may differ from its prior."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Where a station is refused, and where its s is not used."""
+
+    latitude_deg: float = 80.0
+    """|latitude| above which the earth's horizontal rate is too small for an azimuth."""
+    vertical_deg: float = 0.5
+    """Inclination below which toolface and azimuth are not separable."""
+    horizontal_deg: float = 85.0
+    """Inclination above which neither inclination nor azimuth can be had from the sensors across
+    the tool.
+    """
+    s_uncertainty: float = 0.02
+    """Standard uncertainty of a root above which s is its prior."""
+    separation: float = 6.0
+    """Standard uncertainties from the middle of both roots, twice those of the discriminant from
+    zero, below which noise alone could have parted the roots.
+    """
+
+
+DEFAULT_LIMITS = Limits()
+
+
+@dataclass(frozen=True, slots=True)
+class Prior:
+    """What is known of s at each station before its own readings."""
+
+    s: Array
+    standard_uncertainty: Array
+
+
+@dataclass(frozen=True, slots=True)
+class Estimates:
+    """Both roots of s at n stations with their standard uncertainties; column 0 the + root, column
+    1 the − root.
+    """
+
+    attitude: Attitude
+    roots: Roots
+    s: Array
+    """[n, 2]."""
+    uncertainty: Array
+    """[n, 2]."""
+    azimuth: Array
+    """[n, 2] [rad], each of its root."""
+    usable: Mask
+    """[n, 2]: positive, certain enough, and far enough from the other for its uncertainty to hold.
+    """
+    status: tuple[str, ...]
+    """[n]: empty, or why the station is refused."""
+
+
+@dataclass(frozen=True, slots=True)
+class Solution:
+    """North seeking of n stations by one sensor pair; what is refused is NaN and has its reason in
+    status.
+    """
+
+    inclination_deg: Array
+    toolface_deg: Array
+    """In (−180, 180]."""
+    azimuth_deg: Array
+    """In [0, 360)."""
+    uncorrected_deg: Array
+    """Azimuth with s = 1 [n] [°]."""
+    toolface_plus_azimuth_deg: Array
+    """[n] [°]; all that a vertical tool shows."""
+    s: Array
+    """Used [n]."""
+    s_root: Array
+    """Chosen root [n], before it was shrunk to the prior."""
+    s_root_uncertainty: Array
+    root: NDArray[np.int64]
+    """1 for the + root, −1 for the − root, 0 where neither could be."""
+    weight: Array
+    """Of the root in s [n]; 0 where s is its prior."""
+    C: Array
+    gyro_x_dph: Array
+    gyro_y_dph: Array
+    """Corrected rates s ω [n] [°/h]."""
+    covariance: Array
+    """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°]."""
+    status: tuple[str, ...]
+    flags: tuple[tuple[str, ...], ...]
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Of inclination [°], toolface [°], s, azimuth [°] [n, 4]."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+
+def estimates(
+    parts: Components,
+    latitude_deg: ArrayLike,
+    *,
+    refused: Sequence[str] = (),
+    limits: Limits = DEFAULT_LIMITS,
+) -> Estimates:
+    """Both roots of s with uncertainty and azimuth, and which stations are refused.
+
+    parts : components of n stations; latitude_deg : one or [n]; refused : [n], reasons known
+    before, or empty.
+    """
+    latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
+    found = published.attitude(parts.accel_x, parts.accel_y)
+    roots = published.scale_roots(parts.gyro_x, parts.gyro_y, found, latitude)
+    s = np.column_stack((roots.plus, roots.minus))
+    spread = np.empty_like(s)
+    psi = np.empty_like(s)
+    for k in range(2):
+        gradient = root_gradient(parts, found, latitude, s[:, k])[:, :4]
+        with np.errstate(invalid="ignore"):
+            spread[:, k] = np.sqrt(np.einsum("ni,nij,nj->n", gradient, parts.covariance, gradient))
+        psi[:, k] = published.azimuth(
+            parts.accel_x, parts.accel_y, s[:, k] * parts.gyro_x, s[:, k] * parts.gyro_y, latitude
+        )
+    spread = np.where(np.isfinite(spread), spread, np.inf)
+    with np.errstate(invalid="ignore"):
+        apart = np.abs(roots.half_difference)[:, None] > limits.separation * spread
+        usable = (s > 0.0) & (spread <= limits.s_uncertainty) & apart & ~roots.clamped[:, None]
+    return Estimates(
+        found,
+        roots,
+        s,
+        spread,
+        psi,
+        usable,
+        _joined(refused, _refusals(parts, found, latitude, limits)),
+    )
+
+
+def _joined(before: Sequence[str], own: tuple[str, ...]) -> tuple[str, ...]:
+    """Reasons known before, and the stations' own where there are none."""
+    if not before:
+        return own
+    if len(before) != len(own):
+        raise FitError(f"{len(before)} reasons for {len(own)} stations")
+    return tuple(first or second for first, second in zip(before, own, strict=True))
+
+
+def _refusals(
+    parts: Components, found: Attitude, latitude: Array, limits: Limits
+) -> tuple[str, ...]:
+    """Why each station is refused; empty where it is not."""
+    inclination = np.degrees(found.inclination)
+    total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
+    inputs = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude))
+    finite = [bool(np.isfinite(row).all()) for row in inputs]
+    silent = (parts.gyro_x == 0.0) & (parts.gyro_y == 0.0)
+    rows = zip(finite, silent, latitude, inclination, total, strict=True)
+    return tuple(
+        _refusal(a, bool(b), float(c), float(d), float(e), limits) for a, b, c, d, e in rows
+    )
+
+
+def _refusal(
+    finite: bool,  # noqa: FBT001 - one row of the table of facts above
+    silent: bool,  # noqa: FBT001 - the same
+    latitude: float,
+    inclination: float,
+    total: float,
+    limits: Limits,
+) -> str:
+    """Reason to refuse one station, or nothing."""
+    if not finite:
+        return "an indication or the latitude is not finite"
+    if abs(latitude) > limits.latitude_deg:
+        return (
+            f"latitude {latitude:g}° is beyond {limits.latitude_deg:g}°: the earth's horizontal"
+            " rate is too small for an azimuth"
+        )
+    if inclination > limits.horizontal_deg:
+        return (
+            f"inclination {inclination:.2f}° is above {limits.horizontal_deg:g}°: sensors across"
+            " the tool give no azimuth there"
+        )
+    if inclination < limits.vertical_deg:
+        return (
+            f"inclination {inclination:.3f}° is below {limits.vertical_deg:g}°: toolface and"
+            f" azimuth are not separable, their sum is {total:.2f}°"
+        )
+    return "the gyros show no rate at all" if silent else ""
+
+
+def log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
+    """Log-likelihood [n, 2] of roots [n, 2] given their priors; −inf for a root that cannot be."""
+    variance = uncertainty**2 + prior.standard_uncertainty[:, None] ** 2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        score = -0.5 * (s - prior.s[:, None]) ** 2 / variance - 0.5 * np.log(variance)
+    # both roots of an infinite uncertainty are equally unlikely, a negative one is impossible
+    score = np.where(np.isfinite(score), score, -1e300)
+    return np.where(s > 0.0, score, -np.inf)
+
+
+def by_heading(found: Estimates, heading_deg: Array) -> NDArray[np.int64]:
+    """Column [n] of the root whose azimuth is nearer a heading [n] [°]; −1 without heading or
+    positive root.
+    """
+    difference = np.abs(wrapped(np.degrees(found.azimuth) - heading_deg[:, None]))
+    difference = np.where(found.s > 0.0, difference, np.inf)
+    nearer = np.argmin(np.where(np.isnan(difference), np.inf, difference), axis=1)
+    known = np.isfinite(heading_deg) & (found.s > 0.0).any(axis=1)
+    return np.where(known, nearer, -1)
+
+
+def solve(
+    parts: Components,
+    latitude_deg: ArrayLike,
+    prior: Prior,
+    *,
+    heading_deg: Array | None = None,
+    latitude_uncertainty_deg: float = 0.0,
+    refused: Sequence[str] = (),
+    limits: Limits = DEFAULT_LIMITS,
+) -> Solution:
+    """Solve n stations of one sensor pair: choose the root, shrink it to the prior, correct the
+    rates, seek north.
+
+    Parameters
+    ----------
+    parts : components of the stations and their noise.
+    latitude_deg : one or [n].
+    prior : of s at each station: its history, or s(T) of a calibration. It chooses between two
+        positive roots.
+    heading_deg : [n], an outside heading that chooses instead; NaN where there is none.
+    latitude_uncertainty_deg : standard uncertainty of the latitude.
+    refused : [n], reasons why a station could not be read or fitted, or empty.
+    limits : where a station is refused and a root is not used.
+
+    Returns
+    -------
+    Solution. s = w s_root + (1 − w) s_prior, w by inverse variance, and 0 where the root is not
+    usable or both are equally likely. A station that cannot be solved has NaN and a reason; the
+    others do not suffer from it.
+
+    Raises
+    ------
+    FitError
+        A prior that is not positive, finite and of the stations' number.
+
+    """
+    _require_prior(prior, parts.accel_x.size)
+    latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
+    found = estimates(parts, latitude, refused=refused, limits=limits)
+    score = log_likelihood(found.s, found.uncertainty, prior)
+    forced = by_heading(
+        found, np.full(latitude.shape, np.nan) if heading_deg is None else heading_deg
+    )
+    column = np.where(forced >= 0, forced, np.argmax(score, axis=1))
+    rows = np.arange(column.size)
+    possible = found.s[rows, column] > 0.0
+    s_root, u_root = found.s[rows, column], found.uncertainty[rows, column]
+    with np.errstate(invalid="ignore"):
+        ambiguous = (
+            (forced < 0) & found.usable.all(axis=1) & (np.abs(score[:, 0] - score[:, 1]) < LIKELIER)
+        )
+    trusted = found.usable[rows, column] & ~ambiguous
+    weight = _weight(u_root, prior.standard_uncertainty, trusted)
+    s = np.where(trusted, weight * s_root + (1.0 - weight) * prior.s, prior.s)
+    root = np.where(possible, 1 - 2 * column, 0)
+    flags = _flags(
+        found, s_root, u_root, prior, possible=possible, trusted=trusted, ambiguous=ambiguous
+    )
+    spread = covariance(
+        parts,
+        found.attitude,
+        latitude,
+        latitude_uncertainty_deg,
+        s,
+        s_root,
+        weight,
+        prior.standard_uncertainty,
+    )
+    return _solution(parts, found, latitude, s, s_root, u_root, root, weight, spread, flags)
+
+
+def _require_prior(prior: Prior, count: int) -> None:
+    """Refuse a prior that cannot be one."""
+    values = np.concatenate((prior.s, prior.standard_uncertainty))
+    if prior.s.size != count or prior.standard_uncertainty.size != count:
+        raise FitError(f"{prior.s.size} priors of s for {count} stations")
+    if not (
+        np.isfinite(values).all()
+        and (prior.s > 0.0).all()
+        and (prior.standard_uncertainty >= 0.0).all()
+    ):
+        raise FitError(
+            "a prior of s is not a positive number with an uncertainty",
+            hint="begin with 1 and 0.01",
+        )
+
+
+def _weight(u_root: Array, u_prior: Array, trusted: Mask) -> Array:
+    """Weight of the root [n] by inverse variance; 0 where it is not trusted."""
+    total = u_root**2 + u_prior**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weight = np.where(total > 0.0, u_prior**2 / total, 1.0)
+    return np.where(trusted, weight, 0.0)
+
+
+def _flags(
+    found: Estimates,
+    s_root: Array,
+    u_root: Array,
+    prior: Prior,
+    *,
+    possible: Mask,
+    trusted: Mask,
+    ambiguous: Mask,
+) -> tuple[tuple[str, ...], ...]:
+    """What a reader of each station must know [n]."""
+    both = np.asarray((found.s > 0.0).all(axis=1))
+    with np.errstate(divide="ignore", invalid="ignore"):
+        off = np.asarray(
+            np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty),
+            dtype=np.float64,
+        )
+    lines: list[tuple[str, ...]] = []
+    for k, refused in enumerate(found.status):
+        flags = (
+            ["accelerations across the tool exceed gravity: clamped"]
+            if found.attitude.clamped[k]
+            else []
+        )
+        if refused:
+            lines.append(tuple(flags))
+            continue
+        if found.roots.clamped[k]:
+            flags.append("negative discriminant clamped to zero")
+        if not possible[k]:
+            flags.append("no positive root of s: s is its prior")
+        elif ambiguous[k]:
+            flags.append("both roots of s are about as likely: s is its prior")
+        elif not trusted[k]:
+            flags.append(
+                f"s is its prior: the root {s_root[k]:.4g} has a standard uncertainty of"
+                f" {u_root[k]:.2g}, C is near 0"
+            )
+        elif off[k] > DISAGREES:
+            flags.append(
+                f"the root {s_root[k]:.5g} is {off[k]:.0f} standard uncertainties from its prior"
+                f" {prior.s[k]:.5g}"
+            )
+        if both[k]:
+            flags.append("both roots of s are positive")
+        lines.append(tuple(flags))
+    return tuple(lines)
+
+
+def _solution(
+    parts: Components,
+    found: Estimates,
+    latitude: Array,
+    s: Array,
+    s_root: Array,
+    u_root: Array,
+    root: NDArray[np.int64],
+    weight: Array,
+    spread: Array,
+    flags: tuple[tuple[str, ...], ...],
+) -> Solution:
+    """Correct the rates (step E), seek north (step F), and put NaN where a station is refused."""
+    solved = np.array([not reason for reason in found.status])
+    x, y = s * parts.gyro_x, s * parts.gyro_y
+    psi = published.azimuth(parts.accel_x, parts.accel_y, x, y, latitude)
+    plain = published.azimuth(parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude)
+
+    def kept(values: Array) -> Array:
+        return np.where(solved, values, np.nan)
+
+    return Solution(
+        inclination_deg=np.degrees(found.attitude.inclination),
+        toolface_deg=kept(np.degrees(found.attitude.toolface)),
+        azimuth_deg=kept(np.degrees(psi)),
+        uncorrected_deg=kept(np.degrees(plain)),
+        toolface_plus_azimuth_deg=np.degrees(published.toolface_plus_azimuth(x, y)),
+        s=kept(s),
+        s_root=kept(s_root),
+        s_root_uncertainty=kept(u_root),
+        root=np.where(solved, root, 0),
+        weight=kept(weight),
+        C=kept(published.label(found.attitude.inclination, psi, latitude)),
+        gyro_x_dph=kept(x),
+        gyro_y_dph=kept(y),
+        covariance=np.where(solved[:, None, None], spread, np.nan),
+        status=found.status,
+        flags=flags,
+    )

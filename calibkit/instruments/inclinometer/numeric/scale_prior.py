@@ -1,0 +1,349 @@
+"""What is known of s before a station is read: its history along the stations, or s(T) over a
+calibration.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.inclinometer.numeric.root_choice import (
+    DEFAULT_LIMITS,
+    LIKELIER,
+    Estimates,
+    Limits,
+    Prior,
+    Solution,
+    by_heading,
+    estimates,
+    log_likelihood,
+    solve,
+)
+from calibkit.numeric.least_squares.fit import linear, mapping, raw_powers
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from numpy.typing import ArrayLike, NDArray
+
+    from calibkit.instruments.inclinometer.numeric.published import Components
+
+    Array = NDArray[np.float64]
+
+GAIN = 4.0
+"""Mean squares by which a higher order must lower the sum of squares: a coefficient of two standard
+uncertainties.
+"""
+HIGHEST_ORDER = 3
+"""Of the polynomials s(T) that are compared."""
+
+
+@dataclass(frozen=True, slots=True)
+class History:
+    """What s is before the first station and how it may change, by the unit of the abscissa: hours,
+    or stations.
+    """
+
+    s: float = 1.0
+    standard_uncertainty: float = 0.01
+    rate: float = 0.0
+    """Change of s per unit."""
+    rate_uncertainty: float = 1e-3
+    rate_walk: float = 1e-3
+    """Random walk of the rate, per unit and square root of unit."""
+
+
+DEFAULT_HISTORY = History()
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleOverTemperature:
+    """s(T) = s0 + s1 T + …, T in °C."""
+
+    coefficients: Array
+    """s0 … sn in raw powers of °C."""
+    covariance: Array
+    """[n + 1, n + 1], type A."""
+    scatter: float
+    """Standard deviation of s about the polynomial beyond the stations' own noise; part of every
+    prior.
+    """
+    dof: int
+    residual_rms: float
+    """Weighted, dimensionless."""
+    valid_degc: tuple[float, float]
+    used: NDArray[np.bool_]
+    """Which stations [n] entered the fit."""
+    left_out: Prior
+    """s(T) at each station [n] from all the others: the prior that does not know the station's own
+    reading.
+    """
+
+    def prior(self, temp_degc: ArrayLike) -> Prior:
+        """Prior at temperatures [°C]; see `prior_of`."""
+        return prior_of(
+            self.coefficients, self.covariance, self.scatter, self.valid_degc, temp_degc
+        )
+
+
+def prior_of(
+    coefficients: Array,
+    covariance: Array,
+    scatter: float,
+    valid_degc: tuple[float, float],
+    temp_degc: ArrayLike,
+) -> Prior:
+    """Prior [n] of s(T) at temperatures [n] [°C] from what a coefficient file holds.
+
+    Temperatures are clamped to the fitted range; the uncertainty then grows by what the slope at
+    its end would add.
+    """
+    degc = np.atleast_1d(np.asarray(temp_degc, dtype=np.float64))
+    clamped = np.clip(degc, *valid_degc)
+    powers = np.vander(clamped, coefficients.size, increasing=True)
+    variance = np.einsum("ti,ij,tj->t", powers, covariance, powers)
+    slope = powers[:, :-1] @ (coefficients[1:] * np.arange(1, coefficients.size))
+    beyond = slope * (degc - clamped)
+    return Prior(powers @ coefficients, np.sqrt(np.maximum(variance, 0.0) + scatter**2 + beyond**2))
+
+
+def history_prior(
+    found: Estimates,
+    elapsed: Array,
+    *,
+    start: History = DEFAULT_HISTORY,
+    heading_deg: Array | None = None,
+) -> Prior:
+    """Prior of s at each station from the stations before it: value and rate of change (step D), by
+    a Kalman filter.
+
+    Parameters
+    ----------
+    found : both roots at n stations in their order.
+    elapsed : [n], not decreasing: hours, or the number of the station.
+    start : before the first station.
+    heading_deg : [n], outside headings that choose the root; NaN where there is none.
+
+    Notes
+    -----
+    State (s, ds/dt), its rate a random walk; a root that is not usable, or is as likely as the
+    other, changes nothing.
+
+    """
+    if (
+        elapsed.size != len(found.status)
+        or not np.isfinite(elapsed).all()
+        or (np.diff(elapsed) < 0.0).any()
+    ):
+        raise FitError(
+            "the stations' times decrease or are not finite", hint="sort the stations by time"
+        )
+    forced = by_heading(
+        found, np.full(elapsed.size, np.nan) if heading_deg is None else heading_deg
+    )
+    state = np.array([start.s, start.rate])
+    covariance = np.diag([start.standard_uncertainty**2, start.rate_uncertainty**2])
+    value, spread = np.empty_like(elapsed), np.empty_like(elapsed)
+    for k in range(elapsed.size):
+        state, covariance = _predicted(
+            state, covariance, float(elapsed[k] - elapsed[max(k - 1, 0)]), start.rate_walk
+        )
+        # the filter may predict what no gyro has; the prior stays a scale factor
+        value[k], spread[k] = max(float(state[0]), 1e-3), float(np.sqrt(covariance[0, 0]))
+        column = _chosen(found, k, Prior(value[k : k + 1], spread[k : k + 1]), int(forced[k]))
+        if column is not None:
+            state, covariance = _updated(
+                state, covariance, float(found.s[k, column]), float(found.uncertainty[k, column])
+            )
+    return Prior(value, spread)
+
+
+def _predicted(state: Array, covariance: Array, step: float, walk: float) -> tuple[Array, Array]:
+    """State and covariance a step later."""
+    move = np.array([[1.0, step], [0.0, 1.0]])
+    added = walk**2 * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
+    return move @ state, move @ covariance @ move.T + added
+
+
+def _updated(state: Array, covariance: Array, s: float, uncertainty: float) -> tuple[Array, Array]:
+    """State and covariance after a root of s."""
+    gain = (
+        covariance[:, 0] / (covariance[0, 0] + uncertainty**2)
+        if covariance[0, 0] > 0.0
+        else np.zeros(2)
+    )
+    return state + gain * (s - state[0]), covariance - np.outer(gain, covariance[0])
+
+
+def _chosen(found: Estimates, k: int, prior: Prior, forced: int) -> int | None:
+    """Column of the root that station k adds to the history, or none."""
+    if found.status[k]:
+        return None
+    score = log_likelihood(found.s[k : k + 1], found.uncertainty[k : k + 1], prior)[0]
+    column = forced if forced >= 0 else int(np.argmax(score))
+    ambiguous = (
+        forced < 0 and bool(found.usable[k].all()) and abs(float(score[0] - score[1])) < LIKELIER
+    )
+    return column if found.usable[k, column] and not ambiguous else None
+
+
+def in_sequence(
+    parts: Components,
+    latitude_deg: ArrayLike,
+    elapsed: Array,
+    *,
+    start: History = DEFAULT_HISTORY,
+    heading_deg: Array | None = None,
+    latitude_uncertainty_deg: float = 0.0,
+    refused: Sequence[str] = (),
+    limits: Limits = DEFAULT_LIMITS,
+) -> Solution:
+    """Solve n stations in their order, s of each from its own root and the history before it; see
+    `solve`.
+    """
+    found = estimates(parts, latitude_deg, refused=refused, limits=limits)
+    prior = history_prior(found, elapsed, start=start, heading_deg=heading_deg)
+    return solve(
+        parts,
+        latitude_deg,
+        prior,
+        heading_deg=heading_deg,
+        latitude_uncertainty_deg=latitude_uncertainty_deg,
+        refused=refused,
+        limits=limits,
+    )
+
+
+def over_temperature(
+    solution: Solution, temp_degc: Array, *, order: int | None = None
+) -> ScaleOverTemperature:
+    """Fit the chosen roots of n stations as s(T), weighted by their uncertainty and their common
+    scatter.
+
+    Parameters
+    ----------
+    solution : of one sensor pair; stations whose root was not used do not enter.
+    temp_degc : [n] [°C].
+    order : of the polynomial; by default the one of least leave-one-out error, at most cubic.
+
+    Returns
+    -------
+    ScaleOverTemperature. The scatter is the standard deviation that makes the weighted residuals
+    agree with their degrees of freedom (Mandel & Paule 1970, Analytical Chemistry 42:1194); zero
+    where noise explains all.
+
+    Raises
+    ------
+    FitError
+        Fewer usable stations than coefficients, or temperatures that do not vary for an order above
+        zero.
+
+    """
+    used = (
+        np.array([not reason for reason in solution.status])
+        & (solution.weight > 0.0)
+        & np.isfinite(temp_degc)
+    )
+    if used.sum() < 2:
+        raise FitError(
+            f"{int(used.sum())} usable roots of s for s(T)", hint="add stations away from C = 0"
+        )
+    s, u, temperature = solution.s_root[used], solution.s_root_uncertainty[used], temp_degc[used]
+    u = np.maximum(u, 1e-3 * float(np.median(u)) if np.median(u) > 0.0 else 1.0)
+    chosen = _least_error_order(s, u, temperature) if order is None else order
+    middle, half = mapping(temperature)
+    if chosen > 0 and half == 0.0:
+        raise FitError(
+            f"one temperature, {middle:g} °C, for s(T) of order {chosen}",
+            hint="add other temperatures",
+        )
+    half = half or 1.0
+    scatter = _scatter(s, u, temperature, chosen)
+    variance = np.asarray(u**2 + scatter**2, dtype=np.float64)
+    design = np.vander((temperature - middle) / half, chosen + 1, increasing=True)
+    fit = linear(design, s, weights=1.0 / variance, names=[f"s{k}" for k in range(chosen + 1)])
+    inverse = np.asarray(np.linalg.inv((design / variance[:, None]).T @ design), dtype=np.float64)
+    to_raw = np.asarray(raw_powers(middle, half, chosen), dtype=np.float64)
+    limits = (float(temperature.min()), float(temperature.max()))
+    every = np.vander((np.clip(temp_degc, *limits) - middle) / half, chosen + 1, increasing=True)
+    own = np.zeros(used.size)
+    own[used] = 1.0 / variance
+    left_out = _left_out(
+        every, fit.coefficients, inverse, own, np.where(used, solution.s_root, 0.0), scatter
+    )
+    return ScaleOverTemperature(
+        coefficients=to_raw @ fit.coefficients,
+        covariance=to_raw @ inverse @ to_raw.T,
+        scatter=scatter,
+        dof=fit.dof,
+        residual_rms=fit.residual_rms,
+        valid_degc=limits,
+        used=used,
+        left_out=left_out,
+    )
+
+
+def _left_out(
+    design: Array, factors: Array, inverse: Array, own_weight: Array, s: Array, scatter: float
+) -> Prior:
+    """s(T) at each station without its own root: ŷ_(i) = (ŷ − h y)/(1 − h), its variance x P x/(1 −
+    h).
+    """
+    power = np.einsum("ni,ij,nj->n", design, inverse, design)
+    leverage = np.minimum(power * own_weight, 1.0 - 1e-6)
+    value = (design @ factors - leverage * s) / (1.0 - leverage)
+    return Prior(value, np.sqrt(power / (1.0 - leverage) + scatter**2))
+
+
+def _scatter(s: Array, u: Array, temperature: Array, order: int) -> float:
+    """Standard deviation beyond noise for which the weighted sum of squared residuals is its
+    degrees of freedom.
+    """
+    from scipy.optimize import brentq
+
+    dof = s.size - order - 1
+    if dof < 1:
+        return 0.0
+
+    def excess(scatter: float) -> float:
+        variance = u**2 + scatter**2
+        return float(np.sum(_residuals(s, variance, temperature, order) ** 2 / variance)) - dof
+
+    if excess(0.0) <= 0.0:
+        return 0.0
+    upper = float(np.std(s)) + float(np.max(u))
+    while excess(upper) > 0.0:
+        upper *= 2.0
+    return float(brentq(excess, 0.0, upper, xtol=1e-12))
+
+
+def _residuals(s: Array, variance: Array, temperature: Array, order: int) -> Array:
+    """Residuals of a weighted polynomial."""
+    middle, half = mapping(temperature)
+    design = np.vander((temperature - middle) / (half or 1.0), order + 1, increasing=True)
+    return linear(design, s, weights=1.0 / variance).residuals
+
+
+def _least_error_order(s: Array, u: Array, temperature: Array) -> int:
+    """Order of least weighted leave-one-out error that the temperatures carry; a higher one must
+    gain beyond chance.
+    """
+    middle, half = mapping(temperature)
+    best, least = 0, 0.0
+    for order in range(
+        min(HIGHEST_ORDER, np.unique(np.round(temperature)).size - 1, s.size - 2) + 1
+    ):
+        design = np.vander((temperature - middle) / (half or 1.0), order + 1, increasing=True)
+        variance = u**2 + _scatter(s, u, temperature, 0) ** 2
+        residuals = _residuals(s, variance, temperature, order)
+        inverse = np.linalg.inv((design / variance[:, None]).T @ design)
+        leverage = np.einsum("ni,ij,nj->n", design, inverse, design) / variance
+        error = float(
+            np.sqrt(np.mean((residuals / np.maximum(1.0 - leverage, 1e-9)) ** 2 / variance))
+        )
+        if order == 0 or error < least * np.sqrt(max(1.0 - GAIN / s.size, 0.0)):
+            best, least = order, error
+    return best

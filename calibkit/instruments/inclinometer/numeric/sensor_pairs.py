@@ -1,0 +1,149 @@
+"""Two sensor pairs at one station: each has its own s and its own solution, then both are
+combined.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.numeric.attitude import wrapped
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.inclinometer.numeric.root_choice import Solution
+
+    Array = NDArray[np.float64]
+    Mask = NDArray[np.bool_]
+
+ANGLES = (0, 1, 3)
+"""Rows of a solution's covariance that are angles: inclination, toolface, azimuth."""
+NAMES = ("inclination", "toolface", "azimuth")
+DISAGREE = 5.0
+"""Standard uncertainties by which two sensor pairs may differ."""
+
+
+@dataclass(frozen=True, slots=True)
+class Combined:
+    """North seeking of n stations by both sensor pairs; what neither gives is NaN and has its
+    reason in status.
+    """
+
+    inclination_deg: Array
+    toolface_deg: Array
+    """In (−180, 180]."""
+    azimuth_deg: Array
+    """In [0, 360)."""
+    uncorrected_deg: Array
+    """Azimuth with s = 1, combined with the same weights."""
+    covariance: Array
+    """[n, 3, 3] of inclination, toolface, azimuth [°]."""
+    used: Mask
+    """[n, 2]: which of the x and the y pair were used."""
+    status: tuple[str, ...]
+    flags: tuple[tuple[str, ...], ...]
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Of inclination, toolface, azimuth [°] [n, 3]."""
+        return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+
+def combine(x: Solution, y: Solution) -> Combined:
+    """Combine the solutions of the x and the y sensor pair, each angle by inverse variance and
+    around the circle.
+
+    A station that one pair cannot solve is the other's, and flagged; one that neither can is
+    refused with both reasons.
+    """
+    used = np.column_stack([[not reason for reason in pair.status] for pair in (x, y)]).astype(
+        np.bool_
+    )
+    weight = _weights(x, y, used)
+    angles_x, angles_y = _angles(x), _angles(y)
+    difference = wrapped(angles_y - angles_x)
+    # where only one pair is used the weight picks it; NaN of the other must not spread
+    joined = np.where(
+        used[:, :1],
+        np.where(used[:, 1:], angles_x + (1.0 - weight) * difference, angles_x),
+        angles_y,
+    )
+    plain = wrapped(y.uncorrected_deg - x.uncorrected_deg)
+    uncorrected = np.where(used[:, 0], x.uncorrected_deg, y.uncorrected_deg)
+    uncorrected = np.where(
+        used[:, 0] & used[:, 1], x.uncorrected_deg + (1.0 - weight[:, 2]) * plain, uncorrected
+    )
+    covariance = _covariance(x, weight, used[:, 0]) + _covariance(y, 1.0 - weight, used[:, 1])
+    any_used = used[:, 0] | used[:, 1]
+    covariance = np.where(any_used[:, None, None], covariance, np.nan)
+    inclination = np.where(any_used, joined[:, 0], np.fmax(x.inclination_deg, y.inclination_deg))
+    status = tuple(
+        "" if u.any() else _both(a, b) for u, a, b in zip(used, x.status, y.status, strict=True)
+    )
+    return Combined(
+        inclination_deg=inclination,
+        toolface_deg=wrapped(joined[:, 1]),
+        azimuth_deg=_full_circle(joined[:, 2]),
+        uncorrected_deg=_full_circle(uncorrected),
+        covariance=covariance,
+        used=used,
+        status=status,
+        flags=_flags(x, y, used, difference),
+    )
+
+
+def _angles(pair: Solution) -> Array:
+    """Inclination, toolface, azimuth [n, 3] [°]."""
+    return np.column_stack((pair.inclination_deg, pair.toolface_deg, pair.azimuth_deg))
+
+
+def _weights(x: Solution, y: Solution, used: Mask) -> Array:
+    """Weight of the x pair in each angle [n, 3]: inverse variance, half where both variances are
+    zero.
+    """
+    of_x, of_y = (np.diagonal(pair.covariance, axis1=1, axis2=2)[:, ANGLES] for pair in (x, y))
+    total = of_x + of_y
+    with np.errstate(divide="ignore", invalid="ignore"):
+        weight = np.where(total > 0.0, of_y / total, 0.5)
+    only = used[:, :1] != used[:, 1:]
+    return np.where(only, used[:, :1].astype(np.float64), np.where(np.isnan(weight), 0.5, weight))
+
+
+def _covariance(pair: Solution, weight: Array, used: Mask) -> Array:
+    """One pair's share [n, 3, 3] of the combined covariance."""
+    own = pair.covariance[:, ANGLES][:, :, ANGLES]
+    return np.where(used[:, None, None], weight[:, :, None] * own * weight[:, None, :], 0.0)
+
+
+def _both(of_x: str, of_y: str) -> str:
+    """Reason why neither pair gives a result."""
+    return of_x if of_x == of_y else f"x: {of_x}; y: {of_y}"
+
+
+def _full_circle(angle: Array) -> Array:
+    """Angle in [0, 360); a remainder that rounding lifts to the full circle is zero."""
+    turned = np.remainder(angle, 360.0)
+    return np.where(turned >= 360.0, 0.0, turned)
+
+
+def _flags(x: Solution, y: Solution, used: Mask, difference: Array) -> tuple[tuple[str, ...], ...]:
+    """Flags of both pairs, a pair that could not be used, and pairs that disagree [n]."""
+    lines = []
+    variance = np.asarray(np.diagonal(x.covariance + y.covariance, axis1=1, axis2=2)[:, ANGLES])
+    for k in range(len(x.status)):
+        flags = [*(f"x: {flag}" for flag in x.flags[k]), *(f"y: {flag}" for flag in y.flags[k])]
+        if used[k].sum() == 1:
+            lost, reason = ("y", y.status[k]) if used[k, 0] else ("x", x.status[k])
+            flags.append(f"{lost} not used: {reason}")
+        if used[k].all():
+            flags += [
+                f"the pairs differ by {difference[k, j]:.3f}° in {NAMES[j]}, more than their noise"
+                " explains"
+                for j in range(3)
+                if abs(difference[k, j]) > DISAGREE * np.sqrt(variance[k, j]) + 1e-9
+            ]
+        lines.append(tuple(flags))
+    return tuple(lines)

@@ -1,0 +1,139 @@
+"""Recipe of a four-position inclinometer: stations, root of s, s(T), limits."""
+
+from __future__ import annotations
+
+from typing import Annotated, Any, Literal
+
+from pydantic import Field, model_validator
+
+from calibkit.recipe.tables import NonNegative, Positive, Recipe, Site, Table
+
+Degrees = Annotated[float, Field(gt=0.0, le=90.0)]
+
+
+class Place(Site):
+    """Where the stations are; the earth's rate across the tool needs the latitude."""
+
+    latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
+    latitude_uncertainty_deg: NonNegative = 0.0
+
+
+class Sign(Table):
+    """The sign that a positive accelerometer indication has."""
+
+    convention: Literal["gravity", "specific_force"] = "gravity"
+
+
+class StationSpec(Table):
+    """Which sensor pairs are read, and how a station's components come from its positions."""
+
+    pairs: Literal["both", "x", "y"] = "both"
+    method: Literal["four_differences", "least_squares"] = "four_differences"
+    gyro_ramp: bool = False
+    gyro_noise_dph: Positive | Literal["auto"] = "auto"
+    accel_noise_g: Positive | Literal["auto"] = "auto"
+    dwell_s: Positive = 20.0
+    settle_s: NonNegative = 2.0
+
+    @model_validator(mode="after")
+    def _ramp_by_least_squares(self) -> StationSpec:
+        if self.gyro_ramp and self.method != "least_squares":
+            raise ValueError("gyro_ramp = true needs method = 'least_squares'")
+        return self
+
+
+class RootSpec(Table):
+    """What decides between two positive roots of s."""
+
+    choice: Literal["history", "heading"] = "history"
+
+
+class HistorySpec(Table):
+    """What s is before the first station of a calibration, and how it may change by the hour (by
+    the station without times).
+    """
+
+    s: Positive = 1.0
+    standard_uncertainty: Positive = 0.01
+    rate: float = 0.0
+    rate_uncertainty: NonNegative = 1e-3
+    rate_walk: NonNegative = 1e-3
+
+
+class DepartureSpec(Table):
+    """How far s may have moved from s(T) since the calibration, relative, and how that may change
+    by the hour.
+    """
+
+    standard_uncertainty: Positive = 1e-4
+    rate_uncertainty: NonNegative = 1e-5
+    rate_walk: NonNegative = 1e-5
+
+
+class ScaleSpec(Table):
+    """s(T): order of the polynomial over temperature, and the values that a gyro can have."""
+
+    order: Annotated[int, Field(ge=0, le=3)] | Literal["auto"] = "auto"
+    smallest: Positive = 0.8
+    largest: Positive = 1.25
+
+    @model_validator(mode="after")
+    def _ordered(self) -> ScaleSpec:
+        if self.largest <= self.smallest:
+            raise ValueError(
+                f"largest = {self.largest:g} is not above smallest = {self.smallest:g}"
+            )
+        return self
+
+
+class LimitSpec(Table):
+    """Where a station is refused, and where its own s is not used."""
+
+    latitude_deg: Degrees = 80.0
+    vertical_deg: Degrees = 0.5
+    horizontal_deg: Degrees = 85.0
+    s_uncertainty: Positive = 0.02
+    separation: Positive = 6.0
+
+
+class OutputSpec(Table):
+    """What `apply` adds beside the angles."""
+
+    azimuth_uncertainty: bool = False
+
+
+class InclinometerAcceptance(Table):
+    """Limits on the angles after correction; a limit that is not stated is not tested."""
+
+    max_azimuth_rms_deg: Positive | None = None
+    max_azimuth_error_deg: Positive | None = None
+    max_inclination_error_deg: Positive | None = None
+    max_toolface_error_deg: Positive | None = None
+
+
+def _no_place() -> Any:  # noqa: ANN401 (pydantic validates it into a Place and names what is missing)
+    """An empty [site], so that the loader names the missing key in it and not the table."""
+    return {}
+
+
+class InclinometerRecipe(Recipe):
+    """Stations of a north-seeking inclinometer, each read in several rotations about the tool
+    axis.
+    """
+
+    procedure: Literal["inclinometer"]
+    site: Place = Field(default_factory=_no_place, validate_default=True)
+    reference: Sign = Sign()
+    stations: StationSpec = StationSpec()
+    root: RootSpec = RootSpec()
+    history: HistorySpec = HistorySpec()
+    departure: DepartureSpec = DepartureSpec()
+    scale: ScaleSpec = ScaleSpec()
+    limits: LimitSpec = LimitSpec()
+    output: OutputSpec = OutputSpec()
+    acceptance: InclinometerAcceptance = InclinometerAcceptance()
+
+    @property
+    def axes(self) -> tuple[Literal["x", "y"], ...]:
+        """Axes of the sensor pairs that are read."""
+        return ("x", "y") if self.stations.pairs == "both" else (self.stations.pairs,)

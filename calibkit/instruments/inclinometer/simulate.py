@@ -1,0 +1,287 @@
+"""A north-seeking inclinometer read in four positions: scale factors drift with temperature, biases
+in time.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.simulate.campaign import Campaign
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+EARTH_RATE_DPH = 15.041067
+REFERENCE_DEGC = 25.0
+POSITIONS_DEG = np.array([0, 90, 180, 270])
+DECIMALS = {
+    "time_s": 1,
+    "temp_case_degc": 2,
+    "accel_x_g": 7,
+    "accel_y_g": 7,
+    "gyro_x_dph": 5,
+    "gyro_y_dph": 5,
+}
+REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
+"""Columns of the reference attitude of withheld stations."""
+
+
+@dataclass(frozen=True, slots=True)
+class SensorPair:
+    """Constants of one gyro and one accelerometer on one axis."""
+
+    s: float
+    """In-situ scale factor at 25 °C: what multiplies the reading."""
+    s_per_degc: float
+    s_wave: float
+    """Amplitude of its departure from a straight line in temperature."""
+    s_wave_degc: float
+    s_repeat: float
+    """Standard deviation from one station to the next."""
+    bias_dph: float
+    bias_dph_per_degc: float
+    bias_walk_dph: float
+    """Standard deviation of the bias's change from one position to the next."""
+    gyro_noise_dph: float
+    """Standard deviation of one reading."""
+    accel_scale: float
+    """Relative scale error of the accelerometer."""
+    accel_bias_g: float
+    accel_noise_g: float
+    axis_deg: float
+    """Departure of the pair's axis from its nominal direction about the tool [°]."""
+    axis_tilt_deg: float
+    """Its inclination to the plane across the tool [°]."""
+
+
+@dataclass(frozen=True, slots=True)
+class Tool:
+    """An inclinometer and how it is read."""
+
+    pairs: tuple[SensorPair, SensorPair]
+    index_deg: float = 0.01
+    """Standard deviation of the four positions."""
+    dwell_s: float = 60.0
+    station_s: float = 600.0
+
+
+@dataclass(frozen=True, slots=True)
+class Attitudes:
+    """True attitude of n stations [°]."""
+
+    inclination_deg: Array
+    toolface_deg: Array
+    azimuth_deg: Array
+
+
+def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> SensorPair:
+    """Draw a sensor pair; an ideal one has the scale factor, a constant bias and noise alone."""
+    drift = 0.0 if ideal else 1.0
+    return SensorPair(
+        s=1.0 + rng.normal(0.0, 1.0) * 3e-3,
+        s_per_degc=drift * rng.normal(0.0, 1.0) * 3e-5,
+        s_wave=drift * 1e-4,
+        s_wave_degc=rng.uniform(40.0, 70.0),
+        s_repeat=drift * 2e-5,
+        bias_dph=rng.normal(0.0, 1.0) * 0.3,
+        bias_dph_per_degc=drift * rng.normal(0.0, 1.0) * 2e-3,
+        bias_walk_dph=drift * 1e-3,
+        gyro_noise_dph=gyro_noise_dph,
+        accel_scale=drift * rng.normal(0.0, 1.0) * 3e-5,
+        accel_bias_g=rng.normal(0.0, 1.0) * 1e-3,
+        accel_noise_g=2e-5,
+        axis_deg=drift * rng.normal(0.0, 1.0) * 5e-3,
+        axis_tilt_deg=drift * rng.normal(0.0, 1.0) * 5e-3,
+    )
+
+
+def rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
+    """Vector [3] in the axes of the tool at n stations [n, 3]: R_z(φ) R_y(θ) R_z(ψ), passive."""
+    theta, phi, psi = (
+        np.radians(angle)
+        for angle in (attitudes.inclination_deg, attitudes.toolface_deg, attitudes.azimuth_deg)
+    )
+    north, east, down = north_east_down
+    x = north * np.cos(psi) + east * np.sin(psi)
+    y = east * np.cos(psi) - north * np.sin(psi)
+    x, z = x * np.cos(theta) - down * np.sin(theta), x * np.sin(theta) + down * np.cos(theta)
+    return np.column_stack(
+        (x * np.cos(phi) + y * np.sin(phi), y * np.cos(phi) - x * np.sin(phi), z)
+    )
+
+
+def scale(pair: SensorPair, temp_degc: Array, rng: np.random.Generator) -> Array:
+    """In-situ scale factor of a pair at n stations [n]."""
+    warmer = temp_degc - REFERENCE_DEGC
+    wave = pair.s_wave * np.sin(2.0 * np.pi * warmer / pair.s_wave_degc)
+    return (
+        pair.s
+        + pair.s_per_degc * warmer
+        + wave
+        + pair.s_repeat * rng.normal(0.0, 1.0, temp_degc.size)
+    )
+
+
+def _along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Array:
+    """Component [n, 4] of vectors [n, 3] along an axis at directions [n, 4] [°] about the tool,
+    tilted to its axis.
+    """
+    angle, tilt = np.radians(direction_deg), np.radians(tilt_deg)
+    across = vectors[:, :1] * np.cos(angle) + vectors[:, 1:2] * np.sin(angle)
+    return np.asarray(across * np.cos(tilt) + vectors[:, 2:] * np.sin(tilt), dtype=np.float64)
+
+
+def readings(
+    pair: SensorPair,
+    nominal_deg: float,
+    turned_deg: Array,
+    gravity: Array,
+    rate_dph: Array,
+    s: Array,
+    temp_degc: Array,
+    rng: np.random.Generator,
+) -> tuple[Array, Array]:
+    """Accelerometer [n, 4] [g] and gyro [n, 4] [°/h] of one pair in four positions of n stations.
+
+    nominal_deg : direction of the pair at position 0; turned_deg : [n, 4] where the tool really is;
+    gravity, rate_dph : [n, 3] in the axes of the tool at position 0; s : [n]; temp_degc : [n] [°C].
+    """
+    direction = nominal_deg + turned_deg + pair.axis_deg
+    accel = (
+        _along(gravity, direction, pair.axis_tilt_deg) * (1.0 + pair.accel_scale)
+        + pair.accel_bias_g
+    )
+    bias = pair.bias_dph + pair.bias_dph_per_degc * (temp_degc - REFERENCE_DEGC)
+    walk = np.cumsum(pair.bias_walk_dph * rng.normal(0.0, 1.0, turned_deg.shape), axis=1)
+    gyro = _along(rate_dph, direction, pair.axis_tilt_deg) / s[:, None] + bias[:, None] + walk
+    noise = rng.normal(0.0, 1.0, (2, *turned_deg.shape))
+    return accel + pair.accel_noise_g * noise[0], gyro + pair.gyro_noise_dph * noise[1]
+
+
+def random_attitudes(
+    count: int, inclination_deg: tuple[float, float], rng: np.random.Generator
+) -> Attitudes:
+    """Attitudes of n stations: inclination even over a range [°], toolface and azimuth over the
+    circle.
+    """
+    return Attitudes(
+        rng.uniform(*inclination_deg, count),
+        rng.uniform(-180.0, 180.0, count),
+        rng.uniform(0.0, 360.0, count),
+    )
+
+
+def stations(
+    tool: Tool,
+    attitudes: Attitudes,
+    latitude_deg: float,
+    temp_degc: Array,
+    rng: np.random.Generator,
+) -> tuple[dict[str, NDArray[np.float64] | NDArray[np.int64]], Array]:
+    """Columns of the log of n stations, four rows a station, and the scale factors of both pairs
+    [n, 2].
+    """
+    latitude = np.radians(latitude_deg)
+    gravity = rotated(attitudes, np.array([0.0, 0.0, 1.0]))
+    rate = rotated(attitudes, EARTH_RATE_DPH * np.array([np.cos(latitude), 0.0, -np.sin(latitude)]))
+    count = temp_degc.size
+    turned = POSITIONS_DEG + tool.index_deg * rng.normal(0.0, 1.0, (count, 4))
+    numbers = np.arange(count)
+    columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
+        "station": np.repeat(numbers + 1, 4),
+        "position_deg": np.tile(POSITIONS_DEG, count),
+        "time_s": (numbers[:, None] * tool.station_s + np.arange(4) * tool.dwell_s).ravel(),
+        "temp_case_degc": np.repeat(temp_degc, 4),
+    }
+    scales = np.column_stack([scale(pair, temp_degc, rng) for pair in tool.pairs])
+    made = [
+        readings(pair, nominal, turned, gravity, rate, scales[:, j], temp_degc, rng)
+        for j, (pair, nominal) in enumerate(zip(tool.pairs, (0.0, 90.0), strict=True))
+    ]
+    for axis, (accel, _) in zip("xy", made, strict=True):
+        columns[f"accel_{axis}_g"] = accel.ravel()
+    for axis, (_, gyro) in zip("xy", made, strict=True):
+        columns[f"gyro_{axis}_dph"] = gyro.ravel()
+    return columns, scales
+
+
+def campaign(
+    seed: int,
+    *,
+    count: int = 36,
+    latitude_deg: float = 34.2,
+    inclination_deg: tuple[float, float] = (5.0, 50.0),
+    temperature_degc: tuple[float, float] = (20.0, 120.0),
+    gyro_noise_dph: float = 0.01,
+    ideal: bool = False,
+) -> Campaign:
+    """Log `stations.csv` of random attitudes while the tool warms, two sensor pairs, four positions
+    each.
+
+    Parameters
+    ----------
+    seed : what tool, attitudes and noise are drawn from.
+    count : stations.
+    latitude_deg : of the place [°].
+    inclination_deg, temperature_degc : ranges [°] and [°C].
+    gyro_noise_dph : standard deviation of one reading [°/h].
+    ideal : sensor pairs with a constant scale factor, constant bias and noise alone, in exact
+        positions.
+
+    Returns
+    -------
+    Truth: constants, and for each station attitude, temperature and the scale factors of both
+    pairs.
+
+    """
+    rng = np.random.default_rng(np.random.SeedSequence(seed))
+    first, second = (draw(rng, gyro_noise_dph=gyro_noise_dph, ideal=ideal) for _ in range(2))
+    tool = Tool((first, second), index_deg=0.0 if ideal else 0.01)
+    attitudes = random_attitudes(count, inclination_deg, rng)
+    temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
+    columns, scales = stations(tool, attitudes, latitude_deg, temperature, rng)
+    truth: dict[str, object] = {
+        "procedure": "inclinometer",
+        "seed": seed,
+        "latitude_deg": latitude_deg,
+        "tool": asdict(tool),
+        "stations": {
+            "station": np.arange(1, count + 1).tolist(),
+            "inclination_deg": attitudes.inclination_deg.tolist(),
+            "toolface_deg": attitudes.toolface_deg.tolist(),
+            "azimuth_deg": attitudes.azimuth_deg.tolist(),
+            "temp_case_degc": temperature.tolist(),
+            "s_x": scales[:, 0].tolist(),
+            "s_y": scales[:, 1].tolist(),
+        },
+    }
+    logs = {"stations.csv": columns}
+    logs["withheld/stations.csv"], truth["withheld"] = _withheld(
+        tool, seed, count, latitude_deg, inclination_deg, temperature_degc
+    )
+    return Campaign(logs, DECIMALS | dict.fromkeys(REFERENCE, 4), truth)
+
+
+def _withheld(
+    tool: Tool,
+    seed: int,
+    count: int,
+    latitude_deg: float,
+    inclination_deg: tuple[float, float],
+    temperature_degc: tuple[float, float],
+) -> tuple[dict[str, NDArray[np.float64] | NDArray[np.int64]], dict[str, object]]:
+    """Stations of the same tool on another day, with the reference attitude beside them, and their
+    scale factors.
+    """
+    rng = np.random.default_rng(np.random.SeedSequence([seed, 1]))
+    attitudes = random_attitudes(count, inclination_deg, rng)
+    temperature = np.round(np.linspace(*temperature_degc, count) + rng.normal(0.0, 1.0, count), 2)
+    columns, scales = stations(tool, attitudes, latitude_deg, temperature, rng)
+    for name in REFERENCE:
+        columns[name] = np.repeat(getattr(attitudes, name), 4)
+    return columns, {"s_x": scales[:, 0].tolist(), "s_y": scales[:, 1].tolist()}

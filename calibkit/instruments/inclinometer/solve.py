@@ -1,0 +1,416 @@
+"""Stations → s(T) of each gyro, and with it or its history the attitude of every station."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.instruments.inclinometer.numeric import root_choice, scale_prior, sensor_pairs
+from calibkit.instruments.inclinometer.numeric.root_choice import Prior
+from calibkit.instruments.inclinometer.numeric.scale_prior import History
+from calibkit.numeric.attitude import wrapped
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.inclinometer.noise import Noise
+    from calibkit.instruments.inclinometer.numeric.published import Sensor
+    from calibkit.instruments.inclinometer.numeric.root_choice import Solution
+    from calibkit.instruments.inclinometer.numeric.sensor_pairs import Combined
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+    from calibkit.instruments.inclinometer.stations import Stations
+
+    Array = NDArray[np.float64]
+
+WRONG = "check the gyro's unit in [columns], reference.convention and site.latitude_deg"
+"""What makes a scale factor that no gyro has."""
+CLAMPED = "negative discriminant clamped to zero"
+"""Flag of a station whose roots have merged."""
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleModel:
+    """s(T) of one gyro as it leaves a file: powers of °C, their covariance, scatter, range [°C]
+    (None: no temperature).
+    """
+
+    coefficients: Array
+    covariance: Array
+    scatter: float
+    valid: tuple[float, float] | None
+    noise: Noise
+
+    def prior(self, temperature: Array) -> Prior:
+        """Prior at temperatures [n] [°C]; where one is not known, the whole range is possible."""
+        if self.valid is None:
+            known = scale_prior.prior_of(
+                self.coefficients, self.covariance, self.scatter, (0.0, 0.0), [0.0]
+            )
+            return Prior(
+                *(
+                    np.repeat(part, temperature.size)
+                    for part in (known.s, known.standard_uncertainty)
+                )
+            )
+        low, high = self.valid
+        there = np.isfinite(temperature)
+        at = scale_prior.prior_of(
+            self.coefficients,
+            self.covariance,
+            self.scatter,
+            self.valid,
+            np.where(there, temperature, low),
+        )
+        span = scale_prior.prior_of(
+            self.coefficients, self.covariance, self.scatter, self.valid, np.linspace(low, high, 41)
+        )
+        # an unknown temperature may be any of the range: a rectangular distribution
+        spread = np.hypot(span.standard_uncertainty.max(), np.ptp(span.s) / np.sqrt(12.0))
+        middle = (span.s.min() + span.s.max()) / 2.0
+        return Prior(
+            np.where(there, at.s, middle), np.where(there, at.standard_uncertainty, spread)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleFit:
+    """s(T) of one gyro, how well it fits, and which stations [n] carried it."""
+
+    model: ScaleModel
+    dof: int
+    residual_rms: float
+    used: NDArray[np.bool_]
+    left_out: Prior
+
+
+SHARP = 0.1
+"""Relative standard uncertainty of a root below which it counts as measured."""
+IMPLAUSIBLE = 0.05
+"""Departure of a measured s from its prior that no gyro shows between a calibration and its use."""
+FEW_STATIONS = 3
+"""Stations below which a majority says nothing."""
+APART_DEG = 5.0
+"""Difference of the pairs' toolfaces [°] that no misalignment of axes explains."""
+
+
+@dataclass(frozen=True, slots=True)
+class Seen:
+    """Stations as both sensor pairs, or the one that is read, see them."""
+
+    solutions: Mapping[Sensor, Solution]
+    priors: Mapping[Sensor, Prior]
+    joined: Combined
+
+    @property
+    def refused(self) -> NDArray[np.bool_]:
+        """Which stations [n] have no result."""
+        return np.array([bool(reason) for reason in self.joined.status], dtype=np.bool_)
+
+    @property
+    def contradicted(self) -> NDArray[np.bool_]:
+        """Which stations [n] have an s that is not their prior's, or none at all, by any pair."""
+        found = np.zeros(len(self.joined.status), dtype=np.bool_)
+        for axis, pair in self.solutions.items():
+            prior = self.priors[axis]
+            with np.errstate(invalid="ignore"):
+                off = np.abs(pair.s_root - prior.s) > root_choice.DISAGREES * np.hypot(
+                    pair.s_root_uncertainty, prior.standard_uncertainty
+                )
+            found |= off | [WRONG in reason for reason in pair.status]
+        return found
+
+
+def require_consistent(seen: Seen, where: str) -> None:
+    """Refuse a log most of whose stations cannot have been read like this; one odd station is
+    refused by itself.
+
+    Raises FitError where most stations contradict s(T), or most have pairs that see different
+    toolfaces.
+    """
+    count = len(seen.joined.status)
+    if count < FEW_STATIONS:
+        return
+    impossible = np.zeros(count, dtype=np.bool_)
+    for axis, pair in seen.solutions.items():
+        with np.errstate(invalid="ignore"):
+            far = np.abs(pair.s_root - seen.priors[axis].s) > IMPLAUSIBLE
+            impossible |= far & (pair.s_root_uncertainty < SHARP * np.abs(pair.s_root))
+        impossible |= np.array([WRONG in reason for reason in pair.status])
+    if 2 * int(impossible.sum()) > count:
+        raise FitError(
+            f"{where}: {int(impossible.sum())} of {count} stations contradict s(T)", hint=WRONG
+        )
+    if len(seen.solutions) == 2:
+        x, y = (seen.solutions[axis].toolface_deg for axis in ("x", "y"))
+        with np.errstate(invalid="ignore"):
+            apart = int(np.sum(np.abs(wrapped(x - y)) > APART_DEG))
+        if 2 * apart > count:
+            raise FitError(
+                f"{where}: the two sensor pairs see toolfaces more than {APART_DEG:g}° apart at"
+                f" {apart} of {count} stations",
+                hint="check the signs of both axes and the direction in which position_deg counts",
+            )
+
+
+def fit(stations: Stations, spec: InclinometerRecipe) -> tuple[dict[Sensor, ScaleFit], Seen]:
+    """s(T) of each gyro from all stations, and every station solved with the s(T) of all the
+    others.
+
+    Raises FitError where a gyro has no usable root of s, or an s that no gyro has.
+    """
+    status = {}
+    for axis in spec.axes:
+        first = _in_sequence(stations, spec, axis)
+        _plausible(first, stations, spec, axis)
+        status[axis] = _wild(first, stations.status[axis], spec)
+    kept = replace(stations, status=status)
+    fits = {
+        axis: _over_temperature(_in_sequence(kept, spec, axis), kept, spec, axis)
+        for axis in spec.axes
+    }
+    seen = _solved(kept, {axis: scale.left_out for axis, scale in fits.items()}, spec)
+    require_consistent(seen, "the stations")
+    return fits, seen
+
+
+def seek(stations: Stations, models: Mapping[Sensor, ScaleModel], spec: InclinometerRecipe) -> Seen:
+    """Every station solved with the s(T) of a calibration and the departure from it that the
+    stations before show.
+
+    A station whose s no gyro has is refused, and does not shift the others.
+    """
+    kept = stations
+    while True:
+        seen = _solved(
+            kept, {axis: _departed(kept, models[axis], spec, axis) for axis in spec.axes}, spec
+        )
+        status = {axis: _wild(seen.solutions[axis], kept.status[axis], spec) for axis in spec.axes}
+        if status == kept.status:
+            return seen
+        kept = replace(kept, status=status)
+
+
+def _in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
+    """Stations of one sensor pair in their order, before any s(T) is known."""
+    return scale_prior.in_sequence(
+        stations.components[axis],
+        spec.site.latitude_deg,
+        stations.elapsed,
+        start=_history(spec),
+        heading_deg=_heading(stations, spec),
+        latitude_uncertainty_deg=spec.site.latitude_uncertainty_deg,
+        refused=stations.status[axis],
+        limits=_limits(spec),
+    )
+
+
+def _wild(solution: Solution, before: tuple[str, ...], spec: InclinometerRecipe) -> tuple[str, ...]:
+    """Why stations are refused, with those added whose readings no gyro can have had there."""
+    return tuple(reason or _contradiction(solution, k, spec) for k, reason in enumerate(before))
+
+
+def _contradiction(solution: Solution, k: int, spec: InclinometerRecipe) -> str:
+    """Why station k cannot have been read like this, or nothing.
+
+    The true s is always a root. Noise may merge it with the other (a clamped discriminant), not
+    make it disappear.
+    """
+    if solution.status[k]:
+        return ""
+    if solution.root[k] == 0:
+        return f"no positive root of s: {WRONG}"
+    low, high, s = spec.scale.smallest, spec.scale.largest, float(solution.s_root[k])
+    # a root that is known to a tenth is a measurement, however little its own uncertainty lets it
+    # move the prior
+    sharp = float(solution.s_root_uncertainty[k]) < SHARP * abs(s)
+    measured = solution.weight[k] > 0.0 or CLAMPED in solution.flags[k] or sharp
+    return (
+        f"s is {s:.4g}, expected {low:g} to {high:g}: {WRONG}"
+        if measured and not low <= s <= high
+        else ""
+    )
+
+
+def _history(spec: InclinometerRecipe) -> History:
+    """What a calibration knows of s before its first station."""
+    known = spec.history
+    return History(
+        known.s, known.standard_uncertainty, known.rate, known.rate_uncertainty, known.rate_walk
+    )
+
+
+def _limits(spec: InclinometerRecipe) -> root_choice.Limits:
+    """The recipe's limits."""
+    return root_choice.Limits(**spec.limits.model_dump())
+
+
+def _heading(stations: Stations, spec: InclinometerRecipe) -> Array | None:
+    """Outside headings [n] [°] where the recipe lets them choose the root."""
+    return stations.reference[:, 2] if spec.root.choice == "heading" else None
+
+
+def _over_temperature(
+    first: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
+) -> ScaleFit:
+    """s(T) of one gyro; s0 alone without temperatures, or from a single usable root."""
+    timed = bool(np.isfinite(stations.temperature).any())
+    temperature = stations.temperature if timed else np.zeros(stations.temperature.size)
+    usable = _usable(first) & np.isfinite(temperature)
+    if not usable.any():
+        raise FitError(
+            f"gyro_{axis}_dph: no usable root of s has a temperature", hint="add temp_case_degc"
+        )
+    noise = stations.noise[axis]
+    order = 0 if not timed else None if spec.scale.order == "auto" else spec.scale.order
+    if usable.sum() == 1:
+        return _of_one(first, usable, temperature, spec, noise, timed=timed)
+    over = scale_prior.over_temperature(first, temperature, order=order)
+    # without degrees of freedom nothing tells how s scatters: what was known before the calibration
+    # stays possible
+    scatter = over.scatter if over.dof else spec.history.standard_uncertainty
+    left_out = (
+        over.left_out if over.dof else _at_least(over.left_out, spec.history.standard_uncertainty)
+    )
+    model = ScaleModel(
+        over.coefficients, over.covariance, scatter, over.valid_degc if timed else None, noise
+    )
+    return ScaleFit(model, over.dof, over.residual_rms, over.used, left_out)
+
+
+def _of_one(
+    first: Solution,
+    usable: NDArray[np.bool_],
+    temperature: Array,
+    spec: InclinometerRecipe,
+    noise: Noise,
+    *,
+    timed: bool,
+) -> ScaleFit:
+    """s0 from a single root; it stays as uncertain as s was before, because nothing tells how it
+    scatters.
+    """
+    if timed and spec.scale.order not in ("auto", 0):
+        raise FitError(
+            f"1 usable root of s for s(T) of order {spec.scale.order}", hint="add stations"
+        )
+    k = int(np.flatnonzero(usable)[0])
+    s, u = float(first.s_root[k]), float(first.s_root_uncertainty[k])
+    scatter = spec.history.standard_uncertainty
+    valid = (float(temperature[k]), float(temperature[k])) if timed else None
+    model = ScaleModel(np.array([s]), np.array([[u**2]]), scatter, valid, noise)
+    prior = Prior(np.full(usable.size, spec.history.s), np.full(usable.size, scatter))
+    return ScaleFit(model, 0, 0.0, usable, prior)
+
+
+def _at_least(prior: Prior, uncertainty: float) -> Prior:
+    """A prior that is no surer than an uncertainty."""
+    return Prior(prior.s, np.hypot(prior.standard_uncertainty, uncertainty))
+
+
+def _usable(solution: Solution) -> NDArray[np.bool_]:
+    """Stations [n] whose own root of s counts."""
+    return np.array([not reason for reason in solution.status], dtype=np.bool_) & (
+        solution.weight > 0.0
+    )
+
+
+def _plausible(first: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> None:
+    """Refuse a gyro without a usable root of s, or with one that only a wrong unit, sign or
+    latitude explains.
+    """
+    usable = _usable(first)
+    low, high = spec.scale.smallest, spec.scale.largest
+    if not usable.any():
+        positive = first.s_root[np.isfinite(first.s_root) & (first.s_root > 0.0)]
+        strange = bool(positive.size) and not low <= float(np.median(positive)) <= high
+        reasons = [
+            reason or "; ".join(flags)
+            for reason, flags in zip(first.status, first.flags, strict=True)
+        ]
+        raise FitError(
+            f"gyro_{axis}_dph: none of {usable.size} stations gives a usable s, expected one or"
+            f" more; station {stations.names[0]}: {reasons[0]}",
+            hint=(
+                WRONG
+                if strange
+                else "add stations of other inclinations and azimuths, or see [limits]"
+            ),
+        )
+    middle = float(np.median(first.s_root[usable]))
+    if not low <= middle <= high:
+        raise FitError(
+            f"gyro_{axis}_dph: s is {middle:.4g} (median of {int(usable.sum())} stations), expected"
+            f" {low:g} to {high:g}",
+            hint=WRONG,
+        )
+
+
+def _departed(
+    stations: Stations, model: ScaleModel, spec: InclinometerRecipe, axis: Sensor
+) -> Prior:
+    """Prior of s at each station: s(T), times the departure from it that the stations before show
+    (step D).
+    """
+    base = model.prior(stations.temperature)
+    found = root_choice.estimates(
+        stations.components[axis],
+        spec.site.latitude_deg,
+        refused=stations.status[axis],
+        limits=_limits(spec),
+    )
+    # a root measures the departure as well as s(T) and the root are known
+    ratio = found.s / base.s[:, None]
+    uncertainty = np.hypot(found.uncertainty, base.standard_uncertainty[:, None]) / base.s[:, None]
+    known = spec.departure
+    departure = scale_prior.history_prior(
+        replace(found, s=ratio, uncertainty=uncertainty),
+        stations.elapsed,
+        start=History(
+            1.0, known.standard_uncertainty, 0.0, known.rate_uncertainty, known.rate_walk
+        ),
+        heading_deg=_heading(stations, spec),
+    )
+    return Prior(
+        base.s * departure.s,
+        np.hypot(base.standard_uncertainty, base.s * departure.standard_uncertainty),
+    )
+
+
+def _solved(stations: Stations, priors: Mapping[Sensor, Prior], spec: InclinometerRecipe) -> Seen:
+    """Every station solved with its priors, both pairs combined where both are read."""
+    solutions = {
+        axis: root_choice.solve(
+            stations.components[axis],
+            spec.site.latitude_deg,
+            priors[axis],
+            heading_deg=_heading(stations, spec),
+            latitude_uncertainty_deg=spec.site.latitude_uncertainty_deg,
+            refused=stations.status[axis],
+            limits=_limits(spec),
+        )
+        for axis in spec.axes
+    }
+    pairs = tuple(solutions.values())
+    joined = sensor_pairs.combine(*pairs) if len(pairs) == 2 else _alone(pairs[0])
+    return Seen(solutions, priors, joined)
+
+
+def _alone(pair: Solution) -> Combined:
+    """One sensor pair's solution in the shape of two."""
+    used = np.array([[not reason] for reason in pair.status], dtype=np.bool_)
+    rows = list(sensor_pairs.ANGLES)
+    return sensor_pairs.Combined(
+        inclination_deg=pair.inclination_deg,
+        toolface_deg=pair.toolface_deg,
+        azimuth_deg=pair.azimuth_deg,
+        uncorrected_deg=pair.uncorrected_deg,
+        covariance=pair.covariance[:, rows][:, :, rows],
+        used=used,
+        status=pair.status,
+        flags=pair.flags,
+    )

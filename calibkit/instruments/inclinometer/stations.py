@@ -1,0 +1,441 @@
+"""Logs of a four-position inclinometer → stations: components across the tool, their noise, and why
+a station is refused.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.frame import Examined, Finding, Log, refuse, values
+from calibkit.ingest.logs import unmapped
+from calibkit.instruments.inclinometer import dwells as inclinometer_dwells
+from calibkit.instruments.inclinometer import noise as inclinometer_noise
+from calibkit.instruments.inclinometer.noise import Closing, Noise
+from calibkit.instruments.inclinometer.numeric import published, sinusoid_fit
+from calibkit.numeric import attitude
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.instruments.inclinometer.dwells import Dwelt
+    from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+
+    Array = NDArray[np.float64]
+    Index = NDArray[np.int64]
+
+PLAIN = ("position_deg",)
+TEMPERATURE = "temp_case_degc"
+REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
+PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
+"""Largest indication of a tool at rest, bias included: beyond it the log's unit is another."""
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of all logs: number of each one's station [r], counted from 0 over the logs, and what
+    was read there.
+
+    `accel` [g, positive along gravity] and `gyro` [°/h] are by axis; `resolution` is the last digit
+    of (accel, gyro).
+    """
+
+    station: Index
+    names: tuple[str, ...]
+    places: tuple[str, ...]
+    position: Array
+    accel: Mapping[Sensor, Array]
+    gyro: Mapping[Sensor, Array]
+    resolution: Mapping[Sensor, tuple[float, float]]
+    time: Array
+    temperature: Array
+    reference: Array
+    """[r, 3] of inclination, toolface, azimuth [°]; NaN where a log has none."""
+
+
+@dataclass(frozen=True, slots=True)
+class Stations:
+    """n stations: components by axis, noise by axis, why each is refused (or empty), and what
+    surrounds them.
+    """
+
+    names: tuple[str, ...]
+    row_station: Index
+    components: Mapping[Sensor, Components]
+    noise: Mapping[Sensor, Noise]
+    status: Mapping[Sensor, tuple[str, ...]]
+    temperature: Array
+    elapsed: Array
+    """Hours since the first station, or its number where the logs have no times [n]."""
+    reference: Array
+    """[n, 3] of inclination, toolface, azimuth [°]; NaN where there is none."""
+
+
+def needed(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
+    """Columns that the recipe needs, and columns that it uses where they are."""
+    wanted = [
+        *PLAIN,
+        *(f"accel_{axis}_g" for axis in spec.axes),
+        *(f"gyro_{axis}_dph" for axis in spec.axes),
+    ]
+    if spec.stations.gyro_ramp:
+        wanted.append("time_s")
+    if spec.root.choice == "heading":
+        wanted.append("azimuth_deg")
+    return tuple(wanted), tuple(
+        name for name in ("station", "time_s", TEMPERATURE, *REFERENCE) if name not in wanted
+    )
+
+
+def examine(log: Log, spec: InclinometerRecipe) -> Examined:
+    """Findings of a log, and its stations: the rows of one station number that follow each other,
+    or its dwells.
+    """
+    dwelt, found = dwells(log, spec)
+    held = () if dwelt is None else (*dwelt.held("station"), *dwelt.held("dwell"))
+    return Examined(tuple(found), held)
+
+
+def admitted(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log], list[Finding]]:
+    """Logs of one row a position and the findings of all; raises FrameError with all that are
+    refused.
+    """
+    looked = [dwells(log, spec) for log in logs]
+    found = [finding for _, findings in looked for finding in findings]
+    refuse(found)
+    return [dwelt.log for dwelt, _ in looked if dwelt is not None], found
+
+
+def dwells(log: Log, spec: InclinometerRecipe) -> tuple[Dwelt | None, list[Finding]]:
+    """Dwells of a log, none where it is refused as a whole, and everything that is wrong with it
+    and its stations.
+    """
+    columns = [name for name in log.frame.columns if name not in REFERENCE]
+    found = [*check.rows(log, 3), *check.finite(log, columns)]
+    if any(finding.refused for finding in found):
+        return None, found
+    found += unusable(log, spec)
+    if any(finding.refused for finding in found):
+        return None, found
+    dwelt = inclinometer_dwells.of(log, spec)
+    found += dwelt.findings
+    if spec.stations.method == "four_differences":
+        found += _positions(dwelt.log)
+    if not any(finding.refused for finding in found):
+        gyros = [f"gyro_{axis}_dph" for axis in spec.axes]
+        found += [finding for gyro in gyros for finding in check.magnitude.gyro(log, gyro)]
+        found += check.magnitude.compensated(log, spec, gyros)
+    return dwelt, found
+
+
+def unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
+    """What is wrong with a log as a whole; nothing of it can be used."""
+    timed = "time_s" in log.frame.columns
+    found = check.finite(log, [name for name in ("station", "time_s") if name in log.frame.columns])
+    if timed:
+        found += check.monotonic(log)
+    if TEMPERATURE in log.frame.columns:
+        found += check.plausible_temperature(log, [TEMPERATURE])
+    for axis in spec.axes:
+        for kind, suffix in (("accel", "g"), ("gyro", "dph")):
+            found += _implausible(log, f"{kind}_{axis}_{suffix}", *PLAUSIBLE[kind])
+    return found
+
+
+def _implausible(log: Log, column: str, limit: float, unit: str) -> list[Finding]:
+    """Indications that no tool at rest on the earth has."""
+    data = values(log.frame, column)
+    bad = np.flatnonzero(np.abs(data) > limit)
+    if not bad.size:
+        return []
+    what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
+    expected = f"at most {limit:g} {unit} of a tool at rest"
+    return [
+        check.at_row(
+            log,
+            int(bad[0]),
+            column,
+            what,
+            expected,
+            f"state the log's unit in [columns.{column}]",
+            "range",
+        )
+    ]
+
+
+def _positions(log: Log) -> list[Finding]:
+    """Positions that a station has twice, not at all, or that are no multiple of 90°."""
+    station, position = values(log.frame, "station"), values(log.frame, "position_deg")
+    names, first = np.unique(station, return_index=True)
+    found = []
+    for name in names[np.argsort(first)]:
+        rows = np.flatnonzero(station == name)
+        fault = position_fault(position[rows])
+        if fault is not None:
+            at, what = fault
+            line = check.line(log, int(rows[at]))
+            found.append(
+                Finding(
+                    f"{log.file}:{line}: station {name:g}",
+                    what,
+                    "one row at each of 0°, 90°, 180°, 270°",
+                    "repair or remove the station, or set stations.method = 'least_squares'",
+                    name="positions",
+                    line=line,
+                )
+            )
+    return found
+
+
+def position_fault(position: Array) -> tuple[int, str] | None:
+    """Row and words of what keeps positions [r] [°] of one station from the four differences, or
+    nothing.
+    """
+    if not np.isfinite(position).all():
+        return int(np.flatnonzero(~np.isfinite(position))[0]), "a position is missing"
+    turned = np.remainder(position + 45.0, 360.0)
+    quarter = np.clip(np.floor(turned / 90.0), 0, 3).astype(np.int64)
+    off = np.flatnonzero(np.abs(turned - 45.0 - 90.0 * quarter) > published.POSITION_TOLERANCE_DEG)
+    if off.size:
+        return int(off[0]), f"position {position[off[0]]:g}° is no multiple of 90°"
+    for k, nominal in enumerate(published.POSITIONS_DEG):
+        if (rows := np.flatnonzero(quarter == k)).size > 1:
+            return int(rows[1]), f"position {nominal:g}° stands {rows.size} times"
+    missing = [f"{p:g}°" for k, p in enumerate(published.POSITIONS_DEG) if k not in quarter]
+    return (position.size - 1, f"no row at position {', '.join(missing)}") if missing else None
+
+
+def gather(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
+    """Rows of all logs, their stations counted from 0 in the order in which they appear."""
+    station, names, places, offset = [], [], [], 0
+    for log in logs:
+        unique, first, inverse = np.unique(
+            values(log.frame, "station"), return_index=True, return_inverse=True
+        )
+        rank = np.empty_like(first)
+        rank[np.argsort(first)] = np.arange(first.size)
+        station.append(rank[inverse] + offset)
+        offset += first.size
+        prefix = f"{log.name}:" if len(logs) > 1 else ""
+        names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
+        places += [f"{log.file}:{check.line(log, int(row))}" for row in np.sort(first)]
+    accel = {axis: _joined(logs, f"accel_{axis}_g") for axis in spec.axes}
+    gyro = {axis: _joined(logs, f"gyro_{axis}_dph") for axis in spec.axes}
+    return Rows(
+        np.concatenate(station),
+        tuple(names),
+        tuple(places),
+        _joined(logs, "position_deg"),
+        {
+            axis: published.along_gravity(column, spec.reference.convention)
+            for axis, column in accel.items()
+        },
+        gyro,
+        {
+            axis: (
+                resolution(accel[axis], f"accel_{axis}_g", spec),
+                resolution(gyro[axis], f"gyro_{axis}_dph", spec),
+            )
+            for axis in spec.axes
+        },
+        _times(logs),
+        _joined(logs, TEMPERATURE),
+        np.column_stack([_joined(logs, column) for column in REFERENCE]),
+    )
+
+
+def _joined(logs: Sequence[Log], column: str) -> Array:
+    """A column of all logs [r], NaN where a log does not have it."""
+    return np.concatenate(
+        [
+            (
+                values(log.frame, column)
+                if column in log.frame.columns
+                else np.full(len(log.frame), np.nan)
+            )
+            for log in logs
+        ]
+    )
+
+
+def _times(logs: Sequence[Log]) -> Array:
+    """Times [r] [s] of all logs, each beginning an hour after the one before; NaN where any log has
+    none.
+    """
+    parts, start = [], 0.0
+    for log in logs:
+        if "time_s" not in log.frame.columns:
+            return np.full(sum(len(entry.frame) for entry in logs), np.nan)
+        time = values(log.frame, "time_s")
+        parts.append(time - time[0] + start)
+        start = float(parts[-1][-1]) + 3600.0
+    return np.concatenate(parts)
+
+
+def resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
+    """Size of the last digit [unit of the column] that a log's own numbers are written with."""
+    known = data[np.isfinite(data)]
+    step = 1.0
+    if column in spec.columns:
+        ends = unmapped(np.array([0.0, 1.0]), spec.columns[column], column, spec)
+        step, known = (
+            1.0 / abs(float(ends[1] - ends[0])),
+            unmapped(known, spec.columns[column], column, spec),
+        )
+    decimals = [
+        len(f"{value:.12g}".partition("e")[0].partition(".")[2]) - _exponent(value)
+        for value in known.tolist()
+    ]
+    return step * 10.0 ** -max(decimals, default=12)
+
+
+def _exponent(value: float) -> int:
+    """Exponent of ten that a number is written with, 0 where it is written without."""
+    return int(f"{value:.12g}".partition("e")[2] or 0)
+
+
+def stations(
+    rows: Rows, spec: InclinometerRecipe, known: Mapping[Sensor, Noise] | None = None
+) -> Stations:
+    """Components of every station (step B), with the noise that the recipe states or the readings
+    show.
+
+    `known` is the noise of a calibration: it is pooled with the readings' own unless they
+    contradict it. Raises FitError where nothing tells the noise.
+    """
+    count = len(rows.names)
+    differences = spec.stations.method == "four_differences"
+    pair = _by_differences if differences else _by_least_squares
+    parts, noises, status = {}, {}, {}
+    for axis in spec.axes:
+        closing = _differences_close(rows, axis) if differences else _fits_close(rows, axis, spec)
+        before = None if known is None else known[axis]
+        closed = inclinometer_noise.judged(
+            closing, inclinometer_noise.least(before, rows.resolution[axis], spec)
+        )
+        noises[axis] = inclinometer_noise.decided(
+            closed.noise, before, rows.resolution[axis], spec, axis
+        )
+        parts[axis], own = pair(
+            _without(rows, closed.wild), axis, spec, inclinometer_noise.widened(noises[axis], spec)
+        )
+        status[axis] = tuple(wild or reason for wild, reason in zip(closed.wild, own, strict=True))
+    first = np.unique(rows.station, return_index=True)[1]
+    time = rows.time[first]
+    reference = [
+        _directions(column, rows.station, count) if k else _means(column, rows.station, count)
+        for k, column in enumerate(rows.reference.T)
+    ]
+    return Stations(
+        rows.names,
+        rows.station,
+        parts,
+        noises,
+        status,
+        _means(rows.temperature, rows.station, count),
+        (
+            (time - time[0]) / 3600.0
+            if np.isfinite(time).all()
+            else np.arange(count, dtype=np.float64)
+        ),
+        np.column_stack(reference),
+    )
+
+
+def _without(rows: Rows, wild: tuple[str, ...]) -> Rows:
+    """The rows without the positions of stations that hold a wild reading: they are not solved."""
+    out = np.array([bool(reason) for reason in wild])[rows.station]
+    return replace(rows, position=np.where(out, np.nan, rows.position)) if out.any() else rows
+
+
+def _arranged(rows: Rows, axis: Sensor) -> tuple[Array, Array, tuple[str, ...]]:
+    """Indications [n, 4] of accelerometer and gyro at the four positions, and why each station is
+    refused.
+    """
+    placed = np.where(np.isfinite(rows.position), rows.position, 0.0)
+    readings = published.arrange(
+        rows.station, placed, np.column_stack((rows.accel[axis], rows.gyro[axis]))
+    )
+    faults = [position_fault(rows.position[rows.station == k]) for k in range(len(rows.names))]
+    status = tuple(
+        fault[1] if fault else reason for fault, reason in zip(faults, readings.status, strict=True)
+    )
+    solved = np.array([not reason for reason in status])
+    indication = np.where(solved[:, None, None], readings.indication, np.nan)
+    return indication[:, :, 0], indication[:, :, 1], status
+
+
+def _differences_close(rows: Rows, axis: Sensor) -> Closing:
+    """Closures r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of each station: one degree of freedom each."""
+    accel, gyro, _ = _arranged(rows, axis)
+    closures = np.column_stack([published.closures(accel), published.closures(gyro)])
+    known = np.isfinite(closures)
+    return Closing(np.where(known, closures, 0.0) ** 2, known.astype(np.int64))
+
+
+def _fits_close(rows: Rows, axis: Sensor, spec: InclinometerRecipe) -> Closing:
+    """Residuals of each station's least squares."""
+    found = _fitted(rows, axis, spec, 1.0, 1.0)
+    return Closing(found.squares, found.dofs)
+
+
+def _by_differences(
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise
+) -> tuple[Components, tuple[str, ...]]:
+    """Components by the four differences, and why each station is refused."""
+    del spec  # the least-squares way has options, this one has none
+    accel, gyro, status = _arranged(rows, axis)
+    parts = published.components(
+        accel, gyro, axis, accel_noise_g=noise.accel_g, gyro_noise_dph=noise.gyro_dph
+    )
+    return parts, status
+
+
+def _by_least_squares(
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise
+) -> tuple[Components, tuple[str, ...]]:
+    """Components by least squares over any positions, and why each station is refused."""
+    found = _fitted(rows, axis, spec, noise.accel_g, noise.gyro_dph)
+    return found.components, found.status
+
+
+def _fitted(
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe, accel_g: float, gyro_dph: float
+) -> sinusoid_fit.Fitted:
+    """Every station by least squares, with the noise of a reading."""
+    return sinusoid_fit.stations(
+        rows.station,
+        rows.position,
+        rows.accel[axis],
+        rows.gyro[axis],
+        axis,
+        time_s=rows.time if spec.stations.gyro_ramp else None,
+        gyro_ramp=spec.stations.gyro_ramp,
+        accel_noise_g=accel_g,
+        gyro_noise_dph=gyro_dph,
+    )
+
+
+def _means(column: Array, station: Index, count: int) -> Array:
+    """Mean of the finite values of each station [count]; NaN where there is none."""
+    finite = np.isfinite(column)
+    rows = np.bincount(station[finite], minlength=count)
+    total = np.bincount(station[finite], column[finite], minlength=count)
+    return np.where(rows > 0, total / np.maximum(rows, 1), np.nan)
+
+
+def _directions(column: Array, station: Index, count: int) -> Array:
+    """Mean direction [°] of each station [count], around the circle; one value a station is kept as
+    it is.
+    """
+    first = np.full(count, np.nan)
+    finite = np.isfinite(column)
+    first[station[finite][::-1]] = column[finite][::-1]
+    # the mean departure from the first value: no rounding where all are the same
+    return first + _means(attitude.wrapped(column - first[station]), station, count)

@@ -1,0 +1,159 @@
+"""Least squares over blocks of rows: one small triangle holds all that any number of rows say.
+
+Well-conditioned rows go into normal equations (`gram`); others into a tall-skinny QR (Demmel,
+Grigori, Hoemmen & Langou 2012): every block is factorised together with the triangle so far, so the
+digits are those of an orthogonal factorisation. Either way the memory is that of a block, and the
+block stays in the cache.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.numeric import spans
+from calibkit.numeric.least_squares import fit as least_squares
+from calibkit.numeric.least_squares import gram
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Sequence
+
+    from numpy.typing import NDArray
+
+    Array = NDArray[np.float64]
+
+BLOCK_ROWS = 2048
+"""Rows of a block that is factorised: 150 kilobytes at nine columns, which stay in the cache."""
+
+
+def triangle(block: Callable[[slice], Array], rows: int, size: int = BLOCK_ROWS) -> Array:
+    """R [min(rows, p), p] of the rows that `block` gives slice by slice, each [m, p]."""
+    folded: Array | None = None
+    for part in gram.blocks(rows, size):
+        stacked = block(part) if folded is None else np.concatenate([folded, block(part)])
+        folded = np.asarray(np.linalg.qr(stacked, mode="r"), dtype=np.float64)
+    return np.zeros((0, 0)) if folded is None else folded
+
+
+def reduced(
+    design: Callable[[slice], Array],
+    indication: Array,
+    *,
+    weights: Array | None = None,
+    names: Sequence[str] = (),
+) -> least_squares.Reduced:
+    """Fit indication = design · coefficients as `fit.linear` does, in the memory of a block.
+
+    Parameters
+    ----------
+    design
+        Columns [m, p] of a slice of rows; the slice may have a step. Fastest where each column is
+        contiguous.
+    indication
+        [n].
+    weights
+        [n], proportional to 1/variance of each row; equal when absent.
+    names
+        What the error calls the coefficients that the data cannot determine.
+
+    Raises
+    ------
+    FitError
+        As `fit.linear`.
+
+    """
+    rows = len(indication)
+    total = float(rows if weights is None else np.sum(weights))
+    found = least_squares.tall(design, indication, weights)
+    if found is not None:
+        return found
+
+    def weighted(part: slice) -> Array:
+        spans.release(indication)
+        stacked = np.column_stack([design(part), indication[part]])
+        return stacked if weights is None else stacked * np.sqrt(weights[part, None])
+
+    whole = triangle(weighted, rows)
+    columns = whole.shape[1] - 1
+    solved = least_squares.linear(whole[:, :columns], whole[:, columns], names=names)
+    coefficients = _corrected(
+        design, indication, weights, whole[:columns, :columns], solved.coefficients
+    )
+    dof = rows - columns
+    # the triangle has p + 1 rows, one degree of freedom, and the same sum of squares
+    square = float(np.sum(solved.residuals**2))
+    covariance = solved.covariance * (solved.dof / max(dof, 1))
+    return least_squares.Reduced(
+        coefficients, covariance, dof, float(np.sqrt(square / total)), solved.condition
+    )
+
+
+def linear(
+    design: Callable[[slice], Array],
+    indication: Array,
+    *,
+    weights: Array | None = None,
+    names: Sequence[str] = (),
+    room: Callable[[int], Array] = np.empty,
+) -> least_squares.LinearFit:
+    """Fit as `reduced` does, and give the residuals [n] too, in an array that `room` makes.
+
+    Raises
+    ------
+    FitError
+        As `fit.linear`.
+
+    """
+    found = reduced(design, indication, weights=weights, names=names)
+    return found.having(gram.residuals(design, indication, found.coefficients, room=room))
+
+
+def polynomial(
+    abscissa: Array, indication: Array, order: int, *, weights: Array | None = None
+) -> tuple[least_squares.Reduced, Array, Array]:
+    """Fit a polynomial of any number of rows as `fit.polynomial` does, in the memory of a block.
+
+    Parameters
+    ----------
+    abscissa, indication
+        [n], in any unit; mapped files and read-only arrays serve as they are.
+    order
+        Highest power.
+    weights
+        [n], proportional to 1/variance of each row; equal when absent.
+
+    Returns
+    -------
+    The fit in powers of the abscissa mapped to [−1, 1], the raw coefficients [order + 1] (ascending
+    powers of the abscissa in its own unit) and their covariance [order + 1, order + 1].
+
+    Raises
+    ------
+    FitError
+        As `fit.linear`, and for a constant abscissa.
+
+    """
+    design, to_raw = least_squares.mapped_powers(abscissa, order)
+    found = reduced(design, indication, weights=weights, names=[f"p{k}" for k in range(order + 1)])
+    return (found, *least_squares.in_raw_powers(found.coefficients, found.covariance, to_raw))
+
+
+def _corrected(
+    design: Callable[[slice], Array],
+    indication: Array,
+    weights: Array | None,
+    r: Array,
+    coefficients: Array,
+) -> Array:
+    """Coefficients [p] after one step with the residuals of the rows themselves, by the seminormal
+    equations of R [p, p].
+    """
+    gradient = np.zeros(coefficients.size)
+    for part in gram.blocks(len(indication), gram.block_rows(coefficients.size)):
+        columns = design(part)
+        pulled = indication[part] - columns @ coefficients
+        gradient += columns.T @ (pulled if weights is None else pulled * weights[part])
+        spans.release(indication)
+    half = least_squares.triangular(r, gradient, trans="T")
+    return np.asarray(coefficients + least_squares.triangular(r, half), dtype=np.float64)

@@ -1,0 +1,1 @@
+"""Allan deviation and the noise terms that it shows."""

@@ -1,0 +1,451 @@
+"""Quantization, angle random walk, bias instability, rate random walk and rate ramp from an Allan
+deviation curve.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+
+if TYPE_CHECKING:
+    from numpy.typing import NDArray
+
+    from calibkit.numeric.noise.allan import DeviationCurve
+
+    Array = NDArray[np.float64]
+
+SIGNIFICANCE = 0.00135
+"""One-sided probability (3σ of a normal) under which chance is ruled out as the cause of a term or
+of a misfit.
+"""
+MODEL_ERROR = 0.01
+"""Part of σ² at each averaging time that the power laws are not trusted with: filters and samplers
+bend the curve.
+"""
+GROSS_MISFIT = 10.0
+"""Weighted square of the residuals over its expectation above which no scaling makes the terms mean
+anything.
+"""
+MARGIN = 2
+"""Averaging times left out beyond those that visibly miss the model."""
+FREQUENCIES = 1500
+"""Points of the logarithmic frequency grid that covariances are integrated on."""
+ITERATIONS = 20
+"""Rounds of reweighting, of which a handful settle six digits."""
+FEWEST_TIMES = 6
+"""Averaging times below which five coefficients leave nothing to judge the fit by."""
+
+
+@dataclass(frozen=True, slots=True)
+class PowerLaw:
+    """One term of σ²(τ) = Σ c τ^exponent, with value = scale·√c in the unit given."""
+
+    name: str
+    symbol: str
+    unit: str
+    exponent: int
+    scale: float
+
+
+LAWS = (
+    PowerLaw("quantization", "Q", "arcsec", -2, float(1.0 / np.sqrt(3.0))),
+    PowerLaw("angle_random_walk", "N", "deg/sqrt(h)", -1, 1.0 / 60.0),
+    PowerLaw("bias_instability", "B", "deg/h", 0, float(np.sqrt(np.pi / (2.0 * np.log(2.0))))),
+    PowerLaw("rate_random_walk", "K", "deg/h/sqrt(h)", 1, 60.0 * float(np.sqrt(3.0))),
+    PowerLaw("rate_ramp", "R", "deg/h/h", 2, 3600.0 * float(np.sqrt(2.0))),
+)
+"""IEEE Std 952 annex C: 3Q²/τ² + N²/τ + (2 ln 2/π) B² + K² τ/3 + R² τ²/2, τ in s, σ in deg/h (1
+deg/h·s = 1 arcsec).
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseTerm:
+    """A noise term that the record shows, with its standard uncertainty (type A) and degrees of
+    freedom.
+    """
+
+    name: str
+    symbol: str
+    value: float
+    unit: str
+    standard_uncertainty: float
+    dof: float
+
+
+@dataclass(frozen=True, slots=True)
+class NotObservable:
+    """A noise term that the record cannot show: a status and its reason, no number."""
+
+    name: str
+    symbol: str
+    reason: str
+
+
+@dataclass(frozen=True, slots=True)
+class NoiseFit:
+    """Terms observed and terms not observable, the fitted curve [m], and what a reader must know of
+    the fit.
+    """
+
+    terms: tuple[NoiseTerm, ...]
+    not_observable: tuple[NotObservable, ...]
+    tau_s: Array
+    model_dph: Array
+    misfit: float
+    flags: tuple[str, ...]
+
+
+@dataclass(frozen=True, slots=True)
+class _Kernel:
+    """What the covariance of Allan variances is integrated from; f frequencies, m averaging
+    times.
+    """
+
+    shapes: Array  # [5, f] one-sided spectra of unit coefficients, per cycle/sample
+    response: Array  # [m, f] of the Allan variance: AVAR = ∫ S response
+    mean_response: Array  # [m, f] of the mean pair difference, which a ramp multiplies
+    step: Array  # [f] integration weights
+    longer: Array  # [m, m] the larger number of pairs of two averaging times
+    tau: Array  # [m]
+    design: Array  # [m, 5]
+
+
+@dataclass(frozen=True, slots=True)
+class _Attempt:
+    """A fit of all five terms to some of the averaging times [m]."""
+
+    kernel: _Kernel
+    variance: Array  # [m]
+    start: Array  # [m] variances of the Allan variances to begin with
+    coefficients: Array  # [5]
+    spread: Array  # [m] variances that the fit was weighted with
+    covariance: Array  # [m, m]
+    misfit: float
+    surprising: bool
+
+
+def fit_noise(curve: DeviationCurve) -> NoiseFit:
+    """Fit the five noise terms to an overlapping Allan deviation by non-negative weighted least
+    squares.
+
+    Parameters
+    ----------
+    curve : from `allan.overlapping`, at least six averaging times; octaves serve.
+
+    Raises
+    ------
+    FitError : another estimator's curve, too few averaging times, or a rate that never changes.
+
+    Notes
+    -----
+    σ²(τ) is linear in five non-negative coefficients. Weights are the inverse variances of σ̂²
+    under the fitted noise itself (reweighted until they settle) plus (1 % of σ²)², so that millions
+    of pairs at the shortest times do not outvote the rest over a model error. Uncertainties come
+    from the full covariance between averaging times.
+
+    Criterion: all five terms stay in the fit; one is reported only where the others, refitted
+    without it, leave an excess in its direction that noise of the refitted kind (1 % model error
+    included) would show with a probability below 0.00135. What another term can stand in for is
+    therefore not observable, and what is not reported still widens and unbiases what is. The tail
+    follows a Pearson type III law with the excess's own skewness: at the longest times σ̂² has two
+    or three degrees of freedom, and a normal tail would see ramps in random walks.
+
+    A curve that misses the model by more than noise can (same probability) is fitted without its
+    shortest averaging times, which filters and samplers bend: as few as help and two for margin, at
+    most half. Where that does not help, uncertainties are scaled up by the square root of the
+    misfit; above a misfit of 10 no term is reported. Each is flagged.
+    """
+    variance = _require_curve(curve)
+    attempt, first = _first_that_fits(curve, variance)
+    chances = np.array([_chance(attempt, j, np.arange(len(LAWS)) != j) for j in range(len(LAWS))])
+    shown = (chances < SIGNIFICANCE) & (attempt.misfit <= GROSS_MISFIT or not attempt.surprising)
+    uncertainty = _uncertainty(attempt)
+    terms = tuple(
+        _term(law, float(attempt.coefficients[j]), float(uncertainty[j]))
+        for j, law in enumerate(LAWS)
+        if shown[j]
+    )
+    absent = tuple(
+        NotObservable(law.name, law.symbol, _reason(attempt, j))
+        for j, law in enumerate(LAWS)
+        if not shown[j]
+    )
+    model = np.sqrt(_design(curve.tau_s) @ attempt.coefficients)
+    return NoiseFit(
+        terms, absent, curve.tau_s, model, attempt.misfit, _flags(attempt, shown, curve, first)
+    )
+
+
+def _first_that_fits(curve: DeviationCurve, variance: Array) -> tuple[_Attempt, int]:
+    """The fit that leaves out the fewest of the shortest averaging times to be credible, or the fit
+    to all of them.
+    """
+    whole = _attempt(curve, variance, 0)
+    if not whole.surprising:
+        return whole, 0
+    most = min(variance.size // 2, variance.size - FEWEST_TIMES)
+    for first in range(1, most + 1):
+        if not _attempt(curve, variance, first).surprising:
+            beyond = min(
+                first + MARGIN, most
+            )  # the first that passes is still bent, by less than the noise
+            return _attempt(curve, variance, beyond), beyond
+    return whole, 0
+
+
+def _attempt(curve: DeviationCurve, variance: Array, first: int) -> _Attempt:
+    """Fit of all five terms to the averaging times from index `first` on."""
+    kernel = _kernel(curve, first)
+    start = 2.0 * variance[first:] ** 2 / curve.dof[first:]
+    coefficients, spread, covariance = _fitted(
+        kernel, variance[first:], start, np.ones(len(LAWS), dtype=bool)
+    )
+    misfit, surprising = _misfit(kernel, variance[first:], coefficients, spread, covariance)
+    return _Attempt(
+        kernel, variance[first:], start, coefficients, spread, covariance, misfit, surprising
+    )
+
+
+def _uncertainty(attempt: _Attempt) -> Array:
+    """Standard uncertainties [5] of the coefficients, zero where they are, scaled up where the
+    misfit surprises.
+    """
+    active = attempt.coefficients > 0.0
+    operator = _operator(attempt.kernel.design, attempt.spread, active)
+    uncertainty = np.zeros(len(LAWS))
+    uncertainty[active] = np.sqrt(np.diag(operator @ attempt.covariance @ operator.T))
+    return uncertainty * float(np.sqrt(attempt.misfit) if attempt.surprising else 1.0)
+
+
+def _reason(attempt: _Attempt, term: int) -> str:
+    """Why a term is not observable."""
+    if attempt.surprising and attempt.misfit > GROSS_MISFIT:
+        return "the five noise terms do not describe the curve"
+    if attempt.coefficients[term] <= 0.0:
+        return "the record shows none of it beside the other terms"
+    return "the other terms can stand in for it within the noise"
+
+
+def _flags(
+    attempt: _Attempt, shown: NDArray[np.bool_], curve: DeviationCurve, first: int
+) -> tuple[str, ...]:
+    """What a reader must know of the fit, in sentences."""
+    flags = []
+    if first:
+        flags.append(
+            f"averaging times below {curve.tau_s[first]:g} s left out: the noise terms do not"
+            " describe them"
+        )
+    if attempt.surprising:
+        flags.append(
+            "no noise term reported: the five of them do not describe the curve"
+            if attempt.misfit > GROSS_MISFIT
+            else (
+                "the noise terms miss the curve: uncertainties scaled up by"
+                f" {np.sqrt(attempt.misfit):.2g}"
+            )
+        )
+    elif shown.any():
+        suspects = [
+            law.symbol
+            for j, law in enumerate(LAWS)
+            if not shown[j]
+            and attempt.coefficients[j] > 0.0
+            and _chance(attempt, j, shown) < SIGNIFICANCE
+        ]
+        if suspects:
+            flags.append(
+                f"beside the reported terms there is {' or '.join(suspects)} in the curve, not"
+                " enough to report"
+            )
+    return tuple(flags)
+
+
+def _term(law: PowerLaw, coefficient: float, uncertainty: float) -> NoiseTerm:
+    """A reported term; its degrees of freedom are those of a χ² with the coefficient's relative
+    uncertainty.
+    """
+    value = law.scale * float(np.sqrt(coefficient))
+    relative = uncertainty / coefficient
+    return NoiseTerm(
+        law.name, law.symbol, value, law.unit, value * relative / 2.0, 2.0 / relative**2
+    )
+
+
+def _require_curve(curve: DeviationCurve) -> Array:
+    """Allan variance [m] of a curve that can be fitted, or a refusal."""
+    if curve.estimator != "overlapping Allan":
+        raise FitError(
+            f"a curve of '{curve.estimator}' where the overlapping Allan deviation was expected"
+        )
+    if curve.tau_s.size < FEWEST_TIMES:
+        raise FitError(
+            f"{curve.tau_s.size} averaging times, at least {FEWEST_TIMES} expected for five noise"
+            " terms",
+            hint="record for longer or ask for more averaging times",
+        )
+    if not np.all(curve.deviation_dph > 0.0):
+        raise FitError(
+            "the Allan deviation is zero: the rate does not change",
+            hint="check the log's resolution",
+        )
+    return np.asarray(curve.deviation_dph**2, dtype=np.float64)
+
+
+def _kernel(curve: DeviationCurve, first: int) -> _Kernel:
+    """Spectra, filter responses and integration weights for the averaging times of a curve from
+    index `first` on.
+
+    One-sided spectra per cycle/sample from the coefficients: white 2c/τ₀, flicker c/(2 ln 2 ν),
+    random walk 3c τ₀/(2π² ν²), quantization (8c/3) sin²(πν)/τ₀² (NIST SP 1065 table 3; the last for
+    differences of white angle).
+    """
+    interval = curve.interval_s
+    nu = np.geomspace(0.01 / curve.samples, 0.5, FREQUENCIES)
+    step = nu * np.log(nu[1] / nu[0])
+    step[[0, -1]] /= 2.0
+    shapes = np.stack(
+        [
+            8.0 / 3.0 * np.sin(np.pi * nu) ** 2 / interval**2,
+            np.full(nu.size, 2.0 / interval),
+            1.0 / (2.0 * np.log(2.0) * nu),
+            3.0 * interval / (2.0 * np.pi**2 * nu**2),
+            np.zeros(nu.size),
+        ]
+    )
+    factor, pairs = curve.factor[first:].astype(np.float64), curve.pairs[first:].astype(np.float64)
+    difference = 2.0 * np.sin(np.pi * np.outer(factor, nu)) * _averaging(factor, nu)
+    return _Kernel(
+        shapes=shapes,
+        response=difference**2 / 2.0,
+        mean_response=difference * _averaging(pairs, nu),
+        step=step,
+        longer=np.maximum.outer(pairs, pairs),
+        tau=curve.tau_s[first:],
+        design=_design(curve.tau_s[first:]),
+    )
+
+
+def _design(tau: Array) -> Array:
+    """Powers of the averaging times [m, 5], one column a term."""
+    return np.asarray(
+        tau[:, None] ** np.array([law.exponent for law in LAWS], dtype=np.float64), dtype=np.float64
+    )
+
+
+def _averaging(length: Array, nu: Array) -> Array:
+    """Response [m, f] of the mean of `length` [m] successive samples (Dirichlet kernel)."""
+    return np.asarray(
+        np.sin(np.pi * np.outer(length, nu)) / np.outer(length, np.sin(np.pi * nu)),
+        dtype=np.float64,
+    )
+
+
+def _covariance(kernel: _Kernel, coefficients: Array) -> Array:
+    """Covariance [m, m] of the Allan variances of a record with the given noise.
+
+    Gaussian noise: Σ over pairs of 2 cov²/(4 M_a M_b) becomes ∫ S² A_a A_b dν / max(M_a, M_b) by
+    Parseval. A ramp R adds R² τ_a τ_b cov(z̄_a, z̄_b), z̄ the mean pair difference.
+    """
+    spectrum = coefficients @ kernel.shapes
+    covariance = (kernel.response * (spectrum**2 * kernel.step)) @ kernel.response.T / kernel.longer
+    if coefficients[-1] == 0.0:
+        return np.asarray(covariance, dtype=np.float64)
+    mean = (kernel.mean_response * (spectrum * kernel.step)) @ kernel.mean_response.T
+    return np.asarray(
+        covariance + 2.0 * coefficients[-1] * np.outer(kernel.tau, kernel.tau) * mean,
+        dtype=np.float64,
+    )
+
+
+def _fitted(
+    kernel: _Kernel, variance: Array, start: Array, allowed: NDArray[np.bool_]
+) -> tuple[Array, Array, Array]:
+    """Coefficients [5] ≥ 0 of the allowed terms, variances [m] they were weighted with, covariance
+    [m, m].
+    """
+    spread = start + (MODEL_ERROR * variance) ** 2
+    coefficients = _non_negative(kernel.design, variance, spread, allowed)
+    covariance = _covariance(kernel, coefficients)
+    for _ in range(ITERATIONS):
+        spread = np.diag(covariance) + (MODEL_ERROR * (kernel.design @ coefficients)) ** 2
+        last, coefficients = coefficients, _non_negative(kernel.design, variance, spread, allowed)
+        covariance = _covariance(kernel, coefficients)
+        if np.allclose(coefficients, last, rtol=1e-6, atol=0.0):
+            break
+    return coefficients, spread, covariance
+
+
+def _non_negative(
+    design: Array, variance: Array, spread: Array, allowed: NDArray[np.bool_]
+) -> Array:
+    """Weighted least squares with non-negative coefficients [5], zero where not allowed (Lawson &
+    Hanson 1974).
+    """
+    from scipy.optimize import nnls
+
+    weight = 1.0 / np.sqrt(spread)
+    weighted = design[:, allowed] * weight[:, None]
+    scale = np.linalg.norm(weighted, axis=0)
+    coefficients = np.zeros(design.shape[1])
+    coefficients[allowed] = nnls(weighted / scale, variance * weight)[0] / scale
+    return coefficients
+
+
+def _operator(design: Array, spread: Array, active: NDArray[np.bool_]) -> Array:
+    """Matrix [p, m] that takes Allan variances to the p active coefficients of the weighted fit."""
+    weight = 1.0 / np.sqrt(spread)
+    weighted = design[:, active] * weight[:, None]
+    scale = np.linalg.norm(weighted, axis=0)
+    return np.asarray(np.linalg.pinv(weighted / scale) / scale[:, None] * weight, dtype=np.float64)
+
+
+def _chance(attempt: _Attempt, term: int, others: NDArray[np.bool_]) -> float:
+    """Probability that a record of the other terms alone, refitted, shows as much of this term as
+    the record does.
+    """
+    from scipy.special import gammaincc, ndtr
+
+    if attempt.coefficients[term] <= 0.0:
+        return 1.0
+    kernel = attempt.kernel
+    coefficients, spread, covariance = _fitted(kernel, attempt.variance, attempt.start, others)
+    active = coefficients > 0.0
+    active[term] = True
+    row = _operator(kernel.design, spread, active)[int(np.sum(active[:term]))]
+    noise = float(row @ covariance @ row)
+    model_error = float(row**2 @ (MODEL_ERROR * (kernel.design @ coefficients)) ** 2)
+    excess = float(row @ attempt.variance) / float(np.sqrt(noise + model_error))
+    # third cumulant of a weighted sum of periodogram ordinates, each exponentially distributed
+    part = (coefficients @ kernel.shapes) * (row @ kernel.response)
+    pairs = float(part**2 @ kernel.step) / noise if noise > 0.0 else np.inf
+    skewness = 2.0 * float(part**3 @ kernel.step) / pairs**2 / noise**1.5 if noise > 0.0 else 0.0
+    if skewness < 1e-3:
+        return float(ndtr(-excess))
+    shape = 4.0 / skewness**2
+    return float(gammaincc(shape, max(shape + excess * np.sqrt(shape), 0.0)))
+
+
+def _misfit(
+    kernel: _Kernel, variance: Array, coefficients: Array, spread: Array, covariance: Array
+) -> tuple[float, bool]:
+    """Weighted square of the residuals over its expectation, and whether chance is ruled out
+    (Satterthwaite's χ²).
+    """
+    from scipy.special import gammaincc
+
+    residual = variance - kernel.design @ coefficients
+    projection = np.eye(variance.size)
+    active = coefficients > 0.0
+    projection -= kernel.design[:, active] @ _operator(kernel.design, spread, active)
+    expected = covariance + np.diag((MODEL_ERROR * (kernel.design @ coefficients)) ** 2)
+    scatter = projection @ expected @ projection.T / np.sqrt(np.outer(spread, spread))
+    mean, square = float(np.trace(scatter)), float(np.sum(scatter**2))
+    ratio = float(np.sum(residual**2 / spread)) / mean
+    half_dof = mean**2 / square / 2.0
+    return ratio, bool(gammaincc(half_dof, half_dof * ratio) < SIGNIFICANCE)

@@ -1,0 +1,1 @@
+"""Lifting wavelets and denoising."""

@@ -1,0 +1,331 @@
+"""Wavelet denoising of one segment of a signal, after the fact or leak-free in real time."""
+
+from __future__ import annotations
+
+import difflib
+from bisect import bisect_left
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.numeric.spans import finite, release
+from calibkit.numeric.wavelet.lifting import (
+    BLOCK,
+    forward,
+    inverse,
+    scheme,
+    shared,
+    span,
+    untouched,
+)
+from calibkit.numeric.wavelet.shrinkage import (
+    RULES,
+    THRESHOLDS,
+    Shrinkage,
+    noise,
+    noise_gains,
+    universal,
+)
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from numpy.typing import NDArray
+
+    from calibkit.numeric.wavelet.lifting import Decomposition, Extension, Room, Scheme
+    from calibkit.numeric.wavelet.shrinkage import Rule, Threshold
+
+    Array = NDArray[np.float64]
+
+OWN_NOISE_FROM = 16
+"""Details that a level must have on the signal to have its noise told from them (29 % standard
+error of the MAD).
+"""
+CAUSAL_START = 32
+"""Details after which the causal mode first tells a level's noise; again whenever their number has
+doubled.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Denoised:
+    """A denoised signal [n], in its own unit, with what was taken for noise.
+
+    noise and thresholds [levels] are of the details, finest level first, in the unit of the signal;
+    what stands beyond the ends cannot reach samples inner[0] … inner[1] − 1. Sample k belongs to
+    sample k − delay of the indication.
+    """
+
+    signal: Array
+    noise: Array
+    thresholds: Array
+    inner: tuple[int, int]
+    levels: int
+    delay: int
+
+    @property
+    def edge(self) -> NDArray[np.bool_]:
+        """Samples [n] that what stands beyond the ends can reach."""
+        at = np.arange(self.signal.size)
+        return (at < self.inner[0]) | (at >= self.inner[1])
+
+
+def denoise(
+    signal: Array,
+    *,
+    wavelet: str = "cdf97",
+    levels: int | None = None,
+    threshold: Threshold = "universal",
+    rule: Rule = "firm",
+    extension: Extension = "trend",
+    room: Room = np.empty,
+) -> Denoised:
+    """Remove from a segment [n] of equidistant samples what its wavelet details hold of noise.
+
+    Parameters
+    ----------
+    signal : [n], any unit.
+    wavelet : a name that `lifting.scheme` knows.
+    levels : depth; that of `deepest` when absent, 6 for 600 samples, 9 for 6000.
+    threshold, rule : names in `shrinkage.THRESHOLDS` and `shrinkage.RULES`.
+    extension : one of `lifting.EXTENSIONS`.
+    room : makes the arrays of details and of the result; memory beyond them is that of a chunk,
+        unless the threshold is "sure".
+
+    Raises
+    ------
+    FitError : a signal shorter than the filter (found, needed), a sample that is not finite, an
+        unknown name.
+
+    Notes
+    -----
+    Noise is told level by level from the details that lie wholly on the signal, so that neither it
+    nor the thresholds depend on the extension; a level with fewer than 16 of them takes the noise
+    of the level above times the ratio of their noise gains (white noise) and, where the threshold
+    looks at details, the universal threshold.
+    """
+    samples = _checked(signal)
+    lifting = scheme(wavelet)
+    depth = deepest(wavelet, samples.size) if levels is None else levels
+    _require_length(samples.size, wavelet, depth)
+    _require_known(threshold, rule)
+    estimate = THRESHOLDS[threshold]
+    out, details_room = shared(lifting, samples.size, room)
+    parts = forward(samples, lifting, depth, extension=extension, room=details_room)
+    sigma = _noise(parts, lifting)
+    thresholds = np.zeros(depth)
+    for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
+        own = detail[interior]
+        known = own.size >= OWN_NOISE_FROM
+        thresholds[j] = (estimate if known else universal)(own, float(sigma[j]), samples.size)
+        release(detail)
+    _, inner = untouched(lifting, samples.size, depth)
+    shrunk = inverse(parts, Shrinkage(rule, thresholds), room=room, into=out)
+    return Denoised(shrunk, sigma, thresholds, inner, depth, 0)
+
+
+def shortest(wavelet: str, levels: int) -> int:
+    """Smallest number of samples on which the filters of all levels fit and level 1 shows its
+    noise.
+
+    Raises
+    ------
+    FitError : an unknown wavelet, or no levels.
+    """
+    if levels < 1:
+        raise FitError(f"{levels} levels of a wavelet transform", hint="use one level or more")
+    return _shortest(scheme(wavelet), levels)
+
+
+def deepest(wavelet: str, length: int) -> int:
+    """Depth for a segment of `length` samples: 2^levels at most an eighth of it, and every filter
+    fits; at least 1.
+
+    On simulated ramps of 600 to 6000 s the details of longer scales are trend rather than noise.
+    """
+    levels = 1
+    while 16 << levels <= length and shortest(wavelet, levels + 1) <= length:
+        levels += 1
+    return levels
+
+
+def causal(
+    signal: Array,
+    *,
+    wavelet: str = "cdf97",
+    levels: int = 5,
+    threshold: Threshold = "universal",
+    rule: Rule = "firm",
+    learned: Denoised | None = None,
+) -> Denoised:
+    """Denoise in real time: sample k of the result is made of samples 0 … k and belongs to sample k
+    − delay.
+
+    Parameters
+    ----------
+    signal : [n], equidistant, any unit.
+    wavelet, levels, threshold, rule : as in `denoise`, but the depth is not chosen by the length.
+    learned : an earlier result of the same depth whose noise and thresholds are used from the first
+        sample on; told
+        from the past details of the signal itself when absent.
+
+    Raises
+    ------
+    FitError : as `denoise`; a signal that is not longer than the delay.
+
+    Notes
+    -----
+    Two signals that are equal before k0 give results that are equal bit for bit before k0, and a
+    longer record starts with the result of a shorter one. The cost is that of `denoise`,
+    proportional to n; a stream needs `delay` samples of memory. The delay is the reach of analysis
+    and synthesis together, for CDF 9/7 8 (2^levels − 1) samples: on a ramp the result is late by
+    slope × delay, more than a moving average of the same noise. Thresholds are told from all
+    earlier details of a level, at 32 of them and whenever their number has doubled; earlier details
+    pass as they are. The first sample stands for everything before it, and for the results before
+    `delay`.
+    """
+    samples = _checked(signal)
+    lifting = scheme(wavelet)
+    _require_length(samples.size, wavelet, levels)
+    late = delay(wavelet, levels)
+    if samples.size <= late:
+        raise FitError(
+            f"{samples.size} samples are not more than the delay of {late} samples of causal"
+            f" {wavelet} over {levels} levels",
+            hint="use fewer levels",
+        )
+    _require_known(threshold, rule)
+    estimate, shrink = THRESHOLDS[threshold], RULES[rule]
+    if learned is not None and learned.levels != levels:
+        raise FitError(
+            f"thresholds of {learned.levels} levels for a transform over {levels}",
+            hint="use one depth",
+        )
+    parts = forward(samples, lifting, levels, extension="constant")
+    sigma, used = np.zeros(levels), np.zeros(levels)
+    for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
+        if learned is not None:
+            sigma[j], used[j] = learned.noise[j], learned.thresholds[j]
+            _shrink_in_place(detail, float(used[j]), shrink)
+        else:
+            sigma[j], used[j] = _shrink_by_the_past(
+                detail[interior.start :], 2 << j, estimate, shrink
+            )
+    rebuilt = inverse(parts)
+    out = np.concatenate([np.full(late, samples[0]), rebuilt[: samples.size - late]])
+    _, (first, _) = untouched(lifting, samples.size, levels)
+    return Denoised(out, sigma, used, (late + first, samples.size), levels, late)
+
+
+def delay(wavelet: str, levels: int) -> int:
+    """Samples after sample k that the causal reconstruction of sample k waits for, at the worst
+    phase of k.
+    """
+    return _delay(scheme(wavelet), levels)
+
+
+@lru_cache(maxsize=64)
+def _delay(lifting: Scheme, levels: int) -> int:
+    """Reach into the future, over all phases of the coarsest level."""
+    return max(span(lifting, k, k + 1, levels)[1] - 1 - k for k in range(1 << levels))
+
+
+@lru_cache(maxsize=256)
+def _shortest(lifting: Scheme, levels: int) -> int:
+    """Bisection of the lengths, because a longer signal never has fewer details that the extension
+    leaves alone.
+    """
+
+    def fits(length: int) -> bool:
+        clean, _ = untouched(lifting, length, levels)
+        return clean[-1][1] > clean[-1][0] and clean[1][1] - clean[1][0] >= OWN_NOISE_FROM
+
+    return bisect_left(range(1 << (levels + 10)), x=True, key=fits)
+
+
+def _shrink_in_place(
+    detail: Array, threshold: float, shrink: Callable[[Array, float], Array]
+) -> None:
+    """Apply a shrinkage rule block by block, so that its intermediate arrays stay in the cache."""
+    for start in range(0, detail.size, BLOCK):
+        block = detail[start : start + BLOCK]
+        block[:] = shrink(block, threshold)
+
+
+def _shrink_by_the_past(
+    detail: Array,
+    spacing: int,
+    estimate: Callable[[Array, float, int], float],
+    shrink: Callable[[Array, float], Array],
+) -> tuple[float, float]:
+    """Shrink details by thresholds told from the details before them; the last noise and threshold,
+    0 where none was.
+
+    The last stretch comes first, because the thresholds are told from details as they were.
+    """
+    starts = [CAUSAL_START << k for k in range(64) if CAUSAL_START << k < detail.size]
+    figures = [(0.0, 0.0)]
+    for start in reversed(starts):
+        past = detail[:start]
+        sigma = noise(past)
+        figures.append((sigma, estimate(past, sigma, start * spacing)))
+        _shrink_in_place(detail[start : 2 * start], figures[-1][1], shrink)
+    return figures[1] if starts else figures[0]
+
+
+def _noise(parts: Decomposition, lifting: Scheme) -> Array:
+    """Noise of every level [levels]: its own where enough details tell it, else that of the level
+    above, scaled.
+    """
+    gains = noise_gains(lifting, len(parts.details))
+    sigma = np.zeros(gains.size)
+    for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
+        own = detail[interior]
+        sigma[j] = (
+            noise(own) if own.size >= OWN_NOISE_FROM else sigma[j - 1] * gains[j] / gains[j - 1]
+        )
+    return sigma
+
+
+def _checked(signal: Array) -> Array:
+    """The signal as an array of finite numbers."""
+    samples = np.ascontiguousarray(signal, dtype=np.float64)
+    if not finite(samples):
+        known = np.isfinite(samples)
+        raise FitError(
+            f"{samples.size - np.count_nonzero(known)} of {samples.size} samples are not finite,"
+            f" the first is sample {int(np.argmin(known))}",
+            hint=(
+                "exclude or split the segment there: a wavelet spreads one bad sample over its"
+                " whole filter"
+            ),
+        )
+    return samples
+
+
+def _require_length(length: int, wavelet: str, levels: int) -> None:
+    """Refuse a signal on which the filter does not fit."""
+    needed = shortest(wavelet, levels)
+    if length < needed:
+        raise FitError(
+            f"{length} samples are shorter than the filter: {wavelet} over {levels} levels needs"
+            f" {needed}",
+            hint="use fewer levels, a shorter wavelet or a longer segment",
+        )
+
+
+def _require_known(threshold: str, rule: str) -> None:
+    """Refuse the name of a threshold or of a rule that does not exist."""
+    for name, known, kind in (
+        (threshold, list(THRESHOLDS), "threshold"),
+        (rule, list(RULES), "shrinkage rule"),
+    ):
+        if name not in known:
+            near = difflib.get_close_matches(name, known, n=1)
+            raise FitError(
+                f"unknown {kind} {name!r}",
+                hint=f"did you mean {near[0]}?" if near else f"use one of {', '.join(known)}",
+            )

@@ -1,0 +1,271 @@
+"""The lifting wavelet transform: schemes by name, analysis and synthesis of signals of any
+length.
+"""
+
+from __future__ import annotations
+
+import difflib
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+from calibkit.numeric.spans import release
+from calibkit.numeric.wavelet import reach
+from calibkit.numeric.wavelet.extension import EXTENSIONS, Beyond, Extension, end_values, extended
+from calibkit.numeric.wavelet.factor import LITERAL, Scheme, Step, factored
+from calibkit.numeric.wavelet.level import BLOCK, analysed, synthesised
+from calibkit.numeric.wavelet.reach import span, untouched
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator, Sequence
+
+    from numpy.typing import NDArray
+
+    from calibkit.numeric.wavelet.reach import Span
+
+    Array = NDArray[np.float64]
+    Room = Callable[[int], Array]
+
+__all__ = [
+    "BLOCK",
+    "EXTENSIONS",
+    "Decomposition",
+    "Extension",
+    "Scheme",
+    "Step",
+    "extended",
+    "forward",
+    "inverse",
+    "scheme",
+    "shared",
+    "span",
+    "untouched",
+]
+
+CHUNK = 1 << 18
+"""Samples that go through all levels at a time, so that approximations stay in the cache too."""
+TOGETHER = 10
+"""Levels that a chunk goes through; deeper ones start from the whole approximation of the tenth, a
+thousandth of the signal.
+"""
+COARSEST = 64
+"""Coefficients of the coarsest level that a chunk has at least, many more than the filters read
+beyond its ends.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class Decomposition:
+    """A signal's wavelet coefficients, in the signal's unit, with what is needed to go back.
+
+    Coefficient k of details[j] has index first[j] + k at level j + 1, index 0 lying at sample 0;
+    there are a few more than length / 2^(j + 1), those that reach the signal from the extension.
+    interior[j] selects the details whose filter lies wholly on the signal.
+    """
+
+    scheme: Scheme
+    length: int
+    extension: Extension
+    approximation: Array
+    details: tuple[Array, ...]
+    first: tuple[int, ...]
+    interior: tuple[slice, ...]
+
+
+def scheme(name: str) -> Scheme:
+    """Lifting scheme "haar", "cdf53", "cdf97", "db2", or any discrete PyWavelets wavelet, factored.
+
+    Raises
+    ------
+    FitError : no such wavelet (with the nearest names), or a bank that cannot be factored well.
+    """
+    if name in LITERAL:
+        return LITERAL[name]
+    import pywt  # costs start-up that literal schemes don't need
+
+    known = [*LITERAL, *pywt.wavelist(kind="discrete")]
+    if name not in known:
+        near = difflib.get_close_matches(
+            name.lower().replace("/", "").replace(" ", ""), known, n=3, cutoff=0.5
+        )
+        raise FitError(
+            f"unknown wavelet {name!r}",
+            hint=(
+                f"did you mean {' or '.join(near)}?"
+                if near
+                else "use haar, cdf53, cdf97, db4, sym8 or the like"
+            ),
+        )
+    return factored(name)
+
+
+def forward(
+    signal: Array, scheme: Scheme, levels: int, *, extension: Extension, room: Room = np.empty
+) -> Decomposition:
+    """Wavelet coefficients of a signal [n], any n ≥ 1, over a number of levels.
+
+    Parameters
+    ----------
+    signal : [n], equidistant samples in any unit.
+    extension : what stands beyond the ends (see `extended`).
+    room : makes the arrays that details are put in; memory beyond them is that of a chunk.
+
+    Raises
+    ------
+    FitError : an empty signal, no levels, an unknown extension.
+
+    Notes
+    -----
+    The signal is extended once, by as many samples as the coefficients that reach it need, and the
+    lifting steps run on the extended signal without any rule for boundaries, odd lengths or powers
+    of two. `inverse` undoes every step with the very numbers it was done with, so that
+    reconstruction is perfect for every scheme, extension and length.
+    """
+    samples = np.ascontiguousarray(signal, dtype=np.float64)
+    if samples.ndim != 1 or samples.size == 0 or levels < 1:
+        raise FitError(
+            f"a signal of shape {np.shape(signal)} cannot be transformed over {levels} levels",
+            hint="give at least one sample and one level",
+        )
+    if extension not in EXTENSIONS:
+        raise FitError(
+            f"unknown extension {extension!r}", hint=f"use one of {', '.join(EXTENSIONS)}"
+        )
+    wanted = reach.spans(scheme, (0, samples.size), levels)
+    needed = reach.needed(scheme, wanted)
+    details = tuple(room(high - low) for low, high in wanted[1:])
+    beyond = Beyond(extension, *end_values(samples, extension, 3 << (levels - 1)))
+    values, first = samples, 0
+    rooms = [np.empty(0), np.empty(0)]
+    for above in range(0, levels, TOGETHER):
+        below = min(above + TOGETHER, levels)
+        approximation = np.empty(needed[below][1] - needed[below][0])
+        for shares, spans in _chunks(scheme, needed[above : below + 1]):
+            part, at = values, first
+            for j, (share, here) in enumerate(zip(shares[1:], spans[1:], strict=True), start=above):
+                own = reach.both(share, wanted[j + 1])
+                outputs = (
+                    (_taken(rooms, j, here), here[0]),
+                    (details[j][reach.selected(own, wanted[j + 1])], own[0]),
+                )
+                analysed(part, at, scheme, here, beyond, outputs)
+                part, at = outputs[0]
+                release(samples, details[j])
+            approximation[reach.selected(shares[-1], needed[below])] = part
+        values, first = approximation, needed[below][0]
+    clean, _ = untouched(scheme, samples.size, levels)
+    return Decomposition(
+        scheme,
+        samples.size,
+        extension,
+        values,
+        details,
+        tuple(low for low, _ in wanted[1:]),
+        tuple(
+            reach.selected(indices, within)
+            for indices, within in zip(clean[1:], wanted[1:], strict=True)
+        ),
+    )
+
+
+def shared(scheme: Scheme, length: int, room: Room = np.empty) -> tuple[Array, Room]:
+    """Array [length] for the signal that `inverse` makes, and what makes room for details: the
+    finest in its second half.
+
+    They lie behind the signal by so much that every one of them is read before the signal is
+    written over it.
+    """
+    _, (low, high) = reach.spans(scheme, (0, length), 1)
+    whole = room(max(reach.overtaken(scheme, length), length, high - low))
+    free = [whole[whole.size - (high - low) :]]
+    return whole[:length], lambda size: free.pop() if free else room(size)
+
+
+def inverse(
+    decomposition: Decomposition,
+    shrink: Callable[[int, Array], Array] | None = None,
+    *,
+    room: Room = np.empty,
+    into: Array | None = None,
+) -> Array:
+    """Signal [n] from its wavelet coefficients, thresholded or not, put into an array [n] or one
+    that `room` makes.
+
+    `shrink` makes of any stretch of the details of a level, 0 the finest, those to be used; it is
+    called block by block while they are in the cache, for some of them twice, and must treat each
+    detail by itself.
+
+    Raises
+    ------
+    FitError : coefficients whose number is not that of the signal's length.
+    """
+    scheme, levels = decomposition.scheme, len(decomposition.details)
+    wanted = reach.spans(scheme, (0, decomposition.length), levels)
+    for (low, high), detail in zip(wanted[1:], decomposition.details, strict=True):
+        if detail.shape != (high - low,) or decomposition.approximation.shape != (
+            wanted[-1][1] - wanted[-1][0],
+        ):
+            raise FitError(
+                f"{detail.shape} details where {high - low} belong to {decomposition.length}"
+                " samples",
+                hint="change coefficients in place or by new values of the same number",
+            )
+    known = decomposition.approximation
+    rooms = [np.empty(0), np.empty(0)]
+    for above in range((levels - 1) // TOGETHER * TOGETHER, -1, -TOGETHER):
+        below = min(above + TOGETHER, levels)
+        out = into if above == 0 and into is not None else room(wanted[above][1] - wanted[above][0])
+        for chunk in reach.cut(wanted[above], max(CHUNK, COARSEST << (below - above))):
+            parts = reach.spans(scheme, chunk, below - above)
+            signal = known[reach.selected(parts[-1], wanted[below])]
+            for level in range(below, above, -1):
+                detail = decomposition.details[level - 1][
+                    reach.selected(parts[level - above], wanted[level])
+                ]
+                here = parts[level - above - 1]
+                made = (
+                    out[reach.selected(chunk, wanted[above])]
+                    if level == above + 1
+                    else _taken(rooms, level, here)
+                )
+                synthesised(
+                    (signal, detail),
+                    scheme,
+                    parts[level - above][0],
+                    here,
+                    (shrink, level - 1),
+                    made,
+                )
+                signal = made
+            release(out, *decomposition.details)
+        known = out
+    return known
+
+
+def _chunks(scheme: Scheme, wanted: Sequence[Span]) -> Iterator[tuple[list[Span], list[Span]]]:
+    """Cut all levels at the same times: each chunk's share of the wanted indices, and the indices
+    computed for it.
+    """
+    levels = len(wanted) - 1
+    for coarsest in reach.cut(wanted[-1], max(CHUNK >> levels, COARSEST)):
+        shares = []
+        for level, (low, high) in enumerate(wanted):
+            start = low if coarsest[0] == wanted[-1][0] else coarsest[0] << (levels - level)
+            stop = high if coarsest[1] == wanted[-1][1] else coarsest[1] << (levels - level)
+            shares.append((min(max(start, low), high), min(max(stop, low), high)))
+        spans = [coarsest]
+        for share in shares[-2::-1]:
+            spans.append(reach.hull(reach.sources(scheme, spans[-1]), share))
+        yield shares, spans[::-1]
+
+
+def _taken(rooms: list[Array], level: int, indices: Span) -> Array:
+    """Room for so many values of a level in one of two arrays in turn: new arrays would cost more
+    than the lifting.
+    """
+    size = indices[1] - indices[0]
+    if rooms[level % 2].size < size:
+        rooms[level % 2] = np.empty(size)
+    return rooms[level % 2][:size]

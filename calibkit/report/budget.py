@@ -1,0 +1,75 @@
+"""Type B terms that name a coefficient or a figure of a run → its combined and expanded
+uncertainty, beside its type A one.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from calibkit.numeric import gum
+from calibkit.recipe import type_b
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator, Sequence
+
+    from calibkit.coefficients import Coefficient, StageResult
+    from calibkit.recipe import TypeB
+
+
+def _named(results: Sequence[StageResult]) -> Iterator[tuple[str, str, Coefficient, float]]:
+    """Stage, full name, coefficient or figure, and type A degrees of freedom of everything that a
+    run found.
+    """
+    for result in results:
+        for model in result.models:
+            for coefficient in model.coefficients:
+                yield (
+                    result.stage,
+                    f"{model.name}.{coefficient.name}",
+                    coefficient,
+                    float(max(model.dof, 1)),
+                )
+        for figure in result.figures:
+            yield result.stage, figure.name, figure, float("inf")
+
+
+def of_results(results: Sequence[StageResult], terms: Sequence[TypeB]) -> list[dict[str, Any]]:
+    """JSON object of every coefficient and figure that a term names: components, u, effective
+    degrees of freedom, k and U.
+    """
+    found = []
+    for stage, name, entry, dof in _named(results):
+        parts = [
+            part
+            for wanted in dict.fromkeys((name, entry.name))
+            for part in type_b.terms_of(terms, wanted, entry.value).components
+        ]
+        if not parts:
+            continue
+        own = gum.Component("type A", entry.value, entry.standard_uncertainty, "A", dof=dof)
+        combined = gum.combine([own, *parts])
+        found.append(
+            {
+                "result": f"{stage}: {name}",
+                "unit": entry.unit,
+                "value": entry.value,
+                "components": [
+                    {
+                        "name": part.name,
+                        "kind": part.kind,
+                        "standard_uncertainty": abs(part.sensitivity) * part.standard_uncertainty,
+                    }
+                    for part in (own, *parts)
+                ],
+                "standard_uncertainty": combined.standard_uncertainty,
+                "effective_dof": (
+                    combined.effective_dof if np.isfinite(combined.effective_dof) else None
+                ),
+                "coverage_factor": combined.coverage_factor,
+                "expanded_uncertainty": combined.expanded_uncertainty,
+                "probability": combined.probability,
+            }
+        )
+    return found

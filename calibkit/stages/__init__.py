@@ -1,1 +1,0 @@
-"""Stages: a frame or an earlier result and the stage's own part of the recipe in, the next result out."""
