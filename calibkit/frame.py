@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
 
     import pandas as pd
-    from numpy.typing import NDArray
 
+    from calibkit.arrays import Array
     from calibkit.errors import CalibkitError
 
 CANONICAL = (
@@ -75,7 +75,7 @@ class Log:
     """Offset of a second logger's clock [s] and the largest standard uncertainty of its times [s],
     where one was joined.
     """
-    room: Callable[[int], NDArray[np.float64]] = np.empty
+    room: Callable[[int], Array] = np.empty
     """Makes arrays along the rows where the log lies: in memory, or on disk."""
     _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
     """What was asked of the columns before, by many checks; a log that replaces this one begins
@@ -210,7 +210,7 @@ def is_canonical(column: str) -> bool:
     return column in CANONICAL or any(re.fullmatch(pattern, column) for pattern in PATTERNS)
 
 
-def values(frame: pd.DataFrame, column: str) -> NDArray[np.float64]:
+def values(frame: pd.DataFrame, column: str) -> Array:
     """One column as a float64 array [n], in the unit that its name states."""
     return np.ascontiguousarray(frame[column].to_numpy(dtype=np.float64))
 

@@ -12,8 +12,8 @@ from typing import TYPE_CHECKING
 from calibkit.errors import RecipeError
 
 if TYPE_CHECKING:
-    import numpy as np
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
+
 
 EARTH_RATE_DPH = 15.041067
 """Rotation of the earth against the stars [°/h]."""
@@ -238,9 +238,7 @@ def _a(dimension: str) -> str:
     return f"{'an' if dimension[0] in 'aeiou' else 'a'} {dimension}"
 
 
-def convert(
-    values: NDArray[np.float64], source: str, target: str, *, gravity_mps2: float | None = None
-) -> NDArray[np.float64]:
+def convert(values: Array, source: str, target: str, *, gravity_mps2: float | None = None) -> Array:
     """Convert values [any shape] from one unit to another of the same dimension.
 
     m/s² and local g convert into each other only when the local gravity [m/s²] is given: which g is
@@ -273,7 +271,7 @@ def convert(
     return (values + a.shift) * a.factor / a.divisor * b.divisor / b.factor - b.shift
 
 
-def scaled(values: NDArray[np.float64], factor: float) -> NDArray[np.float64]:
+def scaled(values: Array, factor: float) -> Array:
     """Values [any shape] times a factor that is meant as its decimal digits say.
 
     The factor is taken as the fraction of two whole numbers that its shortest decimal text is:

@@ -20,8 +20,7 @@ from calibkit.recipe import type_b
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.recipe import TypeB
 
 TYPE_A = "fit to the logs"
@@ -161,7 +160,7 @@ def magnitude_interval(value: float, uncertainty: Uncertainty) -> tuple[float, f
 
 
 @lru_cache
-def _draws(dof: int) -> NDArray[np.float64]:
+def _draws(dof: int) -> Array:
     """Equally probable draws [trials, 1] of Student's distribution, of the normal one for 0: the
     same on every machine.
     """

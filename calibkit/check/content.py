@@ -15,8 +15,7 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.frame import Severity
 
 LARGEST_RATE_DPH = 1e7
@@ -162,9 +161,7 @@ def _long_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
     return at_row(log, k + 1, "time_s", found, f"at most {limit_s:g} s", advice, "gap", figure=step)
 
 
-def _short_gaps(
-    log: Log, missing: NDArray[np.int64], step: NDArray[np.float64], usual: float
-) -> list[Finding]:
+def _short_gaps(log: Log, missing: Integers, step: Array, usual: float) -> list[Finding]:
     """Gaps that are allowed, told in one finding."""
     if not missing.size:
         return []

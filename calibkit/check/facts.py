@@ -16,9 +16,8 @@ from calibkit.numeric import anomalies
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 BIN_DEGC = 10.0
 """Width of a temperature bin of the occupancy."""

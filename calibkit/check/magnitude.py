@@ -18,11 +18,9 @@ from calibkit.numeric import anomalies, segments, spans
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.recipe import Recipe
 
-    Array = NDArray[np.float64]
 
 QUIETEST_DPH = 0.02
 """Span [°/h] that the indication of no logged gyro stays within: its white noise alone is wider."""

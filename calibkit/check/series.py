@@ -17,10 +17,8 @@ from calibkit.numeric import anomalies, spans
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
-    Rows = NDArray[np.int64]
 
 SPIKE_DEGC = 0.5
 """Departure from its neighbours [°C] below which a temperature is no spike: air is turbulent."""
@@ -181,7 +179,7 @@ def spikes(log: Log, column: str, data: Array, unit: str, *, least: float = 0.0)
     )
 
 
-def _told(log: Log, column: str, data: Array, found: Rows, unit: str) -> list[Finding]:
+def _told(log: Log, column: str, data: Array, found: Integers, unit: str) -> list[Finding]:
     """Spikes at the rows found, told in one finding at the worst."""
     if not found.size:
         return []
@@ -215,13 +213,13 @@ PIECE = 1 << 20
 """Rows of a column that are judged at once."""
 
 
-def _pieces(data: Array, look: Callable[[Array], Rows]) -> Rows:
+def _pieces(data: Array, look: Callable[[Array], Integers]) -> Integers:
     """Rows that a search finds in pieces of a long series."""
     parts = [look(data[start:stop]) + start for start, stop in spans.along(data, rows=PIECE)]
     return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
 
 
-def stuck_runs(log: Log, column: str, data: Array, runs: Rows, unit: str) -> list[Finding]:
+def stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) -> list[Finding]:
     """Values that stand still: saturated where they stand at the column's extreme, else stuck."""
     if not len(runs):
         return []

@@ -18,11 +18,9 @@ from calibkit.frame import Finding, Log, values
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.frame import Severity
 
-    Array = NDArray[np.float64]
 
 SPAN_DEGC = 5.0
 """Change of temperature from which rates and slopes tell units apart."""

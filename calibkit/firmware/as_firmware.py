@@ -23,15 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.coefficients import Record
     from calibkit.firmware.program import Program
     from calibkit.frame import Log
     from calibkit.procedures import Applied
     from calibkit.recipe import Recipe
-
-    Array = NDArray[np.float64]
 
 
 def apply(spec: Recipe, records: Mapping[str, Record], data: Path, number: str) -> Applied:
@@ -131,7 +128,7 @@ def _drift(spec: FogThermalRecipe, quantised: Program, data: Path) -> Applied:
     return write_back.replaced(spec, data, {"gyro_dph": gyro - known}), flags
 
 
-def _updates(quantised: Program, heard: Mapping[str, Array]) -> tuple[Array, NDArray[np.int64]]:
+def _updates(quantised: Program, heard: Mapping[str, Array]) -> tuple[Array, Integers]:
     """Drift [n, °/h] and status [n] update by update from a reset."""
     words = {name: twin.encoded(quantised, name, column) for name, column in heard.items()}
     state, level, status = twin.reset(quantised, 1), [], []
@@ -146,7 +143,7 @@ def _updates(quantised: Program, heard: Mapping[str, Array]) -> tuple[Array, NDA
     return np.array(level), np.array(status, dtype=np.int64)
 
 
-def _flags(file: str, quantised: Program, status: NDArray[np.int64]) -> tuple[str, ...]:
+def _flags(file: str, quantised: Program, status: Integers) -> tuple[str, ...]:
     """Share of calls that returned each status."""
     bits = {flag: 1 << k for k, flag in enumerate(quantised.structure.flags)} | {
         "INVALID": twin.INVALID

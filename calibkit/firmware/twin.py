@@ -20,6 +20,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from calibkit.arrays import Array, Mask
     from calibkit.firmware.chain import Case, Step, Term
     from calibkit.firmware.program import Program
 
@@ -51,7 +52,7 @@ class Result:
     state: State | None
 
 
-def encoded(program: Program, name: str, physical: NDArray[np.float64]) -> Words:
+def encoded(program: Program, name: str, physical: Array) -> Words:
     """Words that an application hands over for physical values; what does not fit becomes the
     nearest word that does.
     """
@@ -65,7 +66,7 @@ def encoded(program: Program, name: str, physical: NDArray[np.float64]) -> Words
     return np.where(np.isnan(scaled), -most - 1, words)
 
 
-def decoded(program: Program, name: str, words: Words) -> NDArray[np.float64]:
+def decoded(program: Program, name: str, words: Words) -> Array:
     """Physical values of an output; NaN for the word that stands for none."""
     if not program.format.fixed:
         return np.asarray(words, dtype=np.float64)
@@ -135,7 +136,7 @@ def dtype(program: Program) -> Any:  # noqa: ANN401 (a numpy type)
     )
 
 
-def _invalid(program: Program, words: Words) -> NDArray[np.bool_]:
+def _invalid(program: Program, words: Words) -> Mask:
     """Inputs that are no number."""
     if program.format.fixed:
         return np.asarray(words == -(1 << (program.format.bits - 1)))

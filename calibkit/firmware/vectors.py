@@ -14,8 +14,7 @@ from calibkit.firmware.chain import Map
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.firmware.chain import Chain
     from calibkit.firmware.program import Program
     from calibkit.firmware.twin import Result, State, Words
@@ -119,7 +118,7 @@ def _updated(
         yield result
 
 
-def _apart(chain: Chain) -> dict[str, NDArray[np.float64]]:
+def _apart(chain: Chain) -> dict[str, Array]:
     """Inputs over their ranges, each in its own order so that none goes with another, the last ones
     beyond.
     """
@@ -143,7 +142,7 @@ def _apart(chain: Chain) -> dict[str, NDArray[np.float64]]:
     return found
 
 
-def _in_turn(chain: Chain) -> tuple[dict[str, NDArray[np.float64]], tuple[int, ...]]:
+def _in_turn(chain: Chain) -> tuple[dict[str, Array], tuple[int, ...]]:
     """Inputs of one thermal history, and the updates of each of its rows."""
     known = ranges.of(chain, usual=False)
     low, high = (float(limit) for limit in known["temp_case_degc"])
@@ -169,7 +168,7 @@ def _largest_gradient(chain: Chain) -> float:
     return float(max(reach, default=0))
 
 
-def _short(values: NDArray[np.float64], half: float) -> NDArray[np.float64]:
+def _short(values: Array, half: float) -> Array:
     """Values on a coarse binary grid."""
     unit = ldexp(1.0, frexp(half)[1] - 10)
     return np.asarray(np.rint(values / unit) * unit, dtype=np.float64)

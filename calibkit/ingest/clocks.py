@@ -20,10 +20,8 @@ from calibkit.numeric import anomalies
 from calibkit.numeric.least_squares import hac
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 MOST_POINTS = 20_000
 """Rows of logger A that enter the estimate: more of them add correlated noise alone."""

@@ -17,12 +17,11 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import pandas as pd
-    from numpy.typing import NDArray
 
+    from calibkit.arrays import Array
     from calibkit.readers.table import Table
     from calibkit.recipe import Column, Recipe
 
-    Array = NDArray[np.float64]
 
 SENTINELS = (9.9e37, -9.9e37)
 """Values that instruments write for overload, whatever the unit; 9.9E+37 is SCPI's."""

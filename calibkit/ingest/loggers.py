@@ -21,12 +21,10 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Mask
     from calibkit.recipe import Recipe
     from calibkit.recipe.tables import SecondLogger
 
-    Array = NDArray[np.float64]
 
 GAIN = 0.1
 """Departure from 1 of the gain between two sensors of one quantity that is noted."""
@@ -225,7 +223,7 @@ def _at(time_b: Array, value: Array, time: Array) -> Array:
     return clocks.averaged(time_b, value, time)
 
 
-def _lost(time: Array, on_a: Array, lost: NDArray[np.bool_], file: str) -> tuple[str, ...]:
+def _lost(time: Array, on_a: Array, lost: Mask, file: str) -> tuple[str, ...]:
     """Which rows of the log have no value of the second logger, and why."""
     if not lost.any():
         return ()

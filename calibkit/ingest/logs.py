@@ -21,12 +21,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
-    from numpy.typing import NDArray
 
+    from calibkit.arrays import Array
     from calibkit.readers.table import Table
     from calibkit.recipe import Column, Exclude, Recipe
 
-    Array = NDArray[np.float64]
 
 Read = TypeVar("Read")
 NEEDED_LATER = (

@@ -27,10 +27,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-
+    from calibkit.arrays import Array
     from calibkit.recipe import Recipe
 
 SETTING = "CALIBKIT_LARGEST_LOG_MB"

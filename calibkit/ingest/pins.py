@@ -13,15 +13,12 @@ from calibkit.ingest.logs import log_name
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Integers
     from calibkit.frame import Log
     from calibkit.recipe import Recipe
 
-    Rows = NDArray[np.int64]
 
-
-def rows(log: Log, spec: Recipe, kinds: Sequence[str]) -> Rows | None:
+def rows(log: Log, spec: Recipe, kinds: Sequence[str]) -> Integers | None:
     """Rows [m, 2] of the segments of some kinds that the recipe pins in a log, ascending; none
     where it pins nothing.
 

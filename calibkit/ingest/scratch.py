@@ -14,10 +14,10 @@ import numpy as np
 from calibkit.errors import OutputError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
 
-def column(rows: int) -> NDArray[np.float64]:
+def column(rows: int) -> Array:
     """An array [rows] in a scratch file of the system's folder for temporary files (TMPDIR), its
     values not set.
 

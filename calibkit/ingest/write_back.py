@@ -21,12 +21,11 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     import pandas as pd
-    from numpy.typing import NDArray
 
+    from calibkit.arrays import Array
     from calibkit.readers.table import Table
     from calibkit.recipe import Recipe
 
-    Array = NDArray[np.float64]
 
 BLOCK = 1 << 18
 """Bytes of a log that are written again at a time."""

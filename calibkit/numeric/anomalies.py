@@ -16,10 +16,8 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers, Mask
 
-    Array = NDArray[np.float64]
-    Rows = NDArray[np.int64]
 
 MAD_TO_SIGMA = 1.0 / 0.6744897501960817
 """Standard deviation of normal noise over its median absolute deviation."""
@@ -116,7 +114,7 @@ def repeats(values: Array) -> float:
     return float(np.mean(values[1:] == values[:-1])) if values.size > 1 else 0.0
 
 
-def spikes(values: Array, *, least: float = 0.0) -> Rows:
+def spikes(values: Array, *, least: float = 0.0) -> Integers:
     """Rows of a series [n] that stand out of their neighbours and are gone after at most three
     rows.
 
@@ -138,7 +136,7 @@ def spikes(values: Array, *, least: float = 0.0) -> Rows:
     return np.asarray(rows[_from_median(values, rows) > limit], dtype=np.int64)
 
 
-def _neighbours(wide: Rows, values: Array) -> Iterator[Rows]:
+def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
     """Rows about wide steps of a series [n], a part after the other; all rows where it is not one
     scatter throughout.
     """
@@ -149,7 +147,7 @@ def _neighbours(wide: Rows, values: Array) -> Iterator[Rows]:
         spans.release(values)
 
 
-def _from_median(values: Array, rows: Rows) -> Array:
+def _from_median(values: Array, rows: Integers) -> Array:
     """How far rows [m] of a series [n] are from the medians of the seven rows around them."""
     around = spans.at(
         values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
@@ -167,7 +165,7 @@ def _sampled_steps(values: Array) -> Array:
     return np.abs(steps, out=steps)
 
 
-def _wide_steps(values: Array, limit: float) -> Rows:
+def _wide_steps(values: Array, limit: float) -> Integers:
     """Rows before a step of a series [n] of more than a limit, looked for in parts that stay in a
     processor's cache.
     """
@@ -178,7 +176,7 @@ def _wide_steps(values: Array, limit: float) -> Rows:
     return np.concatenate(found)
 
 
-def _local(values: Array, rows: Rows) -> Array:
+def _local(values: Array, rows: Integers) -> Array:
     """Standard deviation of the noise of a series [n] about rows [m]: that of the block, or of the
     whole where it is larger.
     """
@@ -204,7 +202,7 @@ def _noise(values: Array) -> float:
     return HIGH_TO_SIGMA * spans.quantile(off, HIGH) / float(np.sqrt(1.5))
 
 
-def equal_runs(values: Array, shortest: int) -> Rows:
+def equal_runs(values: Array, shortest: int) -> Integers:
     """First row and the row after the last [m, 2] of the runs of at least `shortest` equal values
     in a series [n].
     """
@@ -212,7 +210,7 @@ def equal_runs(values: Array, shortest: int) -> Rows:
     if values.size < shortest:
         return np.zeros((0, 2), dtype=np.int64)
 
-    def alike(first: int, stop: int) -> NDArray[np.bool_]:
+    def alike(first: int, stop: int) -> Mask:
         part = values[first : stop + shortest - 1]
         same, length = part[1:] == part[:-1], 1
         while length < shortest - 1:  # same[k]: rows k … k + length are equal
@@ -227,7 +225,7 @@ def equal_runs(values: Array, shortest: int) -> Rows:
     return runs
 
 
-def stuck(values: Array) -> Rows:
+def stuck(values: Array) -> Integers:
     """Runs [m, 2] of equal values that chance does not give a series [n] of noise; none in a series
     that mostly repeats.
 
@@ -247,7 +245,7 @@ def stuck(values: Array) -> Rows:
     return np.asarray(runs[runs[:, 1] - runs[:, 0] >= shortest], dtype=np.int64)
 
 
-def stuck_against(driver: Array, moved: float, runs: Rows) -> Rows:
+def stuck_against(driver: Array, moved: float, runs: Integers) -> Integers:
     """Those runs [m, 2] of equal values of a series during which what drives it [n] moves by more
     than `moved`.
     """
@@ -257,12 +255,12 @@ def stuck_against(driver: Array, moved: float, runs: Rows) -> Rows:
     return np.asarray(runs[moves > moved], dtype=np.int64)
 
 
-def _apart(rows: Rows) -> Rows:
+def _apart(rows: Integers) -> Integers:
     """Where rows [m] are cut into groups that lie in one span each."""
     return np.flatnonzero(np.diff(rows // spans.ROWS)) + 1
 
 
-def _moves(driver: Array, runs: Rows) -> Array:
+def _moves(driver: Array, runs: Integers) -> Array:
     """Range [m] of a driver [n] over runs [m, 2] of rows."""
     first, stop = int(runs[0, 0]), min(int(runs[-1, 1]) + 1, driver.size)
     part = driver[first:stop]
@@ -273,7 +271,7 @@ def _moves(driver: Array, runs: Rows) -> Array:
     return np.asarray(found, dtype=np.float64)
 
 
-def frozen(values: Array, least: float, runs: Rows) -> Rows:
+def frozen(values: Array, least: float, runs: Integers) -> Integers:
     """Those runs [m, 2] of equal values of a smooth series [n] that end in a leap: what it did
     meanwhile was not logged.
 
@@ -324,7 +322,7 @@ def clipped(values: Array) -> tuple[int, float] | None:
     return None
 
 
-def jumps(values: Array, window: int) -> tuple[Rows, Array]:
+def jumps(values: Array, window: int) -> tuple[Integers, Array]:
     """Rows [m] at which the level of a series [n] changes suddenly and stays, and the changes [m]
     in its unit.
 
@@ -368,7 +366,7 @@ def _reach(values: Array, noise: float) -> tuple[float, float]:
     return low - 3.0 * noise, high + 3.0 * noise
 
 
-def _peaks(row: Rows, change: Array, apart: int) -> tuple[Rows, Array]:
+def _peaks(row: Integers, change: Array, apart: int) -> tuple[Integers, Array]:
     """The row of the largest change of each group of rows that are closer than `apart`."""
     groups = np.split(np.arange(row.size), np.flatnonzero(np.diff(row) > 1) + 1)
     tops = [int(group[np.argmax(np.abs(change[group]))]) for group in groups if group.size]

@@ -16,9 +16,8 @@ import numpy as np
 from calibkit.errors import FitError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
 
 Convention = Literal["gravity", "specific_force"]
 """What a positive indication means: "gravity" is positive along gravity, "specific_force" is
@@ -163,7 +162,7 @@ def standard_uncertainty(vector: Array, covariance: Array) -> tuple[Array, Array
     return inclination_deg, np.where(upright, np.nan, np.degrees(np.sqrt(roll)))
 
 
-def roll_axis(vector: Array, roll_set: NDArray[np.int64], nominal: Array) -> Array:
+def roll_axis(vector: Array, roll_set: Integers, nominal: Array) -> Array:
     """Unit axis [3] about which a tool was rolled, in the triad's frame, from gravity vectors [n,
     3] in several rolls.
 

@@ -14,9 +14,8 @@ from calibkit.errors import FitError
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 CORRELATED_RUN = 5
 """Fewest lags in a row that must be insignificant before a correlation counts as ended (Politis &

@@ -11,9 +11,7 @@ from calibkit.native import kernels
 if TYPE_CHECKING:
     from ctypes import CDLL
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array
 
 
 def kernels_for(*arrays: Array) -> CDLL | None:

@@ -11,10 +11,8 @@ from calibkit.errors import FitError
 from calibkit.numeric import spans
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
-    Intervals = NDArray[np.int64]
 
 STILL_FACTOR = 2.0
 """Windowed noise, over the noise at rest, up to which a sample counts as held still."""
@@ -28,7 +26,7 @@ BATCHES = 16
 class Dwells:
     """Means of columns over held intervals."""
 
-    intervals: Intervals
+    intervals: Integers
     """[m, 2], first row and the row after the last."""
     mean: Array
     """[m, c], unit of the column."""
@@ -49,7 +47,7 @@ def still(
     factor: float = STILL_FACTOR,
     threshold: float | None = None,
     shortest: int | None = None,
-) -> Intervals:
+) -> Integers:
     """Find the intervals in which a triad was held still.
 
     The noise of a sample is the standard deviation of the window around it, the three axes
@@ -134,7 +132,7 @@ def windowed_noise(indication: Array, window: int, middle: Array | None = None) 
     return np.asarray(np.sqrt(np.maximum(np.sum(variance, axis=1), 0.0)), dtype=np.float64)
 
 
-def pieces(intervals: Intervals, rows: int) -> Intervals:
+def pieces(intervals: Integers, rows: int) -> Integers:
     """Cut intervals [m, 2] into pieces of `rows` rows, for sweeps that hold one attitude while the
     temperature moves.
 
@@ -150,7 +148,7 @@ def pieces(intervals: Intervals, rows: int) -> Intervals:
     return np.array(cut, dtype=np.int64).reshape(-1, 2)
 
 
-def averages(columns: Array, intervals: Intervals) -> Dwells:
+def averages(columns: Array, intervals: Integers) -> Dwells:
     """Means, noise and creep of columns [n, c] over intervals [m, 2] of at least two rows."""
     lengths = intervals[:, 1] - intervals[:, 0]
     if len(intervals) == 0 or lengths.min() < 2:

@@ -7,9 +7,10 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array
+
 
 EARTH_RATE_RADPS = 7.292115e-5
 """Angular rate of the earth [rad/s] (WGS 84, NIMA TR8350.2, table 3.1)."""

@@ -15,9 +15,8 @@ from calibkit.errors import FitError
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
 
 Distribution = Literal["normal", "t", "rectangular", "triangular", "arcsine"]
 Interval = Literal["shortest", "symmetric", "upper", "lower"]
@@ -155,9 +154,7 @@ def combine(
     return expand(largest * float(np.sqrt(variance)), dof, probability=probability)
 
 
-def _welch_satterthwaite(
-    variance: float, pairwise: Array, tied: NDArray[np.int64], dof: Array
-) -> float:
+def _welch_satterthwaite(variance: float, pairwise: Array, tied: Integers, dof: Array) -> float:
     """ν_eff = u_c⁴ / Σ u_g⁴/ν_g over groups of tied inputs (JCGM 100 eq. G.2b)."""
     total = 0.0
     for group in np.unique(tied):
@@ -166,7 +163,7 @@ def _welch_satterthwaite(
     return variance**2 / total if total > 0.0 else float("inf")
 
 
-def _tied(correlation: Array) -> NDArray[np.int64]:
+def _tied(correlation: Array) -> Integers:
     """Group number [n] of every input; inputs linked by any chain of correlations share one."""
     group = np.arange(correlation.shape[0], dtype=np.int64)
     for i, j in np.argwhere(correlation != 0.0):

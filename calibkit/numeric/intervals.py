@@ -13,10 +13,7 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
 
-    from numpy.typing import NDArray
-
-    Array = NDArray[np.float64]
-    Index = NDArray[np.int64]
+    from calibkit.arrays import Array, Integers, Mask
 
 
 @dataclass(frozen=True, slots=True)
@@ -28,16 +25,16 @@ class Intervals:
     sampling interval [s].
     """
 
-    number: Index
-    first: Index
-    count: Index
+    number: Integers
+    first: Integers
+    count: Integers
     rows: int
     begin: float
     length_s: float
     step_s: float
 
     @property
-    def enough(self) -> NDArray[np.bool_]:
+    def enough(self) -> Mask:
         """Those intervals [m] that hold at least half of the usual number of samples."""
         return np.asarray(self.count >= 0.5 * np.median(self.count))
 
@@ -137,8 +134,8 @@ def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
                 " or fit with that interval"
             ),
         )
-    first: list[Index] = []
-    number: list[Index] = []
+    first: list[Integers] = []
+    number: list[Integers] = []
     last = -1.0
     for start, stop in spans.along(time):
         found = _numbers(time[start:stop], float(time[0]), length_s, step)
@@ -194,7 +191,7 @@ def sampling_interval(time: Array) -> float:
     return steps(time).usual
 
 
-def numbers(time: Array, begin: float, length_s: float, step_s: float) -> Index:
+def numbers(time: Array, begin: float, length_s: float, step_s: float) -> Integers:
     """Number [n] of the interval that each instant [n, s] falls in, of a log that begins then and
     is sampled so often.
     """

@@ -14,11 +14,9 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
     Room = Callable[[int], Array]
-    Rows = NDArray[np.int64]
 
 
 COARSE_DEGC_MIN = 0.3
@@ -103,7 +101,7 @@ def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped:
     return np.asarray(np.where(started, slope, 0.0), dtype=np.float64)
 
 
-def _first_in_window(time: Array, begins: Array, skipped: int) -> Rows | slice:
+def _first_in_window(time: Array, begins: Array, skipped: int) -> Integers | slice:
     """First sample of a stretch [n] at or after each instant [m], that of sample skipped + k being
     the k-th.
 
@@ -209,7 +207,7 @@ def _coarse_slopes(
     return slope
 
 
-def _window_sums(x: Array, first: Rows | slice, skipped: int) -> Array:
+def _window_sums(x: Array, first: Integers | slice, skipped: int) -> Array:
     """Sums of x [n] over the rows from `first` [m] to sample skipped + k, the k-th window's
     last.
     """

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array, Integers, Mask
+
 
 ROWS = 1 << 17
 """Rows of a span: a few columns of them stay in a cache."""
@@ -91,7 +92,7 @@ def _mapping(column: NDArray[np.generic]) -> mmap.mmap | None:
     return base if isinstance(base, mmap.mmap) else None
 
 
-def at(values: Array, rows: NDArray[np.int64]) -> Array:
+def at(values: Array, rows: Integers) -> Array:
     """Values [...] of a column [n] at rows [...] that ascend but for neighbours: of a file, those
     of a span at a time.
 
@@ -116,7 +117,7 @@ def finite(values: Array) -> bool:
     return math.isfinite(total) or all(np.isfinite(values[a:b]).all() for a, b in along(values))
 
 
-def changes(values: NDArray[np.generic], before: float) -> NDArray[np.int64]:
+def changes(values: NDArray[np.generic], before: float) -> Integers:
     """Rows at which values [n] differ from the one before them, which for the first is `before`."""
     changed = np.empty(values.size, dtype=np.bool_)
     changed[:1] = values[:1] != before
@@ -185,14 +186,12 @@ def correlation(one: Array, other: Array) -> float:
     return float(sums[0, 1] / np.sqrt(sums[0, 0] * sums[1, 1]))
 
 
-def count(values: Array, chosen: Callable[[Array], NDArray[np.bool_]]) -> int:
+def count(values: Array, chosen: Callable[[Array], Mask]) -> int:
     """How many values of a column [n] are chosen."""
     return sum(int(np.count_nonzero(chosen(values[a:b]))) for a, b in along(values))
 
 
-def where(
-    values: Array, chosen: Callable[[Array], NDArray[np.bool_]], *, step: bool = False
-) -> NDArray[np.int64]:
+def where(values: Array, chosen: Callable[[Array], Mask], *, step: bool = False) -> Integers:
     """Rows [m] of a column [n] whose value is chosen; with `step`, those whose step to the next row
     is.
     """
@@ -270,7 +269,7 @@ def quantile_of(parts: Callable[[], Iterable[Array]], count: int, share: float) 
     return high - (high - low) * (1.0 - t) if t >= 0.5 else low + (high - low) * t
 
 
-def runs(size: int, chosen: Callable[[int, int], NDArray[np.bool_]]) -> list[tuple[int, int]]:
+def runs(size: int, chosen: Callable[[int, int], Mask]) -> list[tuple[int, int]]:
     """First and one past the last of each run of rows that are chosen among so many; asked for a
     span after the other.
     """

@@ -25,7 +25,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array, Integers, Mask
 
 
 GROUP_VALUES = 1 << 17
@@ -42,7 +42,7 @@ class Stack:
     """[u, p]."""
     covariance: Array
     """[u, p, p], type A; zeros where there are no degrees of freedom."""
-    dof: NDArray[np.int64]
+    dof: Integers
     """[u]."""
     residual_rms: Array
     """[u], root of the weighted mean square [unit of the indication], as in `fit.LinearFit`."""
@@ -212,9 +212,7 @@ def _fitted(
     )
 
 
-def _solve(
-    basis: Array, target: Array, weight: Array | None, stack: Stack, part: slice
-) -> NDArray[np.bool_]:
+def _solve(basis: Array, target: Array, weight: Array | None, stack: Stack, part: slice) -> Mask:
     """Put the fits of a group into the stack; which of its units [m] normal equations serve, as in
     `gram.solve`.
     """

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from calibkit.arrays import Array
     from calibkit.recipe.logs import BinarySpec, FieldSpec, Logs
 
 
@@ -63,7 +64,7 @@ def _layout(spec: BinarySpec) -> np.dtype[np.void]:
     return np.dtype(fields)
 
 
-def _scaled(stored: NDArray[np.generic], field: FieldSpec) -> NDArray[np.float64]:
+def _scaled(stored: NDArray[np.generic], field: FieldSpec) -> Array:
     """Values of a field."""
     values = stored.astype(np.float64)
     values = units.scaled(values, field.scale) if field.scale != 1.0 else values

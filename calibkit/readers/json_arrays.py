@@ -24,8 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Iterable
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.recipe.logs import Logs
 
 
@@ -62,7 +61,7 @@ def _twice(file: str, name: str) -> LogFormatError:
     return LogFormatError(f"{file}: '{name}' stands twice", hint="give each member its own name")
 
 
-def _found(value: Any, path: str, file: str) -> dict[str, NDArray[np.float64]]:  # noqa: ANN401 (any JSON value)
+def _found(value: Any, path: str, file: str) -> dict[str, Array]:  # noqa: ANN401 (any JSON value)
     """Arrays of a JSON value by their paths."""
     if isinstance(value, dict):
         return _joined(value.items(), path, file)
@@ -81,11 +80,9 @@ def _found(value: Any, path: str, file: str) -> dict[str, NDArray[np.float64]]: 
         return {}  # rows of several lengths: no numbers that could be meant as columns
 
 
-def _joined(
-    members: Iterable[tuple[str, Any]], path: str, file: str
-) -> dict[str, NDArray[np.float64]]:
+def _joined(members: Iterable[tuple[str, Any]], path: str, file: str) -> dict[str, Array]:
     """Arrays of several members by their paths."""
-    made: dict[str, NDArray[np.float64]] = {}
+    made: dict[str, Array] = {}
     for name, member in members:
         found = _found(member, f"{path}/{name}".lstrip("/"), file)
         if both := made.keys() & found.keys():
@@ -94,7 +91,7 @@ def _joined(
     return made
 
 
-def _records(rows: list[Any], path: str, file: str) -> dict[str, NDArray[np.float64]]:
+def _records(rows: list[Any], path: str, file: str) -> dict[str, Array]:
     """Columns of a list of objects."""
     keys = set(rows[0])
     other = next(

@@ -29,8 +29,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.recipe.logs import Logs
 
 END = "***End_of_Header***"
@@ -45,8 +44,8 @@ class _Segment:
 
     names: tuple[str, ...]
     units: dict[str, str]
-    lines: NDArray[np.int64]
-    rows: NDArray[np.float64]
+    lines: Integers
+    rows: Array
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (every column holds numbers)
@@ -188,12 +187,12 @@ def _refuse_lost(samples: Sequence[str], rows: int, line: int, file: str, *, pac
 
 
 def _timed(
-    rows: NDArray[np.float64],
+    rows: Array,
     names: Sequence[str],
     header: dict[str, list[str]],
     file: str,
     line: int,
-) -> tuple[NDArray[np.float64], list[str]]:
+) -> tuple[Array, list[str]]:
     """Rows with one time column in front: written, computed from X0 and Delta_X, or one of several
     that agree.
     """

@@ -22,8 +22,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.recipe.logs import Logs
 
 
@@ -57,7 +56,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     )
 
 
-def _numbers(column: Any, kind: Any, pyarrow: Any) -> NDArray[np.float64] | None:  # noqa: ANN401 (pyarrow ships no types)
+def _numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: ANN401 (pyarrow ships no types)
     """A column as float64, instants as seconds since the first, nulls as NaN; None for text."""
     types = pyarrow.types
     if types.is_timestamp(kind):

@@ -28,6 +28,7 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
+    from calibkit.arrays import Array
     from calibkit.recipe.logs import Logs
 
 
@@ -80,7 +81,7 @@ def _group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str
     return named[0], (() if table else (f"table = '{named[0].name}' (guessed)",))
 
 
-def _numbers(values: NDArray[Any]) -> NDArray[np.float64] | None:
+def _numbers(values: NDArray[Any]) -> Array | None:
     """A channel as float64; times as seconds since the first; None for text."""
     if values.dtype.kind == "M":
         return np.asarray((values - values[0]) / np.timedelta64(1, "us"), dtype=np.float64) / 1e6
@@ -95,7 +96,7 @@ def _increment(channel: Any) -> tuple[float, float] | None:  # noqa: ANN401 (npT
     )
 
 
-def _time(increment: tuple[float, float] | None, rows: int) -> dict[str, NDArray[np.float64]]:
+def _time(increment: tuple[float, float] | None, rows: int) -> dict[str, Array]:
     """Time [s] of a waveform's samples, none where there is no increment."""
     if increment is None:
         return {}

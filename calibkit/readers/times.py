@@ -24,7 +24,9 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     import pandas as pd
-    from numpy.typing import NDArray
+
+    from calibkit.arrays import Array, Integers, Mask
+
 
 EXCEL, ELAPSED, DECIMAL = "excel", "elapsed", "decimal"
 """Formats that are words: spreadsheet days, h:m:s since the start, decimal seconds."""
@@ -55,7 +57,7 @@ class Clock:
     way.
     """
 
-    seconds: NDArray[np.float64]
+    seconds: Array
     notes: tuple[str, ...]
 
 
@@ -133,7 +135,7 @@ def seconds(fields: pd.Series, form: str, place: str) -> Clock:
     return _since_first(nanoseconds, missing, notes)
 
 
-def spreadsheet(days: NDArray[np.float64]) -> NDArray[np.float64]:
+def spreadsheet(days: Array) -> Array:
     """Seconds since the first row of days [n] since 1899-12-30, rounded to the microsecond; days no
     calendar has are missing.
     """
@@ -143,9 +145,7 @@ def spreadsheet(days: NDArray[np.float64]) -> NDArray[np.float64]:
     return _since_first(microseconds * 1000, ~finite, ()).seconds
 
 
-def _since_first(
-    nanoseconds: NDArray[np.int64], missing: NDArray[np.bool_], notes: tuple[str, ...]
-) -> Clock:
+def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...]) -> Clock:
     """Seconds since the first time that is there; each the float64 nearest to the written
     digits.
     """
@@ -160,9 +160,7 @@ def _since_first(
     return Clock(np.where(missing, np.nan, seconds), notes)
 
 
-def _instants(
-    texts: pd.Series, missing: NDArray[np.bool_], form: str, place: str
-) -> NDArray[np.int64]:
+def _instants(texts: pd.Series, missing: Mask, form: str, place: str) -> Integers:
     """Nanoseconds of each field since some fixed instant; raises LogFormatError at the first that
     does not fit.
     """
@@ -197,7 +195,7 @@ def _instants(
     return found.astype("datetime64[ns]").to_numpy().astype(np.int64)
 
 
-def _three_digits(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> None:
+def _three_digits(texts: pd.Series, missing: Mask, place: str) -> None:
     """Refuse milliseconds behind a colon that have not three digits: 7 could be 0.7 s or 0.007
     s.
     """
@@ -212,7 +210,7 @@ def _three_digits(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> N
         )
 
 
-def _day_or_month(texts: pd.Series, missing: NDArray[np.bool_], form: str, place: str) -> Clock:
+def _day_or_month(texts: pd.Series, missing: Mask, form: str, place: str) -> Clock:
     """Seconds where day and month could be either: the order that can be, and that runs
     forwards.
     """
@@ -252,7 +250,7 @@ def _day_or_month(texts: pd.Series, missing: NDArray[np.bool_], form: str, place
     return left[0]
 
 
-def _unbroken(clocks: list[Clock], missing: NDArray[np.bool_]) -> list[Clock]:
+def _unbroken(clocks: list[Clock], missing: Mask) -> list[Clock]:
     """The clock that runs on at midnight where the other leaps by weeks; both where neither
     shows.
     """
@@ -263,9 +261,7 @@ def _unbroken(clocks: list[Clock], missing: NDArray[np.bool_]) -> list[Clock]:
     return clocks
 
 
-def _past_midnight(
-    nanoseconds: NDArray[np.int64], missing: NDArray[np.bool_]
-) -> tuple[NDArray[np.int64], tuple[str, ...]]:
+def _past_midnight(nanoseconds: Integers, missing: Mask) -> tuple[Integers, tuple[str, ...]]:
     """Times of day with a day added at each midnight: a step back by more than half a day."""
     day = 86_400_000_000_000
     there = np.flatnonzero(~missing)
@@ -277,7 +273,7 @@ def _past_midnight(
     return nanoseconds + added * day, notes
 
 
-def _elapsed(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> NDArray[np.float64]:
+def _elapsed(texts: pd.Series, missing: Mask, place: str) -> Array:
     """Seconds of elapsed h:m:s."""
     file, _, column = place.partition(": ")
     made = np.full(len(texts), np.nan)
@@ -304,7 +300,7 @@ def _elapsed(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> NDArra
     return made
 
 
-def _decimal(texts: pd.Series, missing: NDArray[np.bool_], place: str) -> NDArray[np.int64]:
+def _decimal(texts: pd.Series, missing: Mask, place: str) -> Integers:
     """Nanoseconds of decimal seconds of any length, counted from the first."""
     file, _, column = place.partition(": ")
     made = np.zeros(len(texts), dtype=np.int64)

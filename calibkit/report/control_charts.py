@@ -18,11 +18,10 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
+    from calibkit.arrays import Array
     from calibkit.numeric.control import Control
 
-    Array = NDArray[np.float64]
 
 MOST_NAMES = 40
 """Units up to which each has its serial below the axis."""

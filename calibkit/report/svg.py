@@ -20,9 +20,9 @@ if TYPE_CHECKING:
     from matplotlib.axis import Axis
     from matplotlib.figure import Figure
     from matplotlib.lines import Line2D
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array, Integers
+
 
 MOST_POINTS = 4000
 """Points up to which a curve is drawn whole."""
@@ -100,7 +100,7 @@ def _thin(line: Line2D, most: int) -> bool:
     return True
 
 
-def extremes(x: Array, y: Array, most: int) -> NDArray[np.int64]:
+def extremes(x: Array, y: Array, most: int) -> Integers:
     """Indices, ascending, of a curve's smallest and largest x and y [n] in equal pieces, and of its
     gaps; about `most`.
     """
@@ -120,7 +120,7 @@ def extremes(x: Array, y: Array, most: int) -> NDArray[np.int64]:
     return np.unique(np.concatenate(kept))
 
 
-def _apart(points: Array, most: int) -> NDArray[np.int64]:
+def _apart(points: Array, most: int) -> Integers:
     """Indices, ascending, of points [n, 2, pixels] that do not lie on each other; cells grow until
     at most `most` are left.
     """

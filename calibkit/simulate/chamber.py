@@ -13,9 +13,8 @@ import numpy as np
 from calibkit.simulate.noise import reading
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 SECONDS_PER_MINUTE = 60.0
 

@@ -19,14 +19,11 @@ from calibkit.report.summary import Summary, SummaryTable, number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.accelerometer.coefficient_files import Correction
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.fit import Triad, TriadFit
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-
-    Array = NDArray[np.float64]
 
 
 STANDS = {"affine": "affine", "k": "K-factor", "kq": "K- and Q-factor"}

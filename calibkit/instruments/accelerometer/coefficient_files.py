@@ -16,15 +16,12 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.coefficients import Record
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.fit import Triad, TriadFit
     from calibkit.instruments.accelerometer.numeric.k_factor import KAxis
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-
-    Array = NDArray[np.float64]
 
 
 @dataclass(frozen=True, slots=True)

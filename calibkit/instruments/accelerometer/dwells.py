@@ -17,11 +17,9 @@ from calibkit.numeric import attitude, dwells, spans
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
-    Array = NDArray[np.float64]
 
 AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
 ATTITUDE = ("inclination_deg", "toolface_deg")
@@ -46,7 +44,7 @@ class DwellSet:
     inclination: Array
     toolface: Array
     noise: Array
-    log: NDArray[np.int64]
+    log: Integers
     place: tuple[str, ...]
     flags: tuple[str, ...]
 
@@ -242,7 +240,7 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
 
 def held_rows(
     log: Log, triad: Array, time: Array, step: float, spec: AccelerometerRecipe
-) -> NDArray[np.int64]:
+) -> Integers:
     """Rows [m, 2] of the dwells: those that the recipe pins, or those found by stillness between
     the gaps of the log.
     """
@@ -281,9 +279,7 @@ def examine(log: Log, spec: AccelerometerRecipe) -> Examined:
     return Examined(tuple(found), tuple(held))
 
 
-def _still(
-    log: Log, triad: Array, window: int, step: float, spec: AccelerometerRecipe
-) -> NDArray[np.int64]:
+def _still(log: Log, triad: Array, window: int, step: float, spec: AccelerometerRecipe) -> Integers:
     """Held intervals [m, 2] of one stretch without gaps."""
     shortest = max(2, round(spec.dwells.shortest_s / step))
     try:

@@ -19,8 +19,7 @@ from calibkit.numeric import attitude, gravity
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.numeric.affine import AffineFit
     from calibkit.instruments.accelerometer.numeric.k_factor import KAxis
@@ -28,7 +27,6 @@ if TYPE_CHECKING:
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, AffineSpec, KSpec
     from calibkit.recipe import Site
 
-    Array = NDArray[np.float64]
 
 AXES = "xyz"
 LEAST_GROUPS = 12

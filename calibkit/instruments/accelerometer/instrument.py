@@ -26,16 +26,13 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
     from calibkit.ingest.logs import Reader
     from calibkit.instruments.accelerometer.coefficient_files import Correction
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
     from calibkit.procedures import Applied, Progress
-
-    Array = NDArray[np.float64]
 
 
 def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:

@@ -18,9 +18,8 @@ from calibkit.numeric import attitude
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 TEMPERATURES_DEGC = (-20.0, -5.0, 10.0, 25.0, 45.0, 65.0, 85.0, 105.0, 125.0)
 AXES = "xyz"

@@ -16,9 +16,8 @@ from calibkit.instruments.accelerometer.numeric import q_factor
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 INTERVAL_S = 0.04
 HOLD_S, TURN_S = 4.0, 1.2

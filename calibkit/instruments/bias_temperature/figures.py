@@ -12,9 +12,9 @@ from calibkit.report.figures import GOOD, INK, RAW, page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array
+
 
 BINS = 200
 

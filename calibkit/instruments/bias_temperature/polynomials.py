@@ -21,14 +21,12 @@ from calibkit.report.summary import Summary, SummaryTable, number
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.instruments.bias_temperature.recipe import Bias, Polynomials
     from calibkit.recipe import BiasTemperatureRecipe
 
-    Array = NDArray[np.float64]
     Room = Callable[[int], Array]
 
 

@@ -33,12 +33,10 @@ from calibkit.numeric import earth, gum
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Model, Record
 
-    Array = NDArray[np.float64]
 
 GRADIENT = Equation(
     "fog-drift-gradient/1",

@@ -19,14 +19,12 @@ from calibkit.numeric import intervals, spans
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
     from calibkit.recipe import FogThermalRecipe
 
-    Array = NDArray[np.float64]
 
 Mode = Literal["recursive", "one_step"]
 

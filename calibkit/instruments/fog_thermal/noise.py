@@ -11,9 +11,8 @@ import numpy as np
 from calibkit.numeric.noise import allan
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 UNEVEN = 0.05
 """Deviation of a sampling step from the usual one, relative to it, from which a log is not evenly

@@ -21,12 +21,10 @@ from calibkit.numeric.wavelet import denoise
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
     from calibkit.recipe import FogThermalRecipe
 
-    Array = NDArray[np.float64]
 
 LONGER_WINDOWS = 3
 """How often the window of the slope is doubled where a log moves and shows no ramp: a chamber that

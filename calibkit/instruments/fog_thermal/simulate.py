@@ -33,10 +33,11 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array
+
     Triple = tuple[float, float, float]
 
-Value = TypeVar("Value", float, "NDArray[np.float64]")
+Value = TypeVar("Value", float, "Array")
 
 REFERENCE_DEGC = 25.0
 """Where drift is zero: a coil in equilibrium at this temperature, before any hysteresis."""

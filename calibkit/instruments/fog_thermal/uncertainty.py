@@ -19,15 +19,13 @@ from calibkit.report.summary import SummaryTable, number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.fog_thermal.compensate import DriftModel
     from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
     from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
     from calibkit.instruments.fog_thermal.ramps import PreparedLog
     from calibkit.recipe import TypeB
 
-    Array = NDArray[np.float64]
 
 RESULT = "gyro_dph"
 """Name under which type B terms speak of the compensated rate."""

@@ -20,11 +20,9 @@ from calibkit.report.summary import SummaryTable, number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe, NoiseAcceptance
 
-    Array = NDArray[np.float64]
 
 CASE = "temp_case_degc"
 STEADY_DEGC = 2.0

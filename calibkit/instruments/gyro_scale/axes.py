@@ -19,14 +19,12 @@ from calibkit.instruments.gyro_scale.runs import vertical_rate_dps
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleOverTemperature
     from calibkit.instruments.gyro_scale.numeric.triad import Triad, TriadOverTemperature
     from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
     from calibkit.instruments.gyro_scale.runs import TableRun
 
-    Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 ONE_SET_DEGC = 5.0

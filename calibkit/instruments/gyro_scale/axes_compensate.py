@@ -20,14 +20,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Mask
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
     from calibkit.instruments.gyro_scale.runs import TableRun
 
-    Array = NDArray[np.float64]
 
 PPM = 1e6
 LARGEST_CONDITION = 1e3
@@ -219,7 +217,7 @@ def stand(
     }, flags
 
 
-def _errors(error: Array, along: NDArray[np.bool_], rate_dps: Array) -> dict[str, float]:
+def _errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]:
     """Largest errors [n, m] along the turned axis and across it, of full scale; zero where no
     column is of that kind.
     """

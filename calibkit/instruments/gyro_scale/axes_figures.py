@@ -16,9 +16,8 @@ from calibkit.report.figures import MUTED, page
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

@@ -23,14 +23,12 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
     from calibkit.instruments.gyro_scale.runs import TableRun
 
-    Array = NDArray[np.float64]
 
 PPM = 1e6
 TEMPERATURE_SLACK = 5.0

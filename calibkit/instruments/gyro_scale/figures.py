@@ -14,9 +14,9 @@ from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array
+
 
 COLOURS = (DENOISED, ALERT, GOOD, "#aa3377", "#ccbb44", "#66ccee")
 """Of the runs in order; told apart by their markers too."""

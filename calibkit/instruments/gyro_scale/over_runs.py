@@ -31,8 +31,7 @@ from calibkit.numeric import gum
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.numeric.response import Response
     from calibkit.instruments.gyro_scale.numeric.scale_factor import (
         ScaleFactor,
@@ -41,7 +40,6 @@ if TYPE_CHECKING:
     from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
     from calibkit.instruments.gyro_scale.runs import TableRun
 
-    Array = NDArray[np.float64]
 
 ROOM_DEGC = 5.0
 """Runs this near the reference temperature repeat each other (GJB 2426A)."""

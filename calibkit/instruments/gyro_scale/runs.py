@@ -18,14 +18,12 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.ingest.logs import Reader
     from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
     from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleFactor
     from calibkit.instruments.gyro_scale.recipe import GyroRecipe
 
-    Array = NDArray[np.float64]
 
 RATE, ANGLE, TEMPERATURE = "table_rate_dps", "table_angle_deg", "temp_case_degc"
 FASTEST_DPS = 2e4

@@ -17,13 +17,11 @@ from calibkit.instruments.gyro_scale.runs import RATE
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.numeric.response import Response
     from calibkit.instruments.gyro_scale.recipe import OwnAxisRecipe
     from calibkit.instruments.gyro_scale.runs import TableRun
 
-    Array = NDArray[np.float64]
 
 GRID = 20001
 """Rates on which a response is turned around before one Newton step."""

@@ -15,9 +15,8 @@ from calibkit.simulate.campaign import Campaign
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 START_DEGC = 25.0
 LARGEST_MOUNTING_ERROR_DEG = 0.02

@@ -15,9 +15,8 @@ from calibkit.simulate.campaign import Campaign
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 EARTH_RATE_DPS = 15.041067 / 3600.0
 REFERENCE_DEGC = 25.0
@@ -165,7 +164,7 @@ def input_rate(gyro: RateGyro, table: Table, moved: Motion) -> Array:
 
 def indication(
     gyro: RateGyro, table: Table, moved: Motion, temp_degc: Array, rng: np.random.Generator
-) -> NDArray[np.float64]:
+) -> Array:
     """Indication [n] [1/s], whole counts over each sampling interval divided by it, of case
     temperatures [n] [°C].
     """

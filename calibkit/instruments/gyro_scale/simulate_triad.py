@@ -15,9 +15,8 @@ from calibkit.simulate.campaign import Campaign
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 GYROS = ("x", "y", "z")
 LARGEST_MOUNTING_DEG = 0.3

@@ -21,13 +21,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     import pandas as pd
-    from numpy.typing import NDArray
 
+    from calibkit.arrays import Array, Integers, Mask
     from calibkit.frame import Log
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.int64]
 
 FEWEST = 3
 """Rows of a dwell, at least: fewer tell no standard error."""
@@ -48,8 +46,8 @@ class Dwelt:
     """
 
     log: Log
-    start: Index
-    stop: Index
+    start: Integers
+    stop: Integers
     findings: tuple[Finding, ...] = ()
     continuous: bool = False
 
@@ -60,7 +58,7 @@ class Dwelt:
         dwell = np.searchsorted(self.start, np.arange(rows), side="right") - 1
         return of_row[np.maximum(dwell, 0)]
 
-    def standing(self, rows: int) -> NDArray[np.bool_]:
+    def standing(self, rows: int) -> Mask:
         """Whether each row of the log as it was read lies in a dwell [rows]."""
         edges = np.zeros(rows + 1, dtype=np.int64)
         np.add.at(edges, self.start, 1)
@@ -116,7 +114,7 @@ def of(log: Log, spec: InclinometerRecipe) -> Dwelt:
     return Dwelt(reduced, start, stop, tuple(_open(reduced, errors, spec)), continuous=True)
 
 
-def _runs(log: Log) -> tuple[Index, Index]:
+def _runs(log: Log) -> tuple[Integers, Integers]:
     """First row and end of each run of rows in one position of one station."""
     turned = np.remainder(values(log.frame, "position_deg"), 360.0) / (
         2.0 * published.POSITION_TOLERANCE_DEG
@@ -134,8 +132,8 @@ def _runs(log: Log) -> tuple[Index, Index]:
 
 
 def _standing(
-    time: Array, start: Index, stop: Index, spec: InclinometerRecipe
-) -> tuple[Index, Index]:
+    time: Array, start: Integers, stop: Integers, spec: InclinometerRecipe
+) -> tuple[Integers, Integers]:
     """Runs that last, less the time that the tool takes to settle at their beginning and end."""
     lasting = time[stop - 1] - time[start] >= spec.stations.dwell_s
     start, stop = start[lasting], stop[lasting]
@@ -145,7 +143,7 @@ def _standing(
     return first[enough], last[enough]
 
 
-def _averages(log: Log, start: Index, stop: Index) -> tuple[pd.DataFrame, dict[str, Array]]:
+def _averages(log: Log, start: Integers, stop: Integers) -> tuple[pd.DataFrame, dict[str, Array]]:
     """Mean of every column over each dwell, directions around the circle, and its standard error;
     index of the first row.
     """

@@ -18,14 +18,12 @@ from calibkit.report.summary import Summary, SummaryTable, number
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Mask
     from calibkit.instruments.inclinometer.numeric.published import Sensor
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
     from calibkit.instruments.inclinometer.solve import ScaleFit, Seen
     from calibkit.instruments.inclinometer.stations import Stations
 
-    Array = NDArray[np.float64]
 
 SHOWN = 40
 """Stations that the console shows; report.txt shows all."""
@@ -47,7 +45,7 @@ class Errors:
     """Of the azimuth after."""
 
     @property
-    def known(self) -> NDArray[np.bool_]:
+    def known(self) -> Mask:
         """Stations with a reference azimuth and a result."""
         return np.isfinite(self.after) & np.isfinite(self.before)
 

@@ -16,11 +16,10 @@ if TYPE_CHECKING:
 
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
-    from numpy.typing import NDArray
 
+    from calibkit.arrays import Array, Mask
     from calibkit.report.summary import SummaryTable
 
-    Array = NDArray[np.float64]
 
 ROWS = 36
 """Stations on one page of the table."""
@@ -37,7 +36,7 @@ class ScaleCurve:
     abscissa: Array
     root: Array
     root_uncertainty: Array
-    used: NDArray[np.bool_]
+    used: Mask
     grid: Array
     s: Array
     standard_uncertainty: Array

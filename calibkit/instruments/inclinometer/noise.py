@@ -14,12 +14,10 @@ from calibkit.instruments.inclinometer.numeric import closure
 from calibkit.numeric import gum
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.instruments.inclinometer.numeric.published import Sensor
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
-    Array = NDArray[np.float64]
 
 CONTRADICTED = 1e-6
 """Probability of closures so much smaller or larger than the known noise, below which they have a
@@ -51,7 +49,7 @@ class Closing:
     """
 
     squares: Array
-    dofs: NDArray[np.int64]
+    dofs: Integers
 
 
 @dataclass(frozen=True, slots=True)

@@ -12,9 +12,8 @@ import numpy as np
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
 
 EARTH_RATE_DPH = 15.041067
 REFERENCE_DEGC = 25.0
@@ -182,7 +181,7 @@ def stations(
     latitude_deg: float,
     temp_degc: Array,
     rng: np.random.Generator,
-) -> tuple[dict[str, NDArray[np.float64] | NDArray[np.int64]], Array]:
+) -> tuple[dict[str, Array | Integers], Array]:
     """Columns of the log of n stations, four rows a station, and the scale factors of both pairs
     [n, 2].
     """
@@ -192,7 +191,7 @@ def stations(
     count = temp_degc.size
     turned = POSITIONS_DEG + tool.index_deg * rng.normal(0.0, 1.0, (count, 4))
     numbers = np.arange(count)
-    columns: dict[str, NDArray[np.float64] | NDArray[np.int64]] = {
+    columns: dict[str, Array | Integers] = {
         "station": np.repeat(numbers + 1, 4),
         "position_deg": np.tile(POSITIONS_DEG, count),
         "time_s": (numbers[:, None] * tool.station_s + np.arange(4) * tool.dwell_s).ravel(),
@@ -274,7 +273,7 @@ def _withheld(
     latitude_deg: float,
     inclination_deg: tuple[float, float],
     temperature_degc: tuple[float, float],
-) -> tuple[dict[str, NDArray[np.float64] | NDArray[np.int64]], dict[str, object]]:
+) -> tuple[dict[str, Array | Integers], dict[str, object]]:
     """Stations of the same tool on another day, with the reference attitude beside them, and their
     scale factors.
     """

@@ -16,8 +16,7 @@ from calibkit.numeric.attitude import wrapped
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Mask
     from calibkit.instruments.inclinometer.noise import Noise
     from calibkit.instruments.inclinometer.numeric.published import Sensor
     from calibkit.instruments.inclinometer.numeric.root_choice import Solution
@@ -25,7 +24,6 @@ if TYPE_CHECKING:
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
     from calibkit.instruments.inclinometer.stations import Stations
 
-    Array = NDArray[np.float64]
 
 WRONG = "check the gyro's unit in [columns], reference.convention and site.latitude_deg"
 """What makes a scale factor that no gyro has."""
@@ -84,7 +82,7 @@ class ScaleFit:
     model: ScaleModel
     dof: int
     residual_rms: float
-    used: NDArray[np.bool_]
+    used: Mask
     left_out: Prior
 
 
@@ -107,12 +105,12 @@ class Seen:
     joined: Combined
 
     @property
-    def refused(self) -> NDArray[np.bool_]:
+    def refused(self) -> Mask:
         """Which stations [n] have no result."""
         return np.array([bool(reason) for reason in self.joined.status], dtype=np.bool_)
 
     @property
-    def contradicted(self) -> NDArray[np.bool_]:
+    def contradicted(self) -> Mask:
         """Which stations [n] have an s that is not their prior's, or none at all, by any pair."""
         found = np.zeros(len(self.joined.status), dtype=np.bool_)
         for axis, pair in self.solutions.items():
@@ -284,7 +282,7 @@ def _over_temperature(
 
 def _of_one(
     first: Solution,
-    usable: NDArray[np.bool_],
+    usable: Mask,
     temperature: Array,
     spec: InclinometerRecipe,
     noise: Noise,
@@ -312,7 +310,7 @@ def _at_least(prior: Prior, uncertainty: float) -> Prior:
     return Prior(prior.s, np.hypot(prior.standard_uncertainty, uncertainty))
 
 
-def _usable(solution: Solution) -> NDArray[np.bool_]:
+def _usable(solution: Solution) -> Mask:
     """Stations [n] whose own root of s counts."""
     return np.array([not reason for reason in solution.status], dtype=np.bool_) & (
         solution.weight > 0.0

@@ -21,14 +21,11 @@ from calibkit.numeric import attitude
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.instruments.inclinometer.dwells import Dwelt
     from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.int64]
 
 PLAIN = ("position_deg",)
 TEMPERATURE = "temp_case_degc"
@@ -46,7 +43,7 @@ class Rows:
     of (accel, gyro).
     """
 
-    station: Index
+    station: Integers
     names: tuple[str, ...]
     places: tuple[str, ...]
     position: Array
@@ -66,7 +63,7 @@ class Stations:
     """
 
     names: tuple[str, ...]
-    row_station: Index
+    row_station: Integers
     components: Mapping[Sensor, Components]
     noise: Mapping[Sensor, Noise]
     status: Mapping[Sensor, tuple[str, ...]]
@@ -422,7 +419,7 @@ def _fitted(
     )
 
 
-def _means(column: Array, station: Index, count: int) -> Array:
+def _means(column: Array, station: Integers, count: int) -> Array:
     """Mean of the finite values of each station [count]; NaN where there is none."""
     finite = np.isfinite(column)
     rows = np.bincount(station[finite], minlength=count)
@@ -430,7 +427,7 @@ def _means(column: Array, station: Index, count: int) -> Array:
     return np.where(rows > 0, total / np.maximum(rows, 1), np.nan)
 
 
-def _directions(column: Array, station: Index, count: int) -> Array:
+def _directions(column: Array, station: Integers, count: int) -> Array:
     """Mean direction [°] of each station [count], around the circle; one value a station is kept as
     it is.
     """

@@ -18,7 +18,8 @@ if TYPE_CHECKING:
 
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array
+
 
 RANK_TOLERANCE = 1e-11
 """Smallest singular value, relative to the largest after column scaling, that still counts as

@@ -19,9 +19,8 @@ from calibkit.numeric.least_squares import gram
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 BLOCK_ROWS = 2048
 """Rows of a block that is factorised: 150 kilobytes at nine columns, which stay in the cache."""

@@ -13,9 +13,8 @@ from calibkit.numeric.least_squares import fold, gram
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 ITERATIONS = 200
 STEP_TOLERANCE = 1e-13

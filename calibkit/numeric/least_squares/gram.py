@@ -22,9 +22,8 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 TALL = 20_000
 """Rows from which blocks are worth their while."""

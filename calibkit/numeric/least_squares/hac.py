@@ -18,9 +18,8 @@ from calibkit.numeric.least_squares import fit, fold
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
     Series = Callable[[int, int], Array]
     """Values [..., stop − first] of the rows first … stop − 1 of a series."""
 

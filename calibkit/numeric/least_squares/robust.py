@@ -20,9 +20,8 @@ from calibkit.numeric.least_squares import fit as least_squares
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
 
 HUBER = 1.345
 """Studentised residual above which Huber's weights fall: 95 % efficient on normal noise (Huber
@@ -184,7 +183,7 @@ def nonlinear(
 
 
 def jackknife_covariance(
-    design: Array, residuals: Array, groups: NDArray[np.int64], *, weights: Array | None = None
+    design: Array, residuals: Array, groups: Integers, *, weights: Array | None = None
 ) -> Array:
     """Covariance [p, p] of linear coefficients from leaving out one group of rows at a time.
 

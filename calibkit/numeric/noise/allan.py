@@ -15,10 +15,8 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
-    Counts = NDArray[np.int64]
 
 Noise = Literal["quantization", "angle_random_walk", "bias_instability", "rate_random_walk"]
 Spacing = Literal["octave", "decade"]
@@ -52,10 +50,10 @@ class DeviationCurve:
     estimator: str
     interval_s: float
     samples: int
-    factor: Counts
+    factor: Integers
     tau_s: Array
     deviation_dph: Array
-    pairs: Counts
+    pairs: Integers
     noise: tuple[str, ...]
     dof: Array
     lower_dph: Array
@@ -136,7 +134,7 @@ def overlapping(
     )
 
 
-def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int = 1) -> Counts:
+def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int = 1) -> Integers:
     """Whole averaging factors [m] from 1 to a third of the samples, evenly spaced in logarithm, no
     two equal.
     """
@@ -148,7 +146,7 @@ def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int 
     return np.unique(np.round(base**exponents).astype(np.int64))
 
 
-def whole_runs(rate: Array) -> Counts:
+def whole_runs(rate: Array) -> Integers:
     """Lengths [g] of the stretches of rate [n] that hold no gap; a single zero when there is
     none.
     """
@@ -186,7 +184,7 @@ def _finite_mean(rate: Array) -> float:
     return float(np.mean(rate) if spans.finite(rate) else np.nanmean(rate))
 
 
-def _pair_variance(total: Array, missing: Counts | None, factor: int) -> tuple[float, int]:
+def _pair_variance(total: Array, missing: Integers | None, factor: int) -> tuple[float, int]:
     """Allan variance and number of whole pairs at one averaging factor, in blocks along the running
     sum.
     """
@@ -208,7 +206,7 @@ def _pair_variance(total: Array, missing: Counts | None, factor: int) -> tuple[f
     return square / (2.0 * factor**2 * pairs), pairs
 
 
-def identified_noise(total: Array, missing: Counts | None, factors: Counts) -> tuple[str, ...]:
+def identified_noise(total: Array, missing: Integers | None, factors: Integers) -> tuple[str, ...]:
     """Noise type at each averaging factor from the lag-1 autocorrelation of block means (after
     Riley & Greenhall 2004).
 
@@ -258,7 +256,7 @@ def _lag_one(series: Array) -> float:
     return float(np.nansum(product)) / count / (power / int(np.sum(~np.isnan(square))))
 
 
-def equivalent_dof(factor: int, runs: Counts, noise: str) -> float:
+def equivalent_dof(factor: int, runs: Integers, noise: str) -> float:
     """Equivalent degrees of freedom of the overlapping Allan variance at one averaging factor.
 
     Parameters
@@ -417,9 +415,9 @@ def _curve(
     estimator: str,
     rate: Array,
     interval_s: float,
-    factors: Counts,
+    factors: Integers,
     variance: Array,
-    pairs: NDArray[np.float64] | Counts,
+    pairs: Array | Integers,
     kinds: tuple[str, ...],
     dof: Array,
     probability: float,
@@ -463,7 +461,7 @@ def _require_record(rate: Array, interval_s: float) -> None:
         raise FitError(f"the sampling interval is {interval_s!r} s, expected a positive number")
 
 
-def _factors_of(tau_s: Sequence[float], interval_s: float, longest: int) -> Counts:
+def _factors_of(tau_s: Sequence[float], interval_s: float, longest: int) -> Integers:
     """Averaging factors [m] of the averaging times asked for, ascending, or a refusal."""
     wanted = np.sort(np.asarray(tau_s, dtype=np.float64))
     factors = np.round(wanted / interval_s).astype(np.int64)

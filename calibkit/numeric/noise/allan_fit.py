@@ -12,11 +12,9 @@ import numpy as np
 from calibkit.errors import FitError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Mask
     from calibkit.numeric.noise.allan import DeviationCurve
 
-    Array = NDArray[np.float64]
 
 SIGNIFICANCE = 0.00135
 """One-sided probability (3σ of a normal) under which chance is ruled out as the cause of a term or
@@ -231,9 +229,7 @@ def _reason(attempt: _Attempt, term: int) -> str:
     return "the other terms can stand in for it within the noise"
 
 
-def _flags(
-    attempt: _Attempt, shown: NDArray[np.bool_], curve: DeviationCurve, first: int
-) -> tuple[str, ...]:
+def _flags(attempt: _Attempt, shown: Mask, curve: DeviationCurve, first: int) -> tuple[str, ...]:
     """What a reader must know of the fit, in sentences."""
     flags = []
     if first:
@@ -364,7 +360,7 @@ def _covariance(kernel: _Kernel, coefficients: Array) -> Array:
 
 
 def _fitted(
-    kernel: _Kernel, variance: Array, start: Array, allowed: NDArray[np.bool_]
+    kernel: _Kernel, variance: Array, start: Array, allowed: Mask
 ) -> tuple[Array, Array, Array]:
     """Coefficients [5] ≥ 0 of the allowed terms, variances [m] they were weighted with, covariance
     [m, m].
@@ -381,9 +377,7 @@ def _fitted(
     return coefficients, spread, covariance
 
 
-def _non_negative(
-    design: Array, variance: Array, spread: Array, allowed: NDArray[np.bool_]
-) -> Array:
+def _non_negative(design: Array, variance: Array, spread: Array, allowed: Mask) -> Array:
     """Weighted least squares with non-negative coefficients [5], zero where not allowed (Lawson &
     Hanson 1974).
     """
@@ -397,7 +391,7 @@ def _non_negative(
     return coefficients
 
 
-def _operator(design: Array, spread: Array, active: NDArray[np.bool_]) -> Array:
+def _operator(design: Array, spread: Array, active: Mask) -> Array:
     """Matrix [p, m] that takes Allan variances to the p active coefficients of the weighted fit."""
     weight = 1.0 / np.sqrt(spread)
     weighted = design[:, active] * weight[:, None]
@@ -405,7 +399,7 @@ def _operator(design: Array, spread: Array, active: NDArray[np.bool_]) -> Array:
     return np.asarray(np.linalg.pinv(weighted / scale) / scale[:, None] * weight, dtype=np.float64)
 
 
-def _chance(attempt: _Attempt, term: int, others: NDArray[np.bool_]) -> float:
+def _chance(attempt: _Attempt, term: int, others: Mask) -> float:
     """Probability that a record of the other terms alone, refitted, shows as much of this term as
     the record does.
     """

@@ -20,13 +20,10 @@ if TYPE_CHECKING:
     from collections.abc import Callable
     from ctypes import CDLL
 
-    import numpy as np
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.numeric.wavelet.factor import Scheme
     from calibkit.numeric.wavelet.reach import Pass, Span
 
-    Array = NDArray[np.float64]
 
 CODES = {"soft": 1, "hard": 2, "garrote": 3, "firm": 4}
 """Shrinkage rules as the compiled steps number them; 0 leaves details as they are."""

@@ -33,12 +33,10 @@ from calibkit.numeric.wavelet.shrinkage import (
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Mask
     from calibkit.numeric.wavelet.lifting import Decomposition, Extension, Room, Scheme
     from calibkit.numeric.wavelet.shrinkage import Rule, Threshold
 
-    Array = NDArray[np.float64]
 
 OWN_NOISE_FROM = 16
 """Details that a level must have on the signal to have its noise told from them (29 % standard
@@ -67,7 +65,7 @@ class Denoised:
     delay: int
 
     @property
-    def edge(self) -> NDArray[np.bool_]:
+    def edge(self) -> Mask:
         """Samples [n] that what stands beyond the ends can reach."""
         at = np.arange(self.signal.size)
         return (at < self.inner[0]) | (at >= self.inner[1])

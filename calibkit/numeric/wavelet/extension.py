@@ -11,9 +11,8 @@ import numpy as np
 from calibkit.numeric.wavelet.shrinkage import noise
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
 
 Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic"]
 EXTENSIONS: tuple[Extension, ...] = get_args(Extension)
@@ -76,7 +75,7 @@ def continued(signal: Array, start: int, stop: int, beyond: Beyond) -> Array:
     return np.concatenate((left, *once, right))
 
 
-def _folded(signal: Array, at: NDArray[np.int64], beyond: Beyond) -> Array:
+def _folded(signal: Array, at: Integers, beyond: Beyond) -> Array:
     """Samples at any indices, however often the signal's length lies between them and the
     signal.
     """

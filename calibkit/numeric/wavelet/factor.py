@@ -16,9 +16,8 @@ from calibkit.errors import FitError
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 Channel = Literal["approximation", "detail"]
 Laurent = tuple[int, tuple[float, ...]]

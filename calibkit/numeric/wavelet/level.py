@@ -13,12 +13,10 @@ from calibkit.numeric.wavelet.reach import both, cut, made_of, pairs, passes, so
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.numeric.wavelet.factor import Scheme
     from calibkit.numeric.wavelet.reach import Move, Pass, Span
 
-    Array = NDArray[np.float64]
 
 BLOCK = 1 << 15
 """Pairs of samples that go through the lifting steps at a time: their buffers stay in a

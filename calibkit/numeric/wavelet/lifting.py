@@ -21,11 +21,9 @@ from calibkit.numeric.wavelet.reach import span, untouched
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.numeric.wavelet.reach import Span
 
-    Array = NDArray[np.float64]
     Room = Callable[[int], Array]
 
 __all__ = [

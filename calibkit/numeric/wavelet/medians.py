@@ -14,9 +14,8 @@ from calibkit.numeric.compiled import kernels_for
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 MANY = 1 << 16
 """Values from which a sample of them is worth its while."""

@@ -18,11 +18,9 @@ from calibkit.numeric.wavelet.factor import polyphase
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.numeric.wavelet.factor import Laurent, Scheme
 
-    Array = NDArray[np.float64]
 
 Threshold = Literal["universal", "sure", "bayes", "minimax"]
 Rule = Literal["soft", "hard", "garrote", "firm"]

@@ -35,7 +35,8 @@ from calibkit.numeric.least_squares import gauss_newton, robust
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-    Array = NDArray[np.float64]
+    from calibkit.arrays import Array
+
 
 __all__ = [
     "AffineFit",

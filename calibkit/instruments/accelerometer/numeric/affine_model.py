@@ -14,9 +14,8 @@ from calibkit.errors import FitError
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 AXES = "xyz"
 TILT = ("tilt_north_rad", "tilt_east_rad")

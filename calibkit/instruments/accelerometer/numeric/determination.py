@@ -21,9 +21,8 @@ from calibkit.numeric.least_squares import fold, gram
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
 
 TEMPERATURE_STEP_DEGC = 1.0
 """Temperatures closer than this count as one."""
@@ -144,7 +143,7 @@ def distinct_temperatures(temperature: Array, step: float) -> tuple[Array, Array
     return levels, levels[label]
 
 
-def _labels(openings: Array, temperature: Array, step: float) -> NDArray[np.int64]:
+def _labels(openings: Array, temperature: Array, step: float) -> Integers:
     """Number of the last opening [k] at or below each temperature [n], openings at least a step
     apart.
 
@@ -156,7 +155,7 @@ def _labels(openings: Array, temperature: Array, step: float) -> NDArray[np.int6
         return np.searchsorted(openings, temperature, side="right") - 1
     cell = ((temperature - openings[0]) / step).astype(np.int64)
     edges = openings[0] + step * np.arange(int(span / step) + 2)
-    label: NDArray[np.int64] = (np.searchsorted(openings, edges, side="right") - 1)[cell]
+    label: Integers = (np.searchsorted(openings, edges, side="right") - 1)[cell]
     fenced = np.append(openings, np.inf)
     label += temperature >= fenced[label + 1]
     # a quotient that was rounded up to the next cell

@@ -26,9 +26,8 @@ from calibkit.numeric.least_squares import fold, gram, robust
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers
 
-    Array = NDArray[np.float64]
 
 AXES = ("x", "y", "z")
 NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
@@ -157,7 +156,7 @@ def fit(
     terms: Sequence[KTerms] = (KTerms(), KTerms(), KTerms()),
     weights: Array | None = None,
     loss: Literal["least_squares", "robust"] = "least_squares",
-    groups: NDArray[np.int64] | None = None,
+    groups: Integers | None = None,
     temperature_step: float = determination.TEMPERATURE_STEP_DEGC,
 ) -> tuple[KAxis, KAxis, KAxis]:
     """Fit K0 … K9 of the three axes.
@@ -287,7 +286,7 @@ def _fit_axis(
     terms: KTerms,
     weights: Array | None,
     loss: Literal["least_squares", "robust"],
-    groups: NDArray[np.int64] | None,
+    groups: Integers | None,
 ) -> _Fitted:
     """Fit one axis in mapped temperature."""
     names = [f"{NAMES[k]} of accel_{AXES[axis]}" for k in terms.fitted]

@@ -23,9 +23,8 @@ from calibkit.numeric.least_squares import fold, gauss_newton, gram, robust
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 NAMES = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
 TOLERANCES = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 0.0, "max_nfev": 2000}

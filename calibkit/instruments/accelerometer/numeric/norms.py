@@ -11,9 +11,8 @@ from calibkit.numeric.compiled import kernels_for
 if TYPE_CHECKING:
     from ctypes import CDLL
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 """Entries of the lower triangular correction matrix, in the order of the fast solver's parameters.

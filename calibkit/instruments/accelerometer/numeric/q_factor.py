@@ -18,9 +18,8 @@ from calibkit.numeric.least_squares import fit as least_squares
 if TYPE_CHECKING:
     from collections.abc import Callable
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 NAMES = ("Q1", "Q2", "Q3")
 AXES = ("x", "y", "z")

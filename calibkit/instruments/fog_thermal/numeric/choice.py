@@ -16,14 +16,11 @@ from calibkit.instruments.fog_thermal.numeric.terms import TERMS, chosen_columns
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.fog_thermal.numeric.lagged import Survey
     from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
     from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 CLEARLY = 0.95
 """Share of the raw drift figure that a model must get below on left-out ramps."""

@@ -19,10 +19,8 @@ from calibkit.instruments.fog_thermal.numeric.terms import Drivers
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Mask
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 SECONDS_PER_MINUTE = 60.0
 LONGEST_EXPONENT = 200.0

@@ -13,12 +13,9 @@ from calibkit.instruments.fog_thermal.numeric import coil, level
 from calibkit.instruments.fog_thermal.numeric.terms import Drivers, clamped, raw_design
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Mask
     from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 REFERENCE_DEGC = 25.0
 RELATIVE_STEP = 1e-3

@@ -21,11 +21,9 @@ from calibkit.numeric.least_squares import fit, hac
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.numeric.intervals import Intervals
 
-    Array = NDArray[np.float64]
 
 TERMS = ("a0", "a1", "a2")
 
@@ -97,7 +95,7 @@ class RatePolynomial:
         return int(self.c.shape[1]) - 1
 
 
-def block_index(time: Array, interval_s: float) -> NDArray[np.int64]:
+def block_index(time: Array, interval_s: float) -> Integers:
     """Number of the model interval that each sample [n] falls in; raises FitError as
     `intervals.of`.
     """

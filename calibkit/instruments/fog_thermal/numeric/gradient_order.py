@@ -14,9 +14,8 @@ from calibkit.instruments.fog_thermal.numeric import compensation, gradient
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 SAME_RATE = 0.1
 """Relative difference up to which two ramps count as one temperature rate."""

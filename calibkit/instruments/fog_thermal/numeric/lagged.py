@@ -30,13 +30,10 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers, Mask
     from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack, ThermalLog
     from calibkit.instruments.fog_thermal.numeric.terms import Scales, ThermalModel
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 LAGGED_TERMS = tuple(term for term in TERMS if term != "s_grad_rate")
 BOUNDS_S = (20.0, 3600.0)
@@ -117,7 +114,7 @@ class Problem:
     """
 
     survey: Survey
-    chosen: NDArray[np.int64]
+    chosen: Integers
     weights: Array
     kept: Mask
 
@@ -305,7 +302,7 @@ def solve(surveyed: Survey, terms: Sequence[str]) -> Solution:
     return _solution(problem, polished(problem, projected(problem, rough.log_lags)), names)
 
 
-def _starts(surveyed: Survey, chosen: NDArray[np.int64], count: int) -> list[Array]:
+def _starts(surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
     """Logarithms [2] of the surveyed lags from which descents start: the best MOST_STARTS of the
     grid's local minima.
 

@@ -29,12 +29,10 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack, ThermalLog
     from calibkit.instruments.fog_thermal.numeric.terms import Scales, ThermalModel
 
-    Array = NDArray[np.float64]
 
 WINDOW_S = 90.0
 """Trailing window of the rates: a 0.0625 °C step then moves them by less than 0.1 °C/min."""
@@ -66,8 +64,8 @@ def end_slope(time: Array, values: Array, window_s: float = WINDOW_S) -> Array:
 def _end_slopes(
     time: Array,
     values: Array,
-    ends: NDArray[np.int64],
-    first: NDArray[np.int64],
+    ends: Integers,
+    first: Integers,
     width: int,
     window_s: float,
 ) -> Array:

@@ -14,12 +14,9 @@ from calibkit.numeric.least_squares.robust import MAD_TO_SIGMA
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.numeric.intervals import Intervals
 
-    Array = NDArray[np.float64]
-    Rows = NDArray[np.int64]
 
 SPIKE = 5.0
 """Deviation from its interval's median, in standard deviations, above which a sample is a spike: 6
@@ -31,7 +28,7 @@ within it.
 """
 
 
-def spikes(indication: Array, held: Intervals) -> Rows:
+def spikes(indication: Array, held: Intervals) -> Integers:
     """Samples [k] of an indication [n] that stand out of their model interval.
 
     A sample is compared with its interval's median. The standard deviation is that of the whole
@@ -71,7 +68,7 @@ def spikes(indication: Array, held: Intervals) -> Rows:
     return np.concatenate(found)
 
 
-def _deviation(values: Array, middles: Array, count: Rows) -> Array:
+def _deviation(values: Array, middles: Array, count: Integers) -> Array:
     """Absolute deviations of values [n] from the medians [m] of their intervals of `count` [m]
     samples.
     """
@@ -80,7 +77,7 @@ def _deviation(values: Array, middles: Array, count: Rows) -> Array:
     return np.abs(away, out=away)
 
 
-def _medians(values: Array, first: Rows) -> Array:
+def _medians(values: Array, first: Integers) -> Array:
     """Median of each interval [m], which start at `first`, from values [n]; those of one size are
     partitioned together.
     """
@@ -97,7 +94,7 @@ def _medians(values: Array, first: Rows) -> Array:
     return out
 
 
-def means(values: Array, held: Intervals, *, without: Rows) -> Array:
+def means(values: Array, held: Intervals, *, without: Integers) -> Array:
     """Means [m] of values [n] over the model intervals without some samples [k], but where that
     would leave none.
     """

@@ -31,14 +31,10 @@ from calibkit.numeric.least_squares.robust import HUBER, MAD_TO_SIGMA, TUKEY
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers, Mask
     from calibkit.instruments.fog_thermal.numeric.terms import Drivers, Scales
     from calibkit.numeric.intervals import Intervals
 
-    Array = NDArray[np.float64]
-    Index = NDArray[np.int64]
-    Mask = NDArray[np.bool_]
 
 NEIGHBOURS = 7
 """Blocks whose median residual a block is compared with: a misfit that lasts longer is the model's,
@@ -69,7 +65,7 @@ class ThermalLog:
     case: Array
     env: Array
     indication: Array
-    part: Index
+    part: Integers
 
 
 def thermal_log(
@@ -118,7 +114,7 @@ class Stack:
     logs: tuple[ThermalLog, ...]
     indication: Array
     ramps: tuple[slice, ...]
-    ramp_log: Index
+    ramp_log: Integers
     ramp_names: tuple[str, ...]
 
     @property
@@ -408,7 +404,7 @@ def _exact(solution: Solution, stacked: Stack) -> Array:
     ).coefficients
 
 
-def _to_raw_and_lags(solution: Solution, logs: int, chosen: Index) -> Array:
+def _to_raw_and_lags(solution: Solution, logs: int, chosen: Integers) -> Array:
     """Matrix [9 + lags, logs + k + free lags] from offsets, scaled coefficients and free log lags
     to raw units and seconds.
     """

@@ -22,12 +22,9 @@ from calibkit.numeric.least_squares import fit
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers, Mask
     from calibkit.instruments.fog_thermal.numeric.noise import Noise
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
     Span = tuple[float, float]
 
 TERMS = ("b0", "b1", "b2", "b3", "s_rate", "s_grad", "s_grad2", "s_temp_rate", "s_grad_rate")
@@ -82,7 +79,7 @@ class Clamped:
     gradient: Mask
 
 
-def chosen_columns(terms: Sequence[str]) -> NDArray[np.int64]:
+def chosen_columns(terms: Sequence[str]) -> Integers:
     """Columns of the design that a term set uses; raises FitError for a set that is not one."""
     for term in terms:
         if term not in TERMS:

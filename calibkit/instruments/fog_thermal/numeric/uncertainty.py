@@ -17,13 +17,11 @@ from calibkit.numeric import gum
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.fog_thermal.numeric.evaluate import Evaluation
     from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
     from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 
-    Array = NDArray[np.float64]
 
 NEIGHBOURING = (1, 2, 3)
 """How many means apart left-out errors are compared: 100 to 300 s."""

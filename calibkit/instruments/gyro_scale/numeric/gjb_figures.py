@@ -13,11 +13,9 @@ from calibkit.errors import FitError
 from calibkit.numeric.least_squares.fit import rank
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Mask
     from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleFactor
 
-    Array = NDArray[np.float64]
 
 PPM = 1e6
 ARCSECONDS_PER_DEGREE = 3600.0
@@ -282,14 +280,14 @@ def _limits(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
     ]
 
 
-def _turning(rate_dps: Array) -> NDArray[np.bool_]:
+def _turning(rate_dps: Array) -> Mask:
     """Whether a plateau is not at rest."""
     return np.asarray(
         np.abs(rate_dps) > 1e-9 * np.max(np.abs(rate_dps), initial=0.0), dtype=np.bool_
     )
 
 
-def _smallest_from_which(sizes: Array, responds: NDArray[np.bool_]) -> float:
+def _smallest_from_which(sizes: Array, responds: Mask) -> float:
     """Smallest size from which on all respond; NaN where the largest does not."""
     order = np.argsort(sizes, kind="stable")
     silent = np.flatnonzero(~responds[order])

@@ -12,11 +12,9 @@ import numpy as np
 from calibkit.errors import FitError
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
 
-    Array = NDArray[np.float64]
 
 Side = Literal["same", "opposite"]
 

@@ -23,13 +23,10 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Integers
     from calibkit.instruments.gyro_scale.numeric.plateau_noise import Modulation
     from calibkit.instruments.gyro_scale.numeric.plateaus import Room, Series, Turn
 
-    Array = NDArray[np.float64]
-    Counts = NDArray[np.int64]
 
 DISAGREEMENT = 10e-6
 """Relative difference of table angle and table rate from which it is flagged."""
@@ -45,9 +42,9 @@ class Plateaus:
     """Means [p, m] in the unit of the indication."""
     covariance: Array
     """Of the means [p, m, m]: noise within each plateau, type A."""
-    revolutions: Counts
+    revolutions: Integers
     """Whole revolutions averaged [p]; 0 where the table turned less than one."""
-    samples: Counts
+    samples: Integers
     """Samples used [p]."""
     duration_s: Array
     """Time averaged [p] [s]."""
@@ -57,7 +54,7 @@ class Plateaus:
     """Rate [p] [°/s] that the logged table angle gives over the same samples; NaN where none was
     logged.
     """
-    span: Counts
+    span: Integers
     """First row and one past the last row used [p, 2]."""
     flags: tuple[str, ...]
 
@@ -75,7 +72,7 @@ def means(
     table_angle_deg: Array | None = None,
     temp_degc: Array | None = None,
     rules: Rules = DEFAULT_RULES,
-    held: Counts | None = None,
+    held: Integers | None = None,
     room: Room = np.empty,
 ) -> Plateaus:
     """Average each held rate of a rate-table log over whole revolutions of the table.
@@ -114,7 +111,7 @@ def means(
     return _means(Record(turn, table_rate_dps, signals), found, temp_degc)
 
 
-def _means(record: Record, held: Counts, temp_degc: Array | None) -> Plateaus:
+def _means(record: Record, held: Integers, temp_degc: Array | None) -> Plateaus:
     """Averages over the rows of held rates [p, 2]."""
     turn = record.turn
     parts = [_whole_revolutions(record, first, stop) for first, stop in held.tolist()]
@@ -226,7 +223,7 @@ def _unmodulated(
     return values, covariance
 
 
-def _partial(revolutions: Counts, *, corrected: bool) -> tuple[str, ...]:
+def _partial(revolutions: Integers, *, corrected: bool) -> tuple[str, ...]:
     """Flag for plateaus of less than a revolution."""
     count = int(np.sum(revolutions == 0))
     if not count:

@@ -17,11 +17,9 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Iterator
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.numeric.plateaus import Series, Turn
 
-    Array = NDArray[np.float64]
 
 BLOCKS = 16
 """Blocks that a plateau is cut into to see whether its noise is white."""

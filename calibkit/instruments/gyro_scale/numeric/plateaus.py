@@ -15,10 +15,8 @@ from calibkit.numeric import spans
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers, Mask
 
-    Array = NDArray[np.float64]
-    Counts = NDArray[np.int64]
     Room = Callable[[int], Array]
     Series = Callable[[int, int], Array]
     """Values of rows first … stop − 1."""
@@ -88,7 +86,7 @@ def find(
     table_angle_deg: Array | None = None,
     rules: Rules = DEFAULT_RULES,
     turn: Turn | None = None,
-) -> Counts:
+) -> Integers:
     """Rows of the held rates of a rate-table log, without acceleration and settling.
 
     Parameters
@@ -120,7 +118,7 @@ def find(
         wide = replace(rules, relative=ANGLE_SLACK * rules.relative)
         still.append(_Stillness.of(turn.rate, time_s.size, window, wide))
 
-    def held(first: int, stop: int) -> NDArray[np.bool_]:
+    def held(first: int, stop: int) -> Mask:
         chosen = _unbroken(turn.interval_s[first : stop + window - 1], window, interval)
         for series in still:
             chosen &= series.held(first, stop)
@@ -227,7 +225,7 @@ class _Stillness:
         noise = FIFTH_TO_SIGMA * spans.quantile_of(bends, rows - 2, 0.2) / np.sqrt(6.0)
         return cls(rate, window, rules, NOISE_RANGE * noise, QUANTA * _quantum(rate, rows))
 
-    def held(self, first: int, stop: int) -> NDArray[np.bool_]:
+    def held(self, first: int, stop: int) -> Mask:
         """Whether the rate is held over the windows that begin in rows first … stop − 1."""
         from scipy.ndimage import maximum_filter1d, minimum_filter1d
 
@@ -275,7 +273,7 @@ def _quantum(rate: Series, rows: int) -> float:
     return quantum if back > FLICKER * rows else 0.0
 
 
-def _unbroken(interval_s: Array, window: int, median_s: float) -> NDArray[np.bool_]:
+def _unbroken(interval_s: Array, window: int, median_s: float) -> Mask:
     """Whether the window that begins at each row has no gap in it."""
     gaps = np.concatenate(([0], np.cumsum(interval_s[1:] > GAP * median_s)))
     return np.asarray(gaps[window - 1 :] == gaps[: gaps.size - window + 1], dtype=np.bool_)

@@ -15,9 +15,8 @@ from calibkit.numeric.least_squares.fit import linear
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array
 
-    Array = NDArray[np.float64]
 
 Form = Literal["odd-polynomial", "sine"]
 ORDERS = (1, 3, 5, 7)

@@ -15,12 +15,12 @@ from calibkit.numeric.least_squares.fit import linear, polynomial
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
+    from calibkit.arrays import Array, Mask
     from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
     from calibkit.numeric.least_squares.fit import LinearFit
 
-    Array = NDArray[np.float64]
 
 TERMS = ("K", "F0", "K_temp", "F0_temp")
 """Scale factor [1/s/(°/s)], zero intercept [1/s], and their changes with temperature [per °C]."""
@@ -316,7 +316,7 @@ def _least_error_order(K: Array, temp_degc: Array) -> int:
     return best
 
 
-def _left_out(K: Array, temp_degc: Array, out: NDArray[np.bool_], order: int) -> Array:
+def _left_out(K: Array, temp_degc: Array, out: Mask, order: int) -> Array:
     """Errors at the points left out of a polynomial fit to the others."""
     inside = temp_degc[~out]
     if np.unique(np.round(inside)).size <= order:

@@ -15,11 +15,9 @@ from calibkit.instruments.gyro_scale.numeric import scale_factor
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleOverTemperature
 
-    Array = NDArray[np.float64]
 
 COLLINEAR = 4.0
 """Standard uncertainties from 0° or 180° below which an angle's first-order uncertainty does not

@@ -9,9 +9,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
+    from calibkit.arrays import Array, Integers, Mask
 
-    Array = NDArray[np.float64]
 
 FEWEST = 8
 """Stations below which their median does not tell what is usual."""
@@ -24,7 +23,7 @@ twelve 0.02 %: the median of few is uncertain itself.
 """
 
 
-def usual(squares: Array, dof: NDArray[np.int64]) -> float:
+def usual(squares: Array, dof: Integers) -> float:
     """Variance of one reading from sums of squares [n] with degrees of freedom [n], by their
     median: none alone moves it.
 
@@ -41,7 +40,7 @@ def usual(squares: Array, dof: NDArray[np.int64]) -> float:
     return float(np.median(squares[known] / dof[known])) / median
 
 
-def wild(squares: Array, dof: NDArray[np.int64], least: float) -> NDArray[np.bool_]:
+def wild(squares: Array, dof: Integers, least: float) -> Mask:
     """Which stations [n] do not close by far more than the usual variance, or the `least` that it
     can be.
     """
@@ -56,7 +55,7 @@ def wild(squares: Array, dof: NDArray[np.int64], least: float) -> NDArray[np.boo
     return found
 
 
-def noise(squares: Array, dof: NDArray[np.int64]) -> float:
+def noise(squares: Array, dof: Integers) -> float:
     """Standard deviation of one reading from sums of squares [n] with degrees of freedom [n]; 0
     where there are none.
     """

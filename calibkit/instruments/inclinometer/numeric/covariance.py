@@ -10,11 +10,8 @@ from calibkit.instruments.inclinometer.numeric import published
 from calibkit.numeric.earth import EARTH_RATE_DPH
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array
     from calibkit.instruments.inclinometer.numeric.published import Attitude, Components
-
-    Array = NDArray[np.float64]
 
 
 def _inner_jacobian(parts: Components, found: Attitude) -> tuple[Array, Array, Array]:

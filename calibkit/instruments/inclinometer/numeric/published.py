@@ -17,10 +17,10 @@ from calibkit.errors import FitError
 from calibkit.numeric.earth import EARTH_RATE_DPH
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
+    from calibkit.arrays import Array, Mask
+
 
 Sensor = Literal["x", "y"]
 """Axis of a sensor pair: at 90° the x sensor lies where y was, the y sensor where −x was."""
@@ -37,7 +37,7 @@ POSITION_TOLERANCE_DEG = 0.1
 class Readings:
     """Indications of n stations in the four positions (step A)."""
 
-    station: NDArray[np.float64]
+    station: Array
     """Name of each station [n], in the order of first appearance."""
     indication: Array
     """[n, 4, m]: position 0°, 90°, 180°, 270°, and column; NaN where a position is missing."""

@@ -17,12 +17,11 @@ from calibkit.numeric.attitude import wrapped
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
+    from calibkit.arrays import Array, Integers, Mask
     from calibkit.instruments.inclinometer.numeric.published import Attitude, Components, Roots
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 QUANTITIES = ("inclination_deg", "toolface_deg", "s", "azimuth_deg")
 """Of the covariance's rows and columns."""
@@ -104,7 +103,7 @@ class Solution:
     s_root: Array
     """Chosen root [n], before it was shrunk to the prior."""
     s_root_uncertainty: Array
-    root: NDArray[np.int64]
+    root: Integers
     """1 for the + root, −1 for the − root, 0 where neither could be."""
     weight: Array
     """Of the root in s [n]; 0 where s is its prior."""
@@ -226,7 +225,7 @@ def log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
     return np.where(s > 0.0, score, -np.inf)
 
 
-def by_heading(found: Estimates, heading_deg: Array) -> NDArray[np.int64]:
+def by_heading(found: Estimates, heading_deg: Array) -> Integers:
     """Column [n] of the root whose azimuth is nearer a heading [n] [°]; −1 without heading or
     positive root.
     """
@@ -388,7 +387,7 @@ def _solution(
     s: Array,
     s_root: Array,
     u_root: Array,
-    root: NDArray[np.int64],
+    root: Integers,
     weight: Array,
     spread: Array,
     flags: tuple[tuple[str, ...], ...],

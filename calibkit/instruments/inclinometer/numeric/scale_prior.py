@@ -27,11 +27,11 @@ from calibkit.numeric.least_squares.fit import linear, mapping, raw_powers
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
+    from calibkit.arrays import Array, Mask
     from calibkit.instruments.inclinometer.numeric.published import Components
 
-    Array = NDArray[np.float64]
 
 GAIN = 4.0
 """Mean squares by which a higher order must lower the sum of squares: a coefficient of two standard
@@ -75,7 +75,7 @@ class ScaleOverTemperature:
     residual_rms: float
     """Weighted, dimensionless."""
     valid_degc: tuple[float, float]
-    used: NDArray[np.bool_]
+    used: Mask
     """Which stations [n] entered the fit."""
     left_out: Prior
     """s(T) at each station [n] from all the others: the prior that does not know the station's own

@@ -12,12 +12,9 @@ import numpy as np
 from calibkit.numeric.attitude import wrapped
 
 if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
+    from calibkit.arrays import Array, Mask
     from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 ANGLES = (0, 1, 3)
 """Rows of a solution's covariance that are angles: inclination, toolface, azimuth."""

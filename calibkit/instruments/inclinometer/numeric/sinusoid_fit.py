@@ -14,12 +14,11 @@ from calibkit.instruments.inclinometer.numeric.published import Components
 from calibkit.numeric.least_squares.fit import LinearFit, linear, undetermined
 
 if TYPE_CHECKING:
-    from numpy.typing import ArrayLike, NDArray
+    from numpy.typing import ArrayLike
 
+    from calibkit.arrays import Array, Integers
     from calibkit.instruments.inclinometer.numeric.published import Sensor
 
-    Array = NDArray[np.float64]
-    Mask = NDArray[np.bool_]
 
 NAMES = ("x", "y", "bias", "ramp")
 
@@ -62,7 +61,7 @@ class Fitted:
     squares: Array
     """Sums of squared residuals [n, 2] of accelerometer and gyro; 0 where a station is not solved.
     """
-    dofs: NDArray[np.int64]
+    dofs: Integers
     """Degrees of freedom of each of them [n, 2]."""
 
 
