@@ -375,3 +375,13 @@ class Criterion:
     limit: float
     unit: str
     passed: bool
+
+
+def at_most(name: str, value: float, limit: float, unit: str) -> Criterion:
+    """Criterion that a value must not exceed its limit; equality passes, NaN fails."""
+    return Criterion(name, value, limit, unit, passed=bool(value <= limit))
+
+
+def at_least(name: str, value: float, limit: float, unit: str) -> Criterion:
+    """Criterion that a value must reach its limit; equality passes, NaN fails."""
+    return Criterion(name, value, limit, unit, passed=bool(value >= limit))

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import Criterion, Figure
+from calibkit.coefficients import Figure, at_most
 from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.numeric import affine as accel_affine
 from calibkit.instruments.accelerometer.numeric import affine_model
@@ -20,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibkit.arrays import Array
+    from calibkit.coefficients import Criterion
     from calibkit.instruments.accelerometer.coefficient_files import Correction
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.fit import Triad, TriadFit
@@ -126,17 +127,13 @@ def criteria(last: Stand, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
     limits, found = spec.acceptance, []
     if last.errors is not None and limits.max_inclination_error_deg is not None:
         value, limit = last.errors.inclination_max_deg, limits.max_inclination_error_deg
-        found.append(Criterion("largest inclination error", value, limit, "deg", value <= limit))
+        found.append(at_most("largest inclination error", value, limit, "deg"))
     if last.errors is not None and limits.max_toolface_error_sin_deg is not None:
         value, limit = last.errors.toolface_scaled_max_deg, limits.max_toolface_error_sin_deg
-        found.append(
-            Criterion(
-                "largest toolface error times sin(inclination)", value, limit, "deg", value <= limit
-            )
-        )
+        found.append(at_most("largest toolface error times sin(inclination)", value, limit, "deg"))
     if limits.max_residual_rms_g is not None:
         value, limit = last.residual_rms_g, limits.max_residual_rms_g
-        found.append(Criterion("residual rms", value, limit, "g", value <= limit))
+        found.append(at_most("residual rms", value, limit, "g"))
     return tuple(found)
 
 
@@ -147,7 +144,7 @@ def improved(stands: Sequence[Stand]) -> Criterion:
         if stands[0].residual_rms_g > 0.0
         else 1.0
     )
-    return Criterion("residual rms after/before", share, 1.0, "1", share <= 1.0)
+    return at_most("residual rms after/before", share, 1.0, "1")
 
 
 def coefficient_tables(fitted: TriadFit) -> tuple[SummaryTable, ...]:

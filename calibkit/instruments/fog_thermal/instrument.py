@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.check import bridged, copies, magnitude, thermometers
-from calibkit.coefficients import Criterion
+from calibkit.coefficients import at_least, at_most
 from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, values
 from calibkit.ingest import logs as ingest
@@ -34,7 +34,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.coefficients import Record
+    from calibkit.coefficients import Criterion, Record
     from calibkit.frame import Examined, Finding, Log
     from calibkit.ingest.logs import Reader
     from calibkit.procedures import Applied, Progress
@@ -119,11 +119,7 @@ def _fit_criteria(
     criteria = []
     if least is not None:
         reduction = 1.0 if export.share_of_raw is None else 1.0 / export.share_of_raw
-        criteria.append(
-            Criterion(
-                "drift reduction on withheld ramps", reduction, least, "1", reduction >= least
-            )
-        )
+        criteria.append(at_least("drift reduction on withheld ramps", reduction, least, "1"))
     if export.model.exported:
         criteria.append(_worst_share(figures))
     return (*criteria, *_common_criteria(spec, figures, export.model))
@@ -132,7 +128,7 @@ def _fit_criteria(
 def _worst_share(figures: Sequence[compensate.LogFigures]) -> Criterion:
     """No log may come out of compensation worse than it went in."""
     worst = max(log.after / log.before for log in figures)
-    return Criterion("largest after/before of a log", worst, 1.0, "1", worst <= 1.0)
+    return at_most("largest after/before of a log", worst, 1.0, "1")
 
 
 def _common_criteria(
@@ -145,16 +141,12 @@ def _common_criteria(
     criteria: list[Criterion] = []
     if limits.max_drift_rms_dph is not None:
         worst = max(log.after for log in figures)
-        passed = worst <= limits.max_drift_rms_dph
         criteria.append(
-            Criterion("largest drift rms after", worst, limits.max_drift_rms_dph, "deg/h", passed)
+            at_most("largest drift rms after", worst, limits.max_drift_rms_dph, "deg/h")
         )
     if model.mode == "recursive" and model.exported:
         off = max(abs(log.gain_recursive - 1.0) for log in figures)
-        passed = off <= limits.rate_gain_tolerance
-        criteria.append(
-            Criterion("rate gain off 1 by", off, limits.rate_gain_tolerance, "1", passed)
-        )
+        criteria.append(at_most("rate gain off 1 by", off, limits.rate_gain_tolerance, "1"))
     return tuple(criteria)
 
 
@@ -234,11 +226,7 @@ def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple
     share = float(
         np.average([entry["share_within_expanded_uncertainty"] for entry in stated], weights=counts)
     )
-    return (
-        Criterion(
-            "share of 100 s means within their uncertainty", share, least, "1", share >= least
-        ),
-    )
+    return (at_least("share of 100 s means within their uncertainty", share, least, "1"),)
 
 
 def _validation_criteria(
@@ -251,7 +239,7 @@ def _validation_criteria(
         before = np.sqrt(np.mean([log.before**2 for log in figures]))
         after = np.sqrt(np.mean([log.after**2 for log in figures]))
         reduction = float(before / after)
-        criteria.append(Criterion("drift reduction", reduction, least, "1", reduction >= least))
+        criteria.append(at_least("drift reduction", reduction, least, "1"))
     return tuple(criteria)
 
 

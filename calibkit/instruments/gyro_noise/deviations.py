@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import check
-from calibkit.coefficients import Criterion, Figure, StageResult
+from calibkit.coefficients import Figure, StageResult, at_most
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, values
 from calibkit.instruments.gyro_noise.figures import NoiseReport, NoiseView
@@ -21,6 +21,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibkit.arrays import Array
+    from calibkit.coefficients import Criterion
     from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe, NoiseAcceptance
 
 
@@ -234,7 +235,7 @@ def _of_deviation(entry: allan.BiasStability) -> float:
     return float(entry.value_dph / np.sqrt(2.0 * (entry.blocks - 1)))
 
 
-def at_most(curve: allan.DeviationCurve, law: allan_fit.PowerLaw) -> float:
+def bound_term(curve: allan.DeviationCurve, law: allan_fit.PowerLaw) -> float:
     """What a noise term can be at most: no term is larger than the whole of σ² at any averaging
     time, its upper limit taken.
     """
@@ -252,20 +253,19 @@ def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Cr
             limit = getattr(limits, LIMITS[law.name]) if law.name in LIMITS else None
             if limit is not None:
                 term = observed.get(law.name)
-                value = at_most(one.curve, law) if term is None else term.value
+                value = bound_term(one.curve, law) if term is None else term.value
                 name = (
                     f"{law.name} of"
                     f" {one.record.name}{' (not observable: at most)' if term is None else ''}"
                 )
-                tested.append(Criterion(name, value, limit, law.unit, value <= limit))
+                tested.append(at_most(name, value, limit, law.unit))
         if limits.max_bias_stability_dph is not None:
             tested += [
-                Criterion(
+                at_most(
                     f"bias stability over {entry.block_s:g} s of {one.record.name}",
                     entry.value_dph,
                     limits.max_bias_stability_dph,
                     "deg/h",
-                    entry.value_dph <= limits.max_bias_stability_dph,
                 )
                 for entry in one.stability
             ]

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import Criterion
+from calibkit.coefficients import at_most
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.figures import (
     GammaPoint,
@@ -23,7 +23,7 @@ from calibkit.report.summary import SummaryTable, number
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calibkit.coefficients import Figure, Model, StageResult
+    from calibkit.coefficients import Criterion, Figure, Model, StageResult
     from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleOverTemperature
     from calibkit.instruments.gyro_scale.over_runs import GyroOverRuns
     from calibkit.instruments.gyro_scale.pair_files import PairFit
@@ -231,7 +231,7 @@ def temperature_curve(
 
 def limit_on(name: str, value: float, limit: float | None, unit: str) -> list[Criterion]:
     """One limit that a value must not exceed, where it is stated."""
-    return [] if limit is None else [Criterion(name, value, limit, unit, value <= limit)]
+    return [] if limit is None else [at_most(name, value, limit, unit)]
 
 
 def _worst(figures: Sequence[Figure], start: str, limit: float | None, key: str) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import Criterion
+from calibkit.coefficients import at_most
 from calibkit.instruments.inclinometer.figures import ScaleCurve, SeekingReport
 from calibkit.instruments.inclinometer.numeric import published
 from calibkit.numeric.attitude import wrapped
@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from calibkit.arrays import Array, Mask
+    from calibkit.coefficients import Criterion
     from calibkit.instruments.inclinometer.numeric.published import Sensor
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
     from calibkit.instruments.inclinometer.solve import ScaleFit, Seen
@@ -100,17 +101,13 @@ def criteria(found: Errors, spec: InclinometerRecipe, *, unseen: bool) -> tuple[
         ("largest toolface error", _largest(found.toolface), limits.max_toolface_error_deg),
     ]
     made = [
-        Criterion(name, value, limit, "deg", value <= limit)
+        at_most(name, value, limit, "deg")
         for name, value, limit in tests
         if limit is not None and np.isfinite(value)
     ]
     if unseen and found.excess.size:
         worst, limit = float(found.excess.max()), simultaneous(found.excess.size)
-        made.append(
-            Criterion(
-                "azimuth worse than uncorrected, over its u", worst, limit, "1", worst <= limit
-            )
-        )
+        made.append(at_most("azimuth worse than uncorrected, over its u", worst, limit, "1"))
     return tuple(made)
 
 
