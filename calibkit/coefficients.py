@@ -7,7 +7,7 @@ from __future__ import annotations
 import hashlib
 import json
 import math
-from dataclasses import asdict, dataclass, field, fields, replace
+from dataclasses import asdict, dataclass, field, fields
 from typing import TYPE_CHECKING, Any, TypeVar
 
 from calibkit.errors import CoefficientError
@@ -16,6 +16,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
 
     from calibkit.frame import Log
+    from calibkit.plugins import Plugin
 
 FORMAT = "calibkit-coefficients/1"
 FORMATS = (FORMAT,)
@@ -72,13 +73,23 @@ class Input:
     """Offset of a second logger's clock [s] and its standard uncertainty [s]; a condition in
     coefficient files.
     """
+    plugins: tuple[Plugin, ...] = ()
+    """Plugins that read the log; kept in run.json, not in coefficient files."""
     content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
     """First rows of its values, by which copies are seen; run.json keeps their fingerprint."""
 
     @classmethod
     def of(cls, log: Log) -> Input:
         """The input that a log is."""
-        return cls(log.file, log.sha256, log.rows, log.reading, log.clock, content=log.first_rows())
+        return cls(
+            log.file,
+            log.sha256,
+            log.rows,
+            log.reading,
+            log.clock,
+            log.plugins,
+            content=log.first_rows(),
+        )
 
     def identity(self) -> dict[str, str | int]:
         """What identifies the log in a coefficient file."""
@@ -180,9 +191,7 @@ def record(result: StageResult, identity: Identity, supersedes: str) -> Record:
         effective_from=identity.effective_from,
         software=identity.software,
         recipe_sha256=identity.recipe_sha256,
-        inputs=tuple(
-            replace(entry, reading=(), clock=None, content=frozenset()) for entry in identity.inputs
-        ),
+        inputs=tuple(Input(entry.name, entry.sha256, entry.rows) for entry in identity.inputs),
         conditions=(*result.conditions, *_clocks(identity.inputs)),
         models=result.models,
         figures=result.figures,

@@ -21,6 +21,7 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.errors import CalibkitError
+    from calibkit.plugins import Plugin
 
 CANONICAL = (
     "run",
@@ -75,6 +76,8 @@ class Log:
     """Offset of a second logger's clock [s] and the largest standard uncertainty of its times [s],
     where one was joined.
     """
+    plugins: tuple[Plugin, ...] = ()
+    """Plugins that read it."""
     room: Callable[[int], Array] = np.empty
     """Makes arrays along the rows where the log lies: in memory, or on disk."""
     _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)

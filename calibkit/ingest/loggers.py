@@ -100,6 +100,7 @@ def joined(
             *(f"{second.file}: {note}" for note in second.notes),
         ),
         reading=(*first.reading, *_said(chamber, clock, second, time, on_a), *second.reading),
+        plugins=tuple(dict.fromkeys((*first.plugins, *second.plugins))),
     )
 
 

@@ -239,7 +239,15 @@ def mapped_log(
         *corrected,
     )
     return Log(
-        log_name(file), file, table.sha256, len(table.frame), frame, notes, reading, table.parts
+        log_name(file),
+        file,
+        table.sha256,
+        len(table.frame),
+        frame,
+        notes,
+        reading,
+        table.parts,
+        plugins=table.plugins,
     )
 
 

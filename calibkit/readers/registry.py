@@ -1,54 +1,27 @@
-"""The formats that calibkit reads: name → reader, and what tells a format from its first bytes."""
+"""Which reader reads a log: that of the format that the recipe names, or of the one that the file
+shows; calibkit's own, then those of plugins.
+"""
 
 from __future__ import annotations
 
+import hashlib
 import importlib
 import re
-from dataclasses import dataclass, replace
+from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol, cast
 
-from calibkit.errors import LogFormatError
-from calibkit.readers import clean, delimited
+from calibkit import plugins
+from calibkit.errors import LogFormatError, UsageError
+from calibkit.readers import clean, delimited, optional
+from calibkit.readers.table import Table
+from calibkit.recipe.formats import AUTO, FORMATS
 from calibkit.recipe.logs import TextSpec
 
 if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
-    from calibkit.readers.table import Table
     from calibkit.recipe.logs import Logs
-
-
-@dataclass(frozen=True, slots=True)
-class Format:
-    """A format: what it is, the module that reads it, and the bytes that its files begin with where
-    they do.
-    """
-
-    what: str
-    module: str
-    signatures: tuple[bytes, ...] = ()
-
-
-FORMATS: dict[str, Format] = {
-    "csv": Format("comma-separated UTF-8 with one header line", "delimited"),
-    "text": Format("delimited text in any dialect", "text"),
-    "keysight": Format("Keysight 34970A/34972A/DAQ970A scan, BenchLink Data Logger", "keysight"),
-    "lvm": Format("LabVIEW measurement file", "lvm", (b"LabVIEW Measurement",)),
-    "tdms": Format("NI TDMS", "tdms", (b"TDSm",)),
-    "excel": Format(
-        "Excel workbook", "excel", (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1")
-    ),
-    "matlab": Format(
-        "MATLAB MAT-file v5 or v7.3", "matlab", (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file")
-    ),
-    "hdf5": Format("HDF5", "hdf5", (b"\x89HDF\r\n\x1a\n",)),
-    "parquet": Format("Apache Parquet", "parquet", (b"PAR1",)),
-    "ulog": Format("PX4 ULog", "ulog", (b"ULog\x01\x12\x35",)),
-    "json": Format("JSON arrays or records", "json_arrays"),
-    "chamber": Format("Vötsch/Weiss chamber replies ($01I)", "chamber"),
-    "binary": Format("raw binary records described in the recipe", "binary"),
-}
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
@@ -58,27 +31,49 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     Columns in `needed` hold numbers, or times as text; others may hold anything. Raises
     LogFormatError.
     """
-    if logs.format == "auto":
+    if logs.format == AUTO:
         return _recognised(path, file, logs, needed)
     if logs.format == "csv":
         return clean.read(path, file) or delimited.read(path, file, needed)
-    return _reader(logs.format).read(path, file, logs, needed)
+    return _read_as(logs.format, path, file, logs, needed)
 
 
 class Reader(Protocol):
-    """What the module of a format offers."""
+    """What the module of a format offers; a plugin's may have the bytes that its files begin with
+    as `SIGNATURES`.
+    """
 
     def read(self, path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         """Read a log whole, or raise LogFormatError."""
 
 
-def _reader(name: str) -> Reader:
-    """Module that reads a format; imported only when a log of it is read."""
-    return cast("Reader", importlib.import_module(f"calibkit.readers.{FORMATS[name].module}"))
+def _read_as(name: str, path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read a log in a format by name; the module of the format is imported now."""
+    if name in FORMATS:
+        module = importlib.import_module(f"calibkit.readers.{FORMATS[name].module}")
+        return cast("Reader", module).read(path, file, logs, needed)
+    entry = plugins.installed(plugins.READERS).get(name)
+    if entry is None:
+        raise UsageError(
+            f"{file}: no plugin that reads format '{name}' is installed",
+            hint="install the package that reads it; run.json of a fit with it names the package",
+        )
+    reader, origin = cast("Reader", plugins.load(entry)), plugins.identify(entry)
+    title = f"'{name}' ({origin.distribution} {origin.version})"
+    with optional.damaged(file, title):
+        table = reader.read(path, file, logs, needed)
+        with path.open("rb") as stream:
+            sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
+    if not isinstance(table, Table) or table.sha256 != sha256:
+        raise LogFormatError(
+            f"{file}: the reader of format {title} gave no table with the digest of this file",
+            hint="tell the authors of that package",
+        )
+    return replace(table, plugins=(origin,))
 
 
 def signature(head: bytes) -> str:
-    """Format whose files begin with these bytes, or "" where none is known to."""
+    """Format of calibkit's own whose files begin with these bytes, or ""."""
     for name, known in FORMATS.items():
         if any(head.startswith(mark) for mark in known.signatures):
             return name
@@ -94,10 +89,23 @@ def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> T
         return table
     data = delimited.load(path, file)
     found = signature(data[:32]) or shown(data)
-    if found:
-        table = _reader(found).read(path, file, logs, needed)
-        return replace(table, reading=(f"format = '{found}' (guessed)", *table.reading))
-    return _text(data, file, logs, needed, described=described)
+    if not found:
+        try:
+            return _text(data, file, logs, needed, described=described)
+        except LogFormatError:
+            found = "" if described else _of_a_plugin(data)
+            if not found:
+                raise
+    table = _read_as(found, path, file, logs, needed)
+    return replace(table, reading=(f"format = '{found}' (guessed)", *table.reading))
+
+
+def _of_a_plugin(data: bytes) -> str:
+    """Format of an installed plugin whose `SIGNATURES` a file begins with, or ""."""
+    for name, module in plugins.usable(plugins.READERS).items():
+        if any(mark and data.startswith(mark) for mark in getattr(module, "SIGNATURES", ())):
+            return name
+    return ""
 
 
 def shown(data: bytes) -> str:

@@ -10,6 +10,8 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+    from calibkit.plugins import Plugin
+
 FIRST_ROW = 2
 """Line of a file that holds its first row where one header line stands above; a frame's index
 counts from there.
@@ -18,13 +20,13 @@ counts from there.
 
 @dataclass(frozen=True, slots=True)
 class Table:
-    """A log before any mapping: its bytes' digest, its names and numbers, what was noted, and how
-    it was read.
+    """A log before any mapping: the SHA-256 of its bytes, its columns, notes on its content, and
+    how it was read.
 
     The frame's index is the line (or record) of the file minus 2, so that every row can be found
-    again; `units` holds what the log itself says of a column's unit; `reading` is how the file was
-    read, guesses named as such; `parts` are the files of a split log, each with what its own index
-    was raised by.
+    again; `units` holds the unit that the log itself states of a column; `reading` is how the file
+    was read, guesses named as such; `parts` are the files of a split log, each with the number that
+    was added to its index; `plugins` are those that read it.
     """
 
     file: str
@@ -34,3 +36,4 @@ class Table:
     reading: tuple[str, ...] = ()
     units: Mapping[str, str] = field(default_factory=dict)
     parts: tuple[tuple[str, int], ...] = ()
+    plugins: tuple[Plugin, ...] = ()

@@ -7,30 +7,14 @@ from __future__ import annotations
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
+from pydantic_core import PydanticCustomError
 
 from calibkit import units
+from calibkit.recipe.formats import AUTO, FORMATS, describes, format_names
 from calibkit.recipe.strict import Positive, Table
 
 Count = Annotated[int, Field(ge=0)]
 Auto = Literal["auto"]
-Format = Literal[
-    "auto",
-    "csv",
-    "text",
-    "keysight",
-    "lvm",
-    "tdms",
-    "excel",
-    "matlab",
-    "hdf5",
-    "parquet",
-    "ulog",
-    "json",
-    "chamber",
-    "binary",
-]
-TEXT_FORMATS = ("auto", "text", "keysight", "lvm", "chamber", "excel")
-"""Formats that a [logs.text] table can describe."""
 
 
 class TextSpec(Table):
@@ -115,7 +99,7 @@ class Logs(Table):
     """Which files of the data folder are logs, and how they are written."""
 
     files: Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
-    format: Format = "auto"
+    format: str = AUTO
     names: Annotated[tuple[str, ...], Field(strict=False)] = ()
     table: str = ""
     split: bool = False
@@ -147,23 +131,28 @@ class Logs(Table):
             raise ValueError("a column without a name")
         return names
 
+    @field_validator("format", mode="before")
+    @classmethod
+    def _known_format(cls, name: object) -> object:
+        if name == AUTO or (isinstance(name, str) and name in FORMATS):
+            return name
+        *most, last = names = [*map(repr, format_names())]
+        if repr(name) in names:
+            return name
+        expected = f"{', '.join(most)} or {last}"
+        raise PydanticCustomError(
+            "literal_error", "Input should be {expected}", {"expected": expected}
+        )
+
     @model_validator(mode="after")
     def _of_the_format(self) -> Logs:
         if (self.format == "binary") != (self.binary is not None):
             raise ValueError("format = 'binary' and a table [logs.binary] go together")
-        if self.text != TextSpec() and self.format not in TEXT_FORMATS:
+        if self.text != TextSpec() and not describes("text", self.format):
             raise ValueError(f"[logs.text] says nothing about format = '{self.format}'")
-        if self.table and self.format not in {
-            "auto",
-            "tdms",
-            "excel",
-            "matlab",
-            "hdf5",
-            "ulog",
-            "json",
-        }:
+        if self.table and not describes("table", self.format):
             raise ValueError(f"table = '{self.table}' says nothing about format = '{self.format}'")
-        if self.names and self.format in {"csv", "binary", "tdms", "parquet", "ulog", "keysight"}:
+        if self.names and not describes("names", self.format):
             raise ValueError(
                 f"names = [...] says nothing about format = '{self.format}': its columns have names"
             )

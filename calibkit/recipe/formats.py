@@ -1,0 +1,53 @@
+"""The log formats that calibkit reads by itself: the one list, for recipes and readers."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from calibkit import plugins
+
+AUTO = "auto"
+"""Value of [logs] format that leaves the format to be recognised from the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class LogFormat:
+    """A log format: the module of `calibkit.readers` that reads it, the bytes that its files begin
+    with where they always do, and the keys of [logs] that can describe it further.
+    """
+
+    module: str
+    signatures: tuple[bytes, ...] = ()
+    keys: tuple[str, ...] = ()
+
+
+FORMATS: dict[str, LogFormat] = {
+    "csv": LogFormat("delimited"),
+    "text": LogFormat("text", keys=("text", "names")),
+    "keysight": LogFormat("keysight", keys=("text",)),
+    "lvm": LogFormat("lvm", (b"LabVIEW Measurement",), ("text", "names")),
+    "tdms": LogFormat("tdms", (b"TDSm",), ("table",)),
+    "excel": LogFormat(
+        "excel", (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), ("text", "table", "names")
+    ),
+    "matlab": LogFormat(
+        "matlab", (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"), ("table", "names")
+    ),
+    "hdf5": LogFormat("hdf5", (b"\x89HDF\r\n\x1a\n",), ("table", "names")),
+    "parquet": LogFormat("parquet", (b"PAR1",)),
+    "ulog": LogFormat("ulog", (b"ULog\x01\x12\x35",), ("table",)),
+    "json": LogFormat("json_arrays", keys=("table", "names")),
+    "chamber": LogFormat("chamber", keys=("text", "names")),
+    "binary": LogFormat("binary"),
+}
+"""Value of [logs] format → format."""
+
+
+def format_names() -> tuple[str, ...]:
+    """Values that [logs] format can have: calibkit's own, then those of installed plugins."""
+    return tuple(dict.fromkeys((AUTO, *FORMATS, *plugins.installed(plugins.READERS))))
+
+
+def describes(key: str, name: str) -> bool:
+    """Whether a key of [logs] means something to a format; a plugin decides that itself."""
+    return name not in FORMATS or key in FORMATS[name].keys
