@@ -373,6 +373,20 @@ def test_the_scale_factor_over_temperature_is_clamped_and_has_an_uncertainty():
         scale_factor.over_temperature(values[:2], np.ones(2), temperature[:2], order=3)
 
 
+@pytest.mark.parametrize(("ratio", "order"), [(0.99, 0), (0.91, 0), (0.89, 1), (0.5, 1)])
+def test_a_slope_over_temperature_must_lower_the_left_out_error_by_a_tenth(ratio, order):
+    """Three runs at -1, 0, 1 °C with K = slope T + (1, -2, 1): a left-out run errs by 1.5 times its
+    distance from the mean, or by 6, -3, 6 off the line through the others.
+
+    The squares sum up to 4.5 slope² + 13.5 and to 81: the ratio sets the slope.
+    """
+    slope = np.sqrt(18.0 / ratio**2 - 3.0)
+    temperature = np.array([-1.0, 0.0, 1.0])
+    values = K + slope * temperature + np.array([1.0, -2.0, 1.0])
+    over = scale_factor.over_temperature(values, np.full(3, 0.01), temperature)
+    assert over.coefficients.size == order + 1
+
+
 def test_mean_of_runs_takes_the_larger_of_noise_and_scatter():
     """Runs that scatter more than their noise have the scatter's uncertainty, and the other way
     round.
@@ -423,6 +437,19 @@ def test_a_cubic_response_is_chosen_and_found():
     assert chosen.at(np.array([70.0]))[0] == pytest.approx(
         K * 70.0 + 1e-4 * 70.0**3 + 20.0, abs=5.0
     )
+
+
+def test_a_cubic_must_lower_the_left_out_error_by_a_tenth():
+    """Of ever larger cubics those are chosen whose left-out rms is below 0.9 of the
+    line's.
+    """
+    ratios = []
+    for cubic in np.linspace(2e-6, 3e-6, 51):
+        indication = K * RATES + cubic * RATES**3 + np.sin(RATES)
+        chosen, (line, bent) = response.choose(RATES, indication, orders=(1, 3), with_sine=False)
+        ratios.append(bent.left_out_rms / line.left_out_rms)
+        assert chosen.order == (3 if ratios[-1] < 0.9 else 1)
+    assert np.histogram(ratios, bins=(0.8, 0.89, 0.9, 0.91, 1.0))[0].all()
 
 
 def test_the_sine_of_an_open_loop_gyro_is_chosen_and_found():

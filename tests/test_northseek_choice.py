@@ -4,6 +4,7 @@ two sensor pairs.
 
 import json
 from dataclasses import replace
+from types import SimpleNamespace
 
 import numpy as np
 import pytest
@@ -375,6 +376,20 @@ def test_history_predicts_with_value_and_rate():
     assert prior.standard_uncertainty[-1] < 1e-3
 
 
+@pytest.mark.parametrize("hours", [[6.0], [2.0, 6.0], [0.5, 1.0, 3.5, 6.0]])
+def test_a_history_without_stations_grows_less_sure_with_the_cube_of_time(hours):
+    """Six hours without a usable station: variance 0.01² + (2e-3 · 6)² + 3e-3² · 6³/3, however the
+    time is divided: s is the integral of a rate that walks at random.
+    """
+    elapsed = np.array([0.0, *hours])
+    vertical = parts_of(np.full(elapsed.size, 0.1), 40.0, 70.0, 34.2)
+    start = scale_prior.History(s=1.01, rate=1e-3, rate_uncertainty=2e-3, rate_walk=3e-3)
+    prior = scale_prior.history_prior(root_choice.estimates(vertical, 34.2), elapsed, start=start)
+    assert prior.s[-1] == pytest.approx(1.01 + 6e-3, rel=1e-12)
+    # 1e-4 + 1.44e-4 + 6.48e-4
+    assert prior.standard_uncertainty[-1] ** 2 == pytest.approx(8.92e-4, rel=1e-12)
+
+
 def test_refused_stations_do_not_disturb_the_history():
     """A vertical and a NaN station in between leave the others' priors as if a longer wait had
     passed.
@@ -438,6 +453,28 @@ def test_s_over_temperature_has_honest_uncertainty():
         z.append((prior.s[0] - truth["s_x"][0]) / prior.standard_uncertainty[0])
     assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
     assert np.std(z) < 1.3
+
+
+@pytest.mark.parametrize(("square", "order"), [(0.9, 0), (0.51, 0), (0.49, 1), (0.1, 1)])
+def test_a_slope_of_s_must_lower_the_left_out_sum_of_squares_by_four_mean_squares(square, order):
+    """Eight stations: the left-out sum of squares of a line, over that of a mean, must be below
+    1 - 4/8.
+
+    The residuals are orthogonal to all powers below the seventh: a line leaves them as they are.
+    """
+    temperature = np.arange(-7.0, 8.0, 2.0)
+    residuals = np.array([-1.0, 7.0, -21.0, 35.0, -35.0, 21.0, -7.0, 1.0])
+    off_line = np.sum((residuals / (1.0 - 1.0 / 8.0 - temperature**2 / 168.0)) ** 2)
+    # off the mean of the other seven: (8/7)² (168 slope² + 3432)
+    slope = np.sqrt((off_line / square * (7.0 / 8.0) ** 2 - 3432.0) / 168.0)
+    solution = SimpleNamespace(
+        status=[""] * 8,
+        weight=np.ones(8),
+        s_root=1.0 + 1e-4 * (slope * temperature + residuals),
+        s_root_uncertainty=np.full(8, 1e-5),
+    )
+    over = scale_prior.over_temperature(solution, temperature)
+    assert over.coefficients.size == order + 1
 
 
 def test_a_station_is_left_out_of_its_own_prior():
