@@ -167,6 +167,10 @@ def _run_document(
     """run.json: the recipe, the logs, the software, the verdict and the digests of the run's
     files.
     """
+    plugins = sorted(
+        {plugin for log in identity.inputs for plugin in log.plugins},
+        key=lambda plugin: plugin.name,
+    )
     return {
         "format": store.RUN_FORMAT,
         "serial": identity.serial,
@@ -176,6 +180,7 @@ def _run_document(
         "software": SOFTWARE,
         "python": platform.python_version(),
         "libraries": dict(_versions()),
+        **({"plugins": [asdict(plugin) for plugin in plugins]} if plugins else {}),
         "recipe": {
             "name": source.name,
             "sha256": source.sha256,

@@ -17,7 +17,9 @@ import pages
 from conftest import ROOT
 
 TUTORIALS = sorted((ROOT / "docs" / "tutorials").glob("*.md"))
-PAGES = [*TUTORIALS, *sorted((ROOT / "docs" / "how_to").glob("*.md"))]
+PLUGIN_PAGES = {"10_a_format_of_my_own"}  # run in an environment of their own by test_plugins
+HOW_TO = sorted((ROOT / "docs" / "how_to").glob("*.md"))
+PAGES = [*TUTORIALS, *(page for page in HOW_TO if page.stem not in PLUGIN_PAGES)]
 SCHEMAS = ROOT / "docs" / "schemas"
 
 
@@ -129,9 +131,7 @@ def test_every_page_is_in_the_contents():
         for path in docs.rglob("*.md")
         if path.stem != "index"
     ]
-    assert [
-        name for name in names if f"\n{name}\n" not in index and not name.startswith("how_to/")
-    ] == []
+    assert [name for name in names if f"\n{name}\n" not in index] == []
 
 
 def test_a_schema_refuses_a_coefficient_without_its_unit():

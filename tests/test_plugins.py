@@ -1,17 +1,35 @@
-"""Plugins: log formats that other packages add."""
+"""Plugins: log formats that other packages add, and the pages that show how, as they are
+written.
+"""
 
 import hashlib
+import importlib.util
+import json
 import logging
+import os
+import re
+import shutil
+import subprocess
+import sysconfig
+import tomllib
+import venv
 from dataclasses import asdict
 from importlib.metadata import EntryPoint
+from pathlib import Path
 
 import pytest
 
+import pages
 from calibkit import coefficients, plugins, recipe
 from calibkit.errors import LogFormatError, RecipeError, UsageError
 from calibkit.ingest import logs as ingest
 from calibkit.readers import registry
 from calibkit.recipe.logs import Logs
+from conftest import ROOT
+from test_docs import validators
+
+FILE = re.compile(r"# ([\w./-]+\.(?:toml|py))\n")
+"""First line of a block that is a file."""
 
 READER = '''"""Numbers behind a mark, two per row."""
 
@@ -194,13 +212,25 @@ def test_whatever_a_reader_raises_is_an_error_of_the_log(tmp_path, install):
         read(tmp_path, b"anything", format="pairs")
 
 
-@pytest.mark.parametrize("returned", ["None", 'Table(file, "0" * 64, frame)'])
-def test_a_reader_that_gives_no_table_of_its_file_is_refused(tmp_path, install, returned):
-    """A wrong digest in a record would let a log vouch for itself."""
-    source, _, _ = READER.rpartition("    return ")
-    install("pairs", f"{source}    return {returned}\n")
-    with pytest.raises(LogFormatError, match="gave no table with the digest of this file"):
+@pytest.mark.parametrize(
+    ("written", "returned"),
+    [
+        ("    return ", "    return None # "),
+        ("hashlib.sha256(data).hexdigest()", '"0" * 64'),
+        ("deg/h", "furlong"),
+    ],
+)
+def test_a_reader_that_gives_no_table_of_its_file_is_refused(tmp_path, install, written, returned):
+    """Another digest than that of the file would let a copy of a log pass for another log."""
+    install("pairs", READER.replace(written, returned))
+    with pytest.raises(LogFormatError, match=r"pairs_reader 1\.0"):
         read(tmp_path, PAIRS, format="pairs")
+
+
+def test_units_that_a_reader_states_are_known_by_their_usual_spellings(tmp_path, install):
+    """As a header may write them."""
+    install("pairs", READER.replace("deg/h", "°/h"))
+    assert read(tmp_path, PAIRS, format="pairs").units == {"gyro_dph": "deg/h"}
 
 
 def test_two_packages_that_add_one_name_are_refused(tmp_path, install):
@@ -215,3 +245,102 @@ def test_a_part_of_calibkit_itself_is_loaded_unchecked():
     """An entry point without a distribution is one of calibkit's own."""
     entry = EntryPoint("csv", "calibkit.readers.delimited", plugins.READERS)
     assert plugins.load(entry).__name__ == "calibkit.readers.delimited"
+
+
+class Environment:
+    """A fresh environment that sees calibkit and its libraries, for one package."""
+
+    def __init__(self, folder):
+        self.folder = folder
+        venv.create(folder / "env", with_pip=False)
+        scripts = "Scripts" if os.name == "nt" else "bin"
+        self.python = folder / "env" / scripts / "python"
+        base = str(folder / "env")
+        self.site = Path(sysconfig.get_path("purelib", "venv", vars={"base": base}))
+        seen = [str(ROOT), sysconfig.get_path("purelib"), sysconfig.get_path("platlib")]
+        (self.site / "seen.pth").write_text("\n".join(dict.fromkeys(seen)) + "\n", encoding="utf-8")
+
+    def run(self, *arguments):
+        """Run Python; its outcome."""
+        environment = os.environ | {"PYTHONPATH": "", "OPENBLAS_NUM_THREADS": "1"}
+        return subprocess.run(
+            [str(self.python), *arguments],
+            cwd=self.folder,
+            env=environment,
+            capture_output=True,
+            text=True,
+            encoding="utf-8",
+            check=False,
+        )
+
+    def install(self, project):
+        """Install a project: by pip where that and the build backend are at hand, else file by
+        file.
+        """
+        if all(importlib.util.find_spec(name) for name in ("pip", "hatchling")):
+            offline = ("--no-index", "--no-deps", "--no-build-isolation", "--quiet")
+            done = self.run("-m", "pip", "install", *offline, str(project))
+            assert done.returncode == 0, done.stderr
+            return
+        stated = tomllib.loads((project / "pyproject.toml").read_text(encoding="utf-8"))["project"]
+        name, version = stated["name"].replace("-", "_"), stated["version"]
+        about = self.site / f"{name}-{version}.dist-info"
+        about.mkdir()
+        modules = [shutil.copy(path, self.site) for path in project.glob("*.py")]
+        listed = "".join(f"{Path(path).name},,\n" for path in modules)
+        (about / "RECORD").write_text(listed, encoding="utf-8")
+        head = f"Metadata-Version: 2.4\nName: {stated['name']}\nVersion: {version}\n"
+        (about / "METADATA").write_text(head, encoding="utf-8")
+        groups = "".join(
+            f"[{group}]\n" + "".join(f"{key} = {value}\n" for key, value in entries.items())
+            for group, entries in stated["entry-points"].items()
+        )
+        (about / "entry_points.txt").write_text(groups, encoding="utf-8")
+
+    def follow(self, page):
+        """Run a page: files are written, Python is run, packages installed, commands typed."""
+        (self.folder / "datasets").symlink_to(ROOT / "datasets", target_is_directory=True)
+        for language, text in pages.BLOCK.findall(page.read_text(encoding="utf-8")):
+            if named := FILE.match(text):
+                (self.folder / named[1]).parent.mkdir(exist_ok=True)
+                (self.folder / named[1]).write_text(text, encoding="utf-8")
+            elif language == "python":
+                self._succeeds("-c", text)
+            else:
+                for line in text.splitlines():
+                    command, *arguments = line.split()
+                    if command == "pip":
+                        self.install(self.folder / arguments[-1])
+                    else:
+                        assert command == "calibkit"
+                        self._succeeds("-m", "calibkit", *arguments)
+
+    def _succeeds(self, *arguments):
+        """Run Python; it ends with exit code 0."""
+        done = self.run(*arguments)
+        assert done.returncode == 0, f"{arguments}\n{done.stdout}\n{done.stderr}"
+
+
+def test_the_reader_of_the_page_is_installed_and_reads_logs(tmp_path):
+    """Every block of the page in a fresh environment: check, fit and apply take logs in the format
+    of the package, and run.json states the package.
+    """
+    environment = Environment(tmp_path)
+    environment.follow(ROOT / "docs" / "how_to" / "10_a_format_of_my_own.md")
+    run = tmp_path / "runs" / "FOG-0001" / "r001"
+    document = json.loads((run / "run.json").read_text(encoding="utf-8"))
+    validators()["calibkit-run/1"].validate(document)
+    (plugin,) = document["plugins"]
+    assert (plugin["name"], plugin["distribution"]) == ("sentences", "lab-sentences")
+    source = (tmp_path / "lab-sentences" / "lab_sentences.py").read_bytes()
+    line = f"{hashlib.sha256(source).hexdigest()}  lab_sentences.py\n"
+    assert plugin["sha256"] == hashlib.sha256(line.encode()).hexdigest()
+    written = (tmp_path / "compensated.csv").read_text(encoding="utf-8").splitlines()
+    assert written[0] == "time,case,chamber,rate"
+    log = tmp_path / "lab" / "ramp_heating_05.txt"
+    assert len(written) == 1 + len(log.read_text(encoding="utf-8").splitlines())
+
+    log.write_text(log.read_text(encoding="utf-8").replace("$GYRO,100,", "$GYRO,101,"), "utf-8")
+    checked = environment.run("-m", "calibkit", "check", "lab.toml", "--data", "lab")
+    assert checked.returncode == 3
+    assert "ramp_heating_05.txt:101: the checksum is not" in checked.stdout

@@ -10,10 +10,9 @@ import re
 from dataclasses import replace
 from typing import TYPE_CHECKING, Protocol, cast
 
-from calibkit import plugins
+from calibkit import plugins, units
 from calibkit.errors import LogFormatError, UsageError
 from calibkit.readers import clean, delimited, optional
-from calibkit.readers.table import Table
 from calibkit.recipe.formats import AUTO, FORMATS
 from calibkit.recipe.logs import TextSpec
 
@@ -21,6 +20,7 @@ if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
+    from calibkit.readers.table import Table
     from calibkit.recipe.logs import Logs
 
 
@@ -52,6 +52,13 @@ def _read_as(name: str, path: Path, file: str, logs: Logs, needed: Collection[st
     if name in FORMATS:
         module = importlib.import_module(f"calibkit.readers.{FORMATS[name].module}")
         return cast("Reader", module).read(path, file, logs, needed)
+    return _read_by_plugin(name, path, file, logs, needed)
+
+
+def _read_by_plugin(name: str, path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+    """Read a log by the plugin of a format, and check what it gives; raises UsageError where it
+    cannot be used.
+    """
     entry = plugins.installed(plugins.READERS).get(name)
     if entry is None:
         raise UsageError(
@@ -64,12 +71,15 @@ def _read_as(name: str, path: Path, file: str, logs: Logs, needed: Collection[st
         table = reader.read(path, file, logs, needed)
         with path.open("rb") as stream:
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
-    if not isinstance(table, Table) or table.sha256 != sha256:
+        stated = {column: units.ALIASES.get(unit, unit) for column, unit in table.units.items()}
+        faulty = table.sha256 != sha256 or not set(stated.values()) <= set(units.TABLE)
+    if faulty:
         raise LogFormatError(
-            f"{file}: the reader of format {title} gave no table with the digest of this file",
+            f"{file}: the reader of format {title} gave a digest of other bytes, or units that"
+            " calibkit does not know",
             hint="tell the authors of that package",
         )
-    return replace(table, plugins=(origin,))
+    return replace(table, units=stated, plugins=(origin,))
 
 
 def signature(head: bytes) -> str:
