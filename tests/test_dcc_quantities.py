@@ -1,0 +1,196 @@
+"""Every number of a digital calibration certificate is in the unit that stands beside it: values,
+uncertainties, intervals, conditions, lists and covariances, each in hand-computed SI values.
+"""
+
+import numpy as np
+import pytest
+
+from calibkit.certificate import dcc, dcc_results
+from calibkit.certificate import dcc_xml as xml
+from calibkit.certificate.as_found import BeforeAfter
+from calibkit.certificate.dcc_units import ATOMS, dsi
+from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
+from calibkit.certificate.words import Words
+from calibkit.coefficients import Coefficient, Model
+
+pytest.importorskip("lxml")
+
+G = 9.8
+"""Local gravity [m/s²] of these certificates."""
+ACCELERATION = r"\metre\second\tothe{-2}"
+UNITS = [
+    ("mg", 9.8e-3, ACCELERATION),
+    ("ug/degC", 9.8e-6, rf"\degreecelsius\tothe{{-1}}{ACCELERATION}"),
+    ("ppm", 1e-6, r"\one"),
+    ("mdeg", 1e-3, r"\degree"),
+    ("mrad", 1e-3, r"\radian"),
+    ("rev/min", 360.0, r"\degree\minute\tothe{-1}"),
+    ("mV/(deg/s)", 1e-3, r"\volt\degree\tothe{-1}\second"),
+]
+"""Unit of a coefficient file, how many of the certificate's unit it is, and that unit."""
+
+
+def root():
+    """Return an element that quantities are put into."""
+    return xml.etree().Element("root")
+
+
+def stated(expanded, standard=0.5):
+    """Return an uncertainty in the unit of its result."""
+    return Uncertainty((), standard, 50.0, 2.0, expanded, 0.9545)
+
+
+def result(value, unit, *, key="stage.model.a", **more):
+    """Return a result in a unit."""
+    return Result(key, "stage.json", "a", Words("a"), value, unit, **more)
+
+
+def numbers(element, name):
+    """Return the numbers of all `si:` elements of a name, in their order."""
+    found = element.iter(f"{{{xml.SI}}}{name}")
+    return [float(number) for one in found for number in one.text.split()]
+
+
+def texts(element, name):
+    """Return the texts of all `si:` elements of a name, in their order."""
+    return [one.text for one in element.iter(f"{{{xml.SI}}}{name}")]
+
+
+@pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
+def test_a_result_and_its_expanded_uncertainty_are_converted(unit, size, spelling):
+    """3 ± 0.25 of a unit, at a condition of 20 of the same unit."""
+    made = root()
+    at = (("input", 20.0, unit),)
+    dcc_results.real(made, result(3.0, unit, uncertainty=stated(0.25), at=at), G, "en")
+    assert numbers(made, "value") == pytest.approx([3.0 * size, 20.0 * size], rel=1e-14)
+    assert texts(made, "unit") == [spelling, spelling]
+    assert numbers(made, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)
+    assert numbers(made, "coverageFactor") == [2.0]
+
+
+@pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
+def test_a_coverage_interval_is_converted(unit, size, spelling):
+    """3 with the standard uncertainty 0.5 in the interval from 2 to 4.5 of a unit."""
+    made = root()
+    one = result(3.0, unit, uncertainty=stated(0.25), interval=(2.0, 4.5))
+    dcc_results.real(made, one, G, "en")
+    assert texts(made, "unit") == [spelling]
+    assert numbers(made, "value") == pytest.approx([3.0 * size], rel=1e-14)
+    assert numbers(made, "valueStandardMU") == pytest.approx([0.5 * size], rel=1e-14)
+    assert numbers(made, "intervalMin") == pytest.approx([2.0 * size], rel=1e-14)
+    assert numbers(made, "intervalMax") == pytest.approx([4.5 * size], rel=1e-14)
+
+
+@pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
+def test_a_condition_and_its_standard_uncertainty_are_converted(unit, size, spelling):
+    """An influence condition of 20 with u = 0.1 of a unit."""
+    made = root()
+    dcc_results.influence(made, "local_input", 20.0, unit, G, "en", 0.1)
+    assert numbers(made, "value") == pytest.approx([20.0 * size], rel=1e-14)
+    assert texts(made, "unit") == [spelling]
+    assert numbers(made, "valueStandardMU") == pytest.approx([0.1 * size], rel=1e-14)
+
+
+@pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
+@pytest.mark.parametrize("kind", ["list", "grid"])
+def test_a_column_over_a_condition_is_converted(kind, unit, size, spelling):
+    """1 and 3 of a unit with U = 0.25 and 0.5, at 10 and 20 of the same unit."""
+    column = [
+        result(value, unit, key=f"s.m.a@{at:g}", uncertainty=stated(U), at=(("input", at, unit),))
+        for value, U, at in ((1.0, 0.25, 10.0), (3.0, 0.5, 20.0))
+    ]
+    title = Words("a over the input")
+    table = (
+        ListTable(title, tuple(column))
+        if kind == "list"
+        else GridTable(
+            title, Words("input"), (title,), (unit,), ("10", "20"), tuple((r,) for r in column)
+        )
+    )
+    made = root()
+    dcc_results.table(made, table, G, "en")
+    expected = np.array([10.0, 20.0, 1.0, 3.0]) * size
+    assert numbers(made, "valueXMLList") == pytest.approx(expected, rel=1e-14)
+    assert texts(made, "unitXMLList") == [f"{spelling} {spelling}"] * 2
+    assert numbers(made, "valueExpandedMUXMLList") == pytest.approx(
+        [0.25 * size, 0.5 * size], rel=1e-14
+    )
+
+
+def test_parameters_and_their_covariance_are_converted():
+    """2 mg and 5 ppm/mg, u² = 9 mg² and 16 ppm²/mg², covariance 6 ppm, at 9.8 m/s²."""
+    model = Model(
+        "triad",
+        "form/1",
+        (Coefficient("b", 2.0, "mg", 3.0), Coefficient("c", 5.0, "ppm/mg", 4.0)),
+        ((9.0, 6.0), (6.0, 16.0)),
+        10,
+        0.1,
+        "g",
+        {},
+    )
+    made = root()
+    dcc_results.parameters(made, "accel", model, G, "en")
+    values, *covariance = (
+        [float(v) for v in one.text.split()] for one in made.iter(f"{{{xml.SI}}}valueXMLList")
+    )
+    # 2 · 9.8e-3 m/s², 5 · 1e-6 / 9.8e-3 s²/m
+    assert values == pytest.approx([0.0196, 5.102040816326531e-4], rel=1e-14)
+    # 9 · 9.604e-5 m²/s⁴, 6e-6, 16 · (1e-6 / 9.8e-3)² s⁴/m²
+    expected = [8.6436e-4, 6e-6, 6e-6, 1.6659725114535610e-7]
+    assert [entry for (entry,) in covariance] == pytest.approx(expected, rel=1e-14)
+    assert texts(made, "unitXMLList") == [
+        rf"{ACCELERATION} \metre\tothe{{-1}}\second\tothe{{2}}",
+        r"\metre\tothe{2}\second\tothe{-4}",
+        r"\one",
+        r"\one",
+        r"\metre\tothe{-2}\second\tothe{4}",
+    ]
+
+
+@pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
+def test_as_found_and_as_left_are_converted(unit, size, spelling):
+    """A figure of a validation, 3 with U = 0.25 of a unit."""
+    made = root()
+    row = BeforeAfter("log.csv", Words("rms"), 3.0, 3.0, unit, 0.25)
+    dcc._descriptor(made, row, (3.0, 0.25), G, "en")
+    assert numbers(made, "value") == pytest.approx([3.0 * size], rel=1e-14)
+    assert texts(made, "unit") == [spelling]
+    assert numbers(made, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)
+
+
+@pytest.mark.parametrize(
+    ("prefixed", "whole", "size"),
+    [
+        ("ms", "s", 1e-3),
+        ("us", "s", 1e-6),
+        ("ns", "s", 1e-9),
+        ("mdeg", "deg", 1e-3),
+        ("mrad", "rad", 1e-3),
+        ("urad", "rad", 1e-6),
+        ("cm", "m", 1e-2),
+        ("mm", "m", 1e-3),
+        ("mV", "V", 1e-3),
+        ("uV", "V", 1e-6),
+        ("mA", "A", 1e-3),
+        ("ppm", "1", 1e-6),
+        ("%", "1", 1e-2),
+        ("rev", "deg", 360.0),
+        ("mg", "g", 1e-3),
+        ("ug", "g", 1e-6),
+    ],
+)
+def test_a_part_of_a_unit_has_the_size_that_its_prefix_says(prefixed, whole, size):
+    """Prefixes of the SI, parts of one, revolutions of 360°."""
+    part, one = dsi(prefixed).at(G), dsi(whole).at(G)
+    assert part.text == one.text
+    assert part.factor / one.factor == pytest.approx(size, rel=1e-14)
+
+
+def test_units_without_a_prefix_are_not_converted():
+    """Apart from those above and g, a unit stands for one of itself."""
+    plain = {"1", "sample", "lsb", "s", "min", "h", "d", "Hz", "degC", "K", "deg", "arcmin"}
+    plain |= {"arcsec", "rad", "m", "V", "A", "ohm"}
+    assert {name for name, (_, factor) in ATOMS.items() if factor == 1.0} == plain
+    assert dsi("g").at(G).factor == G
+    assert dsi("g").at(None).factor == 1.0
