@@ -20,6 +20,8 @@ from calibkit.report import documents, svg
 
 ROOT = Path(__file__).resolve().parents[1]
 AUTHORITIES = Path(__file__).resolve().parent / "authorities"
+NIST = Path(__file__).resolve().parent / "nist_strd"
+"""Regression data sets of NIST with certified values; their source is in SOURCE.txt there."""
 REAL = ROOT.parent / "shared" / "data"
 
 

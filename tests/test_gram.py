@@ -11,6 +11,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import determination, k_factor
 from calibkit.numeric import attitude
 from calibkit.numeric.least_squares import fit, fold, gram
+from conftest import NIST
 
 ROWS = 30_000
 
@@ -97,17 +98,16 @@ def test_blocks_give_what_a_whole_factorisation_gives():
         ("wampler2", 5, 12),
     ],
 )
-def test_nist_sets_repeated_until_they_are_tall_keep_their_digits(real, name, order, digits):
+def test_nist_sets_repeated_until_they_are_tall_keep_their_digits(name, order, digits):
     """A set measured many times over has the certified coefficients, twelve digits of them on
     mapped powers.
     """
     # In raw powers too, but for Wampler's first: its constant of 1 stands beside terms of 3
     # million.
-    folder = real / "nist_strd"
     data = np.genfromtxt(
-        folder / f"linear_{name}.csv", delimiter=",", names=True, encoding="utf-8-sig"
+        NIST / f"linear_{name}.csv", delimiter=",", names=True, encoding="utf-8-sig"
     )
-    with (folder / "linear_certified_15digits.csv").open(encoding="utf-8") as opened:
+    with (NIST / "linear_certified_15digits.csv").open(encoding="utf-8") as opened:
         rows = [row for row in csv.DictReader(opened) if row["dataset"] == name]
     expected = np.array([float(row["estimate"]) for row in rows])
     times = 1 + ROWS // data.size

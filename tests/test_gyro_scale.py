@@ -377,9 +377,8 @@ def test_the_scale_factor_over_temperature_is_clamped_and_has_an_uncertainty():
 def test_a_slope_over_temperature_must_lower_the_left_out_error_by_a_tenth(ratio, order):
     """Three runs at -1, 0, 1 °C with K = slope T + (1, -2, 1): a left-out run errs by 1.5 times its
     distance from the mean, or by 6, -3, 6 off the line through the others.
-
-    The squares sum up to 4.5 slope² + 13.5 and to 81: the ratio sets the slope.
     """
+    # their squares sum up to 4.5 slope² + 13.5 and to 81: the ratio sets the slope
     slope = np.sqrt(18.0 / ratio**2 - 3.0)
     temperature = np.array([-1.0, 0.0, 1.0])
     values = K + slope * temperature + np.array([1.0, -2.0, 1.0])

@@ -12,6 +12,7 @@ import pytest
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import magnitude
 from calibkit.numeric.least_squares import fit, gauss_newton
+from conftest import NIST
 
 LINEAR = {
     "norris": (0, 1),
@@ -47,11 +48,11 @@ NONLINEAR = {
 CASES = [(name, start) for name in NONLINEAR for start in (0, 1)]
 
 
-def certified(real, name):
+def certified(name):
     """Starts [2, p], certified parameters and standard deviations, response, predictors of a
     nonlinear set.
     """
-    lines = (real / "nist_strd" / f"nonlinear_{name}.dat").read_text().splitlines()
+    lines = (NIST / f"nonlinear_{name}.dat").read_text().splitlines()
     rows = [re.match(r"\s*b\d+\s*=\s*(.*)", line) for line in lines[:60]]
     table = np.array([[float(v) for v in row[1].split()] for row in rows if row])
     data = np.array([[float(v) for v in line.split()] for line in lines[60:] if line.strip()])
@@ -71,15 +72,14 @@ def slopes(model, b, x):
 
 
 @pytest.mark.parametrize("name", LINEAR)
-def test_linear_sets_come_out_to_nine_digits(real, name):
+def test_linear_sets_come_out_to_nine_digits(name):
     """Estimates and standard errors of the certified sets are reproduced, the exact ones
     exactly.
     """
-    folder = real / "nist_strd"
     data = np.genfromtxt(
-        folder / f"linear_{name}.csv", delimiter=",", names=True, encoding="utf-8-sig"
+        NIST / f"linear_{name}.csv", delimiter=",", names=True, encoding="utf-8-sig"
     )
-    with (folder / "linear_certified_15digits.csv").open(encoding="utf-8") as opened:
+    with (NIST / "linear_certified_15digits.csv").open(encoding="utf-8") as opened:
         rows = [row for row in csv.DictReader(opened) if row["dataset"] == name]
     expected = np.array([[float(row["estimate"]), float(row["std_err"])] for row in rows])
     design = np.column_stack([data["x"] ** power for power in LINEAR[name]])
@@ -92,9 +92,9 @@ def test_linear_sets_come_out_to_nine_digits(real, name):
 
 
 @pytest.mark.parametrize(("name", "start"), [case for case in CASES if case != ("Nelson", 0)])
-def test_gauss_newton_gives_nine_digits_from_both_starts(real, name, start):
+def test_gauss_newton_gives_nine_digits_from_both_starts(name, start):
     """Parameters and standard deviations from NIST's far and near starts, block by block."""
-    starts, parameters, deviations, y, x = certified(real, name)
+    starts, parameters, deviations, y, x = certified(name)
     model = NONLINEAR[name]
 
     def residuals(b, rows):
@@ -106,11 +106,11 @@ def test_gauss_newton_gives_nine_digits_from_both_starts(real, name, start):
     np.testing.assert_allclose(np.sqrt(np.diag(fitted.covariance)), deviations, rtol=1e-9)
 
 
-def test_gauss_newton_refuses_rather_than_guess(real):
+def test_gauss_newton_refuses_rather_than_guess():
     """From Nelson's far start the guarded steps find no minimum: that is said, no number is
     given.
     """
-    starts, _, _, y, x = certified(real, "Nelson")
+    starts, _, _, y, x = certified("Nelson")
     model = NONLINEAR["Nelson"]
 
     def residuals(b, rows):
@@ -122,11 +122,11 @@ def test_gauss_newton_refuses_rather_than_guess(real):
 
 
 @pytest.mark.parametrize("name", NONLINEAR)
-def test_lmfit_as_the_magnitude_fit_calls_it_gives_seven_digits(real, name):
+def test_lmfit_as_the_magnitude_fit_calls_it_gives_seven_digits(name):
     """With exact derivatives and the magnitude fit's tolerances, bounded lmfit gives seven digits
     and more.
     """
-    starts, parameters, deviations, y, x = certified(real, name)
+    starts, parameters, deviations, y, x = certified(name)
     model = NONLINEAR[name]
     named = lmfit.Parameters()
     for j, value in enumerate(starts[1]):

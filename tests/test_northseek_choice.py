@@ -459,10 +459,9 @@ def test_s_over_temperature_has_honest_uncertainty():
 def test_a_slope_of_s_must_lower_the_left_out_sum_of_squares_by_four_mean_squares(square, order):
     """Eight stations: the left-out sum of squares of a line, over that of a mean, must be below
     1 - 4/8.
-
-    The residuals are orthogonal to all powers below the seventh: a line leaves them as they are.
     """
     temperature = np.arange(-7.0, 8.0, 2.0)
+    # orthogonal to all powers below the seventh: a line leaves these residuals as they are
     residuals = np.array([-1.0, 7.0, -21.0, 35.0, -35.0, 21.0, -7.0, 1.0])
     off_line = np.sum((residuals / (1.0 - 1.0 / 8.0 - temperature**2 / 168.0)) ** 2)
     # off the mean of the other seven: (8/7)² (168 slope² + 3432)
