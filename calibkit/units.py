@@ -13,10 +13,6 @@ from calibkit.errors import RecipeError
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array
-
-
-EARTH_RATE_DPH = 15.041067
-"""Rotation of the earth against the stars [°/h]."""
 STANDARD_GRAVITY_MPS2 = 9.80665
 """Standard gravity [m/s²], the unit that data sheets call g; local gravity is another number."""
 

@@ -138,30 +138,6 @@ def test_upright_tools_have_no_toolface_uncertainty():
     assert u_inclination[0] == pytest.approx(np.degrees(1e-5))
 
 
-def test_roll_axis_is_found_from_rolls_about_it():
-    """Two sets of rolls about a crooked axis single it out to 1e-9, with the sign of the nominal
-    one.
-    """
-    axis = np.array([0.03, 0.999, -0.02]) / np.linalg.norm([0.03, 0.999, -0.02])
-    rolls = np.radians(np.arange(0, 360, 45))
-    vectors = []
-    for start in (np.array([0.1, 0.2, 1.0]), np.array([0.9, -0.3, 0.1])):
-        along = axis * (axis @ start)
-        flat, side = start - along, np.cross(axis, start)
-        vectors.append(along + np.cos(rolls)[:, None] * flat + np.sin(rolls)[:, None] * side)
-    found = attitude.roll_axis(
-        np.concatenate(vectors), np.repeat([0, 1], 8), np.array([0.0, 1.0, 0.0])
-    )
-    np.testing.assert_allclose(found, axis, atol=1e-9)
-
-
-def test_rolls_that_do_not_turn_are_refused():
-    """Readings without a roll leave the axis open."""
-    still = np.tile([0.0, 0.1, 1.0], (8, 1)) + np.random.default_rng(0).normal(0.0, 1e-4, (8, 3))
-    with pytest.raises(FitError, match="do not single out"):
-        attitude.roll_axis(still, np.zeros(8, dtype=int), np.array([0.0, 1.0, 0.0]))
-
-
 @pytest.mark.parametrize("site", SITE, ids=lambda site: f"{site['latitude_deg']}")
 def test_local_gravity_is_that_of_the_worked_examples(site):
     """Somigliana's formula with the free-air gradient, to 1e-12 relative."""

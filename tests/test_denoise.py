@@ -1,4 +1,4 @@
-"""The denoiser: trends stay, noise goes, ends are marked, and the causal mode never looks ahead."""
+"""The denoiser: trends stay, noise goes, and ends are marked."""
 
 from __future__ import annotations
 
@@ -6,12 +6,12 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import assume, given, settings
+from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.denoise import causal, deepest, delay, denoise, shortest
+from calibkit.numeric.wavelet.denoise import deepest, denoise, shortest
 from calibkit.numeric.wavelet.lifting import EXTENSIONS, forward, inverse, scheme
 from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
 
@@ -50,8 +50,6 @@ def test_the_defaults_are_those_found_best_on_simulated_ramps():
         log, wavelet="cdf97", levels=6, threshold="universal", rule="firm", extension="trend"
     )
     assert np.array_equal(denoise(log).signal, chosen.signal)
-    chosen = causal(log, wavelet="cdf97", levels=5, threshold="universal", rule="firm")
-    assert np.array_equal(causal(log).signal, chosen.signal)
 
 
 def test_the_default_extension_has_the_least_error_at_the_ends_of_a_steep_ramp():
@@ -179,7 +177,6 @@ def test_noise_and_thresholds_are_reported_level_by_level_in_the_unit_of_the_sig
     assert np.array_equal(scaled.noise, 8.0 * found.noise)
     np.testing.assert_allclose(scaled.thresholds, 8.0 * found.thresholds, rtol=1e-13)
     assert found.levels == found.noise.size == found.thresholds.size == 4
-    assert found.delay == 0
 
 
 def test_levels_with_too_few_details_take_the_noise_of_the_level_above_by_the_gains():
@@ -252,182 +249,20 @@ def test_unknown_choices_are_refused(keywords, message):
         denoise(ramp_log(600)[1], **keywords)
 
 
-@pytest.mark.parametrize("function", [denoise, causal])
-def test_a_sample_that_is_not_finite_is_refused_with_its_place(function):
+def test_a_sample_that_is_not_finite_is_refused_with_its_place():
     """One NaN would spread over a whole filter: count and first place are told."""
     _, log = ramp_log(900)
     log[[123, 400]] = np.nan, np.inf
     with pytest.raises(FitError, match="2 of 900 samples are not finite, the first is sample 123"):
-        function(log)
+        denoise(log)
 
 
-@settings(max_examples=60, deadline=None)
-@given(
-    wavelet=st.sampled_from(["haar", "cdf53", "cdf97", "db2", "db4", "sym5", "bior3.5"]),
-    levels=st.integers(1, 4),
-    threshold=st.sampled_from(sorted(THRESHOLDS)),
-    rule=st.sampled_from(sorted(RULES)),
-    length=st.integers(300, 700),
-    share=st.floats(0.0, 1.0),
-    seed=st.integers(0, 2**32 - 1),
-)
-def test_the_causal_mode_never_looks_ahead(wavelet, levels, threshold, rule, length, share, seed):
-    """Signals equal before k0 give bit-equal results before k0, and a longer record starts like a
-    shorter one.
-    """
-    generator = np.random.default_rng(seed)
-    signal = generator.normal(size=length).cumsum()
-    start = int(share * length)
-    other = signal.copy()
-    other[start:] += generator.normal(size=length - start) * 100.0
-    options = {"wavelet": wavelet, "levels": levels, "threshold": threshold, "rule": rule}
-    one, two = causal(signal, **options), causal(other, **options)
-    assert np.array_equal(one.signal[:start], two.signal[:start])
-    assume(start > max(delay(wavelet, levels), shortest(wavelet, levels) - 1))
-    assert np.array_equal(causal(signal[:start], **options).signal, one.signal[:start])
-
-
-@pytest.mark.parametrize(
-    ("wavelet", "reached"), [("haar", 7), ("cdf53", 21), ("cdf97", 49), ("db2", 21)]
-)
-def test_the_delay_is_what_the_filters_need(wavelet, reached):
-    """The farthest a reconstructed sample looks ahead over three levels, by trial, is the delay or
-    up to 2/5 less.
-    """
-    signal, lifting_scheme = ramp_log(700)[1], scheme(wavelet)
-    generator = np.random.default_rng(0)
-    parts = forward(signal, lifting_scheme, 3, extension="constant")
-    masks = [generator.random(d.size) < 0.5 for d in parts.details]
-
-    def filtered(samples):
-        p = forward(samples, lifting_scheme, 3, extension="constant")
-        return inverse(
-            dataclasses.replace(
-                p, details=tuple(d * m for d, m in zip(p.details, masks, strict=True))
-            )
-        )
-
-    base, farthest = filtered(signal), 0
-    for k in range(400, 416):
-        other = signal.copy()
-        other[k] += 1.0
-        farthest = max(farthest, k - int(np.flatnonzero(filtered(other) != base)[0]))
-    assert farthest == reached
-    assert reached <= delay(wavelet, 3) <= 5 * reached // 3
-
-
-def test_the_causal_mode_with_learned_thresholds_is_the_offline_result_delayed():
-    """Away from the ends sample k equals the offline sample k − delay bit for bit, and the noise is
-    the learned one.
-    """
-    _, log = ramp_log(3000)
-    offline = denoise(log, levels=5)
-    online = causal(log, levels=5, learned=offline)
-    late = delay("cdf97", 5)
-    assert online.delay == late == 248
-    inside = np.flatnonzero(~offline.edge)
-    inside = inside[inside + late < log.size]
-    assert inside.size > 1000
-    assert np.array_equal(online.signal[inside + late], offline.signal[inside])
-    assert not online.edge[inside + late].any()
-    assert np.array_equal(online.noise, offline.noise)
-
-
-@pytest.mark.parametrize("wavelet", ["haar", "cdf97", "db4", "sym5"])
-def test_in_the_causal_mode_the_first_sample_stands_for_everything_before_it(wavelet):
-    """Behind 512 copies of its first sample a record gives the same, behind another history only
-    edge samples differ.
-    """
-    _, log = ramp_log(1500)
-    learned = denoise(log, wavelet=wavelet, levels=3)
-    alone = causal(log, wavelet=wavelet, levels=3, learned=learned)
-    held = causal(
-        np.concatenate([np.full(512, log[0]), log]), wavelet=wavelet, levels=3, learned=learned
-    )
-    assert np.array_equal(held.signal[512 + alone.delay :], alone.signal[alone.delay :])
-    history = 5.0 + SIGMA * np.random.default_rng(1).normal(size=512)
-    other = causal(
-        np.concatenate([history, log]), wavelet=wavelet, levels=3, learned=learned
-    ).signal[512:]
-    assert np.array_equal(other[~alone.edge], alone.signal[~alone.edge])
-    differing = np.flatnonzero(other != alone.signal)
-    if wavelet != "haar":  # whose blocks of eight begin with the record
-        assert differing[-1] >= alone.delay
-    assert np.count_nonzero(alone.edge) - differing[-1] <= alone.delay + 1
-
-
-@pytest.mark.parametrize("threshold", sorted(THRESHOLDS))
-@pytest.mark.parametrize("rule", ["soft", "firm"])
-def test_causal_thresholds_are_told_at_every_doubling_of_the_past_details(threshold, rule):
-    """A twin that shrinks one detail at a time by what the details before its stretch tell gives
-    the same samples.
-    """
-    _, log = ramp_log(1500)
-    found = causal(log, wavelet="cdf53", levels=3, threshold=threshold, rule=rule)
-    parts = forward(log, scheme("cdf53"), 3, extension="constant")
-    shrunk, figures = [detail.copy() for detail in parts.details], [None] * 3
-    for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
-        for i in range(32, detail.size - interior.start):
-            stretch = 32
-            while 2 * stretch <= i:
-                stretch *= 2
-            past = detail[interior.start : interior.start + stretch]
-            sigma = np.median(np.abs(past)) / 0.6745
-            figures[j] = (sigma, THRESHOLDS[threshold](past, sigma, stretch * 2 ** (j + 1)))
-            one = detail[interior.start + i : interior.start + i + 1]
-            shrunk[j][interior.start + i] = RULES[rule](one, figures[j][1])[0]
-    expected = inverse(dataclasses.replace(parts, details=tuple(shrunk)))
-    np.testing.assert_allclose(
-        found.signal[found.delay :], expected[: -found.delay], rtol=0, atol=1e-13
-    )
-    np.testing.assert_allclose(found.noise, [sigma for sigma, _ in figures], rtol=1e-14)
-    np.testing.assert_allclose(found.thresholds, [value for _, value in figures], rtol=1e-14)
-
-
-def test_the_causal_mode_denoises_with_what_it_has_learned_from_the_past():
-    """After its start the noise of a constant comes down from 0.6 to below 0.2 °/h (five levels:
-    0.6/√32 = 0.11).
-    """
-    log = 3.0 + SIGMA * np.random.default_rng(4).normal(size=8000)
-    found = causal(log, levels=5)
-    assert rms(found.signal[4000:] - 3.0) < 0.2
-    assert np.all(np.abs(found.noise / SIGMA - 1.0) < 0.35)
-    assert np.array_equal(found.signal[: found.delay], np.full(found.delay, log[0]))
-    assert found.edge[: found.delay].all()
-
-
-def test_on_a_ramp_the_causal_result_is_late_by_slope_times_delay_and_loses_to_a_moving_average():
-    """With the same noise reduction the moving average lags 16 s and the causal CDF 9/7 248 s."""
-    slope, time = 1e-3, np.arange(6000.0)  # °/h per s
-    log = slope * time + SIGMA * np.random.default_rng(6).normal(size=time.size)
-    found = causal(log, levels=5)
-    late = (slope * time - found.signal)[3000:]
-    assert np.mean(late) == pytest.approx(slope * found.delay, rel=0.1)
-    average = np.convolve(log, np.full(32, 1.0 / 32.0))[: time.size]
-    assert rms(found.signal[3000:] - slope * time[3000:]) > 2.0 * rms(
-        average[3000:] - slope * time[3000:]
-    )
-
-
-def test_the_causal_mode_refuses_what_is_not_longer_than_its_delay():
-    """A record within the delay would be the first sample throughout."""
-    with pytest.raises(FitError, match="504 samples are shorter than the filter"):
-        causal(np.zeros(504), levels=6)
-    with pytest.raises(FitError, match="248 samples are not more than the delay of 248 samples"):
-        causal(np.zeros(248), wavelet="db4", levels=5)
-    with pytest.raises(FitError, match="thresholds of 3 levels for a transform over 4"):
-        causal(ramp_log()[1], levels=4, learned=denoise(ramp_log()[1], levels=3))
-    with pytest.raises(FitError, match="unknown threshold"):
-        causal(ramp_log()[1], threshold="best")
-
-
-@pytest.mark.parametrize("function", [denoise, causal])
-def test_the_indication_is_not_changed(function):
+def test_the_indication_is_not_changed():
     """A read-only column goes in, and stays as it was."""
     _, log = ramp_log(900)
     log.flags.writeable = False
     before = log.copy()
-    function(log)
+    denoise(log)
     assert np.array_equal(log, before)
 
 

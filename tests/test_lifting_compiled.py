@@ -15,7 +15,7 @@ from hypothesis import strategies as st
 from calibkit import native
 from calibkit.numeric import compiled
 from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.denoise import causal, denoise
+from calibkit.numeric.wavelet.denoise import denoise
 from calibkit.numeric.wavelet.factor import Scheme, Step
 from calibkit.numeric.wavelet.lifting import EXTENSIONS, forward, inverse, scheme
 from calibkit.numeric.wavelet.shrinkage import RULES, Shrinkage
@@ -189,14 +189,13 @@ def test_details_of_another_type_or_spacing_are_used_as_arrays_use_them():
 @pytest.mark.parametrize("size", [700, 300_001])
 @pytest.mark.parametrize("wavelet", ["cdf97", "db4"])
 def test_denoising_gives_the_bits_of_arrays(wavelet, size):
-    """The denoised signal, its noise and its thresholds, after the fact and in real time."""
+    """The denoised signal, its noise and its thresholds."""
     signal = np.random.default_rng(6).normal(size=size).cumsum()
-    for made in (denoise, causal):
-        found = made(signal, wavelet=wavelet)
-        with arrays_only():
-            plain = made(signal, wavelet=wavelet)
-        for field in ("signal", "noise", "thresholds"):
-            assert same_bits(getattr(found, field), getattr(plain, field))
+    found = denoise(signal, wavelet=wavelet)
+    with arrays_only():
+        plain = denoise(signal, wavelet=wavelet)
+    for field in ("signal", "noise", "thresholds"):
+        assert same_bits(getattr(found, field), getattr(plain, field))
 
 
 def test_the_compiled_steps_are_what_runs(monkeypatch):

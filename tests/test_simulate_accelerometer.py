@@ -9,7 +9,7 @@ import pytest
 
 from calibkit.instruments.accelerometer import simulate
 from calibkit.instruments.accelerometer.numeric import affine as accel_affine
-from calibkit.instruments.accelerometer.numeric import k_factor
+from calibkit.instruments.accelerometer.numeric import affine_model, k_factor
 from calibkit.numeric import attitude, dwells
 
 
@@ -33,6 +33,15 @@ def k_corrected(campaign, loss="least_squares"):
     return fitted, k_factor.correct(
         np.array([axis.coefficients for axis in fitted]), indicated, temperature
     )
+
+
+def corrected_covariance(fitted, indication, temperature):
+    """Covariance [n, 3, 3] of corrected components by the parameters' type A uncertainty."""
+    mapped = (temperature - fitted.middle) / fitted.half
+    _, slopes = affine_model.evaluate(
+        fitted.entries, fitted.mapped_coefficients, indication, mapped
+    )
+    return slopes @ fitted.mapped_covariance @ np.swapaxes(slopes, 1, 2)
 
 
 def test_the_log_is_canonical():
@@ -172,7 +181,7 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
         indicated[~even],
         temperature[~even],
     )
-    covariance = accel_affine.covariance(fitted, indicated[~even], temperature[~even])
+    covariance = corrected_covariance(fitted, indicated[~even], temperature[~even])
     covariance = covariance + fitted.residual_rms**2 * np.eye(3)
     u_inclination, u_toolface = attitude.standard_uncertainty(corrected, covariance)
     found = attitude.errors(corrected, inclination[~even], toolface[~even])
@@ -249,7 +258,7 @@ def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():
     samples = np.column_stack([log[f"accel_{axis}_g"] for axis in "xyz"]).reshape(12, 130, 3)
     holds = samples[:, :100].mean(axis=1)
     parameters = np.concatenate([truth["k"], truth["b"], truth["Q"]])
-    corrected = magnitude.correct(parameters, holds)
+    corrected = (holds - truth["b"]) @ magnitude.correction_matrix(parameters).T
     np.testing.assert_allclose(np.linalg.norm(corrected, axis=1), 1.0, atol=5e-4)  # g
     assert np.abs(np.linalg.norm(holds, axis=1) - 1.0).max() > 5e-3
     np.testing.assert_allclose(corrected, truth["gravity"]["tumble.csv"], atol=5e-4)

@@ -128,16 +128,6 @@ def allan(rate: Array, *, hertz: float) -> Prepared:
     return (lambda: core.overlapping(rate, 1.0 / hertz)), answer
 
 
-def many_polynomials(temperature: Array, indication: Array, *, order: int) -> Prepared:
-    """A polynomial of each of many units at once, with its covariance."""
-    from calibkit.numeric import stacked
-
-    return (lambda: stacked.polynomial(temperature, indication, order)), lambda found: {
-        "coefficients": found[0].coefficients,
-        "covariance": found[0].covariance,
-    }
-
-
 def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) -> Prepared:
     """Six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers [g] then
     gyros [°/s].
@@ -152,7 +142,8 @@ def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) ->
         triad = affine.fit(means[:, :3], np.zeros(6), faces, terms=affine.AffineTerms(0, 0, 0))
         matrix, bias = (part[0] for part in affine.matrix_and_bias(triad, np.zeros(1)))
         up, down = means[0::2, 3:].T, means[1::2, 3:].T
-        zero, by_gravity = gyro_triad.acceleration_sensitivity(up, down, 1.0)
+        # Ferraris, Grimaldi & Parvis 1995, equation 9
+        zero, by_gravity = (up + down).mean(axis=1) / 2.0, (up - down) / 2.0
         columns = []
         for log in turned:
             offset = zero + (log[:, :3] - bias) @ matrix.T @ by_gravity.T

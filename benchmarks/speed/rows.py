@@ -133,21 +133,6 @@ def _record(rows: int) -> Data:
     return Data({"rate": rate}, {"hertz": 100.0}, rows)
 
 
-def _units(rows: int) -> Data:
-    """A thousand gyros that warm up, with 200, 2,000, 20,000 samples each where 1e5, 1e6, 1e7 rows
-    are asked for.
-    """
-    rng = np.random.default_rng(8)
-    units = min(1000, max(rows // 100, 10))
-    temperature = 20.0 + np.sort(rng.uniform(0.0, 40.0, (units, 2 * rows // units)), axis=1)
-    indication = (
-        0.02 * temperature - 1e-4 * temperature**2 + rng.normal(0.0, 0.05, temperature.shape)
-    )
-    return Data(
-        {"temperature": temperature, "indication": indication}, {"order": 3}, temperature.size
-    )
-
-
 def _turns(rows: int) -> Data:
     """Six positions and three turns of an inertial unit at 100 Hz, `rows` samples in all."""
     rng = np.random.default_rng(9)
@@ -271,22 +256,6 @@ ROWS = (
         ),
         "allan",
         _record,
-    ),
-    Row(
-        Goal(
-            "units",
-            "cubics of 1,000 small units at once",
-            "numpy",
-            3.0,
-            2_000_000,
-            digits=10.0,
-            note=(
-                "beside a loop of polyfit, with covariances, of units of 200, 2,000, 20,000 rows;"
-                " the target holds up to 2,000"
-            ),
-        ),
-        "many_polynomials",
-        _units,
     ),
     Row(
         Goal(

@@ -169,21 +169,6 @@ def allan_limits(rate: Array, *, hertz: float, factor: int) -> Prepared:
     return run, lambda found: {"limits": np.asarray(found)}
 
 
-def many_polynomials(temperature: Array, indication: Array, *, order: int) -> Prepared:
-    """numpy: a polynomial and its covariance a unit, one after the other by polyfit."""
-
-    def run() -> tuple[Array, Array]:
-        found = []
-        for one, values in zip(temperature, indication, strict=True):
-            low, high = one.min(), one.max()
-            mapped = (one - (high + low) / 2.0) / ((high - low) / 2.0)
-            found.append(np.polyfit(mapped, values, order, cov=True))
-        powers, covariances = zip(*found, strict=True)
-        return np.array(powers)[:, ::-1], np.array(covariances)[:, ::-1, ::-1]
-
-    return run, lambda found: {"coefficients": found[0], "covariance": found[1]}
-
-
 def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) -> Prepared:
     """imucal: six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers
     [g] then gyros [°/s].

@@ -15,7 +15,7 @@ from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, spans
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Callable
 
     from calibkit.arrays import Array, Integers
 
@@ -352,8 +352,3 @@ def coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     return [
         at_row(log, 0, column, what, expected, advice, "quantisation", severity="warn", figure=step)
     ]
-
-
-def each(log: Log, columns: Sequence[str], unit: str) -> list[Finding]:
-    """Findings of several static indications of one unit."""
-    return [finding for column in columns for finding in indication(log, column, unit)]

@@ -8,7 +8,6 @@ import numpy as np
 
 from calibkit.errors import FrameError
 from calibkit.frame import values
-from calibkit.ingest.logs import log_name
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -56,8 +55,3 @@ def kinds(log: Log, spec: Recipe) -> list[str]:
         (pin for pin in spec.segment if pin.log in (log.file, log.name)), key=lambda pin: pin.from_s
     )
     return [pin.kind for pin in pins]
-
-
-def logs(spec: Recipe) -> list[str]:
-    """Names of the logs that the recipe pins segments of."""
-    return [log_name(pin.log) for pin in spec.segment]

@@ -16,7 +16,7 @@ import numpy as np
 from calibkit.errors import FitError
 
 if TYPE_CHECKING:
-    from calibkit.arrays import Array, Integers
+    from calibkit.arrays import Array
 
 
 Convention = Literal["gravity", "specific_force"]
@@ -160,34 +160,6 @@ def standard_uncertainty(vector: Array, covariance: Array) -> tuple[Array, Array
     level = (covariance[..., 0, 0] + covariance[..., 1, 1]) / (2.0 * square)
     inclination_deg = np.degrees(np.sqrt(np.where(upright, level, tilt)))
     return inclination_deg, np.where(upright, np.nan, np.degrees(np.sqrt(roll)))
-
-
-def roll_axis(vector: Array, roll_set: Integers, nominal: Array) -> Array:
-    """Unit axis [3] about which a tool was rolled, in the triad's frame, from gravity vectors [n,
-    3] in several rolls.
-
-    A roll about the axis keeps the gravity component along it: the axis is the direction of least
-    scatter of the vectors about the mean of their own roll set [n]; its sign is that of `nominal`
-    [3].
-
-    Raises
-    ------
-    FitError
-        When the rolls leave a second direction with as little scatter: fewer than three roll
-        angles, or all alike.
-
-    """
-    centred = np.concatenate(
-        [vector[roll_set == k] - vector[roll_set == k].mean(axis=0) for k in np.unique(roll_set)]
-    )
-    _, singular, directions = np.linalg.svd(centred)
-    if centred.shape[0] < 3 or singular[1] < 10.0 * singular[2]:
-        raise FitError(
-            "the rolls do not single out one axis",
-            hint="roll the tool through at least three wide angles",
-        )
-    axis = directions[2]
-    return np.asarray(axis * np.sign(axis @ nominal), dtype=np.float64)
 
 
 def _rms(values: Array) -> float:

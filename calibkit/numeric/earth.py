@@ -10,10 +10,6 @@ if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from calibkit.arrays import Array
-
-
-EARTH_RATE_RADPS = 7.292115e-5
-"""Angular rate of the earth [rad/s] (WGS 84, NIMA TR8350.2, table 3.1)."""
 EARTH_RATE_DPH = 15.041067
 """The same [°/h], to the digits that the published examples were computed with."""
 DPH_PER_DPS = 3600.0
@@ -64,14 +60,3 @@ def along_axis_by_latitude(
     return np.asarray(
         np.radians(north * np.sin(el) - up * np.cos(el) * np.cos(az)), dtype=np.float64
     )
-
-
-def two_position(up: ArrayLike, down: ArrayLike) -> tuple[Array, Array]:
-    """Vertical input rate and bias from means with the input axis up and down, in the unit of the
-    means.
-
-    The half difference is the vertical component of the earth's rate, the half sum the bias (IEEE
-    Std 952, bias tests).
-    """
-    above, below = np.asarray(up, dtype=np.float64), np.asarray(down, dtype=np.float64)
-    return (above - below) / 2.0, (above + below) / 2.0

@@ -18,8 +18,7 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array, Integers
 
 
-Distribution = Literal["normal", "t", "rectangular", "triangular", "arcsine"]
-Interval = Literal["shortest", "symmetric", "upper", "lower"]
+Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]
 
 TWO_SIGMA = 0.9545
 """Coverage probability of k = 2 for a normal distribution, which "approximately 95 %" stands for
@@ -59,11 +58,6 @@ class Component:
                     " of freedom"
                 ),
             )
-        if self.distribution == "t" and not 2.0 < self.dof < np.inf:
-            raise FitError(
-                f"component '{self.name}': a t distribution with {self.dof:g} degrees of freedom"
-                " has no variance"
-            )
 
 
 @dataclass(frozen=True, slots=True)
@@ -89,33 +83,6 @@ class Propagated:
     high: float
     probability: float
     trials: int
-
-
-def type_b(
-    name: str,
-    estimate: float,
-    half_width: float,
-    distribution: Distribution,
-    *,
-    sensitivity: float = 1.0,
-) -> Component:
-    """Component known by the limits estimate ± half_width alone: u = a/√3, a/√6 or a/√2.
-
-    Raises FitError for a normal or t distribution, which has no limits.
-    """
-    if distribution not in HALF_WIDTH:
-        raise FitError(
-            f"component '{name}': a {distribution} distribution has no limits",
-            hint="state the uncertainty",
-        )
-    return Component(
-        name,
-        estimate,
-        half_width / HALF_WIDTH[distribution],
-        "B",
-        sensitivity,
-        distribution=distribution,
-    )
 
 
 def combine(
@@ -306,72 +273,16 @@ def sensitivities(
     return np.stack(columns, axis=1)
 
 
-def draws(components: Sequence[Component], generator: np.random.Generator, trials: int) -> Array:
-    """Random inputs [trials, n] from independent components, each with its distribution (JCGM 101
-    6.4).
-
-    Standard deviations are the components' standard uncertainties, but for "t": an average of few
-    repetitions is drawn from Student's distribution scaled by its standard uncertainty (6.4.9),
-    √(ν/(ν − 2)) wider.
-    """
-    units = (part.standard_uncertainty * _unit(part, generator, trials) for part in components)
-    return np.stack(
-        [part.estimate + unit for part, unit in zip(components, units, strict=True)], axis=1
-    )
-
-
-def _unit(component: Component, generator: np.random.Generator, trials: int) -> Array:
-    """Draws [trials] around 0 with the component's distribution in units of its standard
-    uncertainty.
-    """
-    if component.distribution == "normal":
-        return generator.standard_normal(trials)
-    if component.distribution == "t":
-        return generator.standard_t(component.dof, trials)
-    uniform = generator.uniform(-1.0, 1.0, (2, trials))
-    shapes = {
-        "rectangular": uniform[0],
-        "triangular": uniform.mean(axis=0),
-        "arcsine": np.sin(np.pi * uniform[0]),
-    }
-    return np.asarray(
-        shapes[component.distribution] * HALF_WIDTH[component.distribution], dtype=np.float64
-    )
-
-
-def normal_draws(
-    estimate: Array, covariance: Array, generator: np.random.Generator, trials: int
-) -> Array:
-    """Random inputs [trials, n] from a multivariate normal distribution (JCGM 101 6.4.8),
-    covariance [n, n].
-    """
-    values, vectors = np.linalg.eigh(covariance)
-    if float(values[0]) < -1e-10 * max(float(values[-1]), 0.0):
-        raise FitError(
-            "a covariance that is not positive semidefinite", hint="check the correlations"
-        )
-    root = vectors * np.sqrt(np.maximum(values, 0.0))
-    return np.asarray(
-        estimate + generator.standard_normal((trials, estimate.size)) @ root.T, dtype=np.float64
-    )
-
-
 def monte_carlo(
-    function: Callable[[Array], Array],
-    inputs: Array,
-    *,
-    probability: float = 0.95,
-    interval: Interval = "shortest",
+    function: Callable[[Array], Array], inputs: Array, *, probability: float = 0.95
 ) -> Propagated:
-    """Propagate distributions through a function (JCGM 101 section 7).
+    """Propagate distributions through a function (JCGM 101 section 7), with the shortest coverage
+    interval (5.3.4).
 
     Parameters
     ----------
     function : takes inputs [trials, n], returns results [trials].
-    inputs : [trials, n] from `draws` or `normal_draws`.
-    interval : "shortest" (5.3.4), "symmetric" in probability (5.3.3), or one-sided for a quantity
-        at the edge of its
-        range: "upper" bounds the result from above, "lower" from below.
+    inputs : [trials, n], draws from the distributions of n inputs.
 
     Raises
     ------
@@ -389,30 +300,16 @@ def monte_carlo(
         raise FitError(
             f"{trials} trials for a coverage probability of {probability:g}", hint="draw more"
         )
-    low, high = coverage_interval(results, probability, interval)
+    inside = min(int(probability * trials + 0.5), trials - 1)  # JCGM 101 7.7
+    start = int(np.argmin(results[inside:] - results[: trials - inside]))
     return Propagated(
-        float(results.mean()), float(results.std(ddof=1)), low, high, probability, trials
+        float(results.mean()),
+        float(results.std(ddof=1)),
+        float(results[start]),
+        float(results[start + inside]),
+        probability,
+        trials,
     )
-
-
-def coverage_interval(
-    ordered: Array, probability: float, interval: Interval
-) -> tuple[float, float]:
-    """Coverage interval from results in ascending order [trials] (JCGM 101 7.7), infinite where it
-    has no bound.
-    """
-    trials = ordered.size
-    inside = min(int(probability * trials + 0.5), trials - 1)
-    match interval:
-        case "upper":
-            return -np.inf, float(ordered[inside])
-        case "lower":
-            return float(ordered[trials - 1 - inside]), np.inf
-        case "symmetric":
-            start = (trials - inside) // 2
-        case _:
-            start = int(np.argmin(ordered[inside:] - ordered[: trials - inside]))
-    return float(ordered[start]), float(ordered[start + inside])
 
 
 def rounded(value: float, uncertainty: float, *, digits: int = 2) -> tuple[str, str]:

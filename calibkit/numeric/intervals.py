@@ -191,13 +191,6 @@ def sampling_interval(time: Array) -> float:
     return steps(time).usual
 
 
-def numbers(time: Array, begin: float, length_s: float, step_s: float) -> Integers:
-    """Number [n] of the interval that each instant [n, s] falls in, of a log that begins then and
-    is sampled so often.
-    """
-    return _numbers(time, begin, length_s, step_s).astype(np.int64)
-
-
 def _numbers(time: Array, begin: float, length_s: float, step_s: float) -> Array:
     """Numbers of intervals, as `numbers`, before they are made integers."""
     number = time - begin

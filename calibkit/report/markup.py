@@ -55,11 +55,6 @@ def joined(parts: Iterable[Markup], between: str = "\n") -> Markup:
     return Markup(between.join(part.text for part in parts))
 
 
-def cell(content: Content) -> Markup:
-    """A cell of a table's body."""
-    return element("td", content)
-
-
 def row(first: Content, *others: Content, kind: str = "", numbers: Sequence[int] = ()) -> Markup:
     """A row whose first cell names it; the cells at `numbers` are set as numbers."""
     cells = [

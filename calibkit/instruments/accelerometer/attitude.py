@@ -12,7 +12,7 @@ import numpy as np
 from calibkit.coefficients import Figure, at_most
 from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.numeric import affine as accel_affine
-from calibkit.instruments.accelerometer.numeric import affine_model
+from calibkit.instruments.accelerometer.numeric import affine_model, q_factor
 from calibkit.numeric import attitude
 from calibkit.report.summary import Summary, SummaryTable, number
 
@@ -165,7 +165,7 @@ def coefficient_tables(fitted: TriadFit) -> tuple[SummaryTable, ...]:
         tables.append(SummaryTable(title, ("", "accel_x", "accel_y", "accel_z"), rows))
     if fitted.affine is not None:
         u = np.sqrt(np.diag(fitted.q_covariance))
-        pairs = zip(("Q1", "Q2", "Q3"), fitted.q, u, strict=True)
+        pairs = zip(q_factor.NAMES, fitted.q, u, strict=True)
         rows = tuple((n, f"{1e3 * value:.4f} ± {1e3 * error:.4f}") for n, value, error in pairs)
         tables.append(
             SummaryTable(

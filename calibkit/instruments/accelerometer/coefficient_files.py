@@ -141,7 +141,7 @@ def _q_result(
         form="accel-q/1",
         coefficients=tuple(
             Coefficient(name, float(value), "rad", float(u))
-            for name, value, u in zip(("Q1", "Q2", "Q3"), fitted.q, uncertainty, strict=True)
+            for name, value, u in zip(q_factor.NAMES, fitted.q, uncertainty, strict=True)
         ),
         covariance=tuple(map(tuple, fitted.q_covariance.tolist())),
         dof=affine.dof if affine else 0,
@@ -220,7 +220,7 @@ def correction(records: Mapping[str, Record], spec: AccelerometerRecipe) -> Corr
     )
     if spec.compensation == "k":
         return Correction(k, None, {}, span)
-    q = np.array([records["accel_q.json"].model("triad").value(n) for n in ("Q1", "Q2", "Q3")])
+    q = np.array([records["accel_q.json"].model("triad").value(n) for n in q_factor.NAMES])
     return Correction(k, q_factor.exact(q_factor.axes_of(q)), {}, span)
 
 

@@ -115,11 +115,6 @@ def vertical_rate_dps(spec: GyroRecipe) -> float | None:
     return upward if spec.table.axis == "up" else -upward
 
 
-def findings(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
-    """Check a log; nothing is fitted to one in which something is refused."""
-    return _examined(log, gyros, spec)[0]
-
-
 def examine(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Examined:
     """Findings and held rates of a log."""
     found, held = _examined(log, gyros, spec)

@@ -42,11 +42,6 @@ def examine(spec: GyroTriadRecipe, log: Log) -> Examined:
     return gyro_runs.examine(log, spec.gyros, spec)
 
 
-def _run(spec: GyroTriadRecipe, data: Path, file: str) -> TableRun:
-    """Held rates and lines of one log."""
-    return gyro_runs.run_of(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
-
-
 def fit(spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
     """Fit the sensitivities of every gyro about three axes, the angles between them, and both over
     temperature.

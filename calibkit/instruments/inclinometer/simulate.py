@@ -9,13 +9,13 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.numeric import earth
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array, Integers
 
 
-EARTH_RATE_DPH = 15.041067
 REFERENCE_DEGC = 25.0
 POSITIONS_DEG = np.array([0, 90, 180, 270])
 DECIMALS = {
@@ -185,9 +185,8 @@ def stations(
     """Columns of the log of n stations, four rows a station, and the scale factors of both pairs
     [n, 2].
     """
-    latitude = np.radians(latitude_deg)
     gravity = rotated(attitudes, np.array([0.0, 0.0, 1.0]))
-    rate = rotated(attitudes, EARTH_RATE_DPH * np.array([np.cos(latitude), 0.0, -np.sin(latitude)]))
+    rate = rotated(attitudes, earth.north_east_down(latitude_deg))
     count = temp_degc.size
     turned = POSITIONS_DEG + tool.index_deg * rng.normal(0.0, 1.0, (count, 4))
     numbers = np.arange(count)

@@ -178,11 +178,6 @@ def of_some(residuals: Residuals, start: Array, rows: int, *, enough: int) -> Ar
         return start
 
 
-def jacobian(residuals: Residuals, parameters: Array, rows: int) -> Array:
-    """Whole Jacobian [m, p] at the parameters; for sets small enough to hold it."""
-    return residuals(parameters, slice(0, rows))[1]
-
-
 def _linearise(residuals: Residuals, parameters: Array, rows: int, block_rows: int) -> _Linearised:
     """Fold all blocks into one triangle of Jacobian and residual."""
     tall = _by_moments(residuals, parameters, rows) if rows >= gram.TALL else None

@@ -1,4 +1,4 @@
-"""Wavelet denoising of one segment of a signal, after the fact or leak-free in real time."""
+"""Wavelet denoising of one segment of a signal."""
 
 from __future__ import annotations
 
@@ -13,12 +13,10 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.numeric.spans import finite, release
 from calibkit.numeric.wavelet.lifting import (
-    BLOCK,
     forward,
     inverse,
     scheme,
     shared,
-    span,
     untouched,
 )
 from calibkit.numeric.wavelet.shrinkage import (
@@ -31,8 +29,6 @@ from calibkit.numeric.wavelet.shrinkage import (
 )
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
-
     from calibkit.arrays import Array, Mask
     from calibkit.numeric.wavelet.lifting import Decomposition, Extension, Room, Scheme
     from calibkit.numeric.wavelet.shrinkage import Rule, Threshold
@@ -42,10 +38,6 @@ OWN_NOISE_FROM = 16
 """Details that a level must have on the signal to have its noise told from them (29 % standard
 error of the MAD).
 """
-CAUSAL_START = 32
-"""Details after which the causal mode first tells a level's noise; again whenever their number has
-doubled.
-"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -53,8 +45,7 @@ class Denoised:
     """A denoised signal [n], in its own unit, with what was taken for noise.
 
     noise and thresholds [levels] are of the details, finest level first, in the unit of the signal;
-    what stands beyond the ends cannot reach samples inner[0] … inner[1] − 1. Sample k belongs to
-    sample k − delay of the indication.
+    what stands beyond the ends cannot reach samples inner[0] … inner[1] − 1.
     """
 
     signal: Array
@@ -62,7 +53,6 @@ class Denoised:
     thresholds: Array
     inner: tuple[int, int]
     levels: int
-    delay: int
 
     @property
     def edge(self) -> Mask:
@@ -122,7 +112,7 @@ def denoise(
         release(detail)
     _, inner = untouched(lifting, samples.size, depth)
     shrunk = inverse(parts, Shrinkage(rule, thresholds), room=room, into=out)
-    return Denoised(shrunk, sigma, thresholds, inner, depth, 0)
+    return Denoised(shrunk, sigma, thresholds, inner, depth)
 
 
 def shortest(wavelet: str, levels: int) -> int:
@@ -150,87 +140,6 @@ def deepest(wavelet: str, length: int) -> int:
     return levels
 
 
-def causal(
-    signal: Array,
-    *,
-    wavelet: str = "cdf97",
-    levels: int = 5,
-    threshold: Threshold = "universal",
-    rule: Rule = "firm",
-    learned: Denoised | None = None,
-) -> Denoised:
-    """Denoise in real time: sample k of the result is made of samples 0 … k and belongs to sample k
-    − delay.
-
-    Parameters
-    ----------
-    signal : [n], equidistant, any unit.
-    wavelet, levels, threshold, rule : as in `denoise`, but the depth is not chosen by the length.
-    learned : an earlier result of the same depth whose noise and thresholds are used from the first
-        sample on; told
-        from the past details of the signal itself when absent.
-
-    Raises
-    ------
-    FitError : as `denoise`; a signal that is not longer than the delay.
-
-    Notes
-    -----
-    Two signals that are equal before k0 give results that are equal bit for bit before k0, and a
-    longer record starts with the result of a shorter one. The cost is that of `denoise`,
-    proportional to n; a stream needs `delay` samples of memory. The delay is the reach of analysis
-    and synthesis together, for CDF 9/7 8 (2^levels − 1) samples: on a ramp the result is late by
-    slope × delay, more than a moving average of the same noise. Thresholds are told from all
-    earlier details of a level, at 32 of them and whenever their number has doubled; earlier details
-    pass as they are. The first sample stands for everything before it, and for the results before
-    `delay`.
-    """
-    samples = _checked(signal)
-    lifting = scheme(wavelet)
-    _require_length(samples.size, wavelet, levels)
-    late = delay(wavelet, levels)
-    if samples.size <= late:
-        raise FitError(
-            f"{samples.size} samples are not more than the delay of {late} samples of causal"
-            f" {wavelet} over {levels} levels",
-            hint="use fewer levels",
-        )
-    _require_known(threshold, rule)
-    estimate, shrink = THRESHOLDS[threshold], RULES[rule]
-    if learned is not None and learned.levels != levels:
-        raise FitError(
-            f"thresholds of {learned.levels} levels for a transform over {levels}",
-            hint="use one depth",
-        )
-    parts = forward(samples, lifting, levels, extension="constant")
-    sigma, used = np.zeros(levels), np.zeros(levels)
-    for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
-        if learned is not None:
-            sigma[j], used[j] = learned.noise[j], learned.thresholds[j]
-            _shrink_in_place(detail, float(used[j]), shrink)
-        else:
-            sigma[j], used[j] = _shrink_by_the_past(
-                detail[interior.start :], 2 << j, estimate, shrink
-            )
-    rebuilt = inverse(parts)
-    out = np.concatenate([np.full(late, samples[0]), rebuilt[: samples.size - late]])
-    _, (first, _) = untouched(lifting, samples.size, levels)
-    return Denoised(out, sigma, used, (late + first, samples.size), levels, late)
-
-
-def delay(wavelet: str, levels: int) -> int:
-    """Samples after sample k that the causal reconstruction of sample k waits for, at the worst
-    phase of k.
-    """
-    return _delay(scheme(wavelet), levels)
-
-
-@lru_cache(maxsize=64)
-def _delay(lifting: Scheme, levels: int) -> int:
-    """Reach into the future, over all phases of the coarsest level."""
-    return max(span(lifting, k, k + 1, levels)[1] - 1 - k for k in range(1 << levels))
-
-
 @lru_cache(maxsize=256)
 def _shortest(lifting: Scheme, levels: int) -> int:
     """Bisection of the lengths, because a longer signal never has fewer details that the extension
@@ -242,36 +151,6 @@ def _shortest(lifting: Scheme, levels: int) -> int:
         return clean[-1][1] > clean[-1][0] and clean[1][1] - clean[1][0] >= OWN_NOISE_FROM
 
     return bisect_left(range(1 << (levels + 10)), x=True, key=fits)
-
-
-def _shrink_in_place(
-    detail: Array, threshold: float, shrink: Callable[[Array, float], Array]
-) -> None:
-    """Apply a shrinkage rule block by block, so that its intermediate arrays stay in the cache."""
-    for start in range(0, detail.size, BLOCK):
-        block = detail[start : start + BLOCK]
-        block[:] = shrink(block, threshold)
-
-
-def _shrink_by_the_past(
-    detail: Array,
-    spacing: int,
-    estimate: Callable[[Array, float, int], float],
-    shrink: Callable[[Array, float], Array],
-) -> tuple[float, float]:
-    """Shrink details by thresholds told from the details before them; the last noise and threshold,
-    0 where none was.
-
-    The last stretch comes first, because the thresholds are told from details as they were.
-    """
-    starts = [CAUSAL_START << k for k in range(64) if CAUSAL_START << k < detail.size]
-    figures = [(0.0, 0.0)]
-    for start in reversed(starts):
-        past = detail[:start]
-        sigma = noise(past)
-        figures.append((sigma, estimate(past, sigma, start * spacing)))
-        _shrink_in_place(detail[start : 2 * start], figures[-1][1], shrink)
-    return figures[1] if starts else figures[0]
 
 
 def _noise(parts: Decomposition, lifting: Scheme) -> Array:

@@ -16,7 +16,7 @@ from calibkit.numeric.wavelet import reach
 from calibkit.numeric.wavelet.extension import EXTENSIONS, Beyond, Extension, end_values, extended
 from calibkit.numeric.wavelet.factor import LITERAL, Scheme, Step, factored
 from calibkit.numeric.wavelet.level import BLOCK, analysed, synthesised
-from calibkit.numeric.wavelet.reach import span, untouched
+from calibkit.numeric.wavelet.reach import untouched
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
@@ -38,7 +38,6 @@ __all__ = [
     "inverse",
     "scheme",
     "shared",
-    "span",
     "untouched",
 ]
 

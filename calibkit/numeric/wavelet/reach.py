@@ -39,17 +39,6 @@ class Pass:
     reach: tuple[Span, Span]
 
 
-def span(scheme: Scheme, start: int, stop: int, levels: int) -> Span:
-    """Samples that reach the reconstruction of samples start … stop − 1 through any of its
-    coefficients.
-    """
-    wanted = spans(scheme, (start, stop), levels)
-    read = wanted[-1]
-    for needed in wanted[-2::-1]:
-        read = hull(sources(scheme, read), needed)
-    return read
-
-
 @lru_cache(maxsize=64)
 def spans(scheme: Scheme, samples: Span, levels: int) -> tuple[Span, ...]:
     """Indices of the coefficients that rebuild a range of samples, level by level; level 0 is the

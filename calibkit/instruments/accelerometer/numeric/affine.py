@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import determination, k_factor, magnitude, q_factor
+from calibkit.instruments.accelerometer.numeric import determination, magnitude, q_factor
 from calibkit.instruments.accelerometer.numeric.affine_model import (
     AXES,
     AffineTerms,
@@ -42,10 +42,8 @@ __all__ = [
     "AffineFit",
     "AffineTerms",
     "Entry",
-    "as_k",
     "as_q",
     "correct",
-    "covariance",
     "entry_of",
     "fit",
     "fit_magnitude",
@@ -226,17 +224,6 @@ def fit_magnitude(
     return _solve(problem, begin, (middle, half or 1.0), loss)
 
 
-def covariance(fitted: AffineFit, indication: Array, temperature: Array) -> Array:
-    """Covariance [n, 3, 3] of corrected components by the parameters' type A uncertainty, without
-    the dwell's own noise.
-    """
-    mapped = (temperature - fitted.middle) / fitted.half
-    slopes = evaluate(fitted.entries, fitted.mapped_coefficients, indication, mapped)[1]
-    return np.asarray(
-        slopes @ fitted.mapped_covariance @ np.swapaxes(slopes, 1, 2), dtype=np.float64
-    )
-
-
 def matrix_and_bias(fitted: AffineFit, temperature: Array) -> tuple[Array, Array]:
     """M [n, 3, 3] and b [n, 3] at temperatures [n] [°C]."""
     mapped = (temperature - fitted.middle) / fitted.half
@@ -253,36 +240,6 @@ def matrix_and_bias(fitted: AffineFit, temperature: Array) -> tuple[Array, Array
         else:
             bias[:, entry.row] += part
     return matrix, bias
-
-
-def as_k(fitted: AffineFit) -> tuple[Array, float]:
-    """K0 … K9 [3, 10] nearest to an affine fit over its temperatures, and the largest difference
-    between the two.
-
-    Scale K0…K3 and cross-axis terms K8, K9 are the entries of M, zero K4…K7 is M b, each projected
-    on what the K-factor has: cubics, and cross-axis terms without temperature. The difference [unit
-    of the reference] is over the six faces.
-    """
-    nodes = fitted.middle + fitted.half * np.cos(np.pi * (np.arange(25) + 0.5) / 25)
-    matrix, bias = matrix_and_bias(fitted, nodes)
-    zero = np.einsum("nij,nj->ni", matrix, bias)
-    powers = least_squares.raw_powers(fitted.middle, fitted.half, 3)
-    basis = np.vander((nodes - fitted.middle) / fitted.half, 4, increasing=True)
-    coefficients = np.zeros((3, 10))
-    for i in range(3):
-        for place, values in ((slice(0, 4), matrix[:, i, i]), (slice(4, 8), zero[:, i])):
-            coefficients[i, place] = powers @ least_squares.linear(basis, values).coefficients
-        coefficients[i, 8:] = [
-            -np.mean(matrix[:, i, (i + 1) % 3]),
-            -np.mean(matrix[:, i, (i + 2) % 3]),
-        ]
-    held = np.repeat(nodes, 6)
-    faces = np.tile(np.concatenate([np.eye(3), -np.eye(3)]), (nodes.size, 1))
-    indication = np.linalg.solve(np.repeat(matrix, 6, axis=0), faces[:, :, None])[
-        :, :, 0
-    ] + np.repeat(bias, 6, axis=0)
-    difference = k_factor.correct(coefficients, indication, held) - faces
-    return coefficients, float(np.max(np.abs(difference)))
 
 
 def as_q(fitted: AffineFit, temperature: float) -> tuple[Array, Array]:

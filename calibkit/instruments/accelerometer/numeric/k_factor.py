@@ -253,17 +253,6 @@ def correct(coefficients: Array, indication: Array, temperature: Array) -> Array
     return np.column_stack(parts)
 
 
-def variance(axes: Sequence[KAxis], indication: Array, temperature: Array) -> Array:
-    """Variance [n, 3] of corrected components by the coefficients' type A uncertainty, without the
-    dwell's own noise.
-    """
-    parts = []
-    for i, axis in enumerate(axes):
-        design = columns(indication, (temperature - axis.middle) / axis.half, i)
-        parts.append(np.einsum("ij,jk,ik->i", design, axis.mapped_covariance, design))
-    return np.column_stack(parts)
-
-
 def indications(coefficients: Array, reference: Array, temperature: Array) -> Array:
     """Indications [n, 3] that the K of three axes [3, 10] correct to the reference [n, 3]: the
     model backwards.

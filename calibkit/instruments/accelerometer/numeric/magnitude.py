@@ -98,13 +98,6 @@ def correction_matrix(parameters: Array) -> Array:
     return q_factor.exact(q_factor.axes_of(parameters[6:9])) / parameters[None, 0:3]
 
 
-def correct(parameters: Array, indication: Array) -> Array:
-    """Corrected components [n, 3] [unit of gravity] from nine parameters and indications [n, 3],
-    frame e1 = x.
-    """
-    return (indication - parameters[3:6]) @ correction_matrix(parameters).T
-
-
 def fit(
     indication: Array,
     gravity: float = 1.0,

@@ -86,14 +86,6 @@ def small_angle(axes: Array) -> Array:
     return np.array([-ze2, ye1 * ze2 - ze1, -ye1])
 
 
-def small_angle_matrix(coefficients: Array) -> Array:
-    """Small-angle Q [3, 3] with unit diagonal: G_x' = G_x; G_y' = Q3 G_x + G_y; G_z' = Q2 G_x + Q1
-    G_y + G_z.
-    """
-    q1, q2, q3 = coefficients
-    return np.array([[1.0, 0.0, 0.0], [q3, 1.0, 0.0], [q2, q1, 1.0]])
-
-
 def axes_of(coefficients: Array) -> Array:
     """Unit axes [3, 3] that have the small-angle Q1, Q2, Q3 [3] [rad]: the way back from
     `small_angle`.

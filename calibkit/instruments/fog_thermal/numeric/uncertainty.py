@@ -101,16 +101,6 @@ def about_its_mean(covariance: Array) -> Array:
     return np.asarray(columns - columns.mean(axis=1)[:, None], dtype=np.float64)
 
 
-def drift_uncertainty(model: ThermalModel, evaluation: Evaluation) -> Array:
-    """Standard uncertainty [n, °/h] of the drift along a log, and so of the compensated rate.
-
-    Noise of the indication and the turn-on bias of the log are not drift and not in it.
-    """
-    return np.asarray(
-        np.sqrt(np.sum(contributions(model, evaluation).values ** 2, axis=0)), dtype=np.float64
-    )
-
-
 @dataclass(frozen=True, slots=True)
 class Contributions:
     """Independent contributions [m, n, °/h] to the uncertainty of the drift along a log: names,

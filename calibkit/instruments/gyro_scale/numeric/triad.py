@@ -187,24 +187,6 @@ def over_temperature(
     )
 
 
-def acceleration_sensitivity(up: Array, down: Array, gravity: float) -> tuple[Array, Array]:
-    """Bias [g] and acceleration sensitivity [g, 3] of gyros from static means with each axis up and
-    down.
-
-    Parameters
-    ----------
-    up, down : [g, 3], column a the mean indications with axis a up, and down.
-    gravity : in the unit of the acceleration that the sensitivity will be multiplied by.
-
-    Notes
-    -----
-    Ferraris, Grimaldi & Parvis 1995, equation 9; the mean of up and down is free of acceleration.
-    The earth's rate is in both unless it was taken out before.
-
-    """
-    return np.asarray((up + down).mean(axis=1) / 2.0), np.asarray((up - down) / (2.0 * gravity))
-
-
 def turned(indication: Array, offset: Array, interval_s: Array, angle_deg: float) -> Array:
     """Sensitivity [g] about one axis from a turn through a known angle: ∫(indication − offset) dt
     over the angle.

@@ -229,17 +229,6 @@ def azimuth(
     return _full_circle(_atan2(east, north))
 
 
-def axial_rate(gyro_x: Array, gyro_y: Array, found: Attitude, latitude_deg: ArrayLike) -> Array:
-    """Rate about the tool axis [n] [°/h] from corrected rates s ω: (s A sin θ − sin α)/cos θ (step
-    D).
-    """
-    A, _ = levelled(gyro_x, gyro_y, found.toolface)
-    sine, cosine = np.sin(found.inclination), np.cos(found.inclination)
-    return np.asarray(
-        EARTH_RATE_DPH * (A * sine - np.sin(np.radians(latitude_deg))) / cosine, dtype=np.float64
-    )
-
-
 def label(inclination: Array, psi: Array, latitude_deg: ArrayLike) -> Array:
     """C = cos α cos θ + sin α sin θ cos ψ [n]: positive for an azimuth of the + root; near zero, s
     is useless.

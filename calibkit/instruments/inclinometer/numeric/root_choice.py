@@ -21,10 +21,6 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array, Integers, Mask
     from calibkit.instruments.inclinometer.numeric.published import Attitude, Components, Roots
-
-
-QUANTITIES = ("inclination_deg", "toolface_deg", "s", "azimuth_deg")
-"""Of the covariance's rows and columns."""
 LIKELIER = 3.0
 """Difference of log-likelihood, odds of 20 to 1, by which one of two positive roots must win."""
 DISAGREES = 5.0
