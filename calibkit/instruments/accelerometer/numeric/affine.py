@@ -316,7 +316,8 @@ class _Problem:
 def _start(entries: tuple[Entry, ...], indication: Array, reference: Array) -> Array:
     """Starting parameters [p]: M and b without temperature, linear in M and M b."""
     design = np.column_stack([indication, np.ones(len(indication))])
-    if least_squares.rank(design) == 4:
+    # noise makes any indications look full: the reference says how many attitudes there are
+    if determination.affine_rank(reference) == 4 and least_squares.rank(design) == 4:
         solved = np.array(
             [least_squares.linear(design, reference[:, i]).coefficients for i in range(3)]
         )
