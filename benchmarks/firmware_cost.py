@@ -14,9 +14,9 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from calibkit import pipeline, recipe, store
-from calibkit.firmware import c_header, c_source, chains, export, formats
-from calibkit.procedures import silent
+from calibkit import instruments, pipeline, recipe, store
+from calibkit.firmware import c_header, c_source, export, formats
+from calibkit.instruments import silent
 
 ROOT = Path(__file__).resolve().parents[1]
 RUNS = {
@@ -162,7 +162,11 @@ def main() -> None:
                 recipe.find(procedure, overrides), data, "U", folder, "2026-11-21", silent
             )
             run = store.load(outcome.folder)
-            chain = chains.of(pipeline.run_recipe(run, ()), run.records)
+            chain = (
+                instruments.find(run.document["procedure"])
+                .firmware()
+                .chain(pipeline.run_recipe(run, ()), run.records)
+            )
             identity = export.Identity(
                 "U", 1, "2026-11-21", "0" * 64, {"a": "0" * 64}, "calibkit", accepted=True
             )

@@ -7,19 +7,18 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, frame, pipeline, procedures, store
+from calibkit import coefficients, frame, instruments, pipeline, store
 from calibkit import recipe as recipes
 from calibkit.certificate import certify as certificates
 from calibkit.check import examination
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.ingest import logs
+from calibkit.instruments import silent
 from calibkit.numeric.gum import Component as UncertaintyComponent
 from calibkit.numeric.gum import combine as combine_uncertainty
 from calibkit.numeric.noise.allan import overlapping as allan_deviation
 from calibkit.numeric.wavelet.denoise import denoise
-from calibkit.procedures import silent
 from calibkit.recipe import Source
-from calibkit.simulate import campaigns
 
 if TYPE_CHECKING:
     import os
@@ -78,7 +77,7 @@ def load_recipe(name: AnyPath, **settings: object) -> Source:
     """
     overrides = tuple(f"{key.replace('__', '.')}={_toml(value)}" for key, value in settings.items())
     source = recipes.find(str(name), overrides)
-    recipes.parse(source)
+    instruments.parse_recipe(source)
     return source
 
 
@@ -177,6 +176,7 @@ def certify(
     return certificates.certify(
         folder,
         Path(out),
+        instruments.certificate_layout,
         date=date,
         profile_path=None if profile is None else Path(profile),
         validation=None if validation is None else Path(validation),
@@ -222,17 +222,19 @@ def read_log(recipe: Source | AnyPath, log: AnyPath) -> pd.DataFrame:
     ramps, held rates, dwells, stations), `segment` is their number, from 1 in order of time, and
     NaN on rows between them. A log's own `segment` is kept.
     """
-    spec = recipes.parse(_source(recipe))
+    spec = instruments.parse_recipe(_source(recipe))
     named = [f"{kind}_{axis}_{unit}" for kind, unit in KINDS for axis in AXES]
     wanted = dict.fromkeys((*frame.CANONICAL, *named, *spec.columns, *spec.own_columns()))
     file = Path(log)
     tidy = logs.read_log(spec, file, file.name, (), tuple(wanted)).frame
     if "segment" in tidy.columns:
         return tidy
-    numbers = examination.segment_numbers(procedures.of(spec), spec, file.parent, file.name)
+    numbers = examination.segment_numbers(
+        instruments.find(spec.procedure), spec, file.parent, file.name
+    )
     return tidy if numbers is None else tidy.assign(segment=numbers.reindex(tidy.index))
 
 
 def simulated(procedure: str, seed: int) -> Campaign:
     """Simulated logs of a procedure with the truth they were made from; `calibkit simulate`."""
-    return campaigns.of(procedure)(seed)
+    return pipeline.simulated(procedure, seed)

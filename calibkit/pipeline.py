@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import contextlib
+import difflib
 import functools
 import hashlib
 import importlib.metadata
@@ -10,8 +11,8 @@ import platform
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from calibkit import __version__, coefficients, procedures, recipe, store
-from calibkit.check import copies
+from calibkit import __version__, coefficients, instruments, recipe, store
+from calibkit.check import copies, unseen
 from calibkit.errors import (
     CoefficientError,
     FrameError,
@@ -22,7 +23,6 @@ from calibkit.errors import (
 )
 from calibkit.history import dates
 from calibkit.ingest import logs as ingest
-from calibkit.ingest import unseen
 from calibkit.recipe import type_b
 from calibkit.report import budget, documents, figures, html
 
@@ -33,8 +33,9 @@ if TYPE_CHECKING:
     from calibkit.certificate.verify import Verified
     from calibkit.check.report import LogReport
     from calibkit.firmware.export import Export
-    from calibkit.procedures import Fitted, Progress
+    from calibkit.instruments import Firmware, Fitted, Progress
     from calibkit.report.summary import Summary
+    from calibkit.simulate.campaign import Campaign
 
 SOFTWARE = f"calibkit {__version__}"
 LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
@@ -68,13 +69,13 @@ def fit(
     """Fit a recipe to the logs of a folder and write the next revision of the serial's run folder;
     a dry run only names it.
     """
-    spec = recipe.parse(source)
+    spec = instruments.parse_recipe(source)
     serial = store.check_serial(serial or spec.serial)
-    procedure = procedures.of(spec)
+    instrument = instruments.find(spec.procedure)
     with _placed(source):
         files = ingest.find_logs(spec, data)
         ingest.known_names(spec, files)
-        fitted = procedure.fit(spec, data, files, progress)
+        fitted = instrument.fit(spec, data, files, progress)
     type_b.require_known(spec, _results(fitted))
     built: dict[str, Any] = {}
     made: dict[str, coefficients.Record] = {}
@@ -90,7 +91,7 @@ def fit(
         dated = replace(fitted, summary=dates.flagged(fitted.summary, out, serial, revision, date))
         contents = {file: coefficients.dumps(record).encode() for file, record in records.items()}
         with figures.styled():
-            drawn = procedure.draw(f"{serial} r{revision:03d}", dated)
+            drawn = instrument.draw(f"{serial} r{revision:03d}", dated)
         contents |= documents.printed(drawn)
         so_far = _run_document(identity, source, spec, dated, contents)
         contents[documents.PAGE] = html.page(so_far, records, drawn)
@@ -131,7 +132,7 @@ def guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
     )
 
 
-def _uncertainty(fitted: Fitted, spec: recipe.Recipe) -> list[Mapping[str, Any]]:
+def _uncertainty(fitted: Fitted[Any], spec: recipe.Recipe) -> list[Mapping[str, Any]]:
     """Combined uncertainties that the procedure states, then those of what type B terms name beside
     them.
     """
@@ -140,7 +141,7 @@ def _uncertainty(fitted: Fitted, spec: recipe.Recipe) -> list[Mapping[str, Any]]
     return [*fitted.uncertainty, *(entry for entry in named if entry["result"] not in stated)]
 
 
-def _results(fitted: Fitted) -> set[str]:
+def _results(fitted: Fitted[Any]) -> set[str]:
     """Names of all that a fit found: figures, and coefficients by themselves and as
     model.coefficient.
     """
@@ -161,7 +162,7 @@ def _run_document(
     identity: coefficients.Identity,
     source: recipe.Source,
     spec: recipe.Recipe,
-    fitted: Fitted,
+    fitted: Fitted[Any],
     contents: Mapping[str, bytes],
 ) -> dict[str, Any]:
     """run.json: the recipe, the logs, the software, the verdict and the digests of the run's
@@ -215,12 +216,12 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
 
     if figure is not None:
         store.refuse_existing(figure)
-    spec = recipe.parse(source)
-    procedure = procedures.of(spec)
+    spec = instruments.parse_recipe(source)
+    instrument = instruments.find(spec.procedure)
     with _placed(source):
         files = ingest.find_logs(spec, data)
         ingest.known_names(spec, files)
-        outcomes = [examination.of(procedure, spec, data, file) for file in files]
+        outcomes = [examination.of(instrument, spec, data, file) for file in files]
     reports = [outcome.report for outcome in outcomes]
     for file, finding in examination.together(outcomes):
         reports = [
@@ -247,11 +248,13 @@ def init(folder: Path) -> str:
     from calibkit.check import examination
     from calibkit.ingest import proposal
 
-    text = proposal.proposed(folder)
-    spec = recipe.parse(recipe.Source("proposed recipe", text))
+    text = proposal.propose(
+        folder, instruments.parse_recipe, [one.propose for one in instruments.REGISTRY.values()]
+    )
+    spec = instruments.parse_recipe(recipe.Source("proposed recipe", text))
     file = ingest.find_logs(spec, folder)[0]
     try:
-        report = examination.of(procedures.of(spec), spec, folder, file).report
+        report = examination.of(instruments.find(spec.procedure), spec, folder, file).report
     except RecipeError as error:  # something that the logs cannot say, like the site's gravity
         said = [str(error)]
     else:
@@ -264,13 +267,7 @@ def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     """Recipe of a run as it was fitted, changed by what is said of the place of use; nothing is
     excluded from now on.
     """
-    return _fitted_recipe(run, overrides).model_copy(update={"exclude": ()})
-
-
-def _fitted_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
-    """Recipe of a run as it was fitted, with what it left out of the logs."""
-    text = run.document["recipe"]
-    return recipe.parse(recipe.Source(text["name"], text["text"], (*text["overrides"], *overrides)))
+    return instruments.fitted_recipe(run.document, *overrides).model_copy(update={"exclude": ()})
 
 
 def apply(
@@ -297,11 +294,13 @@ def apply(
     )
     try:
         if as_firmware is None:
-            content, flags = procedures.of(spec).apply(spec, run.records, data)
+            content, flags = instruments.find(spec.procedure).apply(spec, run.records, data)
         else:
-            from calibkit.firmware import as_firmware as firmware_twin
+            from calibkit.firmware import formats, program
 
-            content, flags = firmware_twin.apply(spec, run.records, data, as_firmware)
+            firmware = _firmware(spec)
+            quantised = program.of(firmware.chain(spec, run.records), formats.of(as_firmware))
+            content, flags = firmware.apply(spec.on_site(), quantised, data)
     except MissingColumnError as error:
         mapped = " ".join(f"--set columns.{name}.from=…" for name in error.columns)
         raise FrameError(
@@ -329,13 +328,17 @@ def validate(
     store.refuse_existing(out)
     spec, inputs = run_recipe(run, ()), run.document["inputs"]
     files = ingest.find_logs(spec, data)
-    procedure, excluded, seen = procedures.of(spec), _fitted_recipe(run, ()).exclude, list[str]()
+    instrument, excluded, seen = (
+        instruments.find(spec.procedure),
+        instruments.fitted_recipe(run.document).exclude,
+        list[str](),
+    )
     read = (
-        unseen.read(procedure, spec, data, file, inputs, excluded)
+        unseen.read(instrument, spec, data, file, inputs, excluded)
         for file in progress(files, "validating")
     )
     new = unseen.new(read, seen, f"{data}: every log here was fitted by {run.name}")
-    body, summary = procedure.validate(spec, run.records, new)
+    body, summary = instrument.validate(spec, run.records, new)
     flags = (*seen, *unseen.untold(run.name, inputs), *summary.flags)
     summary = replace(
         summary,
@@ -358,11 +361,21 @@ def validate(
     return coefficients.unseal(text, str(out), (VALIDATION_FORMAT,)), summary
 
 
+def _firmware(spec: recipe.Recipe) -> Firmware[Any]:
+    """How runs of a recipe become firmware, or OutputError where they do not."""
+    firmware = instruments.find(spec.procedure).firmware
+    if firmware is None:
+        raise OutputError(
+            f"procedure '{spec.procedure}' has no firmware form", hint="nothing can be exported"
+        )
+    return firmware()
+
+
 def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected: bool) -> Export:
     """A run's correction chain in a number format; refuses a run that failed its acceptance limits
     unless told not to.
     """
-    from calibkit.firmware import chains, export, formats, sources
+    from calibkit.firmware import export, formats, sources
 
     accepted = bool(run.document["accepted"])
     if not accepted and not allow_rejected:
@@ -375,9 +388,10 @@ def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected:
             ),
         )
     spec = run_recipe(run, ())
-    chain = chains.of(spec, run.records)
+    firmware = _firmware(spec)
+    chain = firmware.chain(spec, run.records)
     stages = store.stage_digests(run)
-    digests = {name: stages[name.removesuffix(".json")] for name in chains.files(spec)}
+    digests = {name: stages[name.removesuffix(".json")] for name in firmware.files(spec)}
     document = run.document
     identity = export.Identity(
         document["serial"],
@@ -388,9 +402,10 @@ def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected:
         SOFTWARE,
         accepted,
     )
-    return export.of(
-        chain, identity, formats.of(number), prefix, sources.lines(spec, chain.structure)
+    lines = sources.lines(
+        spec, chain.structure, firmware.corrections(chain.structure), firmware.conventions(spec)
     )
+    return export.of(chain, identity, formats.of(number), prefix, lines)
 
 
 def export(
@@ -423,7 +438,7 @@ def verified(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = N
     from calibkit.certificate import verify as certificates
 
     if path.is_file() and certificates.is_certificate(path):
-        return certificates.verify(path, trust, schema_dir)
+        return certificates.verify(path, instruments.certificate_layout, trust, schema_dir)
     return certificates.Verified(_what(path))
 
 
@@ -478,8 +493,19 @@ def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool = False) -> 
     """Write a simulated campaign's logs and truth into a new folder; returns the names of the
     files.
     """
-    from calibkit.simulate import campaigns
-
-    files = campaigns.of(procedure)(seed).files()
+    files = simulated(procedure, seed).files()
     store.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return sorted(files)
+
+
+def simulated(campaign: str, seed: int) -> Campaign:
+    """Simulated campaign of a name, or UsageError with the names there are."""
+    campaigns = instruments.campaigns()
+    if campaign not in campaigns:
+        close = difflib.get_close_matches(campaign, campaigns, n=1)
+        guess = f"did you mean '{close[0]}'? " if close else ""
+        raise UsageError(
+            f"procedure '{campaign}' cannot be simulated",
+            hint=f"{guess}there are: {', '.join(sorted(campaigns))}",
+        )
+    return campaigns[campaign](seed)

@@ -14,12 +14,12 @@ import sys
 import tempfile
 from pathlib import Path
 
-from calibkit import pipeline, recipe, store
+from calibkit import instruments, pipeline, recipe, store
 from calibkit.certificate import certify
 from calibkit.ingest import logs as ingest
+from calibkit.instruments import silent
 from calibkit.instruments.fog_thermal import compensate, ramps, tables
 from calibkit.instruments.fog_thermal.figures import DriftReport, logs_page
-from calibkit.procedures import silent
 from calibkit.report.figures import png
 
 ROOT = Path(__file__).resolve().parents[1]
@@ -70,7 +70,14 @@ def certificate(name: str, run: store.Run, out: Path, work: Path) -> None:
         pipeline.validate(run, ROOT / "datasets" / name / "withheld", validation, silent)
     made = work / f"{name}.pdf"
     profile = ROOT / "reports" / "profiles" / f"{name}.toml"
-    certify.certify(run.folder, made, date=DATE, profile_path=profile, validation=validation)
+    certify.certify(
+        run.folder,
+        made,
+        instruments.certificate_layout,
+        date=DATE,
+        profile_path=profile,
+        validation=validation,
+    )
     (out / "certificates").mkdir(exist_ok=True)
     (out / "certificates" / f"{name}.pdf").write_bytes(made.read_bytes())
 

@@ -6,8 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit import pipeline, procedures, recipe, store
-from calibkit.firmware import chains
+from calibkit import instruments, pipeline, recipe, store
 from conftest import ROOT
 
 RUNS = {
@@ -60,7 +59,7 @@ def warmed_up(root):
             ",".join(f"{x:.6f}" for x in row) for row in zip(*columns.values(), strict=True)
         )
         (folder / "warm.csv").write_text(",".join(columns) + "\n" + rows + "\n", encoding="utf-8")
-        pipeline.fit(source, folder, unit, root / "runs", "2026-11-21", procedures.silent)
+        pipeline.fit(source, folder, unit, root / "runs", "2026-11-21", instruments.silent)
     return root / "runs"
 
 
@@ -92,7 +91,9 @@ def fitted(name, folder):
     procedure, overrides = RUNS[name]
     source = recipe.find(procedure, overrides)
     data = ROOT / "datasets" / procedure
-    outcome = pipeline.fit(source, data, f"FW-{name}", folder, "2026-11-21", procedures.silent)
+    outcome = pipeline.fit(source, data, f"FW-{name}", folder, "2026-11-21", instruments.silent)
     run = store.load(outcome.folder)
     spec = pipeline.run_recipe(run, ())
-    return Fitted(run, spec, chains.of(spec, run.records))
+    return Fitted(
+        run, spec, instruments.find(run.document["procedure"]).firmware().chain(spec, run.records)
+    )

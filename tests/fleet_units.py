@@ -2,7 +2,7 @@
 
 import numpy as np
 
-from calibkit import procedures, recipe
+from calibkit import instruments, recipe
 from calibkit.fleet import run
 from conftest import write_log
 
@@ -53,7 +53,7 @@ def fit(
     keep_going=False,
     date=DAY,
     text=RECIPE,
-    progress=procedures.silent,
+    progress=instruments.silent,
     address="",
     dry_run=False,
 ):

@@ -9,13 +9,13 @@ import math
 import numpy as np
 import pytest
 
-from calibkit import pipeline, recipe, store
+from calibkit import instruments, pipeline, recipe, store
 from calibkit.certificate import as_found, content, pdf, profile, tables
 from calibkit.errors import RecipeError
+from calibkit.instruments import silent
 from calibkit.instruments.accelerometer.numeric import k_factor
 from calibkit.instruments.fog_thermal.numeric import coil
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, raw_design
-from calibkit.procedures import silent
 from conftest import ROOT, write_log
 
 ISSUED = dt.date(2026, 11, 21)
@@ -46,7 +46,9 @@ def run(tmp_path_factory):
 def certificate(run, name=None, *overrides, validation=None):
     """Certificate of a run after the sample profile, or without one."""
     path = None if name is None else ROOT / "reports" / "profiles" / f"{name}.toml"
-    return content.build(run, *profile.load(path, overrides), validation, ISSUED)
+    return content.build(
+        run, instruments.certificate_layout, *profile.load(path, overrides), validation, ISSUED
+    )
 
 
 def by_key(found):

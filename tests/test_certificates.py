@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from calibkit import procedures, recipe
+from calibkit import instruments, recipe
 from calibkit.instruments.fog_thermal import simulate
 
 TABLE = """
@@ -27,8 +27,8 @@ def read(folder, points="-60.0, 0.0, 100.0", added="0.3, 0.1, -0.3", extra=""):
     source = recipe.find("fog_thermal")
     logs = []
     for text in (source.text, source.text + TABLE % (points, added) + extra):
-        spec = recipe.parse(recipe.Source("r.toml", text))
-        logs.append(procedures.of(spec).read(spec, folder, "ramp_heating_05.csv"))
+        spec = instruments.parse_recipe(recipe.Source("r.toml", text))
+        logs.append(instruments.find(spec.procedure).read(spec, folder, "ramp_heating_05.csv"))
     return *(log.frame["temp_case_degc"].to_numpy() for log in logs), logs[1]
 
 

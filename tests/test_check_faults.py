@@ -10,8 +10,7 @@ import io
 import numpy as np
 import pytest
 
-from calibkit import procedures, recipe
-from calibkit.simulate import campaigns
+from calibkit import instruments, pipeline, recipe
 from conftest import ROOT
 
 ALLOWED = {
@@ -29,7 +28,7 @@ def healthy():
     """Return the columns of one healthy log of every procedure, by procedure, as floats."""
     logs = {}
     for procedure, file in ALLOWED.items():
-        text = campaigns.of(procedure)(3).files()[file].decode()
+        text = pipeline.simulated(procedure, 3).files()[file].decode()
         rows = list(csv.reader(io.StringIO(text)))
         data = np.array([[float(field or "nan") for field in row] for row in rows[1:]])
         logs[procedure] = dict(zip(rows[0], data.T, strict=True))
@@ -40,8 +39,8 @@ def findings(name, columns, tmp_path, log_writer, overrides=()):
     """Return what the procedure's check says of one log."""
     file = ALLOWED[name]
     log_writer(tmp_path / file, **columns)
-    spec = recipe.parse(recipe.find(name, overrides))
-    procedure = procedures.of(spec)
+    spec = instruments.parse_recipe(recipe.find(name, overrides))
+    procedure = instruments.find(spec.procedure)
     return list(procedure.examine(spec, procedure.read(spec, tmp_path, file)).findings)
 
 
@@ -171,19 +170,19 @@ def test_the_healthy_logs_say_nothing(procedure, healthy, tmp_path, log_writer):
     assert findings(procedure, healthy[procedure], tmp_path, log_writer) == []
 
 
-@pytest.mark.parametrize("procedure", campaigns.NAMES)
+@pytest.mark.parametrize("procedure", instruments.campaigns())
 def test_a_clean_campaign_of_any_procedure_gives_no_finding(procedure, tmp_path):
     """Every log of a simulated campaign is checked without a word: false alarms cost trust."""
     from calibkit import pipeline
 
-    for name, content in campaigns.of(procedure)(11).files().items():
+    for name, content in pipeline.simulated(procedure, 11).files().items():
         (tmp_path / name).parent.mkdir(exist_ok=True)
         (tmp_path / name).write_bytes(content)
     reports = pipeline.check(recipe.find(procedure), tmp_path)
     assert [str(finding) for report in reports for finding in report.findings] == []
 
 
-@pytest.mark.parametrize("procedure", campaigns.NAMES)
+@pytest.mark.parametrize("procedure", instruments.campaigns())
 def test_the_sample_logs_give_no_finding(procedure):
     """The data sets that come with calibkit are checked without a word."""
     from calibkit import pipeline

@@ -447,7 +447,7 @@ def test_a_dry_run_of_any_writer_does_all_but_write(rated, tmp_path, calibkit, m
 @pytest.fixture(scope="module")
 def rated(tmp_path_factory):
     """Return the folders of a run, its sample logs and other logs."""
-    from calibkit.procedures import silent
+    from calibkit.instruments import silent
 
     folder, data = tmp_path_factory.mktemp("rated"), ROOT / "datasets" / "rate_table"
     pipeline.fit(recipe.find("rate_table"), data, "R", folder / "runs", "2026-11-21", silent)

@@ -10,7 +10,7 @@ import pytest
 from hypothesis import HealthCheck, given, settings
 from hypothesis import strategies as st
 
-from calibkit import recipe
+from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError
 from calibkit.ingest import logs
 from calibkit.readers import sniff, tokens
@@ -156,7 +156,7 @@ def source(name):
         'procedure = "fog_thermal"\n[logs]\nfiles ='
         f' ["*{dialect.suffix}"]\n{dialect.logs}\n{dialect.tables}\n'
     )
-    return recipe.parse(recipe.Source("r.toml", text))
+    return instruments.parse_recipe(recipe.Source("r.toml", text))
 
 
 RECIPES = {name: source(name) for name in WRITTEN}

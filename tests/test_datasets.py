@@ -5,7 +5,7 @@ import json
 
 import pytest
 
-from calibkit.simulate import campaigns
+from calibkit import pipeline
 from conftest import ROOT
 
 DATASETS = sorted(path for path in (ROOT / "datasets").iterdir() if path.is_dir())
@@ -38,7 +38,7 @@ def test_the_sample_logs_come_from_the_simulator_that_is_here(folder):
     """
     source = (folder / "SOURCE.md").read_text(encoding="utf-8")
     seed = int(source.split("--seed ")[1].split("`")[0])
-    files = campaigns.of(folder.name)(seed).files()
+    files = pipeline.simulated(folder.name, seed).files()
     there = {p.relative_to(folder).as_posix() for p in folder.rglob("*") if p.is_file()} - {
         "SHA256SUMS",
         "SOURCE.md",

@@ -6,7 +6,7 @@ from dataclasses import replace
 
 import pytest
 
-from calibkit import coefficients, procedures, recipe
+from calibkit import coefficients, instruments, recipe
 from calibkit.ingest import logs
 from dialects import DIALECTS, Clean
 
@@ -50,8 +50,10 @@ def coefficient_files(source, folder):
     """Return the bytes of each coefficient file, with the digests and suffixes of the inputs taken
     out.
     """
-    spec = recipe.parse(source)
-    fitted = procedures.of(spec).fit(spec, folder, logs.find_logs(spec, folder), procedures.silent)
+    spec = instruments.parse_recipe(source)
+    fitted = instruments.find(spec.procedure).fit(
+        spec, folder, logs.find_logs(spec, folder), instruments.silent
+    )
     inputs = tuple(
         replace(entry, name=re.sub(r"\..*", "", entry.name), sha256="") for entry in fitted.inputs
     )

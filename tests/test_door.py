@@ -3,7 +3,7 @@
 import numpy as np
 import pytest
 
-from calibkit import recipe
+from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError, FrameError, LogFormatError
 from calibkit.ingest import logs as ingest
 
@@ -14,7 +14,7 @@ def read(tmp_path, content, columns, needed, logs="", name="log.csv", site=""):
     text = (
         f'procedure = "accelerometer"\n{site}[logs]\nfiles = ["*"]\n{logs}\n[columns]\n{columns}\n'
     )
-    spec = recipe.parse(recipe.Source("r.toml", text))
+    spec = instruments.parse_recipe(recipe.Source("r.toml", text))
     return ingest.read_log(spec, tmp_path / name, name, needed)
 
 
@@ -252,7 +252,7 @@ split = true
 time_s = { from = "Time", unit = "s" }
 temp_case_degc = { from = "Chan 101 (C)" }
 """
-    spec = recipe.parse(recipe.Source("r.toml", text))
+    spec = instruments.parse_recipe(recipe.Source("r.toml", text))
     assert ingest.find_logs(spec, tmp_path) == ["dat00001.csv"]
     log = ingest.read_log(
         spec, tmp_path / "dat00001.csv", "dat00001.csv", ("time_s", "temp_case_degc")

@@ -12,7 +12,7 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibkit import pipeline
+from calibkit import instruments, pipeline, recipe
 from calibkit.errors import OutputError
 from calibkit.firmware import c_text, formats, identifiers
 from calibkit.instruments.fog_thermal import firmware
@@ -193,12 +193,15 @@ def test_a_changed_digit_fails_verification_even_under_a_new_digest(drift_run, t
 
 def test_a_run_without_a_drift_term_or_with_one_that_removes_the_rate_is_refused(tmp_path_factory):
     """There is nothing to export, or something that must not be; exit code 4."""
-    models = cached("gradient", tmp_path_factory).record("drift_rate.json").models
+    record = cached("gradient", tmp_path_factory).record("drift_rate.json")
+    spec = instruments.parse_recipe(recipe.find("fog_thermal"))
     with pytest.raises(OutputError, match="no drift term") as refused:
-        firmware.chain((), 25.0, "recursive", 60.0)
+        firmware.chain(spec, {"drift_rate.json": replace(record, models=())})
     assert refused.value.exit_code == 4
+    one_step = ("drift.compensation='one_step'",)
+    spec = instruments.parse_recipe(recipe.find("fog_thermal", one_step))
     with pytest.raises(OutputError, match="removes the true rate"):
-        firmware.chain(models, 25.0, "one_step", 60.0)
+        firmware.chain(spec, {"drift_rate.json": record})
 
 
 def test_literals_read_back_to_the_same_number_in_c():

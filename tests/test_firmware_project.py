@@ -18,7 +18,7 @@ def delivered(tmp_path_factory):
     it.
     """
     from calibkit import pipeline, recipe, store
-    from calibkit.procedures import silent
+    from calibkit.instruments import silent
 
     root = tmp_path_factory.mktemp("project")
     data = ROOT / "datasets" / "rate_table"

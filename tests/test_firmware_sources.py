@@ -7,7 +7,7 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibkit import recipe
+from calibkit import instruments, recipe
 from calibkit.firmware import c_text, sources
 from conftest import ROOT
 from firmware_runs import cached
@@ -15,13 +15,20 @@ from firmware_runs import cached
 NASTY = "a*/b\\ /* ??/ @p_ \n° 陀 {x}'"
 
 
+def lines(spec, structure):
+    """Lines of a structure under a recipe, with what its instrument corrects and states."""
+    firmware = instruments.find(spec.procedure).firmware()
+    corrections = firmware.corrections(structure)
+    return sources.lines(spec, structure, corrections, firmware.conventions(spec))
+
+
 def drift(overrides):
     """Lines of a drift chain under a recipe with overrides."""
-    spec = recipe.parse(recipe.find("fog_thermal", overrides))
+    spec = instruments.parse_recipe(recipe.find("fog_thermal", overrides))
     taken = SimpleNamespace(
         inputs=[SimpleNamespace(name="temp_case_degc")], outputs=[SimpleNamespace(name="drift_dph")]
     )
-    return sources.lines(spec, taken)
+    return lines(spec, taken)
 
 
 def test_a_sign_and_a_unit_of_the_recipe_become_the_factor_of_the_logged_column():
@@ -45,7 +52,7 @@ def test_the_factor_is_what_reading_the_log_gives(tmp_path):
     """Scale, offset, sign and unit together give the numbers that the reader gives."""
     from calibkit.ingest import logs
 
-    spec = recipe.parse(
+    spec = instruments.parse_recipe(
         recipe.find(
             "fog_thermal",
             ('columns.gyro_dph={from="G",unit="deg/s",scale=2.5,offset=-0.5,sign=-1}',),
@@ -76,17 +83,17 @@ def test_a_unit_that_only_the_log_states_is_not_made_up():
 
 def test_counts_per_sample_say_what_they_are_divided_by():
     """Counts over a stated interval, and over the time since the row before."""
-    spec = recipe.parse(
+    spec = instruments.parse_recipe(
         recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",unit="1/sample",interval_s=0.5}',))
     )
     taken = SimpleNamespace(inputs=[SimpleNamespace(name="gyro_x_lsb")], outputs=[])
-    assert "column 'N', counts per sample, / (0.5 s)" in sources.lines(spec, taken)[0]
-    spec = recipe.parse(
+    assert "column 'N', counts per sample, / (0.5 s)" in lines(spec, taken)[0]
+    spec = instruments.parse_recipe(
         recipe.find("rate_table", ('columns.gyro_x_lsb={from="N",accumulated=true,sign=-1}',))
     )
     assert (
         "-column 'N', its counts since the row before, / (s since the row before)"
-        in sources.lines(spec, taken)[0]
+        in lines(spec, taken)[0]
     )
 
 

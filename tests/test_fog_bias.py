@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from calibkit import recipe
+from calibkit import instruments, recipe
 from calibkit.errors import RecipeError
 from calibkit.numeric import earth
 
@@ -24,7 +24,7 @@ def run(campaign, tmp_path_factory):
     0.5°.
     """
     from calibkit import pipeline
-    from calibkit.procedures import silent
+    from calibkit.instruments import silent
 
     out = tmp_path_factory.mktemp("runs")
     source = recipe.Source(
@@ -148,7 +148,7 @@ def test_an_uncertain_latitude_makes_the_bias_uncertain(run):
 def test_an_axis_that_is_not_vertical_needs_its_azimuth():
     """A horizontal axis sees the earth by its azimuth: without it the recipe is refused."""
     with pytest.raises(RecipeError, match="azimuth_deg is needed"):
-        recipe.parse(recipe.find("fog_thermal", ("input_axis.elevation_deg=0.0",)))
+        instruments.parse_recipe(recipe.find("fog_thermal", ("input_axis.elevation_deg=0.0",)))
 
 
 def test_turn_on_biases_are_those_of_the_simulated_logs(run, campaign):

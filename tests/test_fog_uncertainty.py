@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit import pipeline, recipe, store
+from calibkit import instruments, pipeline, recipe, store
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import level_file, uncertainty
@@ -43,7 +43,7 @@ half_width = 0.001
 def run(campaign, tmp_path_factory):
     """Return the run of a fit with type B terms, and its folder of runs."""
     from calibkit import pipeline
-    from calibkit.procedures import silent
+    from calibkit.instruments import silent
 
     folder = tmp_path_factory.mktemp("runs")
     source = recipe.Source("mine.toml", recipe.find("fog_thermal").text + TERMS)
@@ -130,7 +130,9 @@ def test_a_thermometer_that_is_off_moves_the_compensated_rate_by_the_drift_s_slo
     model = thermal(run[0])
     time = np.arange(0.0, 4000.0, 10.0)
     case = np.interp(time, [600.0, 3000.0], [-10.0, 40.0])
-    (term,) = recipe.parse(recipe.Source("r", recipe.find("fog_thermal").text + TERMS)).type_b[:1]
+    (term,) = instruments.parse_recipe(
+        recipe.Source("r", recipe.find("fog_thermal").text + TERMS)
+    ).type_b[:1]
     found = uncertainty.along(model, time, case, case, (term,), 25.0)
     moved, still = (evaluate.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
     assert found.contributions[-1] == pytest.approx(np.abs(moved - still), rel=0.02, abs=1e-5)

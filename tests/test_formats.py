@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibkit import recipe
+from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError, LogFormatError, RecipeError, UsageError
 from calibkit.ingest import logs as ingest
 from calibkit.readers import registry
@@ -198,7 +198,7 @@ time_s = { from = "time" }
 temp_env_degc = { from = "actual 1" }
 """
     log = ingest.read_log(
-        recipe.parse(recipe.Source("r", text)),
+        instruments.parse_recipe(recipe.Source("r", text)),
         tmp_path / "c.txt",
         "c.txt",
         ("time_s", "temp_env_degc"),
@@ -642,7 +642,7 @@ def test_every_recipe_of_the_documentation_is_one(block):
     """The blocks of docs/logs.md load as they stand, below a procedure."""
     columns = re.findall(r"(?m)^\[columns\.(\w+)\]|^(\w+) = \{ from", block)
     assert columns or "names" in block
-    recipe.parse(recipe.Source("docs.toml", f'procedure = "fog_thermal"\n{block}'))
+    instruments.parse_recipe(recipe.Source("docs.toml", f'procedure = "fog_thermal"\n{block}'))
 
 
 @pytest.mark.parametrize(
@@ -664,7 +664,7 @@ def test_every_recipe_of_the_documentation_is_one(block):
 def test_a_description_that_cannot_be_meant_is_refused(logs, fragment):
     """Contradictions and misspellings in [logs] are faults of the recipe, with their line."""
     with pytest.raises(RecipeError) as refused:
-        recipe.parse(
+        instruments.parse_recipe(
             recipe.Source("r.toml", f'procedure = "fog_thermal"\n[logs]\nfiles = ["*"]\n{logs}\n')
         )
     assert fragment in str(refused.value)

@@ -7,10 +7,10 @@ import numpy as np
 import pandas as pd
 import pytest
 
-from calibkit import pipeline, recipe, store
+from calibkit import instruments, pipeline, recipe, store
+from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import over_runs, simulate_pair, simulate_rate_table
 from calibkit.instruments.gyro_scale.numeric import plateau_means, scale_factor
-from calibkit.procedures import silent
 from calibkit.report import figures as drawing
 from conftest import AUTHORITIES, ROOT
 
@@ -793,7 +793,7 @@ def test_a_temperature_sensitivity_is_as_uncertain_as_runs_repeat():
     campaigns.
     """
     temperature = np.array([25.0, 25.1, 24.9, -40.0, -40.0, -10.0, 45.0, 60.0])
-    spec = recipe.parse(recipe.find("rate_table"))
+    spec = instruments.parse_recipe(recipe.find("rate_table"))
     ratios = []
     for seed in range(100):
         rng = np.random.default_rng([seed, 4])

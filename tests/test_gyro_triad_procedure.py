@@ -7,10 +7,10 @@ import json
 import numpy as np
 import pytest
 
-from calibkit import recipe, store
+from calibkit import instruments, recipe, store
+from calibkit.instruments import silent
 from calibkit.instruments.gyro_scale import simulate_triad
 from calibkit.instruments.gyro_scale import triad as procedure
-from calibkit.procedures import silent
 from calibkit.report import figures as drawing
 
 LATITUDE = "site.latitude_deg=34.2"
@@ -121,7 +121,7 @@ def test_intervals_of_angles_and_sensitivities_hold_over_many_simulated_bases(tm
     """12 campaigns at one temperature, 36 angles and 108 sensitivities: normalised errors have a
     rms of 0.7 to 1.25.
     """
-    spec = recipe.parse(recipe.find("gyro_triad", (LATITUDE,)))
+    spec = instruments.parse_recipe(recipe.find("gyro_triad", (LATITUDE,)))
     angles, entries = [], []
     for seed in range(100, 112):
         simulated = simulate_triad.campaign(seed, temperatures_degc=(25.0,), withheld_degc=())

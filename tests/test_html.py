@@ -124,7 +124,7 @@ def fitted(tmp_path_factory):
     return both run folders.
     """
     from calibkit import pipeline, recipe
-    from calibkit.procedures import silent
+    from calibkit.instruments import silent
 
     folder = tmp_path_factory.mktemp("noise")
     name = "<b>$_$ & 'x'.csv"

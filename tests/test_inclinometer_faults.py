@@ -10,7 +10,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibkit import procedures, recipe
+from calibkit import instruments, recipe
 from calibkit.instruments.inclinometer.numeric import closure
 from conftest import ROOT
 
@@ -19,8 +19,8 @@ DATA = ROOT / "datasets" / "inclinometer"
 
 def fitted(folder, *overrides):
     """Model of each gyro and the flags of a fit."""
-    spec = recipe.parse(recipe.find("inclinometer", overrides))
-    found = procedures.of(spec).fit(spec, folder, ["stations.csv"], procedures.silent)
+    spec = instruments.parse_recipe(recipe.find("inclinometer", overrides))
+    found = instruments.find(spec.procedure).fit(spec, folder, ["stations.csv"], instruments.silent)
     return {model.name: model for model in found.results[0].models}, found.summary.flags
 
 

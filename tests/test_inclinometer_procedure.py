@@ -8,10 +8,10 @@ import json
 import numpy as np
 import pytest
 
-from calibkit import recipe, store
+from calibkit import instruments, recipe, store
+from calibkit.instruments import silent
 from calibkit.instruments.inclinometer import instrument, stations
 from calibkit.instruments.inclinometer import simulate as simulator
-from calibkit.procedures import silent
 from calibkit.simulate.campaign import csv_text
 from conftest import AUTHORITIES, ROOT
 
@@ -282,7 +282,7 @@ def test_a_single_station_states_an_interval_that_holds(tmp_path):
     """Noise known from one degree of freedom: of 40 tools with one station each at least 34
     azimuths are within the U printed.
     """
-    spec, inside = recipe.parse(recipe.find("inclinometer")), 0
+    spec, inside = instruments.parse_recipe(recipe.find("inclinometer")), 0
     for seed in range(3000, 3040):
         truth = simulated(tmp_path / str(seed), seed, count=1, references=False)
         fitted = instrument.fit(spec, tmp_path / str(seed), ["stations.csv"], silent)
@@ -411,9 +411,11 @@ def test_the_last_digit_of_a_log_is_found_in_its_own_unit():
     """
     source = recipe.find("inclinometer")
     data = np.array([8.25, -3.5, np.nan, 12.0])
-    assert stations.resolution(data, "gyro_x_dph", recipe.parse(source)) == pytest.approx(0.01)
+    assert stations.resolution(
+        data, "gyro_x_dph", instruments.parse_recipe(source)
+    ) == pytest.approx(0.01)
     mapped = source.text + '[columns]\ngyro_x_dph = { from = "wx", unit = "deg/s" }\n'
-    spec = recipe.parse(recipe.Source("mapped", mapped))
+    spec = instruments.parse_recipe(recipe.Source("mapped", mapped))
     data = 3600.0 * np.array([0.0023, -0.0011, 0.004])
     assert stations.resolution(data, "gyro_x_dph", spec) == pytest.approx(0.36)
 

@@ -6,8 +6,7 @@ import numpy as np
 import pytest
 
 import dialects
-from calibkit import procedures, recipe
-from calibkit.simulate import campaigns
+from calibkit import instruments, pipeline, recipe
 from conftest import ROOT
 
 SHIPPED = (
@@ -65,14 +64,14 @@ def test_of_a_shipped_procedure_only_the_log_mapping_differs(name, calibkit):
 @pytest.fixture(scope="module")
 def clean(tmp_path_factory):
     """Return a clean log's fields and its frame."""
-    text = campaigns.of("fog_thermal")(3).files()["ramp_heating_05.csv"].decode()
+    text = pipeline.simulated("fog_thermal", 3).files()["ramp_heating_05.csv"].decode()
     lines = text.split("\n")[:1200]
     folder = tmp_path_factory.mktemp("clean")
     (folder / "a.csv").write_text("\n".join(lines) + "\n", encoding="utf-8")
-    spec = recipe.parse(recipe.find("fog_thermal"))
+    spec = instruments.parse_recipe(recipe.find("fog_thermal"))
     return (
         dialects.Clean.of("\n".join(lines)),
-        procedures.of(spec).read(spec, folder, "a.csv").frame,
+        instruments.find(spec.procedure).read(spec, folder, "a.csv").frame,
     )
 
 
@@ -89,12 +88,12 @@ def test_a_proposed_recipe_reads_the_log_as_it_is(name, clean, tmp_path, calibki
     ).items():
         (tmp_path / file).write_bytes(content)
     text = proposed(calibkit, tmp_path)
-    spec = recipe.parse(recipe.Source("proposed.toml", text))
+    spec = instruments.parse_recipe(recipe.Source("proposed.toml", text))
     assert spec.procedure == "fog_thermal"
-    shipped = recipe.parse(recipe.find("fog_thermal"))
+    shipped = instruments.parse_recipe(recipe.find("fog_thermal"))
     assert spec.model_copy(update={"logs": shipped.logs, "columns": {}}) == shipped
     file = next(path.name for path in sorted(tmp_path.iterdir()))
-    found = procedures.of(spec).read(spec, tmp_path, file).frame
+    found = instruments.find(spec.procedure).read(spec, tmp_path, file).frame
     for column in frame.columns:
         start = found[column].to_numpy() - (found["time_s"].iloc[0] if column == "time_s" else 0.0)
         np.testing.assert_allclose(start, frame[column].to_numpy(), rtol=0, atol=1e-9)

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 import calibkit as calibkit_api
-from calibkit import coefficients, procedures, recipe
+from calibkit import coefficients, instruments, recipe
 from calibkit.instruments.fog_thermal import simulate
 
 OFFSET_S = 17.3
@@ -62,8 +62,8 @@ def text(table):
 
 def joined(folder, table=ESTIMATE):
     """Return the joined log."""
-    spec = recipe.parse(recipe.Source("r.toml", text(table)))
-    return procedures.of(spec).read(spec, folder, f"{LOG}.csv")
+    spec = instruments.parse_recipe(recipe.Source("r.toml", text(table)))
+    return instruments.find(spec.procedure).read(spec, folder, f"{LOG}.csv")
 
 
 def test_a_chamber_log_is_joined_on_the_estimated_clock(tmp_path, columns, log_writer):
@@ -144,8 +144,8 @@ def test_a_gap_of_the_chamber_log_stays_a_gap(tmp_path, columns, log_writer):
     """Rows of the log in a gap of the chamber log are left out and counted, never interpolated."""
     rows = np.r_[0:2000:5, 2100 : columns["time_s"].size : 5]
     write(tmp_path, columns, log_writer, keep=rows)
-    spec = recipe.parse(recipe.Source("r.toml", text(ESTIMATE)))
-    procedure = procedures.of(spec)
+    spec = instruments.parse_recipe(recipe.Source("r.toml", text(ESTIMATE)))
+    procedure = instruments.find(spec.procedure)
     log = procedure.read(spec, tmp_path, f"{LOG}.csv")
     assert any("in its gaps" in note for note in log.notes)
     assert np.diff(log.frame["time_s"]).max() == pytest.approx(104.0, abs=2.0)  # s

@@ -8,14 +8,14 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from calibkit import recipe
+from calibkit import instruments, pipeline, recipe
+from calibkit.check import chunked
 from calibkit.errors import OutputError, RecipeError, UsageError
-from calibkit.ingest import logs, long_logs, pieces, scratch
+from calibkit.ingest import logs, long_logs, scratch
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.numeric import occupancy
 from calibkit.numeric import anomalies, intervals, segments, spans
 from calibkit.numeric.wavelet import denoise, lifting
-from calibkit.simulate import campaigns
 
 FILE = "ramp_heating_05.csv"
 RNG = np.random.default_rng(11)
@@ -25,7 +25,7 @@ RNG = np.random.default_rng(11)
 def folder(tmp_path_factory):
     """Write one simulated ramp."""
     made = tmp_path_factory.mktemp("logs")
-    (made / FILE).write_bytes(campaigns.of("fog_thermal")(3).files()[FILE])
+    (made / FILE).write_bytes(pipeline.simulated("fog_thermal", 3).files()[FILE])
     return made
 
 
@@ -34,12 +34,12 @@ def on_disk(monkeypatch):
     """Put every log on disk, and read, look at and work on it in small pieces."""
     monkeypatch.setenv(long_logs.SETTING, "0")
     monkeypatch.setattr(long_logs, "ROWS", 700)
-    monkeypatch.setattr(pieces, "PIECE", 1000)
+    monkeypatch.setattr(chunked, "PIECE", 1000)
 
 
 def prepared(folder, overrides=()):
     """Read and prepare the log; returns both."""
-    spec = recipe.parse(recipe.find("fog_thermal", overrides))
+    spec = instruments.parse_recipe(recipe.find("fog_thermal", overrides))
     log = logs.read_log(spec, folder / FILE, FILE, ramps.COLUMNS)
     return log, ramps.prepare(log, spec, ramps.findings(log, spec))
 

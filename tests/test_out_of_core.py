@@ -8,7 +8,8 @@ from itertools import pairwise
 import numpy as np
 import pytest
 
-from calibkit.ingest import long_logs, pieces, write_back
+from calibkit.check import chunked
+from calibkit.ingest import long_logs, write_back
 from calibkit.numeric import attitude, spans
 from calibkit.numeric.least_squares import hac
 from calibkit.readers import clean
@@ -18,7 +19,7 @@ from calibkit.readers import clean
 def small(monkeypatch):
     """Read, look at and work on logs in pieces and spans that cut them anywhere."""
     monkeypatch.setattr(long_logs, "ROWS", 700)
-    monkeypatch.setattr(pieces, "PIECE", 1000)
+    monkeypatch.setattr(chunked, "PIECE", 1000)
     shorten(monkeypatch)
 
 

@@ -3,10 +3,8 @@
 import numpy as np
 import pytest
 
-from calibkit import procedures, recipe
-from calibkit.check import examination
-from calibkit.ingest import pieces
-from calibkit.simulate import campaigns
+from calibkit import instruments, pipeline, recipe
+from calibkit.check import chunked, examination
 
 FILE = "ramp_heating_05.csv"
 
@@ -14,14 +12,14 @@ FILE = "ramp_heating_05.csv"
 @pytest.fixture
 def small(monkeypatch):
     """Make pieces of 1,000 rows and thinned logs of at most 2,700."""
-    monkeypatch.setattr(pieces, "PIECE", 1000)
-    monkeypatch.setattr(pieces, "KEPT", 2700)
+    monkeypatch.setattr(chunked, "PIECE", 1000)
+    monkeypatch.setattr(chunked, "KEPT", 2700)
 
 
 def both(folder, overrides=()):
     """Return what is said of the log read whole, and in pieces."""
-    spec = recipe.parse(recipe.find("fog_thermal", overrides))
-    procedure = procedures.of(spec)
+    spec = instruments.parse_recipe(recipe.find("fog_thermal", overrides))
+    procedure = instruments.find(spec.procedure)
     return [
         examination.of(procedure, spec, folder, FILE, largest=largest).report
         for largest in (1 << 40, 0)
@@ -30,7 +28,7 @@ def both(folder, overrides=()):
 
 def planted(folder, changes):
     """Write the simulated ramp with rows changed: column → {row: change}."""
-    lines = campaigns.of("fog_thermal")(3).files()[FILE].decode().splitlines()
+    lines = pipeline.simulated("fog_thermal", 3).files()[FILE].decode().splitlines()
     for row, column, change in changes:
         fields = lines[row + 1].split(",")
         fields[column] = f"{float(fields[column]) + change:.3f}"

@@ -2,18 +2,17 @@
 
 import pytest
 
-from calibkit import procedures, recipe
-from calibkit.simulate import campaigns
+from calibkit import instruments, pipeline, recipe
 
 PIN = '\n[[segment]]\nlog = "%s"\nkind = "%s"\nfrom_s = %s\nto_s = %s\n'
 
 
 def examined(procedure, file, pins, folder):
     """Return what a procedure says of one simulated log with pinned segments."""
-    (folder / file).write_bytes(campaigns.of(procedure)(3).files()[file])
+    (folder / file).write_bytes(pipeline.simulated(procedure, 3).files()[file])
     text = recipe.find(procedure).text + "".join(PIN % pin for pin in pins)
-    spec = recipe.parse(recipe.Source("r.toml", text))
-    module = procedures.of(spec)
+    spec = instruments.parse_recipe(recipe.Source("r.toml", text))
+    module = instruments.find(spec.procedure)
     return module.examine(spec, module.read(spec, folder, file))
 
 
@@ -62,7 +61,7 @@ def test_a_segment_of_the_wrong_kind_or_place_is_refused(tmp_path):
 def test_overlapping_segments_and_unknown_logs_are_recipe_errors(tmp_path, calibkit):
     """Two segments that overlap, and a segment of a log that is not there: exit 2."""
     (tmp_path / "ramp_heating_05.csv").write_bytes(
-        campaigns.of("fog_thermal")(3).files()["ramp_heating_05.csv"]
+        pipeline.simulated("fog_thermal", 3).files()["ramp_heating_05.csv"]
     )
     base = recipe.find("fog_thermal").text
     for pins, words in (

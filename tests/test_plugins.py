@@ -20,7 +20,7 @@ from pathlib import Path
 import pytest
 
 import pages
-from calibkit import coefficients, plugins, recipe
+from calibkit import coefficients, instruments, plugins, recipe
 from calibkit.errors import LogFormatError, RecipeError, UsageError
 from calibkit.ingest import logs as ingest
 from calibkit.readers import registry
@@ -107,7 +107,7 @@ def test_a_log_in_the_format_of_a_plugin_is_read_and_names_the_plugin(tmp_path, 
     plugin = plugins.Plugin("pairs", "pairs_reader", "2.1", stated)
     assert table.plugins == (plugin,)
     text = 'procedure = "fog_thermal"\n[logs]\nfiles = ["*"]\nformat = "pairs"\n'
-    spec = recipe.parse(recipe.Source("r.toml", text))
+    spec = instruments.parse_recipe(recipe.Source("r.toml", text))
     log = ingest.read_log(spec, tmp_path / "log.dat", "log.dat", ("time_s", "gyro_dph"))
     assert coefficients.Input.of(log).plugins == (plugin,)
     assert set(asdict(plugin)) == {"name", "distribution", "version", "sha256"}
@@ -132,10 +132,12 @@ def test_an_unknown_format_is_refused_with_the_closest_name_plugins_included(ins
     install("pairs", "raise RuntimeError('imported')")
     text = 'procedure = "fog_thermal"\n[logs]\nfiles = ["*"]\nformat = '
     with pytest.raises(RecipeError, match=r"r.toml:4: .*'binary' or 'pairs'; did you mean 'pairs'"):
-        recipe.parse(recipe.Source("r.toml", text + '"pair"'))
+        instruments.parse_recipe(recipe.Source("r.toml", text + '"pair"'))
     with pytest.raises(RecipeError, match=r"found 'cvs', expected 'auto', .* did you mean 'csv'"):
-        recipe.parse(recipe.Source("r.toml", text + '"cvs"'))
-    assert recipe.parse(recipe.Source("r.toml", text + '"pairs"')).logs.format == "pairs"
+        instruments.parse_recipe(recipe.Source("r.toml", text + '"cvs"'))
+    assert (
+        instruments.parse_recipe(recipe.Source("r.toml", text + '"pairs"')).logs.format == "pairs"
+    )
 
 
 def test_no_plugin_is_looked_for_where_a_recipe_names_a_format_of_calibkit(monkeypatch):

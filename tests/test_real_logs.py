@@ -7,7 +7,7 @@ import json
 import numpy as np
 import pytest
 
-from calibkit import recipe
+from calibkit import instruments, recipe
 from calibkit.ingest import logs as ingest
 
 AXES = "xyz"
@@ -142,7 +142,7 @@ accel_z_g = { from = "z", unit = "m/s^2" }
 
 def logs(text, folder, needed):
     """Return the logs that a recipe finds in a folder, by their names, as arrays [n, columns]."""
-    spec = recipe.parse(recipe.Source("r.toml", text))
+    spec = instruments.parse_recipe(recipe.Source("r.toml", text))
     found = [
         ingest.read_log(spec, folder / file, file, needed)
         for file in ingest.find_logs(spec, folder)
@@ -229,7 +229,7 @@ def test_arrays_in_json_are_columns(real):
 
 def test_a_warm_up_goes_in_by_the_shipped_recipe(real):
     """MPU-6050 warm-up: 63,792 rows at irregular milliseconds, counts as they are."""
-    spec = recipe.parse(recipe.find("mpu6050_warmup"))
+    spec = instruments.parse_recipe(recipe.find("mpu6050_warmup"))
     folder = real / "mpu6050_warmup"
     (file,) = ingest.find_logs(spec, folder)
     log = ingest.read_log(spec, folder / file, file, ("time_s", *spec.own_columns()))

@@ -4,7 +4,7 @@ import tomllib
 
 import pytest
 
-from calibkit import recipe
+from calibkit import instruments, recipe
 from calibkit.errors import RecipeError, UsageError
 from calibkit.recipe.loader import key_lines
 
@@ -14,14 +14,14 @@ GOOD = 'procedure = "fog_thermal"\n[logs]\nfiles = ["*.csv"]\n'
 def faults(text, *overrides):
     """Lines of the error that a recipe's text raises."""
     with pytest.raises(RecipeError) as refused:
-        recipe.parse(recipe.Source("r.toml", text, overrides))
+        instruments.parse_recipe(recipe.Source("r.toml", text, overrides))
     return str(refused.value).splitlines()
 
 
 @pytest.mark.parametrize("name", sorted(recipe.shipped()))
 def test_every_shipped_recipe_parses(name):
     """A recipe that comes with calibkit is found by name and has no fault."""
-    assert recipe.parse(recipe.find(name)).procedure
+    assert instruments.parse_recipe(recipe.find(name)).procedure
 
 
 @pytest.mark.parametrize(
@@ -101,7 +101,7 @@ def test_text_that_is_not_toml_is_located():
 
 def test_an_override_replaces_a_key_and_is_blamed_for_its_faults():
     """--set changes a key, a text needs no quotes, and a fault names the override."""
-    spec = recipe.parse(
+    spec = instruments.parse_recipe(
         recipe.Source(
             "r.toml", GOOD, ("drift.order=2", "denoise.wavelet=haar", "site.latitude_deg=58")
         )
@@ -109,9 +109,9 @@ def test_an_override_replaces_a_key_and_is_blamed_for_its_faults():
     assert (spec.drift.order, spec.denoise.wavelet, spec.site.latitude_deg) == (2, "haar", 58.0)
     assert faults(GOOD, "drift.ordr=2")[0].startswith("--set drift.ordr=2: unknown key")
     with pytest.raises(UsageError, match=r"expected table\.key=value"):
-        recipe.parse(recipe.Source("r.toml", GOOD, ("drift.order",)))
+        instruments.parse_recipe(recipe.Source("r.toml", GOOD, ("drift.order",)))
     with pytest.raises(UsageError, match="'files' is not a table"):
-        recipe.parse(recipe.Source("r.toml", GOOD, ("logs.files.x=1",)))
+        instruments.parse_recipe(recipe.Source("r.toml", GOOD, ("logs.files.x=1",)))
 
 
 def test_an_override_changes_the_digest():
@@ -131,7 +131,7 @@ def test_an_unknown_recipe_is_answered_with_the_shipped_ones(tmp_path):
 
 def test_a_recipe_is_frozen():
     """What was decided is not changed on the way."""
-    spec = recipe.parse(recipe.Source("r.toml", GOOD))
+    spec = instruments.parse_recipe(recipe.Source("r.toml", GOOD))
     with pytest.raises(Exception, match=r"frozen"):
         spec.title = "x"
 

@@ -7,7 +7,7 @@ import math
 
 import pytest
 
-from calibkit import recipe
+from calibkit import instruments, recipe
 from calibkit.errors import CoefficientError, RecipeError
 from calibkit.numeric import gum
 from calibkit.recipe import type_b
@@ -18,7 +18,7 @@ TERM = '[[type_b]]\nname = "thermometer"\nquantity = "temp_case_degc"\nunit = "d
 
 def terms(text):
     """Terms of a recipe with these lines behind it."""
-    return recipe.parse(recipe.Source("r.toml", GOOD + text)).type_b
+    return instruments.parse_recipe(recipe.Source("r.toml", GOOD + text)).type_b
 
 
 @pytest.mark.parametrize(

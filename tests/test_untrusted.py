@@ -13,7 +13,7 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibkit import coefficients, pipeline, recipe, store
+from calibkit import coefficients, instruments, pipeline, recipe, store
 from calibkit.errors import CalibkitError, CoefficientError, LogFormatError, RecipeError, UsageError
 from calibkit.readers import hdf5
 from calibkit.recipe.logs import Logs
@@ -327,7 +327,7 @@ def test_a_recipe_cannot_reach_out_of_the_data_folder(pattern):
     text = (ROOT / "recipes" / "rate_table.toml").read_text(encoding="utf-8")
     source = recipe.Source("x.toml", text, (f"logs.files=[{json.dumps(pattern)}]",))
     with pytest.raises(RecipeError, match=r"logs\.files.*leaves the data folder"):
-        recipe.parse(source)
+        instruments.parse_recipe(source)
 
 
 @pytest.mark.parametrize(

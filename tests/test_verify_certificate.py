@@ -12,7 +12,7 @@ from dataclasses import replace
 
 import pytest
 
-from calibkit import cli, coefficients, store
+from calibkit import cli, coefficients, instruments, store
 from calibkit.certificate import (
     content,
     dcc,
@@ -152,14 +152,14 @@ def signed(run, key, tmp_path_factory):
 def record(run):
     """The certificate as a record, with its DCC."""
     stated, text = profile.load(PROFILE, (STATED,))
-    made = content.build(run, stated, text, None, ISSUED)
+    made = content.build(run, instruments.certificate_layout, stated, text, None, ISSUED)
     return replace(made, attachments=(*made.attachments, dcc.attachment(made, "en")))
 
 
 def refused(path, *words):
     """Check that a certificate is refused for reasons that hold these words."""
     with pytest.raises(CoefficientError) as caught:
-        verify.verify(path)
+        verify.verify(path, instruments.certificate_layout)
     for word in words:
         assert word in str(caught.value)
 
@@ -377,7 +377,7 @@ def attached(certificate, changes):
 
 def test_the_record_itself_is_verified(record, tmp_path):
     """What the forgeries below start from is accepted."""
-    found = verify.verify(written(record, tmp_path / "plain.pdf"))
+    found = verify.verify(written(record, tmp_path / "plain.pdf"), instruments.certificate_layout)
     assert int(re.search(r"(\d+) rows", found.what).group(1)) > 40
     assert found.warnings == ("not signed: nothing says who made it",)
 
@@ -423,7 +423,9 @@ def test_a_changed_number_in_the_dcc_is_named(record, tmp_path):
 def test_a_draft_that_hides_it_and_a_name_that_was_changed_are_named(run, record, tmp_path):
     """DRAFT stands on every page or the certificate is refused; so do the texts of the profile."""
     stated, text = profile.load(PROFILE)
-    draft = content.build(run, replace_profile(stated), text, None, ISSUED)
+    draft = content.build(
+        run, instruments.certificate_layout, replace_profile(stated), text, None, ISSUED
+    )
     assert not draft.draft
     forged = replace(draft, attachments=(*draft.attachments, dcc.attachment(draft, "en")))
     refused(written(forged, tmp_path / "draft.pdf"), "dcc.xml")
@@ -499,7 +501,7 @@ def test_text_of_every_kind_in_a_profile_raises_no_false_alarm(text, run, tmp_pa
         *(w for o in overrides for w in ("--set", o)),
     )
     assert code == 0
-    found = verify.verify(out)
+    found = verify.verify(out, instruments.certificate_layout)
     assert any("DRAFT" in warning for warning in found.warnings)
 
 
@@ -613,7 +615,7 @@ def test_an_absent_library_names_the_command_that_installs_it(module, words, sig
     """A signature that cannot be checked is not passed over."""
     monkeypatch.setitem(sys.modules, module, None)
     with pytest.raises(OutputError) as caught:
-        verify.verify(signed)
+        verify.verify(signed, instruments.certificate_layout)
     assert words in str(caught.value)
 
 

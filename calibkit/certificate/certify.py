@@ -33,6 +33,7 @@ class Issued:
 def certify(
     run_folder: Path,
     out: Path,
+    layout_of: content.LayoutOf,
     *,
     date: str,
     profile_path: Path | None = None,
@@ -57,7 +58,9 @@ def certify(
     stated, text = profile.load(profile_path, overrides)
     validated = None if validation is None else as_found.load(validation, run)
     try:
-        certificate = content.build(run, stated, text, validated, dt.date.fromisoformat(date))
+        certificate = content.build(
+            run, layout_of, stated, text, validated, dt.date.fromisoformat(date)
+        )
     except RecipeError as error:
         name = "profile" if profile_path is None else profile_path.name
         raise loader.located(loader.Source(name, text, overrides), error) from None

@@ -6,19 +6,13 @@ from __future__ import annotations
 
 import hashlib
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from calibkit.certificate import checklist, conformity, uncertainty
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
-from calibkit.errors import RecipeError, UsageError
-from calibkit.instruments.accelerometer import certificate as accelerometer
-from calibkit.instruments.bias_temperature import certificate as bias_temperature
-from calibkit.instruments.fog_thermal import certificate as fog_thermal
-from calibkit.instruments.gyro_noise import certificate as gyro_noise
-from calibkit.instruments.gyro_scale import certificate as gyro
-from calibkit.instruments.inclinometer import certificate as inclinometer
-from calibkit.recipe import Source, loader, type_b
+from calibkit.errors import RecipeError
+from calibkit.recipe import type_b
 from calibkit.store import RUN_FILE
 
 if TYPE_CHECKING:
@@ -29,21 +23,25 @@ if TYPE_CHECKING:
     from calibkit.certificate.profile import Profile
     from calibkit.certificate.results import Block, Result
     from calibkit.coefficients import Condition
+    from calibkit.recipe import Recipe
     from calibkit.store import Run
 
-LAYOUTS: dict[str, Callable[[Stated], tuple[Block, ...]]] = {
-    "accelerometer": accelerometer.blocks,
-    "bias_temperature": bias_temperature.blocks,
-    "fog_thermal": fog_thermal.blocks,
-    "gyro_noise": gyro_noise.blocks,
-    "gyro_pair": gyro.blocks,
-    "gyro_triad": gyro.blocks,
-    "inclinometer": inclinometer.blocks,
-    "rate_table": gyro.blocks,
-}
-"""Procedure → layout of its results."""
 TITLE = Words("Calibration certificate", "校准证书")
 Relationship = Literal["source", "data", "alternative", "supplement"]
+
+
+@dataclass(frozen=True, slots=True)
+class Layout:
+    """What a certificate needs to know of an instrument: the blocks of its results, and the recipe
+    of the run.
+    """
+
+    blocks: Callable[[Stated], tuple[Block, ...]]
+    recipe: Recipe
+
+
+LayoutOf: TypeAlias = "Callable[[Mapping[str, Any]], Layout]"
+"""Layout for a run, by its run.json."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -147,21 +145,21 @@ class Certificate:
 
 
 def build(
-    run: Run, profile: Profile, profile_text: str, as_found: AsFoundAsLeft | None, issued: dt.date
+    run: Run,
+    layout_of: LayoutOf,
+    profile: Profile,
+    profile_text: str,
+    as_found: AsFoundAsLeft | None,
+    issued: dt.date,
 ) -> Certificate:
     """Certificate of a run; RecipeError for a profile that does not fit it or the date of issue."""
     _amended_before(profile, issued)
-    procedure = str(run.document["procedure"])
-    if procedure not in LAYOUTS:
-        raise UsageError(
-            f"{run.name}: no certificate layout for procedure '{procedure}'",
-            hint="use a newer calibkit",
-        )
-    recipe = run.document["recipe"]
-    spec = loader.parse(Source(recipe["name"], recipe["text"], tuple(recipe["overrides"])))
+    layout = layout_of(run.document)
     terms = uncertainty.Source.of(type_b.loads(run.document.get("type_b", ())), profile.type_b)
     temperatures = tuple(sorted(set(profile.results.temperatures_degc)))
-    blocks = LAYOUTS[procedure](Stated(run.records, terms, temperatures, spec.reference_temp_degc))
+    blocks = layout.blocks(
+        Stated(run.records, terms, temperatures, layout.recipe.reference_temp_degc)
+    )
     results = [result for block in blocks for result in block.results]
     used = [result.uncertainty for result in results if result.uncertainty is not None]
     title = profile.certificate.title
@@ -170,7 +168,7 @@ def build(
         profile=profile,
         profile_text=profile_text,
         issued=issued,
-        run=_facts(run, spec.title),
+        run=_facts(run, layout.recipe.title),
         blocks=blocks,
         statements=conformity.statements(
             profile.specification, results, profile.results.decision_rule

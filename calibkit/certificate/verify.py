@@ -71,7 +71,12 @@ def is_certificate(path: Path) -> bool:
         return stream.read(len(MAGIC)) == MAGIC
 
 
-def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
+def verify(
+    path: Path,
+    layout_of: content.LayoutOf,
+    trust: Sequence[Path] = (),
+    schema_dir: Path | None = None,
+) -> Verified:
     """Check a certificate; raises CoefficientError that lists what is wrong, OutputError where a
     library is absent.
     """
@@ -95,7 +100,7 @@ def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = Non
     faults += _digests(attached, pages)
     count, draft = 0, False
     if not faults:
-        more, count, draft = _remade(attached, pages, schema_dir)
+        more, count, draft = _remade(attached, layout_of, pages, schema_dir)
         faults += more
     if faults:
         raise _failed(path, faults)
@@ -208,7 +213,10 @@ def _document(attached: Mapping[str, bytes]) -> dict[str, Any]:
 
 
 def _remade(
-    attached: Mapping[str, bytes], pages: Sequence[str], schema_dir: Path | None
+    attached: Mapping[str, bytes],
+    layout_of: content.LayoutOf,
+    pages: Sequence[str],
+    schema_dir: Path | None,
 ) -> tuple[list[str], int, bool]:
     """What DCC and pages say otherwise than a certificate made from the attached files; how many
     rows agree; whether a DRAFT.
@@ -228,7 +236,7 @@ def _remade(
         else ""
     )
     try:
-        certificate = content.without_glyphs(rebuilt(attached, issued), _unshown(root))
+        certificate = content.without_glyphs(rebuilt(attached, layout_of, issued), _unshown(root))
         made = dcc.render(certificate, lang)
     except (CalibkitError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
         return [f"the attached files do not make a certificate: {error}{other}"], 0, False
@@ -278,7 +286,9 @@ def _unshown(root: _Element) -> set[str]:
     }
 
 
-def rebuilt(attached: Mapping[str, bytes], issued: dt.date) -> content.Certificate:
+def rebuilt(
+    attached: Mapping[str, bytes], layout_of: content.LayoutOf, issued: dt.date
+) -> content.Certificate:
     """The certificate that the attached files make."""
     document = _document(attached)
     names = [entry["name"] for entry in document["files"] if entry["name"] in attached]
@@ -293,7 +303,7 @@ def rebuilt(attached: Mapping[str, bytes], issued: dt.date) -> content.Certifica
             (folder / VALIDATION).write_bytes(attached[VALIDATION])
             validated = as_found.load(folder / VALIDATION, run)
         stated, text = _profile(attached.get(PROFILE, b"").decode("utf-8"))
-        return content.build(run, stated, text, validated, issued)
+        return content.build(run, layout_of, stated, text, validated, issued)
 
 
 def _profile(text: str) -> tuple[profile.Profile, str]:

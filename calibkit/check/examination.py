@@ -9,12 +9,11 @@ from typing import TYPE_CHECKING, Any, Protocol
 
 import numpy as np
 
-from calibkit.check import copies, facts, magnitude, thermometers
+from calibkit.check import chunked, copies, facts, magnitude, thermometers
 from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
 from calibkit.frame import Finding, values
 from calibkit.ingest import logs as ingest
-from calibkit.ingest import pieces
 from calibkit.report.logs import Curve, LogFigure, envelope
 
 if TYPE_CHECKING:
@@ -52,17 +51,17 @@ class Outcome:
 
 
 def of(
-    procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = pieces.LARGEST
+    procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = chunked.LARGEST
 ) -> Outcome:
     """Read and examine one log, in pieces where its file is larger; one that cannot be read or used
     is a refused finding.
     """
-    seen: list[pieces.Pieced] = []
+    seen: list[chunked.Pieced] = []
 
     def reader(
         recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
     ) -> Log:
-        pieced = pieces.of(recipe, path, file, needed, optional, largest=largest)
+        pieced = chunked.of(recipe, path, file, needed, optional, largest=largest)
         if pieced is None:
             return ingest.read_log(recipe, path, file, needed, optional)
         seen.append(pieced)
@@ -79,7 +78,7 @@ def of(
         findings, found = (Finding.of(error),), ()
     whole = facts.of(log)
     if seen:
-        rest = (finding for finding in findings if finding.name not in pieces.BY_PIECE)
+        rest = (finding for finding in findings if finding.name not in chunked.BY_PIECE)
         findings, whole = (*seen[0].findings, *rest), seen[0].facts
     held = tuple(_condition(log, part) for part in found)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)

@@ -324,10 +324,12 @@ def certify(
     from calibkit import store
     from calibkit.certificate import certify as certificates
     from calibkit.certificate import sign
+    from calibkit.instruments import certificate_layout
 
     issued = certificates.certify(
         store.find(run, runs),
         out,
+        certificate_layout,
         date=day,
         profile_path=profile,
         validation=validation,

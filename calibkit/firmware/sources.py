@@ -5,26 +5,38 @@ run's recipe maps them.
 from __future__ import annotations
 
 import re
+from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import units
-from calibkit.errors import RecipeError
-from calibkit.instruments.accelerometer.firmware import SENSE
-from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
+from calibkit.errors import OutputError, RecipeError
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from calibkit.coefficients import Record
     from calibkit.firmware.chain import Structure
     from calibkit.recipe import Recipe
     from calibkit.recipe.tables import Column
+
+
+@dataclass(frozen=True, slots=True)
+class Correction:
+    """A firmware output that the application itself applies to an indication."""
+
+    output: str
+    column: str
+    """Canonical column of the indication."""
+    product: bool = False
+    """Whether the output multiplies the indication; otherwise it is subtracted from it."""
+
 
 UNSAFE = re.compile(r"[^ !-~]|[\\*?@{}']")
 """What could end a comment, join its lines, or be taken for a mark of the generator; "'" stands
 around the name.
 """
-CORRECTED = {"fog_thermal": ("gyro_dph",)}
-"""Indications that the application corrects itself with a result, and does not hand over."""
 
 
 def quoted(name: str) -> str:
@@ -43,38 +55,32 @@ def _escaped(code: int) -> str:
     )
 
 
-def lines(spec: Recipe, structure: Structure) -> tuple[str, ...]:
-    """One line a quantity that a chain takes or corrects: its unit, and how the recipe made it of a
-    column of the logs.
+def lines(
+    spec: Recipe,
+    structure: Structure,
+    corrections: Sequence[Correction],
+    conventions: Sequence[str],
+) -> tuple[str, ...]:
+    """One line per quantity that a chain takes or corrects: its unit, and how the recipe made it
+    from a column of the logs.
     """
     taken = [entry.name for entry in structure.inputs]
-    said = [
-        f"input         {name} [{units.column_unit(name)}] = {_made(spec, name)}" for name in taken
-    ]
-    corrected = [name for name in _corrected(spec, structure) if name not in taken]
-    said += [
-        f"indication    {name} [{units.column_unit(name)}] = {_made(spec, name)}"
-        for name in corrected
-    ]
-    if isinstance(spec, AccelerometerRecipe):
-        said.append(f"convention    accelerometers in and out: {SENSE[spec.reference.convention]}")
+    corrected = [entry.column for entry in corrections if entry.column not in taken]
     return (
-        *said,
+        *(
+            f"input         {name} [{units.column_unit(name)}] = {_made(spec, name)}"
+            for name in taken
+        ),
+        *(
+            f"indication    {name} [{units.column_unit(name)}] = {_made(spec, name)}"
+            for name in corrected
+        ),
+        *(f"convention    {convention}" for convention in conventions),
         (
             "sign          feed and correct what the right-hand sides give, not the columns as they"
             " were logged"
         ),
     )
-
-
-def _corrected(spec: Recipe, structure: Structure) -> tuple[str, ...]:
-    """Canonical indications to which the results are applied."""
-    outputs = [output.name for output in structure.outputs]
-    if spec.procedure == "inclinometer":
-        return tuple(f"gyro_{name.removeprefix('scale_')}_dph" for name in outputs)
-    if spec.procedure == "bias_temperature":
-        return tuple(name.removeprefix("bias_") for name in outputs)
-    return CORRECTED.get(spec.procedure, ())
 
 
 def _made(spec: Recipe, name: str) -> str:
@@ -127,3 +133,10 @@ def _mapped(spec: Recipe, name: str, column: Column | None, source: str) -> str:
     constant, factor = sign * float(ends[0]), sign * float(ends[1] - ends[0])
     added = f" {'-' if constant < 0 else '+'} {abs(constant):.10g}" if constant else ""
     return f"{factor:.10g} * {source} [{own}]{added} (recipe: {told})"
+
+
+def required_record(records: Mapping[str, Record], name: str, spec: Recipe) -> Record:
+    """A coefficient file of the run, or OutputError."""
+    if name not in records:
+        raise OutputError(f"the run holds no {name}", hint=f"it is not a run of {spec.procedure}")
+    return records[name]

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
     from calibkit.coefficients import Model, Record
     from calibkit.store import Run
@@ -39,46 +39,11 @@ class KeyFigure:
         return self.name, self.form, self.unit
 
 
-KEYS: dict[str, tuple[str, ...]] = {
-    "accelerometer": (
-        r"accel_k\.accel_\w\.(K\d|residual_rms)",
-        r"accel_q\.triad\.(Q\d|residual_rms)",
-        r"accel_affine\.triad\.(m_\w\w0|b_\w0|residual_rms)",
-    ),
-    "bias_temperature": (r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",),
-    "fog_thermal": (
-        r"drift\..+\.(a\d|residual_rms)",
-        r"drift_rate\..+\.([bcs]\w+|tau_\w+|residual_rms)",
-        r"drift_rate\.(raw_drift_rms|drift_rms_before|drift_rms_after|rate_gain_recursive)\..+",
-    ),
-    "gyro_noise": (r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",),
-    "gyro_pair": (
-        r"gyro_scale\.(a_about_a|b_about_b|b_about_a|a_about_b)\.(K|F0|residual_rms)",
-        r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+",
-        r"gyro_orthogonality\.(N|epsilon|gamma|alpha_deg)",
-    ),
-    "gyro_triad": (
-        r"gyro_orthogonality\.scale_factor\.[a-z0-9]+",
-        r"gyro_orthogonality\.misalignment\.(?!(\w)\1$)[a-z0-9]+",
-        r"gyro_orthogonality\.orthogonality_error_deg\.[a-z0-9]+_[a-z0-9]+",
-    ),
-    "inclinometer": (r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)"),
-    "rate_table": (
-        r"gyro_scale\.gyro_[a-z0-9]+\.(K|F0|residual_rms)",
-        r"gyro_scale\.(repeatability|temperature_sensitivity)\.GJB 2426A\..+",
-        r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+",
-    ),
-}
-"""Procedure → patterns of whole names of its key figures; a procedure that is not listed shows all
-of its own.
-"""
-
-
-def of(run: Run, reference_temp_degc: float) -> tuple[KeyFigure, ...]:
-    """Key figures of a run: what is held against acceptance limits, then coefficients and figures
-    as they stand there.
+def of(run: Run, names: Sequence[str], reference_temp_degc: float) -> tuple[KeyFigure, ...]:
+    """Key figures of a run: what is tested against acceptance limits, then coefficients and figures
+    whose whole names match one of the patterns `names`.
     """
-    patterns = [re.compile(pattern) for pattern in KEYS.get(run.document["procedure"], (".+",))]
+    patterns = [re.compile(pattern) for pattern in names]
     found = [*_acceptance(run.document["acceptance"])]
     for record in run.records.values():
         named = _all(record, reference_temp_degc)
@@ -98,7 +63,7 @@ def _all(record: Record, reference_temp_degc: float) -> Iterator[KeyFigure]:
     """Every coefficient of every model with its residual, then every figure of a stage."""
     for model in record.models:
         name = f"{record.stage}.{model.name}"
-        if record.stage == "bias":
+        if model.form == "polynomial/1":
             yield from _bias(name, model, reference_temp_degc)
         for entry in model.coefficients:
             yield KeyFigure(

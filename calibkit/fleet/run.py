@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from calibkit import atomic, recipe, store
+from calibkit import atomic, instruments, store
 from calibkit.errors import FrameError, OutputError, StoppedError, UsageError
 from calibkit.fleet import cluster, files, local, table
 from calibkit.fleet.unit import Failure, Plan, Row
@@ -18,10 +18,11 @@ if TYPE_CHECKING:
     from collections.abc import Generator, Sequence
     from pathlib import Path
 
+    from calibkit import recipe
     from calibkit.errors import CalibkitError
     from calibkit.fleet.table import Table
     from calibkit.fleet.unit import Outcome
-    from calibkit.procedures import Progress
+    from calibkit.instruments import Progress
 
 
 @dataclass(frozen=True, slots=True)
@@ -59,7 +60,7 @@ def run(
     `keep_going` the first unit that cannot be fitted ends the fleet with its error; what was
     finished stays. A dry run fits but writes nothing.
     """
-    spec = recipe.parse(source)
+    spec = instruments.parse_recipe(source)
     plan = Plan(source, data.resolve(), out.resolve(), date, dry_run)
     serials, refused = _units(plan, data, keep_going=keep_going)
     _make(plan.out, dry_run=dry_run)

@@ -8,7 +8,7 @@ import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from calibkit import atomic, pipeline, procedures, recipe, store
+from calibkit import atomic, instruments, pipeline, recipe, store
 from calibkit.check import copies
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.fleet import keys
@@ -108,7 +108,7 @@ def _finished(plan: Plan, serial: str) -> Row:
     The unit is held meanwhile: where two take it up, as when a worker was taken for dead, the
     second finds the first's run.
     """
-    spec = recipe.parse(plan.source)
+    spec = instruments.parse_recipe(plan.source)
     if plan.dry_run:
         return _rehearsed(plan, serial, spec)
     # no serial begins with "-": this is not the lock that the fit itself holds while it writes
@@ -118,7 +118,7 @@ def _finished(plan: Plan, serial: str) -> Row:
         if run is not None:
             return _row(run, spec, before=True)
         outcome = pipeline.fit(
-            plan.source, plan.data / serial, serial, plan.out, plan.date, procedures.silent
+            plan.source, plan.data / serial, serial, plan.out, plan.date, instruments.silent
         )
         return _row(store.load(outcome.folder), spec, before=False)
 
@@ -136,7 +136,7 @@ def _rehearsed(plan: Plan, serial: str, spec: recipe.Recipe) -> Row:
         serial,
         plan.out,
         plan.date,
-        procedures.silent,
+        instruments.silent,
         dry_run=True,
     )
     return _row(store.Run(outcome.folder, outcome.document, outcome.records), spec, before=False)
@@ -211,7 +211,9 @@ def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
         run=f"r{document['revision']:03d}",
         run_sha256=document["sha256"],
         verdict=accepted if document["acceptance"] else "no limits",
-        figures=keys.of(run, spec.reference_temp_degc),
+        figures=keys.of(
+            run, instruments.find(spec.procedure).key_figures, spec.reference_temp_degc
+        ),
         inputs=tuple(
             {key: entry[key] for key in ("name", "sha256", copies.FINGERPRINT) if key in entry}
             for entry in document["inputs"]

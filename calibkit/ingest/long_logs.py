@@ -14,14 +14,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 import pandas as pd
 
+from calibkit import units
 from calibkit.errors import UsageError
 from calibkit.frame import Log, values
-from calibkit.ingest import logs, pieces, scratch
-from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
+from calibkit.ingest import logs, scratch
 from calibkit.numeric.spans import release
 from calibkit.readers import clean
-from calibkit.recipe import BiasTemperatureRecipe, FogThermalRecipe
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -33,10 +31,6 @@ if TYPE_CHECKING:
 SETTING = "CALIBKIT_LARGEST_LOG_MB"
 """Environment variable: megabytes of a log up to which it is held in memory."""
 LARGEST_MB = 1000.0
-ALONG_SPANS = (FogThermalRecipe, BiasTemperatureRecipe, RateTableRecipe, AccelerometerRecipe)
-"""Procedures that work span by span; others compute along whole columns: on disk they would need no
-less memory.
-"""
 ROWS = 1 << 19
 """Rows that are read at a time."""
 
@@ -63,8 +57,11 @@ def read(
     """A large clean log with its columns on disk; none for a log that is held in memory. Raises as
     `ingest.read_log`.
     """
-    along_spans = isinstance(recipe, ALONG_SPANS) and pieces.can_be(recipe)
-    if not along_spans or not path.is_file() or path.stat().st_size <= largest():
+    if (
+        not (recipe.along_chunks and can_be_chunked(recipe))
+        or not path.is_file()
+        or path.stat().st_size <= largest()
+    ):
         return None
     scan = clean.scanned(path, file)
     if scan is None:
@@ -104,3 +101,18 @@ def _index(lines: Array) -> pd.Index:
             else pd.RangeIndex(0)
         )
     return pd.Index(lines.astype(np.int64))
+
+
+def can_be_chunked(recipe: Recipe) -> bool:
+    """Whether each row of the recipe's logs can be mapped without the rows before it."""
+    stateful = any(
+        column.accumulated or column.wraps_at or column.time_format or column.date
+        for column in recipe.columns.values()
+    )
+    plain = (
+        recipe.logs.format in ("auto", "csv") and not recipe.logs.names and not recipe.logs.split
+    )
+    per_sample = any(
+        units.known(column.unit) == "1/sample" for column in recipe.columns.values() if column.unit
+    )
+    return plain and not stateful and not per_sample and recipe.chamber is None

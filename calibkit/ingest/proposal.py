@@ -6,15 +6,14 @@ from __future__ import annotations
 
 import json
 import re
-from dataclasses import dataclass
+from collections.abc import Callable
+from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 from calibkit import recipe, units
 from calibkit.errors import FrameError, LogFormatError, UsageError
-from calibkit.ingest import naming, proposal_gyro
-from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+from calibkit.ingest import naming
 from calibkit.readers import registry, sniff, times
 from calibkit.recipe.logs import Logs
 
@@ -23,6 +22,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.ingest.naming import Column
+    from calibkit.recipe import Recipe
 
 SKIPPED = re.compile(
     r"\.(json|md|toml|pdf|png|py|txt\.gz|zip|log\.gz)$|^(SHA256SUMS|LICENSE|README|SOURCE)",
@@ -48,15 +48,16 @@ class Group:
     text: Mapping[str, str | int | list[int]]
 
 
-def proposed(folder: Path) -> str:
-    """Text of a recipe for the logs of a folder; raises LogFormatError or FrameError where none can
-    be proposed.
+def propose(folder: Path, parse: Parse, proposers: Sequence[Proposer]) -> str:
+    """Text of a recipe for the logs of a folder, by the first instrument that recognises them.
+
+    Raises LogFormatError or FrameError where none can be proposed.
     """
     groups = grouped(folder)
     choices = [
         (chosen, group)
         for group in groups
-        if (chosen := _chosen_of(folder, group, groups)) is not None
+        if (chosen := _choose(Evidence.of(folder, group, groups, parse), proposers)) is not None
     ]
     if not choices:
         columns = "; ".join(
@@ -69,7 +70,7 @@ def proposed(folder: Path) -> str:
         )
     # the procedure that more of the logs are for
     chosen, group = max(choices, key=lambda choice: len(choice[1].files))
-    return _written(folder, chosen, group, [other for other in groups if other is not group])
+    return _written(folder, chosen, group, [other for other in groups if other is not group], parse)
 
 
 def _told_by_hand(columns: Sequence[Column]) -> str:
@@ -112,20 +113,6 @@ def _unstated(choice: Choice) -> list[str]:
     )
     keys = ", ".join(f"[columns.{name}]" for name in silent)
     return [f'{UNSTATED}{", ".join(taken)} would be taken; state unit = "…" in {keys}']
-
-
-def _chosen_of(folder: Path, group: Group, groups: Sequence[Group]) -> Choice | None:
-    """Shipped recipe for a group; a record at rest is told from a thermal run by its numbers."""
-    chosen = _procedure(group)
-    if chosen is not None and chosen.recipe not in ("fog_thermal", "bias_temperature"):
-        return chosen
-    noise = _noise(group)
-    if noise is None or (chosen is None and any(_second_logger(other) for other in groups)):
-        return chosen
-    spec = recipe.parse(recipe.Source("proposed recipe", _written(folder, noise, group, ())))
-    if isinstance(spec, GyroNoiseRecipe) and proposal_gyro.at_rest(spec, folder, group.files):
-        return noise
-    return chosen
 
 
 def grouped(folder: Path) -> list[Group]:
@@ -204,190 +191,97 @@ def _column(name: str, unit: str, fields: list[str]) -> Column:
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A shipped recipe, and canonical column → column of the logs, for those columns that it
-    reads.
-    """
+    """A shipped recipe, and canonical column → column of the logs that it reads."""
 
     recipe: str
     mapping: Mapping[str, Column]
     others: tuple[tuple[str, Column], ...]
     keys: Mapping[str, str]
     """Keys of the shipped recipe that must be another, as TOML values."""
+    beside_files: str = ""
+    """Comment under the names of the logs."""
+    remark: str = ""
+    """Comment at the head of the recipe."""
+
+    def with_others(self, more: Sequence[tuple[str, Column]]) -> Choice:
+        """The choice with more columns that could be something else."""
+        return replace(self, others=(*self.others, *more))
 
 
-def _procedure(group: Group) -> Choice | None:
-    """Shipped recipe that reads a group's columns, the most specific first; none where no recipe
-    does.
+Parse: TypeAlias = "Callable[[recipe.Source], Recipe]"
+"""Turns the text of a recipe into its record."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What an instrument recognises its logs by."""
+
+    folder: Path
+    group: Group
+    second_logger: bool
+    """Whether other logs of the folder look like those of a chamber's logger."""
+    columns: Mapping[str, Column]
+    """Canonical column → column of the logs."""
+    others: tuple[tuple[str, Column], ...]
+    """Columns that could be canonical ones too."""
+    parse: Parse
+
+    @classmethod
+    def of(cls, folder: Path, group: Group, groups: Sequence[Group], parse: Parse) -> Evidence:
+        """Evidence of a group among all groups of a folder."""
+        columns, others = naming.named(group.columns)
+        second_logger = any(_second_logger(other) for other in groups)
+        return cls(folder, group, second_logger, columns, tuple(others), parse)
+
+    def gyros(self, units: str = "lsb|dph") -> dict[str, Column]:
+        """Indications of gyros, in counts per second or as rates."""
+        pattern = rf"gyro(_[a-z0-9]+)?_({units})"
+        return {name: one for name, one in self.columns.items() if re.fullmatch(pattern, name)}
+
+    def choose(
+        self,
+        name: str,
+        wanted: Sequence[str],
+        columns: Mapping[str, Column] | None = None,
+        keys: Mapping[str, str] | None = None,
+    ) -> Choice:
+        """Choice of a shipped recipe with those columns that it reads; the rest could be something
+        else.
+        """
+        taken = self.columns if columns is None else columns
+        rest = [(name, column) for name, column in taken.items() if name not in wanted]
+        mapping = {name: taken[name] for name in wanted if name in taken}
+        return Choice(name, mapping, (*self.others, *rest), keys or {})
+
+    def recipe(self, choice: Choice) -> Recipe:
+        """Recipe that a choice gives."""
+        text = _written(self.folder, choice, self.group, (), self.parse)
+        return self.parse(recipe.Source("proposed recipe", text))
+
+
+Proposer: TypeAlias = Callable[[Evidence], Choice | None]
+"""Recognises the logs of one instrument."""
+
+
+def _choose(evidence: Evidence, proposers: Sequence[Proposer]) -> Choice | None:
+    """Shipped recipe that maps columns of just these names, else that of the first instrument that
+    recognises the logs.
     """
-    taken, others = naming.named(group.columns)
-    return _mapped_already(group) or _by_columns(group, taken, others)
-
-
-def _mapped_already(group: Group) -> Choice | None:
-    """Shipped recipe that maps columns of just these names."""
-    written = {column.name for column in group.columns}
+    written = {column.name for column in evidence.group.columns}
     for name in recipe.shipped():
-        mapped = recipe.parse(recipe.find(name)).columns
+        mapped = evidence.parse(recipe.find(name)).columns
         if mapped and {column.source for column in mapped.values()} <= written:
             return Choice(name, {}, (), {})
-    return None
+    found = (propose(evidence) for propose in proposers)
+    return next((choice for choice in found if choice is not None), None)
 
 
-def _by_columns(
-    group: Group, taken: Mapping[str, Column], others: Sequence[tuple[str, Column]]
-) -> Choice | None:
-    """Shipped recipe that reads the canonical columns that were recognised."""
-    gyros = {
-        name: column
-        for name, column in taken.items()
-        if re.fullmatch(r"gyro(_[a-z0-9]+)?_(lsb|dph)", name)
-    }
-    triad = {f"accel_{axis}_g" for axis in "xyz"}
-    if {"time_s", "table_rate_dps"} <= taken.keys() and gyros:
-        return _table(group, taken, gyros, others)
-    if "position_deg" in taken and {"station", "time_s"} & taken.keys() and gyros:
-        return _chosen("inclinometer", taken, others, _INCLINOMETER)
-    if (
-        triad <= taken.keys()
-        and {"inclination_deg", "toolface_deg", "temp_case_degc"} <= taken.keys()
-    ):
-        return _chosen("accelerometer", taken, others, _ACCELEROMETER)
-    if triad <= taken.keys():
-        return _chosen(
-            "accelerometer_magnitude", taken, others, ("time_s", *sorted(triad), "temp_case_degc")
-        )
-    if "time_s" in taken and gyros:
-        return _thermal(taken, gyros, others)
-    return None
-
-
-_INCLINOMETER = (
-    *(
-        "station",
-        "position_deg",
-        "time_s",
-        "temp_case_degc",
-        "inclination_deg",
-        "toolface_deg",
-        "azimuth_deg",
-    ),
-    *(f"{kind}_{axis}_{unit}" for axis in "xy" for kind, unit in (("accel", "g"), ("gyro", "dph"))),
-)
-_ACCELEROMETER = (
-    *("time_s", "temp_case_degc", "inclination_deg", "toolface_deg"),
-    *(f"accel_{axis}_g" for axis in "xyz"),
-)
-
-
-def _chosen(
-    name: str,
-    taken: Mapping[str, Column],
-    others: Sequence[tuple[str, Column]],
-    wanted: Sequence[str],
-    keys: Mapping[str, str] | None = None,
-) -> Choice:
-    """Choice of a recipe with those columns that it reads; the rest could be something else."""
-    rest = [(name, column) for name, column in taken.items() if name not in wanted]
-    return Choice(
-        name, {name: taken[name] for name in wanted if name in taken}, (*others, *rest), keys or {}
-    )
-
-
-def _table(
-    group: Group,
-    taken: Mapping[str, Column],
-    gyros: Mapping[str, Column],
-    others: Sequence[tuple[str, Column]],
-) -> Choice:
-    """Two gyros in two logs are a pair, several in logs named by three axes a triad, anything else
-    is runs of a rate table.
-    """
-    axes = [
-        (name.split("_")[1] if name.count("_") > 1 else "x", column)
-        for name, column in gyros.items()
-    ]
-    base = {name: column for name, column in taken.items() if name not in gyros}
-    wanted = ("time_s", "table_rate_dps", "table_angle_deg", "temp_case_degc")
-    if len(gyros) == 2 and len(group.files) == 2:
-        renamed = {f"gyro_{axis}_lsb": column for axis, (_, column) in zip("ab", axes, strict=True)}
-        keys = {}
-        if set(group.files) != {"table_axis_a.csv", "table_axis_b.csv"}:
-            keys = {
-                f"axis_{axis}": json.dumps(file)
-                for axis, file in zip("ab", group.files, strict=True)
-            }
-        return _chosen("gyro_pair", base | renamed, others, (*wanted, *renamed), keys)
-    renamed = {f"gyro_{axis}_lsb": column for axis, column in axes}
-    names = [axis for axis, _ in axes]
-    if len(names) > 1 and (turned := proposal_gyro.table_axes(group.files)):
-        return _chosen(
-            "gyro_triad", base | renamed, others, (*wanted, *renamed), _triad_keys(names, turned)
-        )
-    keys = {} if names == ["x"] else {"gyros": json.dumps(names)}
-    return _chosen("rate_table", base | renamed, others, (*wanted, *renamed), keys)
-
-
-def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> dict[str, str]:
-    """Keys of the recipe of a triad: its gyros, and the logs of each table axis, where they are not
-    the shipped ones.
-    """
-    keys = {} if names == ["x", "y", "z"] else {"gyros": json.dumps(names)}
-    shipped = recipe.parse(recipe.find("gyro_triad"))
-    if isinstance(shipped, GyroTriadRecipe) and proposal_gyro.alike(
-        turned, {axis: getattr(shipped.axes, axis) for axis in turned}
-    ):
-        return keys
-    every = [file for files in turned.values() for file in files]
-    return keys | {
-        axis: json.dumps(_patterns(files, every), ensure_ascii=False)
-        for axis, files in turned.items()
-    }
-
-
-def _noise(group: Group) -> Choice | None:
-    """Recipe of noise where a group has times and rates of gyros, and no reference that they are
-    held against.
-    """
-    taken, others = naming.named(group.columns)
-    rates = [name for name in taken if re.fullmatch(r"gyro(_[a-z0-9]+)?_dph", name)]
-    if "time_s" not in taken or not rates:
-        return None
-    keys = {} if rates == ["gyro_dph"] else {"columns": json.dumps(rates)}
-    return _chosen(
-        "gyro_noise", taken, others, ("time_s", "temp_case_degc", "temp_env_degc", *rates), keys
-    )
-
-
-def _thermal(
-    taken: Mapping[str, Column], gyros: Mapping[str, Column], others: Sequence[tuple[str, Column]]
-) -> Choice | None:
-    """A gyro with case and chamber air is a thermal run, with one temperature a bias over
-    temperature.
-    """
-    first = next(iter(gyros))
-    base = {name: column for name, column in taken.items() if name not in gyros} | {
-        "gyro_dph": gyros[first]
-    }
-    left = [*others, *(pair for pair in gyros.items() if pair[0] != first)]
-    if {"temp_case_degc", "temp_env_degc"} <= base.keys():
-        return _chosen(
-            "fog_thermal", base, left, ("time_s", "temp_case_degc", "temp_env_degc", "gyro_dph")
-        )
-    if "temp_case_degc" in base or "temp_env_degc" in base:
-        case = base.get("temp_case_degc") or base["temp_env_degc"]
-        return _chosen(
-            "bias_temperature",
-            base | {"temp_case_degc": case},
-            left,
-            ("time_s", "temp_case_degc", "gyro_dph"),
-        )
-    return None
-
-
-def _written(folder: Path, choice: Choice, group: Group, rest: Sequence[Group]) -> str:
+def _written(
+    folder: Path, choice: Choice, group: Group, rest: Sequence[Group], parse: Parse
+) -> str:
     """Text of the shipped recipe with the log mapping of these logs."""
     text = recipe.find(choice.recipe).text
-    shipped = recipe.parse(recipe.find(choice.recipe))
+    shipped = parse(recipe.find(choice.recipe))
     for key, value in choice.keys.items():
         text = re.sub(
             rf"(?m)^{key} = [^#\n]*?(?=\s*(#|$))",
@@ -400,11 +294,12 @@ def _written(folder: Path, choice: Choice, group: Group, rest: Sequence[Group]) 
         name for name in names if any(fnmatchcase(name, pattern) for pattern in shipped.logs.files)
     }
     if matched != set(group.files):
-        patterns = json.dumps(_patterns(group.files, names), ensure_ascii=False)
+        patterns = json.dumps(file_patterns(group.files, names), ensure_ascii=False)
         text = re.sub(r"(?m)^files = .*$", lambda _: f"files = {patterns}", text, count=1)
-    if choice.recipe == "accelerometer_magnitude" and "time_s" not in choice.mapping:
-        said = "# rate_hz = … # these logs have no time: state their sampling rate here"
-        text = re.sub(r"(?m)^(files = .*)$", lambda m: f"{m.group(1)}\n{said}", text, count=1)
+    if choice.beside_files:
+        text = re.sub(
+            r"(?m)^(files = .*)$", lambda m: f"{m.group(1)}\n{choice.beside_files}", text, count=1
+        )
     if group.format not in ("csv", "text"):
         text = re.sub(
             r"(?m)^(files = .*)$",
@@ -416,7 +311,7 @@ def _written(folder: Path, choice: Choice, group: Group, rest: Sequence[Group]) 
     return _header(choice, group, rest) + text
 
 
-def _patterns(files: Sequence[str], names: Sequence[str]) -> list[str]:
+def file_patterns(files: Sequence[str], names: Sequence[str]) -> list[str]:
     """One pattern that matches these files and no other, or their names."""
     if len(files) == 1:
         return [files[0]]
@@ -497,11 +392,8 @@ def _header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
         " --data DIR"
     )
     lines += _unstated(choice)
-    if choice.recipe == "gyro_noise":
-        lines.append(
-            "# Taken for gyros at rest, for want of anything that says they moved: a log cannot"
-            " show it."
-        )
+    if choice.remark:
+        lines.append(choice.remark)
     for other in rest:
         names = ", ".join(column.name for column in other.columns)
         lines.append(

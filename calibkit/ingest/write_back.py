@@ -6,7 +6,7 @@ import contextlib
 import csv
 import io
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, TypeAlias
 
 import numpy as np
 
@@ -27,6 +27,8 @@ if TYPE_CHECKING:
     from calibkit.recipe import Recipe
 
 
+Applied: TypeAlias = "tuple[Iterable[bytes], tuple[str, ...]]"
+"""A compensated log: the new file's bytes, part by part, and the flags."""
 BLOCK = 1 << 18
 """Bytes of a log that are written again at a time."""
 

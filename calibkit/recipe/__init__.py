@@ -1,16 +1,12 @@
 """Recipes: frozen records of what a laboratory decided, and their strict loader."""
 
-from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.recipe.loader import Source, find, located, parse, shipped
 from calibkit.recipe.tables import Column, Exclude, Logs, Recipe, Site
 from calibkit.recipe.type_b import TypeB
 
 __all__ = [
-    "BiasTemperatureRecipe",
     "Column",
     "Exclude",
-    "FogThermalRecipe",
     "Logs",
     "Recipe",
     "Site",

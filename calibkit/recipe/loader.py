@@ -11,35 +11,18 @@ import re
 import tomllib
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, TypeVar, get_args, get_origin
+from typing import TYPE_CHECKING, Any, Protocol, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from calibkit.errors import RecipeError, UsageError
 from calibkit.frame import CANONICAL, is_canonical
-from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
-from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe, GyroTriadRecipe, RateTableRecipe
-from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
     from calibkit.recipe.tables import Recipe
 
-PROCEDURES: dict[str, type[Recipe]] = {
-    "accelerometer": AccelerometerRecipe,
-    "bias_temperature": BiasTemperatureRecipe,
-    "fog_thermal": FogThermalRecipe,
-    "inclinometer": InclinometerRecipe,
-    "gyro_noise": GyroNoiseRecipe,
-    "gyro_pair": GyroPairRecipe,
-    "gyro_triad": GyroTriadRecipe,
-    "rate_table": RateTableRecipe,
-}
-"""Value of `procedure` → record that the recipe must fill."""
 
 _KEY = re.compile(
     r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*="""
@@ -102,22 +85,31 @@ def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
     return Source(path.name, text.replace("\r\n", "\n"), overrides)
 
 
-def parse(source: Source) -> Recipe:
+class Kind(Protocol):
+    """What the recipes of a procedure are read into."""
+
+    @property
+    def recipe(self) -> type[Recipe]:
+        """Record that the recipe must fill."""
+        ...
+
+
+def parse(source: Source, kinds: Mapping[str, Kind]) -> Recipe:
     """Turn a recipe's text into its frozen record, or raise RecipeError with every fault, one a
-    line.
+    line; `kinds` are the known procedures.
     """
     data, lines = _tables(source)
     procedure = data.get("procedure")
-    model = PROCEDURES.get(procedure) if isinstance(procedure, str) else None
-    if model is None:
+    if not isinstance(procedure, str) or procedure not in kinds:
         place = _place(source, ("procedure",), lines)
         found = "missing" if procedure is None else repr(procedure)
-        guess = difflib.get_close_matches(str(procedure), PROCEDURES, n=1)
+        guess = difflib.get_close_matches(str(procedure), kinds, n=1)
         hint = f"did you mean '{guess[0]}'?" if guess else "name one of them"
         raise RecipeError(
-            f"{place}: procedure: found {found}, expected one of {', '.join(PROCEDURES)}", hint=hint
+            f"{place}: procedure: found {found}, expected one of {', '.join(sorted(kinds))}",
+            hint=hint,
         )
-    recipe = _validated(source, model, data, lines)
+    recipe = _validated(source, kinds[procedure].recipe, data, lines)
     if unknown := _unknown_columns(source, recipe, lines):
         raise RecipeError("\n".join(unknown))
     return recipe

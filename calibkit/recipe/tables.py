@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from calibkit import units
 from calibkit.errors import RecipeError
+from calibkit.numeric.gravity import local_gravity
 from calibkit.recipe.logs import Logs
 from calibkit.recipe.strict import NonNegative, Positive, Table
 from calibkit.recipe.type_b import TypeB
@@ -67,6 +68,12 @@ class Site(Table):
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)] | None = None
     height_m: float = 0.0
     gravity_mps2: Annotated[float, Field(gt=9.7, lt=9.9)] | None = None
+
+    def local_gravity(self) -> float | None:
+        """Local gravity [m/s²] as measured, else from latitude and height; None if unknown."""
+        if self.gravity_mps2 is not None or self.latitude_deg is None:
+            return self.gravity_mps2
+        return local_gravity(self.latitude_deg, self.height_m)
 
 
 class Exclude(Table):
@@ -179,6 +186,9 @@ class Pin(Table):
 class Recipe(Table):
     """What every recipe says, whatever the procedure."""
 
+    along_chunks: ClassVar[bool] = False
+    """Whether fits work along chunks of a log: then large logs are kept on disk."""
+
     procedure: str
     title: str = ""
     serial: str = ""
@@ -246,3 +256,18 @@ class Recipe(Table):
     def own_columns(self) -> tuple[str, ...]:
         """Columns that a recipe names itself, beyond the canonical ones."""
         return ()
+
+    def still_columns(self) -> tuple[str, ...]:
+        """Indications, beyond those of gyros, that are checked as of an instrument at rest."""
+        return ()
+
+    def largest_gap_s(self) -> float:
+        """Largest gap [s] that the recipe allows in a log."""
+        return float("inf")
+
+    def on_site(self) -> Self:
+        """The recipe with the site's gravity computed from latitude and height where it was not
+        measured.
+        """
+        site = self.site.model_copy(update={"gravity_mps2": self.site.local_gravity()})
+        return self.model_copy(update={"site": site})

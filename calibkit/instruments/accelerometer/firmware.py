@@ -7,18 +7,33 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from calibkit.errors import OutputError
-from calibkit.firmware import exact
+import numpy as np
+
+from calibkit.firmware import as_firmware, exact
 from calibkit.firmware.chain import Output
 from calibkit.firmware.draft import Draft, factor, numbers
+from calibkit.firmware.sources import required_record
+from calibkit.instruments import Firmware
+from calibkit.numeric import attitude
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
+    from pathlib import Path
 
+    from calibkit.arrays import Array
     from calibkit.coefficients import Model, Record
     from calibkit.firmware.chain import Chain, Term
+    from calibkit.firmware.program import Program
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 AXES = "xyz"
+FILES = {
+    "affine": ("accel_affine.json",),
+    "k": ("accel_k.json",),
+    "kq": ("accel_k.json", "accel_q.json"),
+}
+"""Compensation → coefficient files that its chain takes its numbers from."""
 LARGEST_G = Fraction(2)
 """Indication [g] beyond which it is clamped: a triad is calibrated in the field of the earth."""
 CROSS = {"x": ("y", "z"), "y": ("z", "x"), "z": ("x", "y")}
@@ -29,15 +44,14 @@ SENSE = {
 }
 
 
-def chain(records: Mapping[str, Record], compensation: str, convention: str) -> Chain:
+def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the correction that the recipe names; indications and results have the recipe's sign
     convention.
     """
-    name = "accel_affine.json" if compensation == "affine" else "accel_k.json"
-    if name not in records:
-        raise OutputError(f"the run holds no {name}", hint="it is not a run of accelerometer")
+    compensation, convention = spec.compensation, spec.reference.convention
+    record = required_record(records, FILES[compensation][0], spec)
     draft, sign = Draft(), -1 if convention == "specific_force" else 1
-    valid = records[name].models[0].valid["temp_case_degc"]
+    valid = record.models[0].valid["temp_case_degc"]
     middle, half = (
         draft.temperature(valid) if valid[1] > valid[0] else (Fraction(valid[0]), Fraction(0))
     )
@@ -45,9 +59,9 @@ def chain(records: Mapping[str, Record], compensation: str, convention: str) -> 
         meaning = f"indication of the {axis} accelerometer, {SENSE[convention]}"
         draft.input(f"accel_{axis}_g", "g", meaning, (-LARGEST_G, LARGEST_G), "ACCEL_CLAMPED")
     if compensation == "affine":
-        forms = [_affine(draft, records[name].models[0], (middle, half), sign)]
+        forms = [_affine(draft, record.models[0], (middle, half), sign)]
     else:
-        forms = [_k(draft, records[name], (middle, half), sign)]
+        forms = [_k(draft, record, (middle, half), sign)]
     if compensation == "kq":
         forms.append(_q(draft, records["accel_q.json"].model("triad")))
     last = "q" if compensation == "kq" else "k"
@@ -143,3 +157,27 @@ def _q(draft: Draft, model: Model) -> str:
             f"q_{axis}", *(draft.polynomial(f"q_{axis}{j}", (c,), "", f"k_{j}") for j, c in entries)
         )
     return model.form
+
+
+def apply(spec: AccelerometerRecipe, quantised: Program, data: Path) -> Applied:
+    """Correct every row of a log as the exported firmware would, and add inclination and
+    toolface.
+    """
+
+    def angles(found: Mapping[str, Array]) -> Mapping[str, Array]:
+        vector = np.column_stack([found[f"accel_{axis}_g"] for axis in AXES])
+        vector = attitude.gravity_positive(vector, spec.reference.convention)
+        return {
+            "inclination_deg": attitude.inclination(vector),
+            "toolface_deg": attitude.toolface(vector),
+        }
+
+    return as_firmware.apply(spec, quantised, data, derive=angles)
+
+
+FIRMWARE = Firmware(
+    files=lambda spec: FILES[spec.compensation],
+    chain=chain,
+    apply=apply,
+    conventions=lambda spec: (f"accelerometers in and out: {SENSE[spec.reference.convention]}",),
+)

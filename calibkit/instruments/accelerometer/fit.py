@@ -14,7 +14,7 @@ from calibkit.instruments.accelerometer.numeric import k_factor, magnitude
 from calibkit.instruments.accelerometer.numeric.affine import AffineTerms
 from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
 from calibkit.instruments.accelerometer.numeric.q_factor import derivative
-from calibkit.numeric import attitude, gravity
+from calibkit.numeric import attitude
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from calibkit.instruments.accelerometer.numeric.k_factor import KAxis
     from calibkit.instruments.accelerometer.numeric.magnitude import MagnitudeFit
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, AffineSpec, KSpec
-    from calibkit.recipe import Site
 
 
 AXES = "xyz"
@@ -66,17 +65,6 @@ class TriadFit:
     q_temperature: float
     intervals: Mapping[str, tuple[float, float]]
     flags: tuple[str, ...]
-
-
-def local_gravity(site: Site) -> float | None:
-    """Local gravity [m/s²] as measured, else from latitude and height, else unknown."""
-    if site.gravity_mps2 is not None:
-        return site.gravity_mps2
-    return (
-        None
-        if site.latitude_deg is None
-        else gravity.local_gravity(site.latitude_deg, site.height_m)
-    )
 
 
 def fit(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:

@@ -8,17 +8,17 @@ import numpy as np
 
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Input
-from calibkit.errors import UsageError
 from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest
 from calibkit.ingest import write_back
+from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.accelerometer import attitude as accel_attitude
 from calibkit.instruments.accelerometer import coefficient_files
 from calibkit.instruments.accelerometer import dwells as accel_dwells
 from calibkit.instruments.accelerometer import figures as pages
 from calibkit.instruments.accelerometer import fit as accel_fit
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude, spans
-from calibkit.procedures import Fitted
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary, SummaryTable
 
@@ -27,26 +27,22 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.arrays import Array
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
     from calibkit.ingest.logs import Reader
+    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.accelerometer.coefficient_files import Correction
-    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-    from calibkit.procedures import Applied, Progress
+    from calibkit.simulate.campaign import Campaign
 
 
 def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = accel_dwells.needed(spec)
-    return reader(_on_site(spec), data / file, file, columns, optional)
-
-
-def _on_site(spec: AccelerometerRecipe) -> AccelerometerRecipe:
-    """The recipe with the site's gravity worked out from latitude and height where it was not
-    measured.
-    """
-    gravity = accel_fit.local_gravity(spec.site)
-    return spec.model_copy(update={"site": spec.site.model_copy(update={"gravity_mps2": gravity})})
+    return reader(spec.on_site(), data / file, file, columns, optional)
 
 
 def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
@@ -54,7 +50,9 @@ def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
     return accel_dwells.examine(log, spec)
 
 
-def fit(spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+def fit(
+    spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[pages.TriadReport]:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
     logs = list(
         copies.distinct(
@@ -77,7 +75,7 @@ def fit(spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: P
         else ()
     )
     return Fitted(
-        coefficient_files.results(fitted, dwells, accel_fit.local_gravity(spec.site), figures),
+        coefficient_files.results(fitted, dwells, spec.site.local_gravity(), figures),
         tuple(Input.of(log) for log in logs),
         accel_attitude.summary(fitted, stands, spec, figures),
         accel_attitude.drawing(dwells, stands, spec),
@@ -112,7 +110,7 @@ def apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) 
             f" {100.0 * outside:.1f} % of the rows"
         )
     columns, derived = _corrected(log, correction, temperature, spec)
-    return write_back.replaced(_on_site(spec), data, columns, derived), tuple(flags)
+    return write_back.replaced(spec.on_site(), data, columns, derived), tuple(flags)
 
 
 def _corrected(
@@ -159,8 +157,61 @@ def validate(
     return {"logs": entries}, Summary("", tuple(tables), tuple(flags), tuple(criteria))
 
 
-def draw(title: str, fitted: Fitted) -> Drawn:
+def draw(title: str, fitted: Fitted[pages.TriadReport]) -> Drawn:
     """Figures and summary of a fit."""
-    if not isinstance(fitted.drawing, pages.TriadReport):
-        raise UsageError("not a fit of accelerometer")
     return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.accelerometer.certificate import blocks
+
+    return blocks(stated)
+
+
+def _firmware() -> Firmware[AccelerometerRecipe]:
+    """How a run becomes firmware."""
+    from calibkit.instruments.accelerometer.firmware import FIRMWARE
+
+    return FIRMWARE
+
+
+def _simulate(seed: int) -> Campaign:
+    """Simulated campaign."""
+    from calibkit.instruments.accelerometer.simulate import campaign
+
+    return campaign(seed)
+
+
+def _simulate_magnitude(seed: int) -> Campaign:
+    """Simulated campaign."""
+    from calibkit.instruments.accelerometer.simulate_magnitude import campaign
+
+    return campaign(seed)
+
+
+def _propose(evidence: Evidence) -> Choice | None:
+    """Recipe for logs of this kind."""
+    from calibkit.instruments.accelerometer.propose import propose
+
+    return propose(evidence)
+
+
+INSTRUMENT = Instrument(
+    recipe=AccelerometerRecipe,
+    read=read,
+    examine=examine,
+    fit=fit,
+    draw=draw,
+    validate=validate,
+    apply=apply,
+    certificate=_certificate,
+    firmware=_firmware,
+    key_figures=(
+        r"accel_k\.accel_\w\.(K\d|residual_rms)",
+        r"accel_q\.triad\.(Q\d|residual_rms)",
+        r"accel_affine\.triad\.(m_\w\w0|b_\w0|residual_rms)",
+    ),
+    campaigns={"accelerometer": _simulate, "accelerometer_magnitude": _simulate_magnitude},
+    propose=_propose,
+)

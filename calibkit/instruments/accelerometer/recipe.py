@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -77,6 +77,8 @@ class AccelAcceptance(Table):
 
 class AccelerometerRecipe(Recipe):
     """Dwells of a triaxial accelerometer at attitudes and temperatures."""
+
+    along_chunks: ClassVar[bool] = True
 
     procedure: Literal["accelerometer"]
     reference: Reference = Reference()

@@ -8,26 +8,29 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import check as checks
 from calibkit import units
-from calibkit.check import copies
+from calibkit.check import chunked, copies
 from calibkit.coefficients import Input
-from calibkit.errors import UsageError
 from calibkit.frame import Examined, Finding, refuse
 from calibkit.ingest import logs as ingest
-from calibkit.ingest import pieces, write_back
+from calibkit.ingest import write_back
+from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.bias_temperature import figures as pages
 from calibkit.instruments.bias_temperature import polynomials
-from calibkit.procedures import Fitted
+from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.report.documents import Drawn
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.ingest.logs import Reader
-    from calibkit.procedures import Applied, Progress
-    from calibkit.recipe import BiasTemperatureRecipe
+    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments import Firmware, Progress
     from calibkit.report.summary import Summary
 
 
@@ -51,10 +54,10 @@ def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     """What is wrong with a log; one on disk is looked at in pieces."""
     if not log.on_disk:
         return _found(spec, log)
-    pieced = pieces.through(spec, log)
+    pieced = chunked.through(spec, log)
     if any(finding.refused for finding in pieced.findings):
         return list(pieced.findings)
-    rest = (finding for finding in _found(spec, pieced.log) if finding.name not in pieces.BY_PIECE)
+    rest = (finding for finding in _found(spec, pieced.log) if finding.name not in chunked.BY_PIECE)
     return [*checks.rows(log, spec.polynomials.min_rows), *pieced.findings, *rest]
 
 
@@ -94,7 +97,7 @@ def examine(spec: BiasTemperatureRecipe, log: Log) -> Examined:
 
 def fit(
     spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted:
+) -> Fitted[pages.BiasReport]:
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
     for log in copies.distinct(
@@ -136,8 +139,42 @@ def validate(
     return {"logs": entries}, polynomials.validation_summary(entries)
 
 
-def draw(title: str, fitted: Fitted) -> Drawn:
+def draw(title: str, fitted: Fitted[pages.BiasReport]) -> Drawn:
     """Figures and summary of a fit."""
-    if not isinstance(fitted.drawing, pages.BiasReport):
-        raise UsageError("not a fit of bias_temperature")
     return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.bias_temperature.certificate import blocks
+
+    return blocks(stated)
+
+
+def _firmware() -> Firmware[BiasTemperatureRecipe]:
+    """How a run becomes firmware."""
+    from calibkit.instruments.bias_temperature.firmware import FIRMWARE
+
+    return FIRMWARE
+
+
+def _propose(evidence: Evidence) -> Choice | None:
+    """Recipe for logs of this kind."""
+    from calibkit.instruments.bias_temperature.propose import propose
+
+    return propose(evidence)
+
+
+INSTRUMENT = Instrument(
+    recipe=BiasTemperatureRecipe,
+    read=read,
+    examine=examine,
+    fit=fit,
+    draw=draw,
+    validate=validate,
+    apply=apply,
+    certificate=_certificate,
+    firmware=_firmware,
+    key_figures=(r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",),
+    propose=_propose,
+)

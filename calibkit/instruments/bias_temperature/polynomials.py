@@ -24,8 +24,11 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
     from calibkit.coefficients import Record
     from calibkit.frame import Log
-    from calibkit.instruments.bias_temperature.recipe import Bias, Polynomials
-    from calibkit.recipe import BiasTemperatureRecipe
+    from calibkit.instruments.bias_temperature.recipe import (
+        Bias,
+        BiasTemperatureRecipe,
+        Polynomials,
+    )
 
     Room = Callable[[int], Array]
 

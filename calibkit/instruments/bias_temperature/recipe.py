@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field
 
@@ -28,9 +28,19 @@ class Polynomials(Table):
 class BiasTemperatureRecipe(Recipe):
     """A static instrument that warms up: each channel's bias as a polynomial of a temperature."""
 
+    along_chunks: ClassVar[bool] = True
+
     procedure: Literal["bias_temperature"]
     polynomials: Polynomials
 
     def own_columns(self) -> tuple[str, ...]:
         """The abscissa and the indications, whatever they are called."""
         return (self.polynomials.abscissa, *(entry.indication for entry in self.polynomials.bias))
+
+    def still_columns(self) -> tuple[str, ...]:
+        """The indications, whatever they are called."""
+        return tuple(entry.indication for entry in self.polynomials.bias)
+
+    def largest_gap_s(self) -> float:
+        """Largest gap [s] that a log may have."""
+        return self.polynomials.max_gap_s

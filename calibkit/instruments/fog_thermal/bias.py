@@ -27,7 +27,7 @@ if TYPE_CHECKING:
     from calibkit.instruments.fog_thermal.compensate import DriftModel
     from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
     from calibkit.instruments.fog_thermal.ramps import PreparedLog
-    from calibkit.recipe import FogThermalRecipe
+    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 RESULT = "bias_at_reference"
 

@@ -23,7 +23,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
-    from calibkit.recipe import FogThermalRecipe
+    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 
 Mode = Literal["recursive", "one_step"]

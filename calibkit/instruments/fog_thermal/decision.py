@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from calibkit.instruments.fog_thermal.compensate import LogFigures
     from calibkit.instruments.fog_thermal.gradient_file import SideChoice
     from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
-    from calibkit.recipe import FogThermalRecipe
+    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 
 @dataclass(frozen=True, slots=True)

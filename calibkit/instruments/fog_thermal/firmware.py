@@ -8,17 +8,33 @@ from fractions import Fraction
 from math import comb
 from typing import TYPE_CHECKING
 
+import numpy as np
+
+from calibkit import check
 from calibkit.errors import OutputError
-from calibkit.firmware import exact
+from calibkit.firmware import as_firmware, exact, twin
 from calibkit.firmware.chain import Case, Map, Memory, Output, Select, Slope, Term
 from calibkit.firmware.draft import BEYOND, Draft, factor, numbers, powers
+from calibkit.firmware.sources import Correction, required_record
+from calibkit.frame import refuse, values
+from calibkit.ingest import logs, write_back
+from calibkit.instruments import Firmware
+from calibkit.instruments.fog_thermal import ramps
+from calibkit.instruments.fog_thermal.numeric import gradient
+from calibkit.numeric import segments
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
-    from calibkit.coefficients import Model
+    from calibkit.arrays import Array, Integers
+    from calibkit.coefficients import Model, Record
     from calibkit.firmware.chain import Chain
+    from calibkit.firmware.program import Program
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
+FILE = "drift_rate.json"
 CASE = "temperature of the sensor case, mean of the interval"
 AIR = "temperature of the air around the sensor, mean of the interval"
 STATIC = ("b0", "b1", "b2", "b3")
@@ -40,24 +56,24 @@ RECURSIVE = (
 )
 
 
-def chain(
-    models: Sequence[Model], reference_degc: float, mode: str, slope_window_s: float
-) -> Chain:
+def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the drift term that a run exports; OutputError where it has none, or one that
     removes the true rate.
     """
+    models = required_record(records, FILE, spec).models
+    reference_degc, window_s = spec.reference_temp_degc, spec.segments.slope_window_s
     if not models:
         raise OutputError(
             "the run has no drift term: no tested model was better than none",
             hint="there is nothing to export",
         )
     if models[0].form == "fog-drift-rate/1":
-        if mode == "one_step":
+        if spec.drift.compensation == "one_step":
             raise OutputError(
                 "compensation 'one_step' removes the true rate (rate gain 0)",
                 hint="fit with drift.compensation = 'recursive'",
             )
-        return _recursive(models, slope_window_s)
+        return _recursive(models, window_s)
     if models[0].form == "fog-drift-lagged/1":
         return _lagged(models[0], reference_degc)
     return _level(models[0], reference_degc)
@@ -390,3 +406,51 @@ def _side(draft: Draft, model: Model) -> list[Case]:
     value = draft.sum(f"increment_{name}", *terms)
     table = draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,))
     return [Case(value, 1 if low > 0 else -1 if high < 0 else 0, table, name)]
+
+
+def apply(spec: FogThermalRecipe, quantised: Program, data: Path) -> Applied:
+    """Drift updated once an interval with means over it, and taken off the rows of the interval
+    after.
+    """
+    log = logs.read_log(spec, data, data.name, ramps.COLUMNS)
+    refuse(ramps.usable(log))
+    time, case, env, gyro = (values(log.frame, column) for column in ramps.COLUMNS)
+    slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
+    interval = spec.drift.interval_s
+    blocks = gradient.blocks(time, case, env, gyro, slope, interval)
+    heard = {
+        "temp_case_degc": blocks.case,
+        "temp_env_degc": blocks.case - blocks.gradient,
+        "temp_env_rate_degc_min": blocks.rate,
+    }
+    level, status = _updates(quantised, {e.name: heard[e.name] for e in quantised.structure.inputs})
+    known = level[np.maximum(gradient.block_index(time, interval) - 1, 0)]
+    note = (
+        f"{log.file}: each interval of {interval:g} s is corrected by the drift of the one before,"
+        " the first by its own"
+    )
+    flags = (*check.bridged(log), note, *as_firmware.status_flags(log.file, quantised, status))
+    return write_back.replaced(spec, data, {"gyro_dph": gyro - known}), flags
+
+
+def _updates(quantised: Program, heard: Mapping[str, Array]) -> tuple[Array, Integers]:
+    """Drift [n, °/h] and status [n] update by update from a reset."""
+    words = {name: twin.encoded(quantised, name, column) for name, column in heard.items()}
+    state, level, status = twin.reset(quantised, 1), [], []
+    for k in range(next(iter(heard.values())).size):
+        result = twin.call(
+            quantised, {name: column[k : k + 1] for name, column in words.items()}, state
+        )
+        assert result.state is not None  # noqa: S101 (it was called with one)
+        state = result.state
+        level.append(float(twin.decoded(quantised, "drift_dph", result.outputs["drift_dph"])[0]))
+        status.append(int(result.status[0]))
+    return np.array(level), np.array(status, dtype=np.int64)
+
+
+FIRMWARE = Firmware(
+    files=lambda _: (FILE,),
+    chain=chain,
+    apply=apply,
+    corrections=lambda _: (Correction("drift_dph", "gyro_dph"),),
+)

@@ -13,6 +13,7 @@ from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, values
 from calibkit.ingest import logs as ingest
 from calibkit.ingest import write_back
+from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.fog_thermal import (
     bias,
     compensate,
@@ -26,7 +27,7 @@ from calibkit.instruments.fog_thermal import figures as pages
 from calibkit.instruments.fog_thermal import ramps as fog_ramps
 from calibkit.instruments.fog_thermal import tables as fog_report
 from calibkit.instruments.fog_thermal.numeric import gradient
-from calibkit.procedures import Fitted
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -34,14 +35,20 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Criterion, Record
     from calibkit.frame import Examined, Finding, Log
     from calibkit.ingest.logs import Reader
-    from calibkit.procedures import Applied, Progress
-    from calibkit.recipe import FogThermalRecipe
+    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments import Firmware, Progress
+    from calibkit.simulate.campaign import Campaign
 
 
-def fit(spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+def fit(
+    spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[pages.DriftReport]:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
     prepared = _prepared(spec, data, progress(files, "reading and denoising"))
     ramps = gradient_file.fit_ramps(prepared, spec.drift)
@@ -243,7 +250,54 @@ def _validation_criteria(
     return tuple(criteria)
 
 
-def draw(title: str, fitted: Fitted) -> Drawn:
+def draw(title: str, fitted: Fitted[pages.DriftReport]) -> Drawn:
     """Figures and summary of a fit."""
-    assert isinstance(fitted.drawing, pages.DriftReport)  # noqa: S101 (narrows the type of what fit made)
     return Drawn(tuple(pages.pages(replace(fitted.drawing, title=title))), fitted.summary)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.fog_thermal.certificate import blocks
+
+    return blocks(stated)
+
+
+def _firmware() -> Firmware[FogThermalRecipe]:
+    """How a run becomes firmware."""
+    from calibkit.instruments.fog_thermal.firmware import FIRMWARE
+
+    return FIRMWARE
+
+
+def _simulate(seed: int) -> Campaign:
+    """Simulated campaign."""
+    from calibkit.instruments.fog_thermal.simulate import campaign
+
+    return campaign(seed)
+
+
+def _propose(evidence: Evidence) -> Choice | None:
+    """Recipe for logs of this kind."""
+    from calibkit.instruments.fog_thermal.propose import propose
+
+    return propose(evidence)
+
+
+INSTRUMENT = Instrument(
+    recipe=FogThermalRecipe,
+    read=read,
+    examine=examine,
+    fit=fit,
+    draw=draw,
+    validate=validate,
+    apply=apply,
+    certificate=_certificate,
+    firmware=_firmware,
+    key_figures=(
+        r"drift\..+\.(a\d|residual_rms)",
+        r"drift_rate\..+\.([bcs]\w+|tau_\w+|residual_rms)",
+        r"drift_rate\.(raw_drift_rms|drift_rms_before|drift_rms_after|rate_gain_recursive)\..+",
+    ),
+    campaigns={"fog_thermal": _simulate},
+    propose=_propose,
+)

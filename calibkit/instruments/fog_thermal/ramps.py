@@ -10,10 +10,11 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import check
+from calibkit.check import chunked
 from calibkit.coefficients import Figure, Input, StageResult
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.ingest import pieces, pins
+from calibkit.ingest import pins
 from calibkit.instruments.fog_thermal.numeric import gradient, pooled_fit
 from calibkit.numeric import intervals, segments, spans
 from calibkit.numeric.wavelet import denoise
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
-    from calibkit.recipe import FogThermalRecipe
+    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 
 LONGER_WINDOWS = 3
@@ -71,11 +72,11 @@ def findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     """
     if not log.on_disk:
         return _findings(log, recipe)
-    pieced = pieces.through(recipe, log)
+    pieced = chunked.through(recipe, log)
     if any(finding.refused for finding in pieced.findings):
         return list(pieced.findings)
     rest = (
-        finding for finding in _findings(pieced.log, recipe) if finding.name not in pieces.BY_PIECE
+        finding for finding in _findings(pieced.log, recipe) if finding.name not in chunked.BY_PIECE
     )
     return [*check.rows(log, recipe.checks.min_rows), *pieced.findings, *rest]
 

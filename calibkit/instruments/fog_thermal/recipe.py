@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import difflib
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, field_validator, model_validator
 
@@ -101,6 +101,8 @@ class Acceptance(Table):
 class FogThermalRecipe(Recipe):
     """Ramps of a fibre-optic gyro in a chamber, one ramp a log."""
 
+    along_chunks: ClassVar[bool] = True
+
     procedure: Literal["fog_thermal"]
     checks: Checks = Checks()
     segments: Segments = Segments()
@@ -113,3 +115,7 @@ class FogThermalRecipe(Recipe):
     def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
         """The rates that are given for logs by their names."""
         return ((("drift", "rates_degc_min"), tuple(self.drift.rates_degc_min)),)
+
+    def largest_gap_s(self) -> float:
+        """Largest gap [s] that a log may have."""
+        return self.checks.max_gap_s

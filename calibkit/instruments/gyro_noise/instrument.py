@@ -11,9 +11,10 @@ from calibkit.coefficients import Input
 from calibkit.errors import FitError, UsageError
 from calibkit.frame import Examined, Finding, refuse
 from calibkit.ingest import logs as ingest
+from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.gyro_noise import deviations
 from calibkit.instruments.gyro_noise import figures as pages
-from calibkit.procedures import Fitted
+from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -21,12 +22,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Record
     from calibkit.frame import Log
     from calibkit.ingest.logs import Reader
+    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments import Progress
     from calibkit.instruments.gyro_noise.deviations import NoiseFigures
-    from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-    from calibkit.procedures import Applied, Progress
+    from calibkit.simulate.campaign import Campaign
 
 
 def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
@@ -58,7 +63,9 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
     ], flags
 
 
-def fit(spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+def fit(
+    spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[pages.NoiseReport]:
     """Estimate the noise of every record."""
     inputs, figures, flags = [], [], []
     for log in copies.distinct(
@@ -113,8 +120,42 @@ def validate(
     return {"logs": entries}, Summary("", deviations.tables(figures), tuple(flags), criteria)
 
 
-def draw(title: str, fitted: Fitted) -> Drawn:
+def draw(title: str, fitted: Fitted[pages.NoiseReport]) -> Drawn:
     """Figures and summary of a fit."""
-    if not isinstance(fitted.drawing, pages.NoiseReport):
-        raise UsageError("not a fit of gyro_noise")
     return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.gyro_noise.certificate import blocks
+
+    return blocks(stated)
+
+
+def _simulate(seed: int) -> Campaign:
+    """Simulated campaign."""
+    from calibkit.instruments.gyro_noise.simulate import campaign
+
+    return campaign(seed)
+
+
+def _propose(evidence: Evidence) -> Choice | None:
+    """Recipe for logs of this kind."""
+    from calibkit.instruments.gyro_noise.propose import propose
+
+    return propose(evidence)
+
+
+INSTRUMENT = Instrument(
+    recipe=GyroNoiseRecipe,
+    read=read,
+    examine=examine,
+    fit=fit,
+    draw=draw,
+    validate=validate,
+    apply=apply,
+    certificate=_certificate,
+    key_figures=(r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",),
+    campaigns={"gyro_noise": _simulate},
+    propose=_propose,
+)

@@ -12,12 +12,16 @@ from calibkit.errors import OutputError
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Output, Quotient
 from calibkit.firmware.draft import Draft, factor, numbers, powers
+from calibkit.firmware.sources import required_record
+from calibkit.instruments import Firmware
+from calibkit.instruments.gyro_scale.firmware import FILES, apply
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
 
     from calibkit.coefficients import Model, Record
     from calibkit.firmware.chain import Chain
+    from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 
 AXES = "xyz"
 TEMPERATURE, RATE = "temp_case_degc", "table_rate_dps"
@@ -26,14 +30,15 @@ MARGIN = Fraction(21, 20)
 Matrix = list[list[exact.Poly]]
 
 
-def chain(scale: Record, orthogonality: Record, gyros: Sequence[str]) -> Chain:
+def chain(spec: GyroTriadRecipe, records: Mapping[str, Record]) -> Chain:
     """Rates S(T)⁻¹ (F − B(T)): the inverse by cofactors, each an exact polynomial of u, over the
     determinant.
 
     Raises OutputError for another number of gyros than three, unknown biases, or gyros that do not
     sense three axes.
     """
-    triad = orthogonality.model("triad")
+    scale, angles = (required_record(records, name, spec) for name in FILES)
+    triad, gyros = angles.model("triad"), spec.gyros
     if len(gyros) != len(AXES):
         raise OutputError(
             f"{len(gyros)} gyros over three axes", hint="the firmware form is for three gyros"
@@ -141,3 +146,6 @@ def _cofactor(S: Matrix, row: int, column: int) -> exact.Poly:
         exact.product(S[i][k], S[j][m]), exact.scale(exact.product(S[i][m], S[j][k]), Fraction(-1))
     )
     return exact.scale(minor, Fraction((-1) ** (row + column)))
+
+
+FIRMWARE = Firmware(files=lambda _: FILES, chain=chain, apply=apply)

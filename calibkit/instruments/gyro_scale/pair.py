@@ -8,14 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit.check import copies
 from calibkit.coefficients import Input
-from calibkit.errors import CoefficientError, RecipeError, UsageError
+from calibkit.errors import CoefficientError, RecipeError
 from calibkit.ingest import logs as ingest
 from calibkit.ingest import write_back
+from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.gyro_scale import compensate, pair_files
 from calibkit.instruments.gyro_scale import figures as pages
 from calibkit.instruments.gyro_scale import runs as gyro_runs
 from calibkit.instruments.gyro_scale import tables as gyro_report
-from calibkit.procedures import Fitted
+from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary, SummaryTable
 
@@ -23,13 +24,17 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
     from calibkit.ingest.logs import Reader
+    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.gyro_scale.compensate import Frozen
     from calibkit.instruments.gyro_scale.numeric.pair import GyroPair
-    from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
-    from calibkit.procedures import Applied, Progress
+    from calibkit.simulate.campaign import Campaign
 
 GYROS = ("a", "b")
 
@@ -74,7 +79,9 @@ def _fit(
     return pair_files.pair_fit(runs["a"], runs["b"])
 
 
-def fit(spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+def fit(
+    spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[pages.GyroReport]:
     """Fit the scale factors about both axes and the orthogonality of the pair."""
     fitted = _fit(spec, data, files, progress)
     scales = pair_files.pair_scale_result(fitted, spec)
@@ -179,8 +186,54 @@ def _pair_table(entries: Sequence[dict[str, Any]]) -> SummaryTable:
     return SummaryTable("The pair again", ("", "frozen", "found", "difference", "unit"), rows)
 
 
-def draw(title: str, fitted: Fitted) -> Drawn:
+def draw(title: str, fitted: Fitted[pages.GyroReport]) -> Drawn:
     """Figures and summary of a fit."""
-    if not isinstance(fitted.drawing, pages.GyroReport):
-        raise UsageError("not a fit of gyro_pair")
     return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.gyro_scale.certificate import blocks
+
+    return blocks(stated)
+
+
+def _firmware() -> Firmware[GyroPairRecipe]:
+    """How a run becomes firmware."""
+    from calibkit.instruments.gyro_scale.firmware import PAIR
+
+    return PAIR
+
+
+def _simulate(seed: int) -> Campaign:
+    """Simulated campaign."""
+    from calibkit.instruments.gyro_scale.simulate_pair import campaign
+
+    return campaign(seed)
+
+
+def _propose(evidence: Evidence) -> Choice | None:
+    """Recipe for logs of this kind."""
+    from calibkit.instruments.gyro_scale.propose import propose_pair
+
+    return propose_pair(evidence)
+
+
+INSTRUMENT = Instrument(
+    recipe=GyroPairRecipe,
+    read=read,
+    examine=examine,
+    fit=fit,
+    draw=draw,
+    validate=validate,
+    apply=apply,
+    certificate=_certificate,
+    firmware=_firmware,
+    key_figures=(
+        r"gyro_scale\.(a_about_a|b_about_b|b_about_a|a_about_b)\.(K|F0|residual_rms)",
+        r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+",
+        r"gyro_orthogonality\.(N|epsilon|gamma|alpha_deg)",
+    ),
+    campaigns={"gyro_pair": _simulate},
+    propose=_propose,
+)

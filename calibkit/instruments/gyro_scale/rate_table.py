@@ -8,14 +8,14 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit.check import copies
 from calibkit.coefficients import Input
-from calibkit.errors import UsageError
 from calibkit.ingest import logs as ingest
 from calibkit.ingest import write_back
+from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.gyro_scale import compensate, over_runs
 from calibkit.instruments.gyro_scale import figures as pages
 from calibkit.instruments.gyro_scale import runs as gyro_runs
 from calibkit.instruments.gyro_scale import tables as gyro_report
-from calibkit.procedures import Fitted
+from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -23,14 +23,18 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Figure, Record
     from calibkit.frame import Examined, Log
     from calibkit.ingest.logs import Reader
+    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.gyro_scale.compensate import Frozen
     from calibkit.instruments.gyro_scale.over_runs import GyroOverRuns
-    from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
-    from calibkit.procedures import Applied, Progress
     from calibkit.report.summary import SummaryTable
+    from calibkit.simulate.campaign import Campaign
 
 COLUMNS = 3
 """Runs beside each other in a table of the summary."""
@@ -46,7 +50,9 @@ def examine(spec: RateTableRecipe, log: Log) -> Examined:
     return gyro_runs.examine(log, spec.gyros, spec)
 
 
-def fit(spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+def fit(
+    spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[pages.GyroReport]:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
     logs = copies.distinct(
         ingest.ahead(progress(files, "reading and averaging"), lambda file: read(spec, data, file))
@@ -122,8 +128,54 @@ def validate(
     return {"logs": entries}, Summary("", tables, tuple(dict.fromkeys(flags)), criteria)
 
 
-def draw(title: str, fitted: Fitted) -> Drawn:
+def draw(title: str, fitted: Fitted[pages.GyroReport]) -> Drawn:
     """Figures and summary of a fit."""
-    if not isinstance(fitted.drawing, pages.GyroReport):
-        raise UsageError("not a fit of rate_table")
     return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.gyro_scale.certificate import blocks
+
+    return blocks(stated)
+
+
+def _firmware() -> Firmware[RateTableRecipe]:
+    """How a run becomes firmware."""
+    from calibkit.instruments.gyro_scale.firmware import RATE_TABLE
+
+    return RATE_TABLE
+
+
+def _simulate(seed: int) -> Campaign:
+    """Simulated campaign."""
+    from calibkit.instruments.gyro_scale.simulate_rate_table import campaign
+
+    return campaign(seed)
+
+
+def _propose(evidence: Evidence) -> Choice | None:
+    """Recipe for logs of this kind."""
+    from calibkit.instruments.gyro_scale.propose import propose_rate_table
+
+    return propose_rate_table(evidence)
+
+
+INSTRUMENT = Instrument(
+    recipe=RateTableRecipe,
+    read=read,
+    examine=examine,
+    fit=fit,
+    draw=draw,
+    validate=validate,
+    apply=apply,
+    certificate=_certificate,
+    firmware=_firmware,
+    key_figures=(
+        r"gyro_scale\.gyro_[a-z0-9]+\.(K|F0|residual_rms)",
+        r"gyro_scale\.(repeatability|temperature_sensitivity)\.GJB 2426A\..+",
+        r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+",
+    ),
+    campaigns={"rate_table": _simulate},
+    propose=_propose,
+)

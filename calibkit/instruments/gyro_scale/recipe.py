@@ -4,7 +4,7 @@ gyros over three axes.
 
 from __future__ import annotations
 
-from typing import Annotated, Literal
+from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
@@ -110,6 +110,8 @@ class RateTableRecipe(OwnAxisRecipe):
     """Runs of one or more gyros about the table axis, one run a log, repeated and over
     temperature.
     """
+
+    along_chunks: ClassVar[bool] = True
 
     procedure: Literal["rate_table"]
     gyros: Annotated[tuple[Axis, ...], Field(min_length=1, strict=False)] = ("x",)

@@ -8,15 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit.check import copies
 from calibkit.coefficients import Input
-from calibkit.errors import UsageError
 from calibkit.ingest import logs as ingest
 from calibkit.ingest import write_back
+from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.gyro_scale import axes as gyro_axes
 from calibkit.instruments.gyro_scale import axes_compensate, axes_files, axes_tables
 from calibkit.instruments.gyro_scale import axes_figures as pages
 from calibkit.instruments.gyro_scale import runs as gyro_runs
 from calibkit.instruments.gyro_scale import tables as gyro_report
-from calibkit.procedures import Fitted
+from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -24,12 +24,16 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
     from calibkit.ingest.logs import Reader
-    from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.gyro_scale.runs import TableRun
-    from calibkit.procedures import Applied, Progress
+    from calibkit.simulate.campaign import Campaign
 
 
 def read(spec: GyroTriadRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
@@ -42,7 +46,14 @@ def examine(spec: GyroTriadRecipe, log: Log) -> Examined:
     return gyro_runs.examine(log, spec.gyros, spec)
 
 
-def fit(spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+def _run(spec: GyroTriadRecipe, data: Path, file: str) -> TableRun:
+    """Held rates and lines of one log."""
+    return gyro_runs.run_of(gyro_runs.read(spec, data, file, spec.gyros), spec.gyros, spec)
+
+
+def fit(
+    spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[pages.AxesReport]:
     """Fit the sensitivities of every gyro about three axes, the angles between them, and both over
     temperature.
     """
@@ -103,8 +114,54 @@ def validate(
     return {"logs": entries}, Summary("", (table,), tuple(dict.fromkeys(flags)), criteria)
 
 
-def draw(title: str, fitted: Fitted) -> Drawn:
+def draw(title: str, fitted: Fitted[pages.AxesReport]) -> Drawn:
     """Figures and summary of a fit."""
-    if not isinstance(fitted.drawing, pages.AxesReport):
-        raise UsageError("not a fit of gyro_triad")
     return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.gyro_scale.certificate import blocks
+
+    return blocks(stated)
+
+
+def _firmware() -> Firmware[GyroTriadRecipe]:
+    """How a run becomes firmware."""
+    from calibkit.instruments.gyro_scale.axes_firmware import FIRMWARE
+
+    return FIRMWARE
+
+
+def _simulate(seed: int) -> Campaign:
+    """Simulated campaign."""
+    from calibkit.instruments.gyro_scale.simulate_triad import campaign
+
+    return campaign(seed)
+
+
+def _propose(evidence: Evidence) -> Choice | None:
+    """Recipe for logs of this kind."""
+    from calibkit.instruments.gyro_scale.propose import propose_triad
+
+    return propose_triad(evidence)
+
+
+INSTRUMENT = Instrument(
+    recipe=GyroTriadRecipe,
+    read=read,
+    examine=examine,
+    fit=fit,
+    draw=draw,
+    validate=validate,
+    apply=apply,
+    certificate=_certificate,
+    firmware=_firmware,
+    key_figures=(
+        r"gyro_orthogonality\.scale_factor\.[a-z0-9]+",
+        r"gyro_orthogonality\.misalignment\.(?!(\w)\1$)[a-z0-9]+",
+        r"gyro_orthogonality\.orthogonality_error_deg\.[a-z0-9]+_[a-z0-9]+",
+    ),
+    campaigns={"gyro_triad": _simulate},
+    propose=_propose,
+)

@@ -9,11 +9,11 @@ import numpy as np
 
 from calibkit.check import copies
 from calibkit.coefficients import Input
-from calibkit.errors import FrameError, UsageError
+from calibkit.errors import FrameError
 from calibkit.frame import refuse, values
 from calibkit.ingest import logs as ingest
 from calibkit.ingest import write_back
-from calibkit.instruments.accelerometer import fit as accel_fit
+from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.inclinometer import (
     coefficient_files,
     dwells,
@@ -23,7 +23,7 @@ from calibkit.instruments.inclinometer import (
 )
 from calibkit.instruments.inclinometer import figures as pages
 from calibkit.instruments.inclinometer import stations as inclinometer_stations
-from calibkit.procedures import Fitted
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -31,25 +31,21 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Record
     from calibkit.frame import Examined, Log
     from calibkit.ingest.logs import Reader
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.procedures import Applied, Progress
-
-
-def _on_site(spec: InclinometerRecipe) -> InclinometerRecipe:
-    """The recipe with the site's gravity worked out from latitude and height where it was not
-    measured.
-    """
-    gravity = accel_fit.local_gravity(spec.site)
-    return spec.model_copy(update={"site": spec.site.model_copy(update={"gravity_mps2": gravity})})
+    from calibkit.ingest.proposal import Choice, Evidence
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments import Firmware, Progress
+    from calibkit.simulate.campaign import Campaign
 
 
 def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = inclinometer_stations.needed(spec)
-    return reader(_on_site(spec), data / file, file, columns, optional)
+    return reader(spec.on_site(), data / file, file, columns, optional)
 
 
 def examine(spec: InclinometerRecipe, log: Log) -> Examined:
@@ -57,7 +53,9 @@ def examine(spec: InclinometerRecipe, log: Log) -> Examined:
     return inclinometer_stations.examine(log, spec)
 
 
-def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress) -> Fitted:
+def fit(
+    spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[pages.SeekingReport]:
     """Fit s(T) of each gyro to the stations of all logs together."""
     logs = list(
         copies.distinct(
@@ -65,15 +63,13 @@ def fit(spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Pr
         )
     )
     admitted, found = inclinometer_stations.admitted(logs, spec)
-    rows = inclinometer_stations.gather(admitted, _on_site(spec))
+    rows = inclinometer_stations.gather(admitted, spec.on_site())
     stations = inclinometer_stations.stations(rows, spec)
     fits, seen = solve.fit(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in found if finding.flagged]
     notes += latitude.flags(fits, stations, seen, spec)
-    result = coefficient_files.result(
-        fits, stations, seen, notes, spec, accel_fit.local_gravity(spec.site)
-    )
+    result = coefficient_files.result(fits, stations, seen, notes, spec, spec.site.local_gravity())
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
@@ -87,7 +83,7 @@ def _seek(
 ) -> tuple[inclinometer_stations.Stations, solve.Seen, tuple[str, ...]]:
     """Stations of one log with a row a position, solved with a run's s(T), and the flags."""
     models = coefficient_files.models(records, spec)
-    rows = inclinometer_stations.gather([log], _on_site(spec))
+    rows = inclinometer_stations.gather([log], spec.on_site())
     stations = inclinometer_stations.stations(
         rows, spec, {axis: model.noise for axis, model in models.items()}
     )
@@ -131,7 +127,7 @@ def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -
         )
         for name, angle in angles.items()
     }
-    return write_back.replaced(_on_site(spec), data, columns, derived), flags
+    return write_back.replaced(spec.on_site(), data, columns, derived), flags
 
 
 def validate(
@@ -160,11 +156,53 @@ def validate(
     return {"logs": entries}, Summary("", tuple(tables), tuple(flags), criteria)
 
 
-def draw(title: str, fitted: Fitted) -> Drawn:
+def draw(title: str, fitted: Fitted[pages.SeekingReport]) -> Drawn:
     """Figures, and the summary with every station, which the PDF has on pages of their own."""
-    if not isinstance(fitted.drawing, pages.SeekingReport):
-        raise UsageError("not a fit of inclinometer")
     first, _, *others = fitted.summary.tables
     whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
     stations = tuple(pages.table_pages(title, fitted.drawing.table))
     return Drawn(tuple(pages.pages(title, fitted.drawing)), whole, stations)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.inclinometer.certificate import blocks
+
+    return blocks(stated)
+
+
+def _firmware() -> Firmware[InclinometerRecipe]:
+    """How a run becomes firmware."""
+    from calibkit.instruments.inclinometer.firmware import FIRMWARE
+
+    return FIRMWARE
+
+
+def _simulate(seed: int) -> Campaign:
+    """Simulated campaign."""
+    from calibkit.instruments.inclinometer.simulate import campaign
+
+    return campaign(seed)
+
+
+def _propose(evidence: Evidence) -> Choice | None:
+    """Recipe for logs of this kind."""
+    from calibkit.instruments.inclinometer.propose import propose
+
+    return propose(evidence)
+
+
+INSTRUMENT = Instrument(
+    recipe=InclinometerRecipe,
+    read=read,
+    examine=examine,
+    fit=fit,
+    draw=draw,
+    validate=validate,
+    apply=apply,
+    certificate=_certificate,
+    firmware=_firmware,
+    key_figures=(r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)"),
+    campaigns={"inclinometer": _simulate},
+    propose=_propose,
+)

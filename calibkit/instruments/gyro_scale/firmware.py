@@ -1,90 +1,72 @@
-"""bias.json, gyro_scale.json, inclinometer_scale.json → chains without memory."""
+"""gyro_scale.json and gyro_orthogonality.json → chains without memory: rates about the gyros' own
+axes.
+"""
 
 from __future__ import annotations
 
-import re
 from fractions import Fraction
 from math import ceil
 from typing import TYPE_CHECKING
 
-from calibkit import units
 from calibkit.errors import OutputError
-from calibkit.firmware import exact
+from calibkit.firmware import as_firmware, exact
 from calibkit.firmware.chain import Output, Quotient
-from calibkit.firmware.draft import BEYOND, Draft, factor, numbers, powers
+from calibkit.firmware.draft import Draft, factor, numbers, powers
+from calibkit.firmware.sources import required_record
+from calibkit.instruments import Firmware
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Mapping, Sequence
+    from pathlib import Path
 
     from calibkit.coefficients import Model, Record
     from calibkit.firmware.chain import Chain
+    from calibkit.firmware.program import Program
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments.gyro_scale.recipe import (
+        GyroPairRecipe,
+        GyroRecipe,
+        OwnAxisRecipe,
+        RateTableRecipe,
+    )
 
+FILES = ("gyro_scale.json", "gyro_orthogonality.json")
 TEMPERATURE = "temp_case_degc"
 RATE = "table_rate_dps"
 MARGIN = Fraction(21, 20)
 """Rates beyond the fitted ones by this factor are still counts that a gyro may give."""
 
 
-def bias(record: Record, reference_degc: float) -> Chain:
-    """Bias of each channel, zero at the reference temperature (the middle of an abscissa that is
-    none).
+def pair_chain(spec: GyroPairRecipe, records: Mapping[str, Record]) -> Chain:
+    """Rates of both gyros about their own axes, and the rate across the first in their plane."""
+    scale, angles = (required_record(records, name, spec) for name in FILES)
+    models = (("a", "a_about_a"), ("b", "b_about_b"))
+    return _chain(scale, angles, models, _earth_rate(scale, spec))
+
+
+def rate_table_chain(spec: RateTableRecipe, records: Mapping[str, Record]) -> Chain:
+    """Rates of gyros about their own axes."""
+    scale = required_record(records, FILES[0], spec)
+    models = [(gyro, f"gyro_{gyro}") for gyro in spec.gyros]
+    return _chain(scale, None, models, _earth_rate(scale, spec))
+
+
+def _earth_rate(record: Record, spec: OwnAxisRecipe) -> float:
+    """Earth's rate about the laboratory's table axis [°/s], where the recipe leaves it in the
+    result.
     """
-    draft = Draft()
-    for number, model in enumerate(record.models):
-        (column, valid), name = next(iter(model.valid.items())), model.name
-        for text in (column, name):
-            if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", text):
-                raise OutputError(
-                    f"column '{text}' cannot be a name in C",
-                    hint="rename it in the recipe's [columns]",
-                )
-        unit = units.column_unit(column)
-        middle, half = exact.span(*valid)
-        reach = (middle - BEYOND * half, middle + BEYOND * half)
-        draft.input(column, unit, "abscissa of the bias", reach)
-        if number == 0:
-            draft.ranges.append(f"{column} {valid[0]:.6g} to {valid[1]:.6g} {unit}")
-            draft.map("u", column, valid, flag="TEMP_CLAMPED")
-        low, high = (Fraction(limit) for limit in valid)
-        reference = Fraction(reference_degc) if column.endswith("_degc") else (low + high) / 2
-        found = exact.mapped(powers(model, "p"), middle, half)
-        at_rest = exact.value(found, (min(max(reference, low), high) - middle) / half)
-        terms = draft.polynomial(f"p_{name}", exact.add(found, (-at_rest,)), "u")
-        if not terms:
-            raise OutputError(
-                f"{name}: the bias does not vary", hint="there is nothing to correct: leave it out"
-            )
-        source = draft.sum(f"bias_{name}", terms)
-        meaning = f"bias of {name}, to be subtracted from it"
-        draft.outputs.append(Output(f"bias_{name}", units.column_unit(name), source, meaning))
-    return draft.chain(
-        [model.form for model in record.models],
-        "corrected = indication - bias, each channel in its unit",
+    if spec.compensation == "laboratory":
+        return 0.0
+    for condition in record.conditions:
+        if condition.name == "earth_rate_about_table_axis":
+            return condition.value
+    raise OutputError(
+        "the run does not know the earth's rate about its table axis",
+        hint="fit with [site] latitude_deg",
     )
 
 
-def inclinometer(record: Record) -> Chain:
-    """s(T) of each gyro, which multiplies its indication; a station's own s is the matter of its
-    solution.
-    """
-    draft = Draft()
-    for model in record.models:
-        raw, name = powers(model, "s"), f"s_{model.name}"
-        valid, over = model.valid.get(TEMPERATURE), ""
-        if valid is not None:
-            over = "u"
-            if not draft.inputs:
-                draft.temperature(valid)
-            raw = exact.mapped(raw, *exact.span(*valid))
-        source = draft.sum(name, draft.polynomial(f"{name}_of_t", raw, over))
-        meaning = f"scale factor of the {model.name} gyro, to be multiplied with its indication"
-        draft.outputs.append(Output(f"scale_{model.name}", "1", source, meaning))
-    return draft.chain(
-        [model.form for model in record.models], "corrected = scale * indication, for each gyro"
-    )
-
-
-def gyro(
+def _chain(
     scale: Record, orthogonality: Record | None, gyros: Sequence[tuple[str, str]], added_dps: float
 ) -> Chain:
     """Rates of gyros, (F − F0(T))/K(T); of a pair also the rate across the first gyro's axis in
@@ -176,3 +158,12 @@ def _across(draft: Draft, pair: Model, columns: Sequence[str]) -> str:
         meaning = f"rate about the axis at right angles to gyro {columns[0]} in the plane of both"
         draft.outputs.append(Output(f"gyro_{columns[1]}_orthogonal_dps", "deg/s", source, meaning))
     return pair.form
+
+
+def apply(spec: GyroRecipe, quantised: Program, data: Path) -> Applied:
+    """Add the rates to every row of a log as the exported firmware would."""
+    return as_firmware.apply(spec, quantised, data)
+
+
+PAIR = Firmware(files=lambda _: FILES, chain=pair_chain, apply=apply)
+RATE_TABLE = Firmware(files=lambda _: FILES[:1], chain=rate_table_chain, apply=apply)

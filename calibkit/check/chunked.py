@@ -17,9 +17,9 @@ from calibkit import check, units
 from calibkit.check import facts
 from calibkit.frame import Finding, Log, values
 from calibkit.ingest import logs as ingest
+from calibkit.ingest import long_logs
 from calibkit.numeric.spans import release
 from calibkit.readers import clean
-from calibkit.recipe import BiasTemperatureRecipe, FogThermalRecipe
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Sequence
@@ -72,7 +72,7 @@ def of(
     """Look at a large clean log in pieces; none for a log that is read whole. Raises as
     `ingest.read_log`.
     """
-    if not can_be(recipe) or not path.is_file() or path.stat().st_size <= largest:
+    if not long_logs.can_be_chunked(recipe) or not path.is_file() or path.stat().st_size <= largest:
         return None
     scan = clean.scanned(path, file)
     if scan is None:
@@ -123,21 +123,6 @@ def _through(recipe: Recipe, logs: Iterable[Log], rows: int, every: int) -> Piec
     return Pieced(thin, every, tuple(_merged(found)), facts.joined(parts))
 
 
-def can_be(recipe: Recipe) -> bool:
-    """Whether each row of the recipe's logs can be mapped without the rows before it."""
-    stateful = any(
-        column.accumulated or column.wraps_at or column.time_format or column.date
-        for column in recipe.columns.values()
-    )
-    plain = (
-        recipe.logs.format in ("auto", "csv") and not recipe.logs.names and not recipe.logs.split
-    )
-    per_sample = any(
-        units.known(column.unit) == "1/sample" for column in recipe.columns.values() if column.unit
-    )
-    return plain and not stateful and not per_sample and recipe.chamber is None
-
-
 def _thinned(frame: pd.DataFrame, every: int) -> pd.DataFrame:
     """Means of blocks of rows, numbered by the line of their first."""
     block = frame.index.to_numpy() // every
@@ -157,18 +142,13 @@ def _looked_at(recipe: Recipe, log: Log, last: Log | None, *, first: bool) -> li
     if found:
         return found
     if "time_s" in columns:
-        found += [*check.monotonic(joined), *check.gaps(joined, _largest_gap(recipe))]
+        found += [*check.monotonic(joined), *check.gaps(joined, recipe.largest_gap_s())]
     temperatures = [name for name in columns if name.startswith("temp_")]
     found += check.plausible_temperature(log, temperatures)
     gyros = [name for name in columns if name.endswith("_dph")]
     for name in gyros:
         found += check.plausible_rate(log, name)
-    still = (
-        [entry.indication for entry in recipe.polynomials.bias]
-        if isinstance(recipe, BiasTemperatureRecipe)
-        else []
-    )
-    for name in dict.fromkeys((*gyros, *still)):
+    for name in dict.fromkeys((*gyros, *recipe.still_columns())):
         found += check.series.indication(log, name, units.column_unit(name))
     if {"temp_case_degc", "temp_env_degc"} <= set(columns):
         found += check.series.temperatures(log, "temp_case_degc", "temp_env_degc")
@@ -181,15 +161,6 @@ def _looked_at(recipe: Recipe, log: Log, last: Log | None, *, first: bool) -> li
         for finding in found
         if finding.name in BY_PIECE and (first or finding.name != "start_up")
     ]
-
-
-def _largest_gap(recipe: Recipe) -> float:
-    """Gap [s] that the recipe allows."""
-    if isinstance(recipe, FogThermalRecipe):
-        return recipe.checks.max_gap_s
-    return (
-        recipe.polynomials.max_gap_s if isinstance(recipe, BiasTemperatureRecipe) else float("inf")
-    )
 
 
 def _merged(found: Sequence[Finding]) -> list[Finding]:

@@ -1,0 +1,28 @@
+"""Logs of a triad of accelerometers → the recipe that fits them."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calibkit.ingest.proposal import Choice, Evidence
+
+TRIAD = tuple(f"accel_{axis}_g" for axis in "xyz")
+ATTITUDE = ("temp_case_degc", "inclination_deg", "toolface_deg")
+
+
+def propose(evidence: Evidence) -> Choice | None:
+    """A triad with reference attitudes and temperature; without them by magnitude alone."""
+    columns = evidence.columns
+    if not set(TRIAD) <= columns.keys():
+        return None
+    if set(ATTITUDE) <= columns.keys():
+        return evidence.choose("accelerometer", ("time_s", *ATTITUDE, *TRIAD))
+    choice = evidence.choose("accelerometer_magnitude", ("time_s", *TRIAD, "temp_case_degc"))
+    if "time_s" in columns:
+        return choice
+    return replace(
+        choice,
+        beside_files="# rate_hz = … # these logs have no time: state their sampling rate here",
+    )

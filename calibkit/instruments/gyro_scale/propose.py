@@ -1,0 +1,117 @@
+"""Logs of a rate table → the recipe that fits them: a pair, a triad, or runs of single gyros."""
+
+from __future__ import annotations
+
+import json
+import re
+from fnmatch import fnmatchcase
+from typing import TYPE_CHECKING
+
+from calibkit import recipe
+from calibkit.ingest import logs
+from calibkit.ingest.proposal import file_patterns
+from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+from calibkit.recipe import loader
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from calibkit.ingest.naming import Column
+    from calibkit.ingest.proposal import Choice, Evidence
+
+TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
+"""Table axis in the name of a log: a letter by itself, or behind a word for an axis."""
+REFERENCE = ("time_s", "table_rate_dps", "table_angle_deg", "temp_case_degc")
+"""Columns that every rate-table recipe reads."""
+
+
+def propose_pair(evidence: Evidence) -> Choice | None:
+    """Two gyros in two logs are a pair."""
+    axes, files = _axes(evidence), evidence.group.files
+    if len(axes) != 2 or len(files) != 2:
+        return None
+    keys = {}
+    if set(files) != {"table_axis_a.csv", "table_axis_b.csv"}:
+        keys = {f"axis_{axis}": json.dumps(file) for axis, file in zip("ab", files, strict=True)}
+    renamed = [(axis, column) for axis, (_, column) in zip("ab", axes, strict=True)]
+    return _choose(evidence, "gyro_pair", renamed, keys)
+
+
+def propose_triad(evidence: Evidence) -> Choice | None:
+    """Several gyros in logs named by three axes are a triad."""
+    axes = _axes(evidence)
+    turned = _table_axes(evidence.group.files) if len(axes) > 1 else {}
+    if not turned:
+        return None
+    return _choose(evidence, "gyro_triad", axes, _triad_keys([axis for axis, _ in axes], turned))
+
+
+def propose_rate_table(evidence: Evidence) -> Choice | None:
+    """Any other logs with gyros and a table rate are runs of a rate table."""
+    axes = _axes(evidence)
+    if not axes:
+        return None
+    names = [axis for axis, _ in axes]
+    keys = {} if names == ["x"] else {"gyros": json.dumps(names)}
+    return _choose(evidence, "rate_table", axes, keys)
+
+
+def _axes(evidence: Evidence) -> list[tuple[str, Column]]:
+    """Axis and column of each gyro; empty for logs that are of no rate table."""
+    if not {"time_s", "table_rate_dps"} <= evidence.columns.keys():
+        return []
+    return [
+        (name.split("_")[1] if name.count("_") > 1 else "x", column)
+        for name, column in evidence.gyros().items()
+    ]
+
+
+def _choose(
+    evidence: Evidence,
+    name: str,
+    axes: Sequence[tuple[str, Column]],
+    keys: Mapping[str, str],
+) -> Choice:
+    """Choice of a recipe that reads the gyros in counts per second."""
+    gyros = evidence.gyros()
+    reference = {name: one for name, one in evidence.columns.items() if name not in gyros}
+    renamed = {f"gyro_{axis}_lsb": column for axis, column in axes}
+    return evidence.choose(name, (*REFERENCE, *renamed), reference | renamed, keys)
+
+
+def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> dict[str, str]:
+    """Keys of the recipe of a triad: its gyros, and the logs of each table axis, where they are not
+    the shipped ones.
+    """
+    keys = {} if names == ["x", "y", "z"] else {"gyros": json.dumps(names)}
+    shipped = loader.table(recipe.find("gyro_triad"), GyroTriadRecipe)
+    if _alike(turned, {axis: getattr(shipped.axes, axis) for axis in turned}):
+        return keys
+    every = [file for files in turned.values() for file in files]
+    return keys | {
+        axis: json.dumps(file_patterns(files, every), ensure_ascii=False)
+        for axis, files in turned.items()
+    }
+
+
+def _table_axes(files: Sequence[str]) -> dict[str, list[str]]:
+    """Table axis → its logs where every log's name names one of x, y, z and each has a log; else
+    nothing.
+    """
+    found: dict[str, list[str]] = {axis: [] for axis in "xyz"}
+    for file in files:
+        named = {str(axis).lower() for axis in TABLE_AXIS.findall(logs.log_name(file))}
+        if len(named) != 1:
+            return {}
+        found[named.pop()].append(file)
+    return found if all(found.values()) else {}
+
+
+def _alike(axes: Mapping[str, Sequence[str]], shipped: Mapping[str, Sequence[str]]) -> bool:
+    """Whether patterns of a recipe give just these logs to each axis."""
+    every = [file for files in axes.values() for file in files]
+    return all(
+        {file for file in every if any(fnmatchcase(file, pattern) for pattern in shipped[axis])}
+        == set(files)
+        for axis, files in axes.items()
+    )

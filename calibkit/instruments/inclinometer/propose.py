@@ -1,0 +1,29 @@
+"""Logs of a north-seeking inclinometer → the recipe that fits them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from calibkit.ingest.proposal import Choice, Evidence
+
+READ = (
+    *(
+        "station",
+        "position_deg",
+        "time_s",
+        "temp_case_degc",
+        "inclination_deg",
+        "toolface_deg",
+        "azimuth_deg",
+    ),
+    *(f"{kind}_{axis}_{unit}" for axis in "xy" for kind, unit in (("accel", "g"), ("gyro", "dph"))),
+)
+
+
+def propose(evidence: Evidence) -> Choice | None:
+    """Gyros with a rotation about the tool axis, and times or stations."""
+    columns = evidence.columns
+    if "position_deg" in columns and {"station", "time_s"} & columns.keys() and evidence.gyros():
+        return evidence.choose("inclinometer", READ)
+    return None
