@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from calibkit.firmware.chain import Chain, Structure
     from calibkit.firmware.program import Program
     from calibkit.firmware.sources import Correction
+    from calibkit.forms import Form
     from calibkit.frame import Examined, Log
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.proposal import Choice, Evidence
@@ -102,6 +103,8 @@ class Instrument(Generic[Spec, Drawing]):
     """Compensate a log; raises before the first part where it cannot be compensated."""
     certificate: Callable[[Stated], tuple[Block, ...]]
     """Blocks of results on a certificate."""
+    forms: Callable[[], tuple[Form, ...]] = tuple
+    """Model forms that its coefficient files hold."""
     firmware: Callable[[], Firmware[Spec]] | None = None
     """None where there is nothing that firmware could correct."""
     key_figures: tuple[str, ...] = (".+",)
@@ -180,6 +183,11 @@ def fitted_recipe(document: Mapping[str, Any], *overrides: str) -> Recipe:
     """Recipe of a run by its run.json, with more overrides behind those of the fit."""
     text = document["recipe"]
     return parse_recipe(recipe.Source(text["name"], text["text"], (*text["overrides"], *overrides)))
+
+
+def forms() -> dict[str, Form]:
+    """Name → model form, of every instrument."""
+    return {form.name: form for one in REGISTRY.values() for form in one.forms()}
 
 
 def campaigns() -> dict[str, Callable[[int], Campaign]]:

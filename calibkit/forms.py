@@ -1,0 +1,118 @@
+"""Model forms: what the coefficients of a fitted model are called, in which units they stand, and
+how a result follows from them.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, TypeAlias
+
+import numpy as np
+
+from calibkit.coefficients import Coefficient, Model, Parameter
+from calibkit.errors import CoefficientError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Mapping, Sequence
+
+    from calibkit.arrays import Array, Mask
+
+Inputs: TypeAlias = "Mapping[str, Array]"
+"""Canonical column → values [n] in its unit."""
+
+
+@dataclass(frozen=True, slots=True)
+class Form:
+    """One model form; every reader and writer of its coefficients goes through it."""
+
+    name: str
+    """As it stands in coefficient files."""
+    gradient: Callable[[Model, Inputs], Array]
+    """Derivatives [n, p] of the result by the coefficients, in their order in the model."""
+    function: Callable[[Model, Inputs], Array] | None = None
+    """Result [n] where it is not the gradient times the coefficients."""
+    meaning: tuple[str, ...] = ()
+    """Parameters without which the coefficients are other quantities."""
+    measured: Mapping[str, float] = field(default_factory=dict)
+    """Parameters that say where the coefficients were measured, with the difference [their unit]
+    that matters.
+    """
+    per_log: bool = False
+    """Whether each log has a model of its own, named by it."""
+
+    def write(
+        self,
+        name: str,
+        coefficients: Sequence[tuple[str, float, str]],
+        covariance: Array,
+        *,
+        dof: int,
+        residual_rms: float,
+        residual_unit: str,
+        valid: Mapping[str, tuple[float, float]],
+        parameters: tuple[Parameter, ...] = (),
+    ) -> Model:
+        """Model of this form from (name, value, unit) of each coefficient and their covariance
+        [p, p]; standard uncertainties are the roots of its diagonal.
+        """
+        uncertainty = np.sqrt(np.diag(covariance)).tolist()
+        return Model(
+            name=name,
+            form=self.name,
+            coefficients=tuple(
+                Coefficient(*entry, u) for entry, u in zip(coefficients, uncertainty, strict=True)
+            ),
+            covariance=tuple(map(tuple, covariance.tolist())),
+            dof=dof,
+            residual_rms=residual_rms,
+            residual_unit=residual_unit,
+            valid=valid,
+            parameters=parameters,
+        )
+
+    def read(self, model: Model) -> Array:
+        """Coefficients [p] of a model of this form, or CoefficientError."""
+        if model.form != self.name:
+            raise CoefficientError(
+                f"model '{model.name}' is of form {model.form}, expected {self.name}",
+                hint="the file is not of this procedure",
+            )
+        return np.array([coefficient.value for coefficient in model.coefficients])
+
+    def evaluate(self, model: Model, at: Inputs) -> Array:
+        """Result [n] at inputs [n], which may lie outside the valid ranges."""
+        values = self.read(model)
+        return (
+            self.gradient(model, at) @ values if self.function is None else self.function(model, at)
+        )
+
+    def standard_uncertainty(self, model: Model, at: Inputs) -> Array:
+        """Type A standard uncertainty [n] of the result: √(J C Jᵀ), C the covariance."""
+        gradient, covariance = self.gradient(model, at), np.array(model.covariance)
+        variance = np.sum((gradient @ covariance) * gradient, axis=1)
+        return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
+
+
+def within_ranges(model: Model, at: Inputs) -> tuple[Inputs, Mask]:
+    """Inputs brought into the valid ranges of a model, and where [n] one of them was outside."""
+    brought, outside = dict(at), np.zeros(len(next(iter(at.values()))), dtype=np.bool_)
+    for column, (low, high) in model.valid.items():
+        if column in at:
+            brought[column] = np.clip(at[column], low, high)
+            outside |= (at[column] < low) | (at[column] > high)
+    return brought, outside
+
+
+def power_unit(unit: str, per: str, power: int) -> str:
+    """Unit of the coefficient of a power of an abscissa."""
+    return unit if power == 0 else f"{unit}/({per})" if power == 1 else f"{unit}/({per})^{power}"
+
+
+def _powers(model: Model, at: Inputs) -> Array:
+    """Ascending powers [n, p] of the abscissa, which is the one column of the valid ranges."""
+    (column,) = model.valid
+    return np.vander(at[column], len(model.coefficients), increasing=True)
+
+
+POLYNOMIAL = Form("polynomial/1", _powers)
+"""Σ p_k x^k in raw units, x the one column of the valid ranges."""
