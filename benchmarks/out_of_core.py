@@ -7,9 +7,8 @@ and each procedure fits it twice by the command line: with its columns on disk
 of fog_thermal with a run of the same simulated gyro on eight ramps: one ramp exports no drift. What
 differs in the coefficient files is printed; compensated logs must be the same to the byte.
 
-    python benchmarks/out_of_core.py FOLDER                             40 million rows, every
-    procedure; FOLDER is kept python benchmarks/out_of_core.py FOLDER 4000000 bias_temperature
-    one procedure
+    python benchmarks/out_of_core.py FOLDER                      40 million rows, all procedures
+    python benchmarks/out_of_core.py FOLDER 4000000 rate_table   one procedure; FOLDER is kept
 
 Fits end with 0 or 1: what a procedure makes of so plain a log is not asked here.
 """

@@ -1,9 +1,9 @@
 """calibkit and packaged peers on the same simulated data, judged by its truth; writes
 docs/peers.md.
 
-    python benchmarks/peers.py [--only withheld|turntable|deviations|faults] [--units 5]
-    [--environments DIR]
+    python benchmarks/peers.py [--only PART] [--units 5] [--environments DIR]
 
+PART is withheld, turntable, deviations or faults.
 Peers run in environments of their own (those of run.py). Of calibkit the command line is run, as
 its users do. What a peer does better is printed like the rest; the page is written when every part
 was measured.

@@ -1,8 +1,8 @@
 """Every row of the table of speed, calibkit beside its packaged peer: one command.
 
-    python benchmarks/run.py                        every row at 1e5, 1e6 and 1e7 rows; writes
-    docs/performance.md python benchmarks/run.py --only denoise --rows 1e6 python benchmarks/run.py
-    --quick                every row on little data, to see that all of it runs
+    python benchmarks/run.py                all at 1e5, 1e6 and 1e7 rows; writes docs/performance.md
+    python benchmarks/run.py --only denoise --rows 1e6
+    python benchmarks/run.py --quick        all on little data, to see that everything runs
 
 Both sides run on the same data in turn, A B A B, each in a process of its own, after a warm-up;
 printed are the medians and the range of the ratios of the turns, and to how many digits both gave

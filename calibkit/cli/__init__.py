@@ -316,9 +316,10 @@ def certify(
     """Write the calibration certificate of a run as PDF/A-3 with its DCC; what is missing makes it
     a DRAFT.
 
-    \b calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf calibkit certify FOG-0001
-    --profile lab.toml --validation validation.json --lang both --out certificate.pdf calibkit
-    certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
+    \b
+    calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf
+    calibkit certify FOG-0001 --profile lab.toml --validation v.json --lang both --out c.pdf
+    calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
     """
     day = day_of(date)
     from calibkit import store
