@@ -168,10 +168,9 @@ def _run_document(
     """run.json: the recipe, the logs, the software, the verdict and the digests of the run's
     files.
     """
-    plugins = sorted(
-        {plugin for log in identity.inputs for plugin in log.plugins},
-        key=lambda plugin: plugin.name,
-    )
+    own = instruments.installed_plugin(spec.procedure)
+    readers = {plugin for log in identity.inputs for plugin in log.plugins}
+    plugins = [*([own] if own else []), *sorted(readers, key=lambda plugin: plugin.name)]
     return {
         "format": store.RUN_FORMAT,
         "serial": identity.serial,

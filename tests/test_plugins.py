@@ -346,3 +346,28 @@ def test_the_reader_of_the_page_is_installed_and_reads_logs(tmp_path):
     checked = environment.run("-m", "calibkit", "check", "lab.toml", "--data", "lab")
     assert checked.returncode == 3
     assert "ramp_heating_05.txt:101: the checksum is not" in checked.stdout
+
+
+def test_the_instrument_of_the_page_is_installed_and_calibrates(tmp_path):
+    """Every block of the page in a fresh environment: the thermometer is right to 10 mK on unseen
+    soaks, and run.json states the package.
+    """
+    environment = Environment(tmp_path)
+    environment.follow(ROOT / "docs" / "how_to" / "11_an_instrument_of_my_own.md")
+    run = tmp_path / "runs" / "T-0001" / "r001"
+    document = json.loads((run / "run.json").read_text(encoding="utf-8"))
+    validators()["calibkit-run/1"].validate(document)
+    (plugin,) = document["plugins"]
+    assert (plugin["name"], plugin["distribution"]) == ("case_thermometer", "lab-thermometer")
+    validation = json.loads((tmp_path / "validation.json").read_text(encoding="utf-8"))
+    errors = [entry["error_degc"] for entry in validation["logs"]]
+    assert len(errors) == 3
+    assert max(map(abs, errors)) < 0.01
+    rows = (tmp_path / "corrected.csv").read_text(encoding="utf-8").splitlines()[1:]
+    case, air = (float(field) for field in rows[-1].split(",")[1:3])
+    assert case == pytest.approx(air, abs=0.1)
+
+    (tmp_path / "typed.toml").write_text('procedure = "case_thermometre"\n', encoding="utf-8")
+    refused = environment.run("-m", "calibkit", "check", "typed.toml", "--data", "lab")
+    assert refused.returncode == 2
+    assert "did you mean 'case_thermometer'?" in refused.stderr

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.proposal import Choice, Evidence
     from calibkit.ingest.write_back import Applied
+    from calibkit.plugins import Plugin
     from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
@@ -69,6 +70,13 @@ class Fitted(Generic[Drawing]):
     """Combined and expanded uncertainties of results, as JSON objects."""
 
 
+def draw_tables(_: str, fitted: Fitted[Any]) -> Drawn:
+    """Report without figures."""
+    from calibkit.report.documents import Drawn
+
+    return Drawn((), fitted.summary)
+
+
 @dataclass(frozen=True, slots=True)
 class Firmware(Generic[Spec]):
     """How a run of an instrument becomes firmware."""
@@ -95,14 +103,14 @@ class Instrument(Generic[Spec, Drawing]):
     """Find what is wrong with a log before anything is fitted to it, and its held conditions."""
     fit: Callable[[Spec, Path, Sequence[str], Progress], Fitted[Drawing]]
     """Fit the logs of a data folder."""
-    draw: Callable[[str, Fitted[Drawing]], Drawn]
-    """Figures of a fit under a title, and its summary in full."""
     validate: Callable[[Spec, Mapping[str, Record], Iterable[Log]], tuple[dict[str, Any], Summary]]
     """Test frozen coefficients on unseen logs, which are read one after the other."""
     apply: Callable[[Spec, Mapping[str, Record], Path], Applied]
     """Compensate a log; raises before the first part where it cannot be compensated."""
-    certificate: Callable[[Stated], tuple[Block, ...]]
-    """Blocks of results on a certificate."""
+    draw: Callable[[str, Fitted[Drawing]], Drawn] = draw_tables
+    """Figures of a fit under a title, and its summary in full."""
+    certificate: Callable[[Stated], tuple[Block, ...]] | None = None
+    """Blocks of results on a certificate; None where there is none."""
     forms: Callable[[], tuple[Form, ...]] = tuple
     """Model forms that its coefficient files hold."""
     firmware: Callable[[], Firmware[Spec]] | None = None
@@ -174,6 +182,13 @@ def find(procedure: str) -> Instrument[Any, Any]:
     return REGISTRY[procedure]
 
 
+def installed_plugin(procedure: str) -> Plugin | None:
+    """Plugin that a procedure comes from; None for a shipped one."""
+    if procedure in SHIPPED:
+        return None
+    return plugins.identify(plugins.installed(plugins.INSTRUMENTS)[procedure])
+
+
 def parse_recipe(source: recipe.Source) -> Recipe:
     """Record of a recipe's text, of whichever procedure; raises RecipeError with every fault."""
     return recipe.parse(source, REGISTRY)
@@ -206,10 +221,11 @@ def certificate_layout(document: Mapping[str, Any]) -> Layout:
     from calibkit.certificate.content import Layout
 
     procedure = str(document["procedure"])
-    if procedure not in REGISTRY:
+    layout = REGISTRY[procedure].certificate if procedure in REGISTRY else None
+    if layout is None:
         raise UsageError(
             f"{document['serial']}@r{document['revision']:03d}: no certificate layout for procedure"
             f" '{procedure}'",
             hint="use a newer calibkit",
         )
-    return Layout(REGISTRY[procedure].certificate, fitted_recipe(document))
+    return Layout(layout, fitted_recipe(document))
