@@ -11,7 +11,7 @@ import platform
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from calibkit import __version__, coefficients, instruments, recipe, store
+from calibkit import coefficients, instruments, recipe, store
 from calibkit.check import copies, unseen
 from calibkit.errors import (
     CoefficientError,
@@ -25,6 +25,7 @@ from calibkit.history import dates
 from calibkit.ingest import logs as ingest
 from calibkit.recipe import type_b
 from calibkit.report import budget, documents, figures, html
+from calibkit.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -76,7 +77,7 @@ def fit(
         files = ingest.find_logs(spec, data)
         ingest.known_names(spec, files)
         fitted = instrument.fit(spec, data, files, progress)
-    type_b.require_known(spec, _results(fitted))
+    type_b.require_known(spec.type_b, (*_results(fitted), *spec.own_columns()))
     built: dict[str, Any] = {}
     made: dict[str, coefficients.Record] = {}
 

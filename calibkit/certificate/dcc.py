@@ -10,13 +10,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from calibkit import __version__, coefficients
+from calibkit import coefficients
 from calibkit.certificate import dcc_check, dcc_results
 from calibkit.certificate import dcc_xml as xml
 from calibkit.certificate.content import Attachment, Relationship
 from calibkit.certificate.dcc_units import dsi
 from calibkit.certificate.dcc_xml import add
 from calibkit.certificate.words import Words, unit_mark
+from calibkit.version import __version__
 
 if TYPE_CHECKING:
     from pathlib import Path

@@ -11,8 +11,8 @@ from typing import TYPE_CHECKING, Any, NoReturn
 
 import click
 
-from calibkit import __version__
 from calibkit.cli import completion, firmware, fleets, records
+from calibkit.cli.clock import day_of, now
 from calibkit.cli.console import (
     note,
     prepare,
@@ -35,12 +35,11 @@ from calibkit.cli.options import (
     RUNS,
     SET,
     Group,
-    day_of,
-    now,
     rehearsed,
 )
 from calibkit.cli.pipe import forgive
 from calibkit.errors import FrameError
+from calibkit.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -6,8 +6,9 @@ from pathlib import Path
 
 import click
 
+from calibkit.cli.clock import day_of
 from calibkit.cli.console import print_json, progress, say
-from calibkit.cli.options import DRY, JSON, RECIPE, SET, command, day_of, rehearsed
+from calibkit.cli.options import DRY, JSON, RECIPE, SET, command, rehearsed
 from calibkit.errors import UsageError
 
 

@@ -7,7 +7,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from calibkit import store
-from calibkit.cli.options import now
+from calibkit.cli.clock import now
 from calibkit.errors import OutputError
 
 if TYPE_CHECKING:

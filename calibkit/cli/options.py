@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import datetime as dt
 import functools
 import shlex
 from pathlib import Path
@@ -10,9 +9,9 @@ from typing import Any
 
 import click
 
-from calibkit import __version__
 from calibkit.cli import completion, console
 from calibkit.errors import UsageError
+from calibkit.version import __version__
 
 EXAMPLE = "calibkit "
 """Start of an example's line in the help of a command."""
@@ -134,23 +133,6 @@ class Group(Explained, click.Group):
         return list(self.commands)
 
 
-def day_of(text: str | None) -> str:
-    """Date as given, or today's, the only clock that calibkit reads; UsageError for what is not a
-    date.
-    """
-    if text is None:
-        return dt.datetime.now().astimezone().date().isoformat()
-    try:
-        return dt.date.fromisoformat(text).isoformat()
-    except ValueError:
-        raise UsageError(f"--date {text}: not a date", hint="write YYYY-MM-DD") from None
-
-
 def rehearsed(*, dry_run: bool) -> dict[str, bool]:
     """What --json adds where nothing was written."""
     return {"dry_run": True} if dry_run else {}
-
-
-def now() -> dt.datetime:
-    """The time that a signature claims; nothing else depends on it."""
-    return dt.datetime.now(dt.UTC).replace(microsecond=0)

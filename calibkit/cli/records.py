@@ -8,8 +8,9 @@ from typing import Any
 import click
 
 from calibkit.cli import completion
+from calibkit.cli.clock import day_of
 from calibkit.cli.console import as_document, print_data, print_json, print_summary, say
-from calibkit.cli.options import CSV, JSON, RUN, RUNS, command, day_of
+from calibkit.cli.options import CSV, JSON, RUN, RUNS, command
 from calibkit.errors import CalibkitError, CoefficientError, UsageError
 
 ON = click.option(

@@ -9,9 +9,9 @@ from functools import partial
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import __version__
 from calibkit.errors import UsageError
 from calibkit.fleet import unit
+from calibkit.version import __version__
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence

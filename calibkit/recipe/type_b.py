@@ -29,7 +29,6 @@ from calibkit.recipe.strict import Positive, Table
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
 
-    from calibkit.recipe.tables import Recipe
 
 RELATIVE = {"ppm": 1e-6, "%": 1e-2}
 """Units of an uncertainty that is a share of the quantity itself."""
@@ -230,12 +229,12 @@ def terms_of(
     return Applied(tuple(components), tuple(unused))
 
 
-def require_known(spec: Recipe, results: Iterable[str]) -> None:
-    """Raise RecipeError for a term whose quantity or result is neither a column, a site value nor
-    one of the results.
+def require_known(terms: Iterable[TypeB], names: Iterable[str]) -> None:
+    """Raise RecipeError for a term whose quantity or result is neither a canonical column, a site
+    value nor one of the names: the results of a run and the columns that its recipe names.
     """
-    there = [*results, *SITE, *spec.own_columns()]
-    for term in spec.type_b:
+    there = [*names, *SITE]
+    for term in terms:
         for key, name in (("quantity", term.quantity), ("result", term.result)):
             if name and not is_canonical(name) and name not in there:
                 close = difflib.get_close_matches(

@@ -1,0 +1,3 @@
+"""Version of calibkit, which every file that it writes states."""
+
+__version__ = "0.1.0"
