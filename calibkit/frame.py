@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Any, Literal
 import numpy as np
 
 from calibkit.errors import FrameError, MissingColumnError
-from calibkit.numeric import intervals, spans
+from calibkit.numeric import chunks, intervals
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable
@@ -90,7 +90,7 @@ class Log:
         is no row.
         """
         if column not in self._known:
-            self._known[column] = spans.extremes(values(self.frame, column))
+            self._known[column] = chunks.extremes(values(self.frame, column))
         known: tuple[float, float] = self._known[column]
         return known
 

@@ -4,7 +4,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric import dwells, spans
+from calibkit.numeric import chunks, dwells, order_statistics
 
 HOLDS = [(0, 400), (460, 700), (780, 1400), (1425, 1700)]
 
@@ -139,8 +139,8 @@ def test_dwells_and_their_means_do_not_depend_on_the_length_of_spans(quantum, mo
     log = handled()
     log = np.round(log / quantum) * quantum if quantum else log
     found = [dwells.averages(log, dwells.still(log, 20))]
-    monkeypatch.setattr(spans, "ROWS", 37)
-    monkeypatch.setattr(spans, "KEPT", 100)
+    monkeypatch.setattr(chunks, "ROWS", 37)
+    monkeypatch.setattr(order_statistics, "COLLECTED", 100)
     found.append(dwells.averages(log, dwells.still(log, 20)))
     np.testing.assert_array_equal(found[0].intervals, found[1].intervals)
     for name in ("mean", "standard_deviation", "standard_error", "drift"):

@@ -8,7 +8,7 @@ import pytest
 
 from calibkit import coefficients, pipeline, recipe, store
 from calibkit.instruments.fog_thermal import simulate as simulator
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 from conftest import AUTHORITIES
 
 VECTOR = json.loads((AUTHORITIES / "fog_drift.json").read_text(encoding="utf-8"))
@@ -248,7 +248,7 @@ def test_a_log_on_disk_is_compensated_to_the_same_bytes(
     for row, flag for flag.
     """
     log, found = campaign / "withheld" / "ramp_heating_03.csv", []
-    monkeypatch.setattr(spans, "ROWS", 257)
+    monkeypatch.setattr(chunks, "ROWS", 257)
     for setting in ("0", "1000"):
         monkeypatch.setenv("CALIBKIT_LARGEST_LOG_MB", setting)
         out = tmp_path / f"{setting}.csv"

@@ -14,7 +14,7 @@ from calibkit.errors import OutputError, RecipeError, UsageError
 from calibkit.ingest import logs, long_logs, scratch
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.numeric import occupancy
-from calibkit.numeric import anomalies, intervals, segments, spans
+from calibkit.numeric import anomalies, chunks, intervals, order_statistics, segments
 from calibkit.numeric.wavelet import denoise, lifting
 
 FILE = "ramp_heating_05.csv"
@@ -80,9 +80,9 @@ def test_the_length_of_spans_does_not_matter(folder, on_disk, monkeypatch):
     anywhere: the same to 1e-10.
     """
     _, usual = prepared(folder)
-    monkeypatch.setattr(spans, "ROWS", 257)
-    monkeypatch.setattr(spans, "KEPT", 100)
-    monkeypatch.setattr(spans, "SAMPLE", 32)
+    monkeypatch.setattr(chunks, "ROWS", 257)
+    monkeypatch.setattr(order_statistics, "COLLECTED", 100)
+    monkeypatch.setattr(order_statistics, "SAMPLE", 32)
     monkeypatch.setattr(lifting, "CHUNK", 512)
     monkeypatch.setattr(lifting, "COARSEST", 4)
     monkeypatch.setattr(lifting, "TOGETHER", 3)
@@ -149,19 +149,19 @@ def test_a_setting_that_is_no_number_is_refused(folder, monkeypatch):
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
-@pytest.mark.parametrize("row", [0, spans.ROWS - 1, spans.ROWS, spans.ROWS + 6])
+@pytest.mark.parametrize("row", [0, chunks.ROWS - 1, chunks.ROWS, chunks.ROWS + 6])
 def test_one_value_that_is_not_finite_is_seen_in_any_span(bad, row):
     """First, last and over the edge of a span; infinities of both signs, and sums that overflow, do
     not hide or feign one.
     """
-    column = np.ones(spans.ROWS + 7)
-    assert spans.finite(column)
-    assert spans.finite(np.full(spans.ROWS + 7, 1e308))
+    column = np.ones(chunks.ROWS + 7)
+    assert chunks.all_finite(column)
+    assert chunks.all_finite(np.full(chunks.ROWS + 7, 1e308))
     column[row] = bad
-    assert not spans.finite(column)
+    assert not chunks.all_finite(column)
     column[3] = -bad
-    assert not spans.finite(column)
-    assert spans.finite(column[:0])
+    assert not chunks.all_finite(column)
+    assert chunks.all_finite(column[:0])
 
 
 @given(
@@ -174,10 +174,10 @@ def test_the_median_in_spans_is_that_of_numpy(values, rows):
     bit.
     """
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spans, "ROWS", rows)
-        patch.setattr(spans, "KEPT", 7)
-        patch.setattr(spans, "SAMPLE", 5)
-        assert spans.median(np.array(values)) == np.median(values)
+        patch.setattr(chunks, "ROWS", rows)
+        patch.setattr(order_statistics, "COLLECTED", 7)
+        patch.setattr(order_statistics, "SAMPLE", 5)
+        assert order_statistics.median(np.array(values)) == np.median(values)
 
 
 @given(
@@ -193,7 +193,7 @@ def test_equal_runs_are_those_of_a_loop(values, shortest, rows):
                 expected.append([start, k])
             start = k
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spans, "ROWS", rows)
+        patch.setattr(chunks, "ROWS", rows)
         found = anomalies.equal_runs(np.array(values, dtype=float), shortest)
         assert found.tolist() == expected
         driver = np.array(values, dtype=float).cumsum()
@@ -205,7 +205,7 @@ def test_mapped_arrays_let_go_of_their_pages_and_keep_their_values():
     """Released pages are read again from the file: nothing written is lost."""
     column = scratch.column(300_000)
     column[:] = np.arange(300_000.0)
-    spans.release(column, column[1000:2000], np.zeros(3))
+    chunks.release(column, column[1000:2000], np.zeros(3))
     assert column.sum() == 299_999 * 150_000
     held = intervals.of(np.arange(300_000.0), 10.0)
     assert held.means(column)[-1] == 299_994.5

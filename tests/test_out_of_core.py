@@ -10,7 +10,7 @@ import pytest
 
 from calibkit.check import chunked
 from calibkit.ingest import long_logs, write_back
-from calibkit.numeric import attitude, spans
+from calibkit.numeric import attitude, chunks, order_statistics
 from calibkit.numeric.least_squares import hac
 from calibkit.readers import clean
 
@@ -25,9 +25,9 @@ def small(monkeypatch):
 
 def shorten(monkeypatch):
     """Spans of 257 rows, and searches that hold next to nothing."""
-    monkeypatch.setattr(spans, "ROWS", 257)
-    monkeypatch.setattr(spans, "KEPT", 100)
-    monkeypatch.setattr(spans, "SAMPLE", 32)
+    monkeypatch.setattr(chunks, "ROWS", 257)
+    monkeypatch.setattr(order_statistics, "COLLECTED", 100)
+    monkeypatch.setattr(order_statistics, "SAMPLE", 32)
     monkeypatch.setattr(hac, "LAGS", (16, 64))
 
 

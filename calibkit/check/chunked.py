@@ -18,7 +18,7 @@ from calibkit.check import facts
 from calibkit.frame import Finding, Log, values
 from calibkit.ingest import logs as ingest
 from calibkit.ingest import long_logs
-from calibkit.numeric.spans import release
+from calibkit.numeric.chunks import release
 from calibkit.readers import clean
 
 if TYPE_CHECKING:

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -78,7 +78,7 @@ def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
     for column in columns:
         if all(map(math.isfinite, log.extremes(column))):
             continue
-        bad = spans.where(values(log.frame, column), lambda data: ~np.isfinite(data))
+        bad = chunks.rows_where(values(log.frame, column), lambda data: ~np.isfinite(data))
         if bad.size:
             found = (
                 f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on"
@@ -105,7 +105,7 @@ def monotonic(log: Log) -> list[Finding]:
     if log.steps.shortest > 0.0:
         return []
     time = values(log.frame, "time_s")
-    back = spans.where(time, lambda step: step <= 0.0, step=True)
+    back = chunks.rows_where(time, lambda step: step <= 0.0, step=True)
     if not back.size:
         return []
     k = int(back[0])
@@ -137,7 +137,7 @@ def gaps(log: Log, limit_s: float) -> list[Finding]:
     if not known.shortest > 0.0 or known.longest <= GAP * usual:
         return []
     time = values(log.frame, "time_s")
-    missing = spans.where(time, lambda step: step > GAP * usual, step=True)
+    missing = chunks.rows_where(time, lambda step: step > GAP * usual, step=True)
     step = time[missing + 1] - time[missing]
     long = step > limit_s
     told = [
@@ -186,7 +186,7 @@ def bridged(log: Log) -> list[str]:
     if not log.steps.longest > limit:
         return []
     time = values(log.frame, "time_s")
-    missing = spans.where(time, lambda step: step > limit, step=True)
+    missing = chunks.rows_where(time, lambda step: step > limit, step=True)
     step = time[missing + 1] - time[missing]
     k = int(missing[np.argmax(step)])
     count = (
@@ -220,7 +220,7 @@ def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
         if low >= COLDEST_DEGC and high <= HOTTEST_DEGC:
             continue
         data = values(log.frame, column)
-        bad = spans.where(data, lambda part: (part < COLDEST_DEGC) | (part > HOTTEST_DEGC))
+        bad = chunks.rows_where(data, lambda part: (part < COLDEST_DEGC) | (part > HOTTEST_DEGC))
         if bad.size:
             found = f"{data[bad[0]]:g} °C ({bad.size} such row{'s' if bad.size > 1 else ''})"
             advice = (
@@ -241,7 +241,7 @@ def plausible_rate(log: Log, column: str) -> list[Finding]:
     if low >= -LARGEST_RATE_DPH and high <= LARGEST_RATE_DPH:
         return []
     data = values(log.frame, column)
-    wild = spans.where(data, lambda part: np.abs(part) > LARGEST_RATE_DPH)
+    wild = chunks.rows_where(data, lambda part: np.abs(part) > LARGEST_RATE_DPH)
     if not wild.size:
         return []
     found = f"{data[wild[0]]:g} deg/h ({wild.size} such row{'s' if wild.size > 1 else ''})"

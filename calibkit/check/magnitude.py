@@ -13,7 +13,7 @@ import numpy as np
 
 from calibkit.check.content import at_row
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import anomalies, segments, spans
+from calibkit.numeric import anomalies, chunks, order_statistics, segments
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Mapping, Sequence
@@ -133,10 +133,10 @@ def gravity(log: Log, axes: Sequence[str]) -> list[Finding]:
     columns = [values(log.frame, axis) for axis in axes]
 
     def lengths() -> Iterator[Array]:
-        for a, b in spans.along(*columns):
+        for a, b in chunks.ranges_along(*columns):
             yield np.sqrt(np.sum(np.column_stack([column[a:b] for column in columns]) ** 2, axis=1))
 
-    usual = spans.middle(lengths, len(log.frame))
+    usual = order_statistics.median_of_chunks(lengths, len(log.frame))
     if len(axes) < 3 or 0.8 < usual < 1.25:
         return []
     unit = next((unit for unit, g in G_OF_UNIT.items() if 0.8 < usual / g < 1.25), None)
@@ -154,7 +154,7 @@ def sense(log: Log, axes: Sequence[str], expected: Callable[[int, int], Array]) 
     [k, 3].
     """
     columns, sums = [values(log.frame, axis) for axis in axes], np.zeros(3)
-    for a, b in spans.along(*columns):
+    for a, b in chunks.ranges_along(*columns):
         shown, there = np.column_stack([column[a:b] for column in columns]), expected(a, b)
         sums += [np.sum(shown * there), np.sum(shown**2), np.sum(there**2)]
     agreement = float(sums[0] / np.sqrt(sums[1] * sums[2]))
@@ -183,7 +183,7 @@ def rotation(log: Log, column: str, rate: str) -> list[Finding]:
     data, turned = values(log.frame, column), values(log.frame, rate)
     if any(low == high for low, high in (log.extremes(column), log.extremes(rate))):
         return []
-    together = spans.correlation(data, turned)
+    together = chunks.correlation(data, turned)
     if together > -0.9:
         return []
     what = f"its counts fall while the table rate rises (correlation {together:.3f})"
@@ -280,7 +280,7 @@ def undrifting(file: str, predicted: Array, indication: Array) -> list[str]:
         return []
     edges = np.linspace(0, predicted.size, PARTS + 1).astype(np.int64).tolist()
     x, y = (
-        np.array([spans.mean(column[a:b]) for a, b in pairwise(edges)])
+        np.array([chunks.mean(column[a:b]) for a, b in pairwise(edges)])
         for column in (predicted, indication)
     )
     power = float(np.sum((x - x.mean()) ** 2))

@@ -12,7 +12,7 @@ import numpy as np
 
 from calibkit.check.content import at_row
 from calibkit.frame import Finding, Log, values
-from calibkit.numeric import anomalies, spans
+from calibkit.numeric import anomalies, chunks, order_statistics
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -94,7 +94,7 @@ def turned_back(log: Log, column: str) -> list[Finding]:
     count = data.size // block
     if count < 10:
         return []
-    course = spans.medians(data[: count * block].reshape(count, block))
+    course = order_statistics.row_medians(data[: count * block].reshape(count, block))
     net, span = float(course[-1] - course[0]), float(np.ptp(course))
     if abs(net) < ONE_WAY * span:
         return []
@@ -157,10 +157,10 @@ def _held_spikes(
     """Spikes of an indication while what drives it is held, each hold by its own scatter: an
     acceleration is no spike.
     """
-    low, high = spans.extremes(cause)
+    low, high = chunks.extremes(cause)
     limit, shortest, last = 1e-3 * (high - low), 8 * anomalies.WIDTH + 6, 0
     holds: list[tuple[int, int]] = []
-    for start, stop in spans.along(cause):
+    for start, stop in chunks.ranges_along(cause):
         moving = np.flatnonzero(np.abs(np.diff(cause[start : stop + 1])) > limit) + start + 1
         bounds = np.concatenate(([last], moving, [data.size] if stop == data.size else [])).astype(
             np.int64
@@ -183,7 +183,7 @@ def _told(log: Log, column: str, data: Array, found: Integers, unit: str) -> lis
     """Spikes at the rows found, told in one finding at the worst."""
     if not found.size:
         return []
-    around = spans.at(data, np.clip(found[:, None] + np.arange(-3, 4), 0, data.size - 1))
+    around = chunks.take_rows(data, np.clip(found[:, None] + np.arange(-3, 4), 0, data.size - 1))
     off = np.abs(around[:, 3] - np.median(around, axis=1))
     worst = int(found[np.argmax(off)])
     count = int(np.sum(np.diff(found, prepend=-2) > 1))
@@ -215,7 +215,9 @@ PIECE = 1 << 20
 
 def _pieces(data: Array, look: Callable[[Array], Integers]) -> Integers:
     """Rows that a search finds in pieces of a long series."""
-    parts = [look(data[start:stop]) + start for start, stop in spans.along(data, rows=PIECE)]
+    parts = [
+        look(data[start:stop]) + start for start, stop in chunks.ranges_along(data, rows=PIECE)
+    ]
     return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
 
 
@@ -226,7 +228,7 @@ def stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) ->
     length = runs[:, 1] - runs[:, 0]
     first, stop = runs[int(np.argmax(length))].tolist()
     value = float(data[first])
-    at_end = value in spans.extremes(data)
+    at_end = value in chunks.extremes(data)
     word = "saturated" if at_end and column_is_indication(column) else "stuck"
     span = f" ({_seconds(log, first, stop)})" if "time_s" in log.frame.columns else ""
     others = f", the longest of {len(runs)} such runs" if len(runs) > 1 else ""

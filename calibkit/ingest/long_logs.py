@@ -18,7 +18,7 @@ from calibkit import units
 from calibkit.errors import UsageError
 from calibkit.frame import Log, values
 from calibkit.ingest import logs, scratch
-from calibkit.numeric.spans import release
+from calibkit.numeric.chunks import release
 from calibkit.readers import clean
 
 if TYPE_CHECKING:

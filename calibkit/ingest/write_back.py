@@ -13,7 +13,7 @@ import numpy as np
 from calibkit import units
 from calibkit.errors import CalibkitError, FrameError, LogFormatError
 from calibkit.ingest import logs
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 from calibkit.readers import clean, delimited, registry, tokens
 
 if TYPE_CHECKING:
@@ -67,7 +67,7 @@ def replaced(
             for name, values in part.items()
         }
         more = [_texts(values[first:stop]) for values in added.values()]
-        spans.release(*columns.values(), *added.values())
+        chunks.release(*columns.values(), *added.values())
         return changed, more
 
     names = [*(f"reference_{name}" if name in added else name for name in log.header), *added]

@@ -1,4 +1,4 @@
-/* Magnitudes within a bracket, for the search for their median (calibkit/numeric/medians.py), in one pass.
+/* Magnitudes within a bracket, for the search for their median (numeric/order_statistics.py), in one pass.
  *
  * Nothing is computed but |value - about|: the median is one of those, or the mean of two, as by sorting.
  */

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import spans
+from calibkit.numeric import chunks, order_statistics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -104,8 +104,8 @@ def resolution(values: Array, rows: int = 20_000) -> float:
 
 def span(values: Array) -> float:
     """Span of a series [n] without its outermost hundredths, from at most 20,000 of its rows."""
-    thinned = spans.taken(values, slice(0, values.size, max(1, values.size // 20_000)))
-    return spans.quantile(thinned, 0.99) - spans.quantile(thinned, 0.01)
+    thinned = chunks.take_slice(values, slice(0, values.size, max(1, values.size // 20_000)))
+    return order_statistics.quantile(thinned, 0.99) - order_statistics.quantile(thinned, 0.01)
 
 
 def repeats(values: Array) -> float:
@@ -127,7 +127,7 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     floor = max(least, 5.0 * resolution(values), SMALL * span(values))
     # whatever stands out steps away from a neighbour: only rows after a large step are looked at
     # closer
-    usual = HIGH_TO_SIGMA * spans.quantile(_sampled_steps(values), HIGH) / np.sqrt(2.0)
+    usual = HIGH_TO_SIGMA * order_statistics.quantile(_sampled_steps(values), HIGH) / np.sqrt(2.0)
     wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
     suspect = max(SPIKE / 2.0 * usual, floor)
     near = [rows[_from_median(values, rows) > suspect] for rows in _neighbours(wide, values)]
@@ -141,15 +141,15 @@ def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
     scatter throughout.
     """
     everywhere = wide.size > values.size // 20
-    steps = (np.arange(a, b) for a, b in spans.over(values.size - 1, spans.CACHED))
+    steps = (np.arange(a, b) for a, b in chunks.ranges(values.size - 1, chunks.CACHED_ROWS))
     for part in steps if everywhere else np.split(wide, _apart(wide)):
         yield np.unique(np.clip(part[:, None] + np.arange(-1, 3), 0, values.size - 1))
-        spans.release(values)
+        chunks.release(values)
 
 
 def _from_median(values: Array, rows: Integers) -> Array:
     """How far rows [m] of a series [n] are from the medians of the seven rows around them."""
-    around = spans.at(
+    around = chunks.take_rows(
         values, np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
     )
     return np.asarray(np.abs(around[:, WIDTH] - np.median(around, axis=1)), dtype=np.float64)
@@ -170,7 +170,7 @@ def _wide_steps(values: Array, limit: float) -> Integers:
     processor's cache.
     """
     found = []
-    for start, stop in spans.along(values, rows=spans.CACHED):
+    for start, stop in chunks.ranges_along(values, rows=chunks.CACHED_ROWS):
         step = np.diff(values[start : stop + 1])
         found.append(np.flatnonzero(np.abs(step, out=step) > limit) + start)
     return np.concatenate(found)
@@ -187,7 +187,7 @@ def _local(values: Array, rows: Integers) -> Array:
     own = {}
     for k in np.unique(number).tolist():
         own[k] = _noise(values[edges[k] : edges[k + 1]])
-        spans.release(values)
+        chunks.release(values)
     return np.array([max(whole, own[k]) for k in number.tolist()], dtype=np.float64)
 
 
@@ -199,7 +199,7 @@ def _noise(values: Array) -> float:
     if values.size < 3:
         return 0.0
     off = np.abs(values[1:-1] - (values[:-2] + values[2:]) / 2.0)
-    return HIGH_TO_SIGMA * spans.quantile(off, HIGH) / float(np.sqrt(1.5))
+    return HIGH_TO_SIGMA * order_statistics.quantile(off, HIGH) / float(np.sqrt(1.5))
 
 
 def equal_runs(values: Array, shortest: int) -> Integers:
@@ -217,10 +217,12 @@ def equal_runs(values: Array, shortest: int) -> Integers:
             more = min(length, shortest - 1 - length)
             same = same[:-more] & same[more:]
             length += more
-        spans.release(values)
+        chunks.release(values)
         return np.asarray(same, dtype=np.bool_)
 
-    runs = np.array(spans.runs(values.size - shortest + 1, alike), dtype=np.int64).reshape(-1, 2)
+    runs = np.array(chunks.find_runs(values.size - shortest + 1, alike), dtype=np.int64).reshape(
+        -1, 2
+    )
     runs[:, 1] += shortest - 1
     return runs
 
@@ -257,7 +259,7 @@ def stuck_against(driver: Array, moved: float, runs: Integers) -> Integers:
 
 def _apart(rows: Integers) -> Integers:
     """Where rows [m] are cut into groups that lie in one span each."""
-    return np.flatnonzero(np.diff(rows // spans.ROWS)) + 1
+    return np.flatnonzero(np.diff(rows // chunks.ROWS)) + 1
 
 
 def _moves(driver: Array, runs: Integers) -> Array:
@@ -267,7 +269,7 @@ def _moves(driver: Array, runs: Integers) -> Array:
     # the runs' rows are pairs of first and stop: every second piece between them is a run
     pairs = np.minimum(runs.ravel() - first, part.size - 1)
     found = (np.maximum.reduceat(part, pairs) - np.minimum.reduceat(part, pairs))[::2]
-    spans.release(driver)
+    chunks.release(driver)
     return np.asarray(found, dtype=np.float64)
 
 
@@ -294,11 +296,11 @@ def despiked(values: Array, *, room: Callable[[int], Array] = np.empty) -> Array
     if not rows.size:
         return values
     clean = room(values.size)
-    for a, b in spans.along(values, clean):
+    for a, b in chunks.ranges_along(values, clean):
         clean[a:b] = values[a:b]
     around = np.clip(rows[:, None] + np.arange(-WIDTH, WIDTH + 1), 0, values.size - 1)
-    clean[rows] = np.median(spans.at(values, around), axis=1)
-    spans.release(clean)
+    clean[rows] = np.median(chunks.take_rows(values, around), axis=1)
+    chunks.release(clean)
     return clean
 
 
@@ -308,7 +310,7 @@ def clipped(values: Array) -> tuple[int, float] | None:
     """
     if values.size < 10 * PILE or repeats(values) > NOISY or scatter(values) < QUIET * span(values):
         return None
-    low, high = spans.extremes(values)
+    low, high = chunks.extremes(values)
     for end, sense in ((high, 1.0), (low, -1.0)):
         at = int(np.count_nonzero(values == end))
         if at < PILE:

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import spans
+from calibkit.numeric import chunks, order_statistics
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array, Integers
@@ -84,21 +84,21 @@ def still(
             f"{len(indication)} rows for windows of {window}",
             hint="a window has 4 rows or more, a log four windows",
         )
-    if not spans.finite(indication):
+    if not chunks.all_finite(indication):
         raise FitError(
             "a value that is not finite reached the search for dwells", hint="cut the log at gaps"
         )
     shortest = 2 * window if shortest is None else shortest
-    middle = np.array([spans.median(axis) for axis in indication.T])
+    middle = np.array([order_statistics.median(axis) for axis in indication.T])
     windows = len(indication) - window + 1
 
     def noise(first: int, stop: int) -> Array:
-        spans.release(indication)
+        chunks.release(indication)
         return windowed_noise(indication[first : stop + window - 1], window, middle)
 
     if threshold is None:
-        at_rest = spans.quantile_of(
-            lambda: (noise(a, b) for a, b in spans.over(windows)), windows, AT_REST_SHARE
+        at_rest = order_statistics.quantile_of_chunks(
+            lambda: (noise(a, b) for a, b in chunks.ranges(windows)), windows, AT_REST_SHARE
         )
         # quantised indications can stand still to the last bit: the noise at rest is not below that
         # of the last bit
@@ -107,7 +107,7 @@ def still(
         )
     else:
         limit = threshold
-    runs = spans.runs(windows, lambda a, b: noise(a, b) <= limit)
+    runs = chunks.find_runs(windows, lambda a, b: noise(a, b) <= limit)
     intervals = np.array(runs, dtype=np.int64).reshape(-1, 2) + window // 2
     intervals = intervals[intervals[:, 1] - intervals[:, 0] >= shortest]
     if not len(intervals):
@@ -165,10 +165,10 @@ def _averaged(rows: Array) -> tuple[Array, Array, Array, Array]:
     them at a time.
     """
     count, width = rows.shape
-    mean = np.sum([rows[a:b].sum(axis=0) for a, b in spans.along(rows)], axis=0) / count
+    mean = np.sum([rows[a:b].sum(axis=0) for a, b in chunks.ranges_along(rows)], axis=0) / count
     batch, half = count // BATCHES, count // 2
     square, halves, batches = np.zeros(width), np.zeros((2, width)), np.zeros((BATCHES + 1, width))
-    for a, b in spans.along(rows):
+    for a, b in chunks.ranges_along(rows):
         centred = rows[a:b] - mean
         square += np.sum(centred**2, axis=0)
         split = min(max(half - a, 0), b - a)
@@ -195,7 +195,7 @@ def _resolution(indication: Array, enough: float) -> float:
     smallest = np.inf
     for axis in indication.T:
         levels = np.zeros(0)
-        for a, b in spans.along(axis):
+        for a, b in chunks.ranges_along(axis):
             levels = np.union1d(levels, axis[a:b])
             step = float(np.min(np.diff(levels))) if levels.size > 1 else np.inf
             smallest = min(smallest, step)

@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import spans
+from calibkit.numeric import chunks, order_statistics
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
@@ -45,7 +45,9 @@ class Intervals:
 
     def groups(self) -> Iterator[tuple[slice, slice]]:
         """Consecutive intervals whose rows make up a span, and these rows."""
-        cuts = np.unique(np.searchsorted(self.first, [*range(0, self.rows, spans.ROWS), self.rows]))
+        cuts = np.unique(
+            np.searchsorted(self.first, [*range(0, self.rows, chunks.ROWS), self.rows])
+        )
         rows = np.append(self.first, self.rows)[cuts].tolist()
         for a, b, start, stop in zip(
             cuts[:-1].tolist(), cuts[1:].tolist(), rows[:-1], rows[1:], strict=True
@@ -57,7 +59,7 @@ class Intervals:
         means = np.empty(self.first.size)
         for held, rows in self.groups():
             means[held] = np.add.reduceat(values[rows], self.first[held] - rows.start)
-            spans.release(values)
+            chunks.release(values)
         return means / self.count
 
     def means_of_parts(self, parts: Iterable[Array]) -> Array:
@@ -65,7 +67,7 @@ class Intervals:
         `means` of all of them.
         """
         sums, ends = np.empty(self.first.size), np.append(self.first[1:], self.rows)
-        together = max(1, spans.ROWS * sums.size // self.rows)
+        together = max(1, chunks.ROWS * sums.size // self.rows)
         row = done = 0
         begun: list[Array] = []
         for part in parts:
@@ -79,7 +81,7 @@ class Intervals:
                 held = slice(k, min(k + together, last))
                 rows = part[self.first[k] - row : ends[held.stop - 1] - row]
                 sums[held] = np.add.reduceat(rows, self.first[held] - self.first[k])
-                spans.release(part)
+                chunks.release(part)
             done = last
             if done < sums.size:
                 begun.append(part[max(self.first[done] - row, 0) :].copy())
@@ -91,7 +93,7 @@ class Intervals:
         ends = np.empty(self.first.size)
         for held, _ in self.groups():
             ends[held] = values[self.first[held] + self.count[held] - 1]
-            spans.release(values)
+            chunks.release(values)
         return ends
 
     def filled(self, means: Array) -> Array:
@@ -137,9 +139,9 @@ def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
     first: list[Integers] = []
     number: list[Integers] = []
     last = -1.0
-    for start, stop in spans.along(time):
+    for start, stop in chunks.ranges_along(time):
         found = _numbers(time[start:stop], float(time[0]), length_s, step)
-        new = spans.changes(found, last)
+        new = chunks.changed_rows(found, last)
         first.append(new + start)
         number.append(found[new].astype(np.int64))
         last = float(found[-1])
@@ -163,7 +165,7 @@ class Steps:
 
 def steps(time: Array) -> Steps:
     """Steps of a log's time [n, s], which must be finite."""
-    every = max(1, (time.size - 1) // spans.SAMPLE)
+    every = max(1, (time.size - 1) // order_statistics.SAMPLE)
     ends, sample = [], []
     for step in _steps(time):
         if step.size:
@@ -173,17 +175,21 @@ def steps(time: Array) -> Steps:
     if not ends:
         return Steps(*(float("nan"),) * 3)
     low, high = np.array(ends).T
-    bracket = spans.likely(np.concatenate(sample)) if time.size > spans.KEPT else None
+    bracket = (
+        order_statistics.quantile_bracket(np.concatenate(sample))
+        if time.size > order_statistics.COLLECTED
+        else None
+    )
     return Steps(
         float(low.min()),
         float(high.max()),
-        spans.middle(lambda: _steps(time), time.size - 1, bracket),
+        order_statistics.median_of_chunks(lambda: _steps(time), time.size - 1, bracket),
     )
 
 
 def _steps(time: Array) -> Iterator[Array]:
     """Steps of a time [n], a span of rows after the other."""
-    return (np.diff(time[max(a - 1, 0) : b]) for a, b in spans.along(time))
+    return (np.diff(time[max(a - 1, 0) : b]) for a, b in chunks.ranges_along(time))
 
 
 def sampling_interval(time: Array) -> float:

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.native import kernels
-from calibkit.numeric import spans
+from calibkit.numeric import chunks, order_statistics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -59,7 +59,7 @@ def causal_slope(
     """
     slope = room(time.size)
     row = 0
-    for start, stop in spans.along(time, temperature, slope):
+    for start, stop in chunks.ranges_along(time, temperature, slope):
         # windows end in this span and begin in it or before it
         row += int(
             np.searchsorted(time[row:stop], time[start] - window_s * (1.0 + 1e-9), side="left")
@@ -129,7 +129,7 @@ def quantum(temperature: Array, *, enough: float = 0.0) -> float:
     A difference of at most `enough` [°C] is given for it as soon as one is found.
     """
     levels, step = np.zeros(0), 0.0
-    for start, stop in spans.along(temperature):
+    for start, stop in chunks.ranges_along(temperature):
         new = np.unique(np.round(temperature[start:stop], 6))
         if levels.size and np.isin(new, levels, assume_unique=True).all():
             continue
@@ -169,7 +169,7 @@ def measured_slope(
         windows.append(2.0 * windows[-1])
     slope = room(time.size)
     row, changed = 0, float(time[0])
-    for start, stop in spans.along(time, temperature, slope):
+    for start, stop in chunks.ranges_along(time, temperature, slope):
         row += int(
             np.searchsorted(time[row:stop], time[start] - windows[-1] * (1.0 + 1e-9), side="left")
         )
@@ -228,7 +228,7 @@ def segments(
     """
     runs = _merged(_runs(slope, ramp_min), merge)
     ramps = [
-        Segment("ramp", start, stop, spans.median(slope[start:stop]))
+        Segment("ramp", start, stop, order_statistics.median(slope[start:stop]))
         for start, stop, direction in runs
         if direction != 0.0 and abs(temperature[stop - 1] - temperature[start]) >= min_span
     ]
@@ -255,10 +255,11 @@ def pinned(
 def _straight(time: Array, temperature: Array) -> float:
     """Slope [°C/min] of the least-squares line through temperatures [n, °C] over time [n, s]."""
     middle, level = (
-        float(sum(np.sum(x[a:b]) for a, b in spans.along(x))) / x.size for x in (time, temperature)
+        float(sum(np.sum(x[a:b]) for a, b in chunks.ranges_along(x))) / x.size
+        for x in (time, temperature)
     )
     above = product = 0.0
-    for a, b in spans.along(time, temperature):
+    for a, b in chunks.ranges_along(time, temperature):
         t = time[a:b] - middle
         above, product = above + float(t @ t), product + float(t @ (temperature[a:b] - level))
     return 60.0 * product / above
@@ -270,11 +271,11 @@ def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
     """
     bounds: list[int] = []
     directions: list[float] = []
-    for start, stop in spans.along(slope):
+    for start, stop in chunks.ranges_along(slope):
         part = slope[start:stop]
         # one byte a row; 2 is no direction: the first row begins a run
         sign = (part >= ramp_min).astype(np.int8) - (part <= -ramp_min).astype(np.int8)
-        edges = spans.changes(sign, directions[-1] if directions else 2.0)
+        edges = chunks.changed_rows(sign, directions[-1] if directions else 2.0)
         bounds += (edges + start).tolist()
         directions += sign[edges].astype(np.float64).tolist()
     return [
@@ -304,9 +305,11 @@ def _with_soaks(ramps: list[Segment], slope: Array) -> list[Segment]:
     row = 0
     for ramp in ramps:
         if ramp.start > row:
-            whole.append(Segment("soak", row, ramp.start, spans.median(slope[row : ramp.start])))
+            whole.append(
+                Segment("soak", row, ramp.start, order_statistics.median(slope[row : ramp.start]))
+            )
         whole.append(ramp)
         row = ramp.stop
     if row < slope.size:
-        whole.append(Segment("soak", row, slope.size, spans.median(slope[row:])))
+        whole.append(Segment("soak", row, slope.size, order_statistics.median(slope[row:])))
     return whole

@@ -11,7 +11,7 @@ from calibkit.coefficients import Coefficient, Condition, Figure, Model, Paramet
 from calibkit.errors import CoefficientError
 from calibkit.instruments.accelerometer.numeric import affine as accel_affine
 from calibkit.instruments.accelerometer.numeric import k_factor, q_factor
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -49,7 +49,7 @@ class Correction:
         """Share of temperatures [n, °C] that are clamped."""
         low, high = self.temperature
         return (
-            spans.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size
+            chunks.count(temperature, lambda part: (part < low) | (part > high)) / temperature.size
         )
 
 

@@ -12,7 +12,7 @@ from calibkit import check
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import pins
-from calibkit.numeric import attitude, dwells, spans
+from calibkit.numeric import attitude, chunks, dwells
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -105,7 +105,7 @@ def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
         if TEMPERATURE in log.frame.columns:
             found += check.series.temperature(log, TEMPERATURE)
     if all(column in log.frame.columns for column in ATTITUDE) and not found:
-        held = [spans.series(values(log.frame, column)) for column in ATTITUDE]
+        held = [chunks.row_reader(values(log.frame, column)) for column in ATTITUDE]
 
         def expected(first: int, stop: int) -> Array:
             reference = attitude.gravity_vector(*(angle(first, stop) for angle in held))
@@ -122,7 +122,7 @@ def _beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[F
         if max(map(abs, log.extremes(column))) <= limit:
             continue
         data = values(log.frame, column)
-        bad = spans.where(data, lambda part: np.abs(part) > limit)
+        bad = chunks.rows_where(data, lambda part: np.abs(part) > limit)
         if bad.size:
             what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
             advice = f"state the log's unit in [columns.{column}]"
@@ -164,7 +164,7 @@ def _beside(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Ar
     positive along it.
     """
     made = log.room(len(log.frame) * len(columns)).reshape(-1, len(columns))
-    for a, b in spans.along(made, *columns):
+    for a, b in chunks.ranges_along(made, *columns):
         beside = np.column_stack([column[a:b] for column in columns])
         made[a:b, :3] = attitude.gravity_positive(beside[:, :3], spec.reference.convention)
         made[a:b, 3:] = beside[:, 3:]
@@ -223,8 +223,8 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     return DwellSet(
         means.mean[:, :3],
         means.mean[:, 3],
-        spans.at(optional(log, "inclination_deg"), middle),
-        spans.at(optional(log, "toolface_deg"), middle),
+        chunks.take_rows(optional(log, "inclination_deg"), middle),
+        chunks.take_rows(optional(log, "toolface_deg"), middle),
         means.standard_error[:, :3],
         np.zeros(len(intervals), dtype=np.int64),
         tuple(
@@ -249,7 +249,11 @@ def held_rows(
         return pinned
     window = max(4, round(spec.dwells.window_s / step))
     gap = max(spec.dwells.max_gap_s, 2.5 * step)
-    bounds = [0, *(spans.where(time, lambda apart: apart > gap, step=True) + 1).tolist(), time.size]
+    bounds = [
+        0,
+        *(chunks.rows_where(time, lambda apart: apart > gap, step=True) + 1).tolist(),
+        time.size,
+    ]
     found = []
     for start, stop in pairwise(bounds):
         if stop - start >= 4 * window:

@@ -18,7 +18,7 @@ from calibkit.instruments.accelerometer import dwells as accel_dwells
 from calibkit.instruments.accelerometer import figures as pages
 from calibkit.instruments.accelerometer import fit as accel_fit
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric import attitude, spans
+from calibkit.numeric import attitude, chunks
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary, SummaryTable
 
@@ -122,7 +122,7 @@ def _corrected(
     shown = accel_dwells.indication(log, spec)
     columns = {name: log.room(len(shown)) for name in accel_dwells.AXES}
     derived = {name: log.room(len(shown)) for name in accel_dwells.ATTITUDE}
-    for a, b in spans.along(shown, temperature, *columns.values(), *derived.values()):
+    for a, b in chunks.ranges_along(shown, temperature, *columns.values(), *derived.values()):
         vector = correction(shown[a:b], temperature[a:b])
         own_sign = attitude.gravity_positive(vector, spec.reference.convention)
         for i, column in enumerate(columns.values()):

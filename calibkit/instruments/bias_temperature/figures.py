@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 from calibkit.report.figures import GOOD, INK, RAW, page
 
 if TYPE_CHECKING:
@@ -41,9 +41,9 @@ def binned(abscissa: Array, indication: Array) -> tuple[Array, Array]:
     """Means of abscissa and indication [bins] over equal steps of the abscissa; empty steps are
     left out.
     """
-    edges = np.linspace(*spans.extremes(abscissa), BINS + 1)
+    edges = np.linspace(*chunks.extremes(abscissa), BINS + 1)
     count, sums = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS))
-    for start, stop in spans.along(abscissa, indication):
+    for start, stop in chunks.ranges_along(abscissa, indication):
         x, y = abscissa[start:stop], indication[start:stop]
         index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
         count += np.bincount(index, minlength=BINS)

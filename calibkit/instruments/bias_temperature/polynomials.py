@@ -13,7 +13,7 @@ from calibkit import units
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.frame import values
 from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport, binned
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fit as core
 from calibkit.numeric.least_squares import fold, hac
 from calibkit.report.summary import Summary, SummaryTable, number
@@ -74,10 +74,10 @@ def _joined(logs: Sequence[Log], column: str) -> tuple[Array, Room]:
     whole = room(sum(part.size for part in parts))
     row = 0
     for part in parts:
-        for start, stop in spans.along(part):
+        for start, stop in chunks.ranges_along(part):
             whole[row : row + stop - start] = part[start:stop]
             row += stop - start
-            spans.release(whole)
+            chunks.release(whole)
     return whole, room
 
 
@@ -98,7 +98,7 @@ def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Ro
         covariance,
         found.dof,
         found.residual_rms,
-        spans.extremes(abscissa),
+        chunks.extremes(abscissa),
         BiasCurve(entry.indication, *shown, curve),
     )
 
@@ -175,7 +175,7 @@ def compensated(
         x, y, outside = values(log.frame, abscissa), values(log.frame, entry.indication), 0
         zero = np.polynomial.polynomial.polyval(np.clip(reference, low, high), powers)
         columns[entry.indication] = made = log.room(x.size)
-        for a, b in spans.along(x, y, made):
+        for a, b in chunks.ranges_along(x, y, made):
             bias = np.polynomial.polynomial.polyval(np.clip(x[a:b], low, high), powers)
             made[a:b] = y[a:b] - (bias - zero)
             outside += int(np.count_nonzero((x[a:b] < low) | (x[a:b] > high)))
@@ -195,8 +195,8 @@ def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> d
         {
             "name": name,
             "unit": units.column_unit(name),
-            "before": spans.deviation(values(log.frame, name)),
-            "after": spans.deviation(output),
+            "before": chunks.standard_deviation(values(log.frame, name)),
+            "after": chunks.standard_deviation(output),
         }
         for name, output in columns.items()
     ]

@@ -14,7 +14,7 @@ from calibkit.frame import values
 from calibkit.instruments.fog_thermal import gradient_file, level_file, ramps
 from calibkit.instruments.fog_thermal import uncertainty as fog_uncertainty
 from calibkit.instruments.fog_thermal.numeric import compensation, evaluate, gradient
-from calibkit.numeric import intervals, spans
+from calibkit.numeric import chunks, intervals
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -195,7 +195,7 @@ def compensated(
     flags = _flags(log.file, along)
     output = log.room(gyro.size)
     if model.mode == "recursive":
-        for a, b in spans.along(time, gyro, output):
+        for a, b in chunks.ranges_along(time, gyro, output):
             output[a:b] = gyro[a:b] - np.interp(time[a:b], blocks.time, along.level)
         return output, flags
     for part, rows in held.groups():
@@ -203,14 +203,14 @@ def compensated(
         output[rows] = gyro[rows] - (
             blocks.indication[np.maximum(index - 1, 0)] + along.delta[index]
         )
-        spans.release(gyro, output)
+        chunks.release(gyro, output)
     return output, (*flags, "one_step: the true rate is removed (rate gain 0)")
 
 
 def taken_off(log: Log, output: Array) -> Array:
     """Drift [rows, °/h] that a compensated indication [rows, °/h] was freed of."""
     gyro, taken = values(log.frame, "gyro_dph"), log.room(output.size)
-    for a, b in spans.along(gyro, output, taken):
+    for a, b in chunks.ranges_along(gyro, output, taken):
         np.subtract(gyro[a:b], output[a:b], out=taken[a:b])
     return taken
 
@@ -225,6 +225,6 @@ def uncertainty(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
     )
     found = fog_uncertainty.of_blocks(model, blocks, recipe.type_b)
     stated = log.room(time.size)
-    for a, b in spans.along(time, stated):
+    for a, b in chunks.ranges_along(time, stated):
         stated[a:b] = np.interp(time[a:b], blocks.time, found.standard)
     return stated

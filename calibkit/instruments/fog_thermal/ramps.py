@@ -16,7 +16,7 @@ from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import pins
 from calibkit.instruments.fog_thermal.numeric import gradient, pooled_fit
-from calibkit.numeric import intervals, segments, spans
+from calibkit.numeric import chunks, intervals, segments
 from calibkit.numeric.wavelet import denoise
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = cut(log, recipe)
-    spans.release(time, env)
+    chunks.release(time, env)
     smooth, noise, flags = _denoised(log, gyro, cuts, held, recipe)
     middle, t_case, t_env = (held.means(values) for values in (time, case, env))
     raw = gradient.blocks_of(held, middle, t_case, t_env, held.means(gyro), slope)
@@ -309,7 +309,7 @@ def _denoised(
             else:
                 noise.append((f"{log.name}.{number}", tuple(found.noise), tuple(found.thresholds)))
             yield part if found is None else found.signal
-            spans.release(gyro)
+            chunks.release(gyro)
 
     means = held.means_of_parts(parts())
     return means, tuple(noise), flags

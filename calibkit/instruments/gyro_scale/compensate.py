@@ -16,7 +16,7 @@ from calibkit.ingest import logs
 from calibkit.instruments.gyro_scale import shape as gyro_shape
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.runs import TEMPERATURE, column
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 from calibkit.numeric.earth import DPH_PER_DPS
 
 if TYPE_CHECKING:
@@ -174,7 +174,7 @@ def _rates(log: Log, one: Frozen, temperature: Array, added_dps: float) -> tuple
     """
     indication, made, beyond = values(log.frame, column(one.gyro)), log.room(temperature.size), 0
     low, high = one.shape.limits if one.shape else (-np.inf, np.inf)
-    for a, b in spans.along(indication, temperature, made):
+    for a, b in chunks.ranges_along(indication, temperature, made):
         rate = one.rate(indication[a:b], temperature[a:b])
         beyond += int(np.count_nonzero((rate < low) | (rate > high)))
         made[a:b] = rate + added_dps
@@ -187,7 +187,7 @@ def _temperature_flags(log: Log, one: Frozen, temperature: Array | None) -> list
         return []
     slack = 0.0 if one.over_temperature else TEMPERATURE_SLACK
     low, high = one.temperature
-    beyond = spans.count(temperature, lambda part: (part < low - slack) | (part > high + slack))
+    beyond = chunks.count(temperature, lambda part: (part < low - slack) | (part > high + slack))
     outside = 100.0 * beyond / temperature.size
     if outside == 0.0:
         return []

@@ -12,7 +12,7 @@ from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, pins
 from calibkit.instruments.gyro_scale.numeric import plateau_means, plateaus, scale_factor
-from calibkit.numeric import anomalies, earth, spans
+from calibkit.numeric import anomalies, chunks, earth, order_statistics
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -81,9 +81,9 @@ class TableRun:
         if TEMPERATURE not in self.log.frame.columns:
             return float("nan"), float("nan")
         temperature = anomalies.despiked(values(self.log.frame, TEMPERATURE), room=self.log.room)
-        ends = [spans.extremes(temperature)]
+        ends = [chunks.extremes(temperature)]
         if ends[0][1] - ends[0][0] > ONE_SOAK_DEGC:
-            ends = [spans.extremes(temperature[a:b]) for a, b in self.plateaus.span.tolist()]
+            ends = [chunks.extremes(temperature[a:b]) for a, b in self.plateaus.span.tolist()]
         return min(low for low, _ in ends), max(high for _, high in ends)
 
 
@@ -220,7 +220,7 @@ def _beside(columns: Sequence[Array], log: Log) -> Array:
     if len(columns) == 1:
         return columns[0].reshape(-1, 1)
     made = log.room(len(log.frame) * len(columns)).reshape(-1, len(columns))
-    for a, b in spans.along(made, *columns):
+    for a, b in chunks.ranges_along(made, *columns):
         for k, one in enumerate(columns):
             made[a:b, k] = one[a:b]
     return made
@@ -231,7 +231,7 @@ def _too_fast(log: Log) -> list[Finding]:
     if max(map(abs, log.extremes(RATE))) <= FASTEST_DPS:
         return []
     rate = values(log.frame, RATE)
-    bad = spans.where(rate, lambda part: np.abs(part) > FASTEST_DPS)
+    bad = chunks.rows_where(rate, lambda part: np.abs(part) > FASTEST_DPS)
     if not bad.size:
         return []
     what = f"{rate[bad[0]]:g} °/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
@@ -244,7 +244,9 @@ def _too_fast(log: Log) -> list[Finding]:
 def _span(counts: Array) -> float:
     """Range of an indication without its two hundredth outermost rows: a spike is no span."""
     low, high = (
-        spans.quantile_of(lambda: (counts[a:b] for a, b in spans.along(counts)), counts.size, share)
+        order_statistics.quantile_of_chunks(
+            lambda: (counts[a:b] for a, b in chunks.ranges_along(counts)), counts.size, share
+        )
         for share in (0.005, 0.995)
     )
     return high - low
@@ -253,12 +255,12 @@ def _span(counts: Array) -> float:
 def _beyond(log: Log, name: str) -> list[Finding]:
     """Counts that no rate of the log explains: what loggers write for overload."""
     data = values(log.frame, name)
-    usual = spans.quantile_of(
-        lambda: (np.abs(data[a:b]) for a, b in spans.along(data)), data.size, 0.99
+    usual = order_statistics.quantile_of_chunks(
+        lambda: (np.abs(data[a:b]) for a, b in chunks.ranges_along(data)), data.size, 0.99
     )
     if not usual > 0.0 or max(map(abs, log.extremes(name))) <= BEYOND * usual:
         return []
-    bad = spans.where(data, lambda part: np.abs(part) > BEYOND * usual)
+    bad = chunks.rows_where(data, lambda part: np.abs(part) > BEYOND * usual)
     what = f"{data[bad[0]]:g} 1/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
     advice = (
         "a logger writes such numbers for overload or nothing: leave the rows out with [[exclude]]"

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import gram
 
 if TYPE_CHECKING:
@@ -273,8 +273,8 @@ def mapped_powers(
     half = half or 1.0
 
     def columns(part: slice) -> Array:
-        made = gram.powers(spans.taken(abscissa, part), order, middle=middle, half=half)
-        spans.release(abscissa)
+        made = gram.powers(chunks.take_slice(abscissa, part), order, middle=middle, half=half)
+        chunks.release(abscissa)
         return made
 
     return columns, raw_powers(middle, half, order)
@@ -295,7 +295,7 @@ def mapping(abscissa: Array) -> tuple[float, float]:
     """Middle and half-width of an abscissa [n], which map it to u = (x − middle)/half in [−1,
     1].
     """
-    low, high = spans.extremes(abscissa)
+    low, high = chunks.extremes(abscissa)
     return (low + high) / 2.0, (high - low) / 2.0
 
 

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fit as least_squares
 from calibkit.numeric.least_squares import gram
 
@@ -69,7 +69,7 @@ def reduced(
         return found
 
     def weighted(part: slice) -> Array:
-        spans.release(indication)
+        chunks.release(indication)
         stacked = np.column_stack([design(part), indication[part]])
         return stacked if weights is None else stacked * np.sqrt(weights[part, None])
 
@@ -153,6 +153,6 @@ def _corrected(
         columns = design(part)
         pulled = indication[part] - columns @ coefficients
         gradient += columns.T @ (pulled if weights is None else pulled * weights[part])
-        spans.release(indication)
+        chunks.release(indication)
     half = least_squares.triangular(r, gradient, trans="T")
     return np.asarray(coefficients + least_squares.triangular(r, half), dtype=np.float64)

@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -95,7 +95,7 @@ def residuals(
     for part in blocks(len(indication), block_rows(coefficients.size)):
         np.matmul(design(part), coefficients, out=left[part])
         np.subtract(indication[part], left[part], out=left[part])
-        spans.release(indication, left)
+        chunks.release(indication, left)
     return left
 
 
@@ -170,7 +170,7 @@ def _sampled(
     """
     part = slice(0, len(indication), 1 + len(indication) // SAMPLE_ROWS)
     root = 1.0 if weights is None else np.sqrt(weights[part])
-    rows, target = (design(part).T * root).T, spans.taken(indication, part) * root
+    rows, target = (design(part).T * root).T, chunks.take_slice(indication, part) * root
     if not (np.isfinite(rows).all() and np.isfinite(target).all()):
         return None
     length = np.linalg.norm(rows, axis=0)
@@ -199,7 +199,7 @@ def _sums(
         gram += product(columns, weighted)
         gradient += columns.T @ pulled
         square += float(residual @ pulled)
-        spans.release(indication)
+        chunks.release(indication)
     return gram, gradient, square
 
 

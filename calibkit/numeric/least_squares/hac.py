@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fit, fold
 
 if TYPE_CHECKING:
@@ -87,7 +87,7 @@ def _scores(design: Callable[[slice], Array], residuals: Array, root: Array) -> 
         part = slice(first, stop)
         unit = fit.triangular(root, design(part).T, trans="T")
         unit *= residuals[part]
-        spans.release(residuals)
+        chunks.release(residuals)
         return unit
 
     return between
@@ -114,7 +114,7 @@ def _transition(scores: Series, rows: int, columns: int) -> Array:
     0.97.
     """
     square, product = np.zeros((columns, columns)), np.zeros((columns, columns))
-    for start, stop in spans.over(rows - 1):
+    for start, stop in chunks.ranges(rows - 1):
         values = scores(start, stop + 1)
         square += values[:, :-1] @ values[:, :-1].T
         product += values[:, 1:] @ values[:, :-1].T
@@ -126,7 +126,7 @@ def _transition(scores: Series, rows: int, columns: int) -> Array:
 def _memory(residuals: Array) -> float:
     """Share [1] of a residual that the next one keeps, from 0 to 0.97."""
     power = product = 0.0
-    for start, stop in spans.along(residuals):
+    for start, stop in chunks.ranges_along(residuals):
         values = residuals[start : stop + 1]
         power += float(residuals[start:stop] @ residuals[start:stop])
         product += float(values[1:] @ values[:-1])
@@ -138,7 +138,7 @@ def _meat(scores: Series, count: int, lag: int, columns: int) -> Array:
     kernel.
     """
     meat, before = np.zeros((columns, columns)), np.zeros((columns, 1))
-    for start, stop in spans.over(count + lag):
+    for start, stop in chunks.ranges(count + lag):
         # sums over the lag + 1 scores that end in each row: they begin and end in zeros
         change = np.zeros((columns, stop - start))
         for behind, sign in ((0, 1.0), (lag + 1, -1.0)):
@@ -158,13 +158,13 @@ def _bandwidth(residuals: Array, memory: float) -> int:
 
     def plain(first: int, stop: int) -> Array:
         values = np.array(residuals[first:stop])
-        spans.release(residuals)
+        chunks.release(residuals)
         return values
 
     series, count = _steps(plain, memory), residuals.size - 1
     rule = int(np.ceil(4.0 * (count / 100.0) ** (2.0 / 9.0)))
-    mean = sum(float(np.sum(series(a, b))) for a, b in spans.over(count)) / count
-    power = sum(float(np.sum((series(a, b) - mean) ** 2)) for a, b in spans.over(count))
+    mean = sum(float(np.sum(series(a, b))) for a, b in chunks.ranges(count)) / count
+    power = sum(float(np.sum((series(a, b) - mean) ** 2)) for a, b in chunks.ranges(count))
     if power == 0.0:
         return rule
     most = max(count // 3, 1)

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -119,7 +119,7 @@ def overlapping(
             hint="look at how the log marks gaps",
         )
     total = running_sum(rate)
-    missing = None if spans.finite(rate) else np.cumsum(np.concatenate(([0], np.isnan(rate))))
+    missing = None if chunks.all_finite(rate) else np.cumsum(np.concatenate(([0], np.isnan(rate))))
     variance, pairs = np.array([_pair_variance(total, missing, int(m)) for m in factors]).T
     kinds = (
         identified_noise(total, missing, factors)
@@ -150,7 +150,7 @@ def whole_runs(rate: Array) -> Integers:
     """Lengths [g] of the stretches of rate [n] that hold no gap; a single zero when there is
     none.
     """
-    if spans.finite(rate):
+    if chunks.all_finite(rate):
         return np.array([rate.size], dtype=np.int64)
     edges = np.flatnonzero(
         np.diff(np.concatenate(([True], np.isnan(rate), [True])).astype(np.int8))
@@ -163,7 +163,7 @@ def running_sum(rate: Array) -> Array:
     """Running sum [n + 1] of rate [n] less its mean, gaps as zero; carried over blocks in extended
     precision.
     """
-    mean, gapless = _finite_mean(rate), spans.finite(rate)
+    mean, gapless = _finite_mean(rate), chunks.all_finite(rate)
     total = np.empty(rate.size + 1)
     total[0] = 0.0
     carry = np.longdouble(0.0)
@@ -181,7 +181,7 @@ def running_sum(rate: Array) -> Array:
 
 def _finite_mean(rate: Array) -> float:
     """Mean of the samples that are not NaN."""
-    return float(np.mean(rate) if spans.finite(rate) else np.nanmean(rate))
+    return float(np.mean(rate) if chunks.all_finite(rate) else np.nanmean(rate))
 
 
 def _pair_variance(total: Array, missing: Integers | None, factor: int) -> tuple[float, int]:
@@ -448,12 +448,12 @@ def _require_record(rate: Array, interval_s: float) -> None:
     if (
         rate.ndim != 1
         or rate.size < 3
-        or (not spans.finite(rate) and int(np.sum(~np.isnan(rate))) < 3)
+        or (not chunks.all_finite(rate) and int(np.sum(~np.isnan(rate))) < 3)
     ):
         raise FitError(
             f"a record of shape {rate.shape} holds fewer than three rates", hint="record for longer"
         )
-    if not spans.finite(rate) and np.isinf(rate).any():
+    if not chunks.all_finite(rate) and np.isinf(rate).any():
         raise FitError(
             "an infinite rate in the record", hint="mark unusable samples as missing (NaN)"
         )

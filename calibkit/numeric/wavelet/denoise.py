@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric.spans import finite, release
+from calibkit.numeric.chunks import all_finite, release
 from calibkit.numeric.wavelet.lifting import (
     forward,
     inverse,
@@ -170,7 +170,7 @@ def _noise(parts: Decomposition, lifting: Scheme) -> Array:
 def _checked(signal: Array) -> Array:
     """The signal as an array of finite numbers."""
     samples = np.ascontiguousarray(signal, dtype=np.float64)
-    if not finite(samples):
+    if not all_finite(samples):
         known = np.isfinite(samples)
         raise FitError(
             f"{samples.size - np.count_nonzero(known)} of {samples.size} samples are not finite,"

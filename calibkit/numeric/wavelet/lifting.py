@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric.spans import release
+from calibkit.numeric.chunks import release
 from calibkit.numeric.wavelet import reach
 from calibkit.numeric.wavelet.extension import EXTENSIONS, Beyond, Extension, end_values, extended
 from calibkit.numeric.wavelet.factor import LITERAL, Scheme, Step, factored

@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric.wavelet import medians
+from calibkit.numeric import order_statistics
 from calibkit.numeric.wavelet.factor import polyphase
 
 if TYPE_CHECKING:
@@ -51,7 +51,7 @@ def noise(details: Array) -> float:
             "the noise of no details cannot be told", hint="use fewer levels or a longer signal"
         )
     try:
-        return medians.magnitude(details) / MAD_OF_UNIT_NORMAL
+        return order_statistics.median_magnitude(details) / MAD_OF_UNIT_NORMAL
     except FitError:
         raise FitError(
             "a detail is not finite", hint="exclude the samples that are not finite"

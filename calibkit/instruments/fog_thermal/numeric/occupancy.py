@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import spans
+from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.least_squares.robust import MAD_TO_SIGMA
 
 if TYPE_CHECKING:
@@ -38,7 +38,7 @@ def spikes(indication: Array, held: Intervals) -> Integers:
     neither stands out.
     """
     own, middles, largest = (np.empty(held.first.size) for _ in range(3))
-    every = max(1, held.rows // spans.SAMPLE)
+    every = max(1, held.rows // order_statistics.SAMPLE)
     sample: list[Array] = []
     for among, rows in held.groups():
         first = held.first[among] - rows.start
@@ -46,15 +46,19 @@ def spikes(indication: Array, held: Intervals) -> Integers:
         away = _deviation(indication[rows], middles[among], held.count[among])
         own[among], largest[among] = _medians(away, first), np.maximum.reduceat(away, first)
         sample.append(away[away.size % every // 2 :: every].copy())
-        spans.release(indication)
+        chunks.release(indication)
 
     def deviations() -> Iterator[Array]:
         for among, rows in held.groups():
             yield _deviation(indication[rows], middles[among], held.count[among])
-            spans.release(indication)
+            chunks.release(indication)
 
-    bracket = spans.likely(np.concatenate(sample)) if held.rows > spans.KEPT else None
-    whole = spans.middle(deviations, held.rows, bracket)
+    bracket = (
+        order_statistics.quantile_bracket(np.concatenate(sample))
+        if held.rows > order_statistics.COLLECTED
+        else None
+    )
+    whole = order_statistics.median_of_chunks(deviations, held.rows, bracket)
     if whole == 0.0:
         whole = min(
             (float(part[part > 0.0].min()) for part in deviations() if part.any()), default=0.0
@@ -90,7 +94,7 @@ def _medians(values: Array, first: Integers) -> Array:
             together = values[begin : begin + same.size * size].reshape(same.size, size)
         else:
             together = values[first[same, None] + np.arange(size)]
-        out[same] = spans.medians(together)
+        out[same] = order_statistics.row_medians(together)
     return out
 
 

@@ -18,7 +18,7 @@ from calibkit.instruments.gyro_scale.numeric.plateaus import (
     find,
     turn_of,
 )
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -101,7 +101,7 @@ def means(
 
     """
     signals = indication.reshape(time_s.size, -1)
-    if not spans.finite(signals):
+    if not chunks.all_finite(signals):
         row = int(np.flatnonzero(~np.isfinite(signals).all(axis=1))[0])
         raise FitError(
             f"the indication in row {row} is not finite", hint="exclude the rows that hold it"
@@ -117,11 +117,11 @@ def _means(record: Record, held: Integers, temp_degc: Array | None) -> Plateaus:
     parts = [_whole_revolutions(record, first, stop) for first, stop in held.tolist()]
     wave = modulation(record, parts)
     parts, left_out = _without_rest(turn, parts, determined=wave.earth)
-    values = _averages(record, parts, spans.series(record.signals))
+    values = _averages(record, parts, chunks.row_reader(record.signals))
     covariance, flags = noise_of(record, parts, wave, values)
     if wave.earth:
         values, covariance = _unmodulated(record, parts, wave, values, covariance)
-    rate = _averages(record, parts, spans.series(record.rate))
+    rate = _averages(record, parts, chunks.row_reader(record.rate))
     nan = np.full(len(parts), np.nan)
     angle_rate = _averages(record, parts, turn.rate) if turn.logged else nan
     revolutions = np.array([part.revolutions for part in parts], dtype=np.int64)
@@ -132,7 +132,9 @@ def _means(record: Record, held: Integers, temp_degc: Array | None) -> Plateaus:
         revolutions=revolutions,
         samples=np.array([part.stop - part.first for part in parts], dtype=np.int64),
         duration_s=np.array([part.duration_s for part in parts]),
-        temp_degc=nan if temp_degc is None else _averages(record, parts, spans.series(temp_degc)),
+        temp_degc=nan
+        if temp_degc is None
+        else _averages(record, parts, chunks.row_reader(temp_degc)),
         angle_rate_dps=angle_rate,
         span=np.array([(part.first, part.stop) for part in parts], dtype=np.int64),
         flags=(
@@ -171,7 +173,7 @@ def _travel(turned: Array, first: int, stop: int) -> Iterator[tuple[int, Array]]
     it.
     """
     before = 0.0
-    for a, b in spans.along(turned[first:stop]):
+    for a, b in chunks.ranges_along(turned[first:stop]):
         travel = turned[first + a : first + b].copy()
         travel[0] += before
         np.cumsum(travel, out=travel)
@@ -193,7 +195,7 @@ def _without_rest(
         for part in parts
         if determined
         or part.revolutions
-        or abs(spans.total(turn.turn_deg[part.first : part.stop])) > 1.0
+        or abs(chunks.total(turn.turn_deg[part.first : part.stop])) > 1.0
     ]
     if not kept:
         raise FitError(

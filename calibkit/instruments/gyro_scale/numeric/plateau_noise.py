@@ -12,7 +12,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.numeric import spans
+from calibkit.numeric import chunks
 
 if TYPE_CHECKING:
     from collections.abc import Iterator
@@ -52,7 +52,7 @@ class Record:
     def release(self) -> None:
         """Let go of the pages of columns that lie in files."""
         turn = self.turn
-        spans.release(turn.interval_s, turn.turn_deg, turn.middle_rad, self.rate, self.signals)
+        chunks.release(turn.interval_s, turn.turn_deg, turn.middle_rad, self.rate, self.signals)
 
     def basis(self, first: int, stop: int) -> Array:
         """Means of cos and sin of the table angle over each interval of rows first … stop − 1: [k,
@@ -96,9 +96,9 @@ class Part:
     def of(cls, record: Record, first: int, stop: int, last: float, revolutions: int) -> Part:
         """Sums over the rows of a plateau."""
         count, duration, square = stop - first, 0.0, 0.0
-        own = spans.mean(record.rate[first:stop])
+        own = chunks.mean(record.rate[first:stop])
         columns, signals = np.zeros(5), np.zeros(record.signals.shape[1])
-        for a, b in spans.over(count):
+        for a, b in chunks.ranges(count):
             rows = first + a, first + b
             weights = _weights(record, *rows, last if b == count else 1.0)
             duration, square = duration + float(weights.sum()), square + float(np.sum(weights**2))
@@ -111,7 +111,7 @@ class Part:
 
     def spans(self) -> Iterator[tuple[int, int]]:
         """First row and row after the last of its spans."""
-        return ((self.first + a, self.first + b) for a, b in spans.over(self.stop - self.first))
+        return ((self.first + a, self.first + b) for a, b in chunks.ranges(self.stop - self.first))
 
     def average(self, record: Record, values: Series) -> Array:
         """Time average [...] of values [n, ...]."""
@@ -165,7 +165,7 @@ def modulation(record: Record, parts: list[Part]) -> Modulation:
         product += columns.T @ target
     size = np.sqrt(np.diag(gram))
     # rounding of a commanded rate is no unevenness
-    largest = max(map(abs, spans.extremes(record.rate)))
+    largest = max(map(abs, chunks.extremes(record.rate)))
     present = size > 1e-7 * np.sqrt(count) * np.array([1.0, 1.0, *[largest] * 3])
     to_raw = np.where(present, 1.0 / np.where(present, size, 1.0), 0.0)
     values, vectors = np.linalg.eigh(gram * np.outer(to_raw, to_raw))

@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import spans
+from calibkit.numeric import chunks, order_statistics
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -75,7 +75,7 @@ class Turn:
 
     def rate(self, first: int, stop: int) -> Array:
         """Rate [°/s] of the table in the intervals that end at rows first … stop − 1."""
-        spans.release(self.turn_deg, self.interval_s)
+        chunks.release(self.turn_deg, self.interval_s)
         return self.turn_deg[first:stop] / self.interval_s[first:stop]
 
 
@@ -110,9 +110,9 @@ def find(
     """
     _require_record(time_s, table_rate_dps)
     turn = turn or turn_of(time_s, table_rate_dps, table_angle_deg)
-    interval = spans.median(turn.interval_s)
+    interval = order_statistics.median(turn.interval_s)
     window = max(rules.shortest_samples, int(np.ceil(rules.shortest_s / interval)))
-    still = [_Stillness.of(spans.series(table_rate_dps), time_s.size, window, rules)]
+    still = [_Stillness.of(chunks.row_reader(table_rate_dps), time_s.size, window, rules)]
     if turn.logged:
         # a commanded rate steps at once, while the table takes its time: only the angle shows that
         wide = replace(rules, relative=ANGLE_SLACK * rules.relative)
@@ -122,10 +122,10 @@ def find(
         chosen = _unbroken(turn.interval_s[first : stop + window - 1], window, interval)
         for series in still:
             chosen &= series.held(first, stop)
-        spans.release(table_rate_dps, turn.turn_deg, turn.interval_s)
+        chunks.release(table_rate_dps, turn.turn_deg, turn.interval_s)
         return chosen
 
-    runs = spans.runs(max(time_s.size - window + 1, 0), held)
+    runs = chunks.find_runs(max(time_s.size - window + 1, 0), held)
     trimmed = [
         _settled(time_s, *_steady(table_rate_dps, *run, rules, still[0].quantum), rules)
         for run in _joined(runs, window)
@@ -136,7 +136,7 @@ def find(
         if stop - first >= max(rules.shortest_samples // 2, 2)
     ]
     if not kept:
-        low, high = spans.extremes(table_rate_dps)
+        low, high = chunks.extremes(table_rate_dps)
         raise FitError(
             f"no held rate of {rules.shortest_s:g} s in {time_s.size} rows with table rates of"
             f" {low:g} to {high:g} °/s"
@@ -156,9 +156,9 @@ def _require_record(time_s: Array, table_rate_dps: Array) -> None:
             f"{time_s.size} times and {table_rate_dps.size} table rates, expected at least four of"
             " each"
         )
-    if not (spans.finite(time_s) and spans.finite(table_rate_dps)):
+    if not (chunks.all_finite(time_s) and chunks.all_finite(table_rate_dps)):
         raise FitError("a time or a table rate is not finite", hint="exclude the rows that hold it")
-    back = spans.where(time_s, lambda step: step <= 0.0, step=True)
+    back = chunks.rows_where(time_s, lambda step: step <= 0.0, step=True)
     if back.size:
         raise FitError(
             f"time does not increase in row {int(back[0]) + 1}",
@@ -174,11 +174,11 @@ def turn_of(
     From the logged angle, unwrapped about the turn that the rate lets expect; without one, from the
     rate. `room` makes the arrays.
     """
-    if table_angle_deg is not None and not spans.finite(table_angle_deg):
+    if table_angle_deg is not None and not chunks.all_finite(table_angle_deg):
         raise FitError("a table angle is not finite", hint="exclude the rows that hold it")
     interval, turned, middle = (room(time_s.size) for _ in range(3))
     angle = 0.0
-    for a, b in spans.along(time_s, table_rate_dps, interval, turned, middle):
+    for a, b in chunks.ranges_along(time_s, table_rate_dps, interval, turned, middle):
         interval[a:b] = np.diff(
             time_s[max(a - 1, 0) : b], prepend=[] if a else 2.0 * time_s[0] - time_s[1]
         )
@@ -195,7 +195,7 @@ def turn_of(
         step = np.diff(table_angle_deg[max(a - 1, 0) : b], prepend=before)
         turned[a:b] = expected + np.remainder(step - expected + 180.0, REVOLUTION_DEG) - 180.0
         middle[a:b] = np.radians(table_angle_deg[a:b] - turned[a:b] / 2.0)
-        spans.release(table_angle_deg)
+        chunks.release(table_angle_deg)
     return Turn(interval, turned, middle, logged=table_angle_deg is not None)
 
 
@@ -218,11 +218,15 @@ class _Stillness:
             return cls(rate, window, rules, 0.0, 0.0)
 
         def bends() -> Iterator[Array]:
-            return (np.abs(np.diff(rate(a, b + 2), 2)) for a, b in spans.over(rows - 2))
+            return (np.abs(np.diff(rate(a, b + 2), 2)) for a, b in chunks.ranges(rows - 2))
 
         # second differences, the smaller ones: neither a steady acceleration nor many short
         # plateaus are noise
-        noise = FIFTH_TO_SIGMA * spans.quantile_of(bends, rows - 2, 0.2) / np.sqrt(6.0)
+        noise = (
+            FIFTH_TO_SIGMA
+            * order_statistics.quantile_of_chunks(bends, rows - 2, 0.2)
+            / np.sqrt(6.0)
+        )
         return cls(rate, window, rules, NOISE_RANGE * noise, QUANTA * _quantum(rate, rows))
 
     def held(self, first: int, stop: int) -> Mask:
@@ -250,7 +254,7 @@ def _quantum(rate: Series, rows: int) -> float:
     back.
     """
     quantum, largest = np.inf, 0.0
-    for a, b in spans.over(rows):
+    for a, b in chunks.ranges(rows):
         part = rate(a, min(b + 1, rows))
         change = np.abs(np.diff(part))
         quantum = min(quantum, float(np.min(change, where=change > 0.0, initial=np.inf)))
@@ -258,7 +262,7 @@ def _quantum(rate: Series, rows: int) -> float:
     if not quantum < SMALL * largest:
         return 0.0
     back, last, before = 0, -SOON, 0.0
-    for a, b in spans.over(rows - 1):
+    for a, b in chunks.ranges(rows - 1):
         step = np.diff(rate(a, b + 1))
         at = np.flatnonzero(step)
         if not at.size:
@@ -294,14 +298,14 @@ def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) ->
     cut off.
     """
     part = rate[first:stop]
-    middle = spans.median(part)
-    noise = MAD_TO_SIGMA * spans.middle(
-        lambda: (np.abs(part[a:b] - middle) for a, b in spans.along(part)), part.size
+    middle = order_statistics.median(part)
+    noise = MAD_TO_SIGMA * order_statistics.median_of_chunks(
+        lambda: (np.abs(part[a:b] - middle) for a, b in chunks.ranges_along(part)), part.size
     )
     allowed = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, quantum)
-    near = spans.runs(part.size, lambda a, b: np.abs(part[a:b] - middle) <= allowed)
+    near = chunks.find_runs(part.size, lambda a, b: np.abs(part[a:b] - middle) <= allowed)
     begin, end = max(near, key=lambda run: run[1] - run[0])
-    spans.release(rate)
+    chunks.release(rate)
     return first + begin, first + end
 
 
@@ -311,5 +315,5 @@ def _settled(time_s: Array, first: int, stop: int, rules: Rules) -> tuple[int, i
     """
     wait = min(rules.settle_s, 0.25 * float(time_s[stop - 1] - time_s[first]))
     begin = max(int(np.searchsorted(time_s, time_s[first] + wait, side="right")), first + 1)
-    spans.release(time_s)
+    chunks.release(time_s)
     return begin, stop - 1

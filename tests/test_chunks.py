@@ -9,7 +9,7 @@ from hypothesis import strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calibkit.ingest import scratch
-from calibkit.numeric import anomalies, intervals, spans
+from calibkit.numeric import anomalies, chunks, intervals, order_statistics
 from calibkit.numeric.intervals import Intervals
 
 FINITE = st.floats(-1e6, 1e6)
@@ -20,7 +20,7 @@ def test_the_median_of_each_row_is_that_of_numpy(rows: np.ndarray) -> None:
     """One selected element and the largest below it give the very median, of an even and of an odd
     number of values.
     """
-    assert np.array_equal(spans.medians(rows), np.median(rows, axis=1))
+    assert np.array_equal(order_statistics.row_medians(rows), np.median(rows, axis=1))
 
 
 @given(
@@ -29,53 +29,68 @@ def test_the_median_of_each_row_is_that_of_numpy(rows: np.ndarray) -> None:
 )
 def test_a_quantile_is_that_of_numpy(values: np.ndarray, share: float) -> None:
     """To the last bit, between two values and at the ends; with a missing value it is missing."""
-    assert spans.quantile(values, share) == np.quantile(values, share)
+    assert order_statistics.quantile(values, share) == np.quantile(values, share)
     values[0] = np.nan
-    assert np.isnan(spans.quantile(values, share))
+    assert np.isnan(order_statistics.quantile(values, share))
 
 
 def test_rows_where_a_column_changes_are_found() -> None:
     """The first row too, where the one before it differs."""
     values = np.array([1.0, 1.0, 2.0, 2.0, 1.0])
-    assert spans.changes(values, 1.0).tolist() == [2, 4]
-    assert spans.changes(values, 0.0).tolist() == [0, 2, 4]
-    assert spans.changes(values[:0], 0.0).tolist() == []
+    assert chunks.changed_rows(values, 1.0).tolist() == [2, 4]
+    assert chunks.changed_rows(values, 0.0).tolist() == [0, 2, 4]
+    assert chunks.changed_rows(values[:0], 0.0).tolist() == []
 
 
 def test_medians_of_many_rows_are_taken_a_span_at_a_time() -> None:
     """A last span with fewer rows than the others keeps its place."""
     rows = np.random.default_rng(3).normal(size=(1000, 301))
-    assert np.array_equal(spans.medians(rows), np.median(rows, axis=1))
+    assert np.array_equal(order_statistics.row_medians(rows), np.median(rows, axis=1))
 
 
-@pytest.mark.parametrize("size", [1, 2, 9, 10, spans.KEPT, spans.KEPT + 1, 2 * spans.KEPT + 7])
+@pytest.mark.parametrize(
+    "size",
+    [
+        1,
+        2,
+        9,
+        10,
+        order_statistics.COLLECTED,
+        order_statistics.COLLECTED + 1,
+        2 * order_statistics.COLLECTED + 7,
+    ],
+)
 def test_the_median_of_a_column_is_that_of_numpy(size: int) -> None:
     """Short columns are parted whole, long ones between two values of a sample; ties change
     nothing.
     """
     rng = np.random.default_rng(size)
     for values in (rng.normal(size=size), rng.integers(0, 3, size).astype(np.float64)):
-        assert spans.median(values) == np.median(values)
+        assert order_statistics.median(values) == np.median(values)
 
 
 def test_the_median_with_a_missing_value_is_missing() -> None:
     """Nothing that is not a number passes for a large value."""
-    assert np.isnan(spans.median(np.array([1.0, np.nan, 2.0])))
+    assert np.isnan(order_statistics.median(np.array([1.0, np.nan, 2.0])))
 
 
-@pytest.mark.parametrize("where", [0, spans.CACHED - 1, spans.CACHED, 2 * spans.CACHED])
+@pytest.mark.parametrize(
+    "where", [0, chunks.CACHED_ROWS - 1, chunks.CACHED_ROWS, 2 * chunks.CACHED_ROWS]
+)
 def test_extremes_are_found_and_a_missing_value_is_not_passed_over(where: int) -> None:
     """The smallest and largest of every part count, and one missing value makes both missing."""
-    values = np.random.default_rng(1).normal(size=2 * spans.CACHED + 1)
-    assert spans.extremes(values) == (values.min(), values.max())
+    values = np.random.default_rng(1).normal(size=2 * chunks.CACHED_ROWS + 1)
+    assert chunks.extremes(values) == (values.min(), values.max())
     values[where] = 1e3
-    assert spans.extremes(values)[1] == 1e3
+    assert chunks.extremes(values)[1] == 1e3
     values[where] = np.nan
-    assert np.isnan(spans.extremes(values)).all()
-    assert np.isnan(spans.extremes(values[:0])).all()
+    assert np.isnan(chunks.extremes(values)).all()
+    assert np.isnan(chunks.extremes(values[:0])).all()
 
 
-@pytest.mark.parametrize("size", [2, 5, 200_000, spans.KEPT + 2, spans.KEPT + 3])
+@pytest.mark.parametrize(
+    "size", [2, 5, 200_000, order_statistics.COLLECTED + 2, order_statistics.COLLECTED + 3]
+)
 def test_steps_of_a_clock_are_those_of_its_differences(size: int) -> None:
     """Shortest, longest and median step are those of all differences, those across two spans among
     them.
@@ -131,10 +146,12 @@ def test_means_of_parts_are_those_of_the_whole(cuts: list[int]) -> None:
 def test_a_quantile_in_spans_is_that_of_numpy(values, share):
     """Ties and neighbours on both sides of a span: the same number to the last bit."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spans, "KEPT", 7)
-        patch.setattr(spans, "SAMPLE", 5)
+        patch.setattr(order_statistics, "COLLECTED", 7)
+        patch.setattr(order_statistics, "SAMPLE", 5)
         parts = [np.array(values[k : k + 9]) for k in range(0, len(values), 9)]
-        assert spans.quantile_of(lambda: parts, len(values), share) == np.quantile(values, share)
+        assert order_statistics.quantile_of_chunks(
+            lambda: parts, len(values), share
+        ) == np.quantile(values, share)
 
 
 @given(st.lists(st.booleans(), max_size=80), st.integers(1, 20))
@@ -144,28 +161,33 @@ def test_runs_of_chosen_rows_go_on_from_span_to_span(chosen, rows):
     mask = np.array(chosen, dtype=bool)
     edges = np.flatnonzero(np.diff(np.concatenate(([0], mask.astype(int), [0])))).reshape(-1, 2)
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(spans, "ROWS", rows)
-        assert spans.runs(mask.size, lambda a, b: mask[a:b]) == list(map(tuple, edges.tolist()))
+        patch.setattr(chunks, "ROWS", rows)
+        assert chunks.find_runs(mask.size, lambda a, b: mask[a:b]) == list(
+            map(tuple, edges.tolist())
+        )
 
 
 def test_figures_of_long_columns_are_those_of_numpy(monkeypatch):
     """Mean, deviation, correlation, counts, rows and thinned values over spans of 7 rows: to 1e-12,
     or exactly.
     """
-    monkeypatch.setattr(spans, "ROWS", 7)
+    monkeypatch.setattr(chunks, "ROWS", 7)
     one, other = np.random.default_rng(2).normal(3.0, 1.0, (2, 100))
     other += one
-    assert spans.mean(one) == pytest.approx(one.mean(), rel=1e-12)
-    assert spans.deviation(one) == pytest.approx(one.std(), rel=1e-12)
-    assert spans.correlation(one, other) == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-12)
-    assert spans.count(one, lambda part: part > 3.0) == np.sum(one > 3.0)
-    assert spans.where(one, lambda part: part > 3.0).tolist() == np.flatnonzero(one > 3.0).tolist()
+    assert chunks.mean(one) == pytest.approx(one.mean(), rel=1e-12)
+    assert chunks.standard_deviation(one) == pytest.approx(one.std(), rel=1e-12)
+    assert chunks.correlation(one, other) == pytest.approx(np.corrcoef(one, other)[0, 1], rel=1e-12)
+    assert chunks.count(one, lambda part: part > 3.0) == np.sum(one > 3.0)
     assert (
-        spans.where(one, lambda part: part > 0.5, step=True).tolist()
+        chunks.rows_where(one, lambda part: part > 3.0).tolist()
+        == np.flatnonzero(one > 3.0).tolist()
+    )
+    assert (
+        chunks.rows_where(one, lambda part: part > 0.5, step=True).tolist()
         == np.flatnonzero(np.diff(one) > 0.5).tolist()
     )
-    assert np.array_equal(spans.taken(one, slice(5, 90, 4)), one[5:90:4])
+    assert np.array_equal(chunks.take_slice(one, slice(5, 90, 4)), one[5:90:4])
     mapped = scratch.column(100)
     mapped[:] = one
     rows = np.array([[2, 3, 4], [5, 6, 7], [6, 7, 8], [90, 91, 92]])
-    assert np.array_equal(spans.at(mapped, rows), one[rows])
+    assert np.array_equal(chunks.take_rows(mapped, rows), one[rows])

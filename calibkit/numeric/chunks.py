@@ -1,0 +1,192 @@
+"""Long columns in chunks of rows: in a processor's cache, and in bounded memory where a column
+lies on disk.
+
+What is computed along a column is computed over the same chunks wherever the column lies, so that
+the numbers are the same.
+"""
+
+from __future__ import annotations
+
+import math
+import mmap
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+if TYPE_CHECKING:
+    from collections.abc import Callable, Iterator
+
+    from numpy.typing import NDArray
+
+    from calibkit.arrays import Array, Integers, Mask
+
+
+ROWS = 1 << 17
+"""Rows of a chunk: a few columns of them stay in a cache."""
+CACHED_ROWS = 1 << 15
+"""Rows of a chunk that is passed over several times: it stays in a processor's nearest cache."""
+
+
+def ranges(size: int, rows: int = 0) -> Iterator[tuple[int, int]]:
+    """First row and row after the last of consecutive chunks of so many rows."""
+    step = rows or ROWS
+    for start in range(0, size, step):
+        yield start, min(start + step, size)
+
+
+def ranges_along(*columns: NDArray[np.generic], rows: int = 0) -> Iterator[tuple[int, int]]:
+    """First row and row after the last of consecutive chunks of columns [n]; the pages of a chunk
+    are released behind it.
+    """
+    for start, stop in ranges(columns[0].shape[0], rows):
+        yield start, stop
+        release(*columns)
+
+
+def row_reader(values: Array) -> Callable[[int, int], Array]:
+    """Function that reads rows first … stop − 1 of values [n, ...] and releases the pages of those
+    read before.
+    """
+
+    def read(first: int, stop: int) -> Array:
+        release(values)
+        return values[first:stop]
+
+    return read
+
+
+def take_slice(column: Array, part: slice) -> Array:
+    """Values of a column [n] in a slice of its rows; where it skips some, of a file no more than a
+    chunk is in memory.
+    """
+    if part.step in {None, 1}:
+        return column[part]
+    whole = column[part.start : part.stop]
+    # copies: views would keep what they are views of
+    return np.concatenate(
+        [whole[a + -a % part.step : b : part.step].copy() for a, b in ranges_along(whole)]
+    )
+
+
+def take_rows(values: Array, rows: Integers) -> Array:
+    """Values [...] of a column [n] at rows [...] that ascend but for neighbours: of a file, those
+    of a chunk at a time.
+
+    Reading one page of a file brings up to a megabyte of others with it.
+    """
+    if _mapped_file(values) is None:
+        return values[rows]
+    taken, flat = np.empty(rows.size), rows.ravel()
+    for part in np.split(np.arange(flat.size), np.flatnonzero(np.diff(flat // ROWS)) + 1):
+        taken[part] = values[flat[part]]
+        release(values)
+    return taken.reshape(rows.shape)
+
+
+def release(*columns: NDArray[np.generic]) -> None:
+    """Release the pages that memory-mapped columns hold in memory; nothing for columns that are in
+    memory.
+    """
+    for column in columns:
+        mapped = _mapped_file(column)
+        if mapped is not None and hasattr(mmap, "MADV_DONTNEED"):
+            mapped.madvise(mmap.MADV_DONTNEED)
+
+
+def _mapped_file(column: NDArray[np.generic]) -> mmap.mmap | None:
+    """The mapped file that a column lies in; None for one in memory."""
+    base: object = column
+    while isinstance(base, np.ndarray):
+        base = base.base
+    if isinstance(base, memoryview):
+        base = base.obj
+    return base if isinstance(base, mmap.mmap) else None
+
+
+def all_finite(values: Array) -> bool:
+    """Whether all values [n] are finite: a sum is finite only where every term is, and costs a
+    tenth of a test of each.
+    """
+    with np.errstate(all="ignore"):
+        whole = sum(float(np.sum(values[a:b])) for a, b in ranges_along(values))
+    # the sum of large values may overflow by itself
+    return math.isfinite(whole) or all(
+        np.isfinite(values[a:b]).all() for a, b in ranges_along(values)
+    )
+
+
+def extremes(values: Array) -> tuple[float, float]:
+    """Smallest and largest of values [n]; NaN where one of them is NaN, or where there is none."""
+    if not values.size:
+        return float("nan"), float("nan")
+    ends = [
+        (np.min(values[a:b]), np.max(values[a:b]))
+        for a, b in ranges_along(values, rows=CACHED_ROWS)
+    ]
+    low, high = np.array(ends).T
+    return float(np.min(low)), float(np.max(high))
+
+
+def total(values: Array) -> float:
+    """Sum of values [n]."""
+    return sum(float(np.sum(values[a:b])) for a, b in ranges_along(values))
+
+
+def mean(values: Array) -> float:
+    """Mean of values [n]."""
+    return total(values) / values.size
+
+
+def standard_deviation(values: Array) -> float:
+    """Standard deviation of values [n] about their mean (divided by n)."""
+    centre = mean(values)
+    square = sum(float(np.sum((values[a:b] - centre) ** 2)) for a, b in ranges_along(values))
+    return float(np.sqrt(square / values.size))
+
+
+def correlation(one: Array, other: Array) -> float:
+    """Correlation coefficient of two series [n], neither of them constant."""
+    means = mean(one), mean(other)
+    sums = np.zeros((2, 2))
+    for a, b in ranges_along(one, other):
+        part = np.stack((one[a:b] - means[0], other[a:b] - means[1]))
+        sums += part @ part.T
+    return float(sums[0, 1] / np.sqrt(sums[0, 0] * sums[1, 1]))
+
+
+def count(values: Array, chosen: Callable[[Array], Mask]) -> int:
+    """Number of values of a column [n] that are chosen."""
+    return sum(int(np.count_nonzero(chosen(values[a:b]))) for a, b in ranges_along(values))
+
+
+def rows_where(values: Array, chosen: Callable[[Array], Mask], *, step: bool = False) -> Integers:
+    """Rows [m] of a column [n] whose value is chosen; with `step`, those whose step to the next row
+    is.
+    """
+    rows = []
+    for start, stop in ranges_along(values):
+        part = np.diff(values[start : stop + 1]) if step else values[start:stop]
+        rows.append(np.flatnonzero(chosen(part)) + start)
+    return np.concatenate(rows) if rows else np.zeros(0, dtype=np.int64)
+
+
+def changed_rows(values: NDArray[np.generic], before: float) -> Integers:
+    """Rows at which values [n] differ from the one before them, which for the first is `before`."""
+    changed = np.empty(values.size, dtype=np.bool_)
+    changed[:1] = values[:1] != before
+    np.not_equal(values[1:], values[:-1], out=changed[1:])
+    return np.flatnonzero(changed)
+
+
+def find_runs(size: int, chosen: Callable[[int, int], Mask]) -> list[tuple[int, int]]:
+    """First row and row after the last of each run of chosen rows among so many; `chosen` is asked
+    chunk by chunk.
+    """
+    runs: list[tuple[int, int]] = []
+    for start, stop in ranges(size):
+        padded = np.concatenate(([0], chosen(start, stop).astype(np.int8), [0]))
+        edges = np.flatnonzero(np.diff(padded)) + start
+        for first, end in edges.reshape(-1, 2).tolist():
+            continues = bool(runs) and runs[-1][1] == first
+            runs[-1 if continues else len(runs) :] = [(runs[-1][0] if continues else first, end)]
+    return runs
