@@ -206,13 +206,13 @@ def test_a_term_on_a_result_is_converted_to_its_unit_and_another_dimension_is_re
     """3″ half width on an angle in degrees is 3/3600/√3 degrees; kelvins on it are an error."""
     term = TypeB(name="axes", quantity="alpha_deg", unit="arcsec", half_width=3.0)
     found = uncertainty.Source((term,)).uncertainty(
-        ("x.alpha_deg", "alpha_deg"), 90.0, "deg", (("fit", 1e-9, 20.0),)
+        ("x.alpha_deg", "alpha_deg"), 90.0, "deg", ((Words("fit"), 1e-9, 20.0),)
     )
     assert found.type_b == pytest.approx(3.0 / 3600.0 / math.sqrt(3.0), rel=1e-12)
     wrong = TypeB(name="axes", quantity="alpha_deg", unit="K", half_width=3.0)
     with pytest.raises(RecipeError):
         uncertainty.Source((wrong,)).uncertainty(
-            ("alpha_deg",), 90.0, "deg", (("fit", 1e-9, 20.0),)
+            ("alpha_deg",), 90.0, "deg", ((Words("fit"), 1e-9, 20.0),)
         )
 
 

@@ -67,14 +67,14 @@ def missing(profile: Profile, issued: dt.date, *, validated: bool) -> tuple[Miss
     )
 
 
-def code(character: str) -> str:
-    """A character by its number."""
+def character_code(character: str) -> str:
+    """A character by its number: [U+8BA1]."""
     return f"[U+{ord(character):04X}]"
 
 
 def glyphs(characters: Iterable[str]) -> Missing:
     """A font with these characters."""
-    listed = " ".join(map(code, characters))
+    listed = " ".join(map(character_code, characters))
     return Missing(
         FONTS, Words(f"characters that no font has: {listed}", f"字体中没有的字符：{listed}")
     )

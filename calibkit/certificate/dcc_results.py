@@ -11,15 +11,18 @@ from calibkit.certificate import dcc_xml as xml
 from calibkit.certificate.dcc_units import dsi
 from calibkit.certificate.dcc_xml import add
 from calibkit.certificate.results import GridTable, ListTable
-from calibkit.certificate.words import Words, unit_mark
+from calibkit.certificate.words import AS_FOUND, AS_LEFT, HEADINGS, Words, unit_mark
+from calibkit.numeric import gum
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from lxml.etree import _Element
 
+    from calibkit.certificate.as_found import AsFoundAsLeft
+    from calibkit.certificate.dcc_units import Unit
+    from calibkit.certificate.dcc_xml import Notation
     from calibkit.certificate.results import Result
-    from calibkit.certificate.words import Lang
     from calibkit.coefficients import Model
 
 MEASURED = "basic_measuredValue"
@@ -36,54 +39,35 @@ RATIO = Words(
 )
 
 
-def table(
-    parent: _Element, shown: ListTable | GridTable, gravity: float | None, lang: Lang
-) -> None:
+def table(parent: _Element, shown: ListTable | GridTable, notation: Notation) -> None:
     """A table as one result: a list of quantities, a column of one unit as one list of values."""
-    columns = [shown.results] if isinstance(shown, ListTable) else list(_columns(shown))
+    if isinstance(shown, ListTable):
+        heads, columns = [shown.title], [shown.results]
+    else:
+        heads = list(shown.heads)
+        columns = [tuple(filter(None, column)) for column in zip(*shown.cells, strict=True)]
     if not any(columns):
         return
-    made = add(parent, "dcc:result")
-    xml.text(made, "dcc:name", shown.title, lang)
-    found = [result for column in columns for result in column]
-    xml.rich(
-        made,
-        "dcc:description",
-        [*([shown.note] if shown.note else []), *_ratio(found, gravity)],
-        lang,
-    )
+    made = xml.named(parent, "dcc:result", shown.title, notation.lang)
+    ratio = notation.gravity is None and any(dsi(r.unit).gravity for c in columns for r in c)
+    notes = [*([shown.note] if shown.note else []), *([RATIO] if ratio else [])]
+    xml.rich(made, "dcc:description", notes, notation.lang)
     into = add(add(made, "dcc:data"), "dcc:list")
-    for k, column in enumerate(columns):
+    for head, column in zip(heads, columns, strict=True):
         certain = tuple(r for r in column if not r.by_definition)
-        if len(certain) > 1 and _uniform(certain):
-            for result in column:
-                if result.by_definition:
-                    real(into, result, gravity, lang)
-            _series(
-                into,
-                certain,
-                shown.heads[k] if isinstance(shown, GridTable) else shown.title,
-                gravity,
-                lang,
-            )
-        else:
-            for result in column:
-                real(into, result, gravity, lang)
-
-
-def _columns(grid: GridTable) -> list[tuple[Result, ...]]:
-    """Columns of a grid without what is absent."""
-    return [
-        tuple(cell for cell in column if cell is not None)
-        for column in zip(*grid.cells, strict=True)
-    ]
+        listed = len(certain) > 1 and _uniform(certain)
+        for result in column:
+            if result.by_definition or not listed:
+                _quantity(into, result, notation)
+        if listed:
+            _series(into, certain, head, notation)
 
 
 def _uniform(column: Sequence[Result]) -> bool:
     """Whether results have one unit, an expanded uncertainty each, and are values of one quantity
     at conditions.
     """
-    kinds = {(r.key.partition("@")[0], r.unit, tuple(name for name, _, _ in r.at)) for r in column}
+    kinds = {(r.quantity, r.unit, tuple(name for name, _, _ in r.at)) for r in column}
     return (
         len(kinds) == 1
         and bool(column[0].at)
@@ -91,31 +75,22 @@ def _uniform(column: Sequence[Result]) -> bool:
     )
 
 
-def _ratio(results: Sequence[Result], gravity: float | None) -> tuple[Words, ...]:
-    """Note that values in g are ratios, where they are."""
-    return (RATIO,) if gravity is None and any(dsi(r.unit).gravity for r in results) else ()
-
-
-def real(parent: _Element, result: Result, gravity: float | None, lang: Lang) -> None:
+def _quantity(parent: _Element, result: Result, notation: Notation) -> None:
     """One result with its uncertainty and the conditions that it holds at."""
-    unit = dsi(result.unit).at(gravity)
-    made = add(parent, "dcc:quantity", refType=MEASURED)
+    unit, u = notation.unit(result.unit), result.uncertainty
     name = result.name if result.name.en else Words(result.symbol or result.key)
-    xml.text(
-        made, "dcc:name", name + Words(f" ({result.standard})") if result.standard else name, lang
-    )
-    value = add(made, "si:real")
-    add(value, "si:label", xml.line(result.key))
-    add(value, "si:value", xml.number(result.value * unit.factor))
-    add(value, "si:unit", unit.text)
-    if result.uncertainty is not None and result.interval is not None:
-        xml.interval(value, result.uncertainty, result.interval, unit.factor)
-    elif result.uncertainty is not None:
-        xml.expanded(value, result.uncertainty, unit.factor)
+    if result.standard:
+        name += Words(f" ({result.standard})")
+    made = xml.named(parent, "dcc:quantity", name, notation.lang, refType=MEASURED)
+    value = xml.real(made, result.value, unit, result.key)
+    if u is not None and result.interval is not None:
+        xml.interval(value, u, result.interval, unit.factor)
+    elif u is not None:
+        xml.expanded(value, u.expanded_uncertainty * unit.factor, u.coverage_factor, u.probability)
     if result.at:
         conditions = add(made, "dcc:influenceConditions")
-        for condition, number, of in result.at:
-            influence(conditions, condition, number, of, gravity, lang)
+        for condition in result.at:
+            influence(conditions, *condition, notation)
     if unit.text == r"\one" and dsi(result.unit).gravity:
         meta = add(add(made, "dcc:measurementMetaData"), "dcc:metaData")
         add(meta, "dcc:nonSIDefinition", "local gravity at the place of calibration")
@@ -123,109 +98,76 @@ def real(parent: _Element, result: Result, gravity: float | None, lang: Lang) ->
 
 
 def influence(
-    parent: _Element,
-    name: str,
-    value: float,
-    unit: str,
-    gravity: float | None,
-    lang: Lang,
-    u: float = 0.0,
+    parent: _Element, name: str, value: float, unit: str, notation: Notation, u: float = 0.0
 ) -> None:
-    """An influence condition that is a number."""
-    found = dsi(unit).at(gravity)
-    made = add(parent, "dcc:influenceCondition")
-    xml.text(made, "dcc:name", Words(name.replace("_", " ")), lang)
-    shown = add(add(add(made, "dcc:data"), "dcc:quantity"), "si:real")
-    add(shown, "si:value", xml.number(value * found.factor))
-    add(shown, "si:unit", found.text)
+    """An influence condition that is a number, with its standard uncertainty."""
+    found = notation.unit(unit)
+    made = xml.named(parent, "dcc:influenceCondition", Words(name.replace("_", " ")), notation.lang)
+    shown = xml.real(add(add(made, "dcc:data"), "dcc:quantity"), value, found)
     if u > 0.0:
         standard = add(add(shown, "si:measurementUncertaintyUnivariate"), "si:standardMU")
         add(standard, "si:valueStandardMU", xml.number(u * found.factor))
 
 
-def _series(
-    parent: _Element, column: Sequence[Result], head: Words, gravity: float | None, lang: Lang
-) -> None:
+def _series(parent: _Element, column: Sequence[Result], head: Words, notation: Notation) -> None:
     """A column over its conditions: the conditions as lists of their own, then values with expanded
     uncertainties.
     """
-    into = add(parent, "dcc:list")
-    xml.text(into, "dcc:name", head, lang)
-    for k, (name, _, of) in enumerate(column[0].at):
-        numbers = [r.at[k][1] for r in column]
-        quantity = add(into, "dcc:quantity")
-        xml.text(quantity, "dcc:name", Words(name.replace("_", " ")), lang)
-        _values(quantity, numbers, of, (), gravity)
-    quantity = add(into, "dcc:quantity", refType=MEASURED)
-    xml.text(quantity, "dcc:name", column[0].name if column[0].name.en else head, lang)
-    values = _values(
-        quantity, [r.value for r in column], column[0].unit, [r.key for r in column], gravity
+    first, lang, count = column[0], notation.lang, len(column)
+    into = xml.named(parent, "dcc:list", head, lang)
+    for k, (condition, _, unit) in enumerate(first.at):
+        quantity = xml.named(into, "dcc:quantity", Words(condition.replace("_", " ")), lang)
+        xml.real_list(quantity, [r.at[k][1] for r in column], [notation.unit(unit)] * count)
+    name = first.name if first.name.en else head
+    quantity = xml.named(into, "dcc:quantity", name, lang, refType=MEASURED)
+    found = notation.unit(first.unit)
+    values = xml.real_list(
+        quantity, [r.value for r in column], [found] * count, [r.key for r in column]
     )
-    scale = dsi(column[0].unit).at(gravity).factor
-    xml.expanded_list(values, [r.uncertainty for r in column if r.uncertainty is not None], scale)
+    uncertainties = [r.uncertainty for r in column if r.uncertainty is not None]
+    xml.expanded_list(values, uncertainties, found.factor)
 
 
-def _values(
-    parent: _Element, values: Sequence[float], unit: str, keys: Sequence[str], gravity: float | None
-) -> _Element:
-    """`si:realListXMLList` of values of one unit."""
-    found = dsi(unit).at(gravity)
-    made = add(parent, "si:realListXMLList")
-    if keys:
-        add(made, "si:labelXMLList", " ".join(map(xml.label, keys)))
-    add(made, "si:valueXMLList", " ".join(xml.number(value * found.factor) for value in values))
-    add(made, "si:unitXMLList", " ".join([found.text] * len(values)))
-    return made
-
-
-def parameters(
-    parent: _Element, stage: str, model: Model, gravity: float | None, lang: Lang
-) -> None:
+def parameters(parent: _Element, stage: str, model: Model, notation: Notation) -> None:
     """Every parameter of a model as it is in the coefficient file, with the covariance of the
     fit.
     """
-    made = add(parent, "dcc:result")
     name = Words(f"{model.name}: parameters ({model.form})", f"{model.name}：参数（{model.form}）")
-    xml.text(made, "dcc:name", name, lang)
+    made = xml.named(parent, "dcc:result", name, notation.lang)
+    rms = f"{model.residual_rms:.6g} {unit_mark(model.residual_unit)}"
     spread = Words(
-        f"Residual rms of the fit {model.residual_rms:.6g} {unit_mark(model.residual_unit)}, "
-        f"{model.dof} degrees of freedom: a descriptor, not an uncertainty.",
-        f"拟合残差均方根 {model.residual_rms:.6g} {unit_mark(model.residual_unit)}，自由度"
-        f" {model.dof}（仅为描述量）。",
+        f"Residual rms of the fit {rms}, {model.dof} degrees of freedom: a descriptor, not an"
+        " uncertainty.",
+        f"拟合残差均方根 {rms}，自由度 {model.dof}（仅为描述量）。",
     )
     ranges = Words(
         "; ".join(f"{column}: {low!r} … {high!r}" for column, (low, high) in model.valid.items())
     )
-    xml.rich(made, "dcc:description", [PARAMETERS, spread, ranges], lang)
-    units = [dsi(c.unit) for c in model.coefficients]
-    at = [unit.at(gravity) for unit in units]
-    quantity = add(add(made, "dcc:data"), "dcc:quantity")
-    values = add(quantity, "si:realListXMLList")
-    add(
-        values,
-        "si:labelXMLList",
-        " ".join(xml.label(f"{stage}.{model.name}.{c.name}") for c in model.coefficients),
+    xml.rich(made, "dcc:description", [PARAMETERS, spread, ranges], notation.lang)
+    units = [notation.unit(c.unit) for c in model.coefficients]
+    values = xml.real_list(
+        add(add(made, "dcc:data"), "dcc:quantity"),
+        [c.value for c in model.coefficients],
+        units,
+        [f"{stage}.{model.name}.{c.name}" for c in model.coefficients],
     )
-    numbers = (
-        xml.number(c.value * unit.factor) for c, unit in zip(model.coefficients, at, strict=True)
-    )
-    add(values, "si:valueXMLList", " ".join(numbers))
-    add(values, "si:unitXMLList", " ".join(unit.text for unit in at))
+    _covariance(values, model, units)
+
+
+def _covariance(parent: _Element, model: Model, units: Sequence[Unit]) -> None:
+    """Covariance of all parameters of a model, column by column, with the factor of its region."""
     region = add(
-        add(values, "si:measurementUncertaintyMultivariateXMLList"), "si:ellipsoidalRegionMUXMLList"
+        add(parent, "si:measurementUncertaintyMultivariateXMLList"), "si:ellipsoidalRegionMUXMLList"
     )
     matrix = add(region, "si:covarianceMatrixXMLList")
-    for j, second in enumerate(at):
+    for j, second in enumerate(units):
         column = add(matrix, "si:columnXMLList")
-        for i, first in enumerate(at):
+        for i, first in enumerate(units):
             entry = add(column, "si:covarianceXMLList")
-            add(
-                entry,
-                "si:valueXMLList",
-                xml.number(model.covariance[i][j] * first.factor * second.factor),
-            )
+            covariance = model.covariance[i][j] * first.factor * second.factor
+            add(entry, "si:valueXMLList", xml.number(covariance))
             add(entry, "si:unitXMLList", (first * second).text)
-    add(region, "si:coverageFactorXMLList", xml.factor(region_factor(len(at), model.dof)))
+    add(region, "si:coverageFactorXMLList", xml.factor(region_factor(len(units), model.dof)))
     add(region, "si:coverageProbabilityXMLList", xml.probability(REGION))
 
 
@@ -236,3 +178,26 @@ def region_factor(parameters: int, dof: float) -> float:
     from scipy.special import fdtri
 
     return math.sqrt(parameters * float(fdtri(parameters, max(dof, 1.0), REGION)))
+
+
+def as_found(parent: _Element, found: AsFoundAsLeft | None, notation: Notation) -> None:
+    """As-found and as-left results of a validation, descriptors but for those that state an
+    uncertainty.
+    """
+    lang = notation.lang
+    made = xml.named(parent, "dcc:measurementResult", HEADINGS["as_found"], lang)
+    results = add(made, "dcc:results")
+    rows = () if found is None else (*found.rows, *found.check_points)
+    before = [(row, row.found, None) for row in rows if row.found is not None]
+    after = [(row, row.left, row.left_u) for row in rows if row.left is not None]
+    for head, stated in ((AS_FOUND, before), (AS_LEFT, after)):
+        data = add(xml.named(results, "dcc:result", head, lang), "dcc:data")
+        if not stated:
+            xml.text(data, "dcc:text", xml.NOT_STATED, lang)
+        for row, value, U in stated:
+            unit = notation.unit(row.unit)
+            name = (Words(f"{row.log}: ") if row.log else Words("")) + row.what
+            quantity = xml.named(data, "dcc:quantity", name, lang, refType=MEASURED)
+            real = xml.real(quantity, value, unit)
+            if U:
+                xml.expanded(real, U * unit.factor, 2.0, gum.TWO_SIGMA)

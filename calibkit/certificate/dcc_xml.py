@@ -1,5 +1,5 @@
 """Elements of a digital calibration certificate: names of the two schemas, texts in their
-languages, numbers in their formats.
+languages, values with units and uncertainties.
 """
 
 from __future__ import annotations
@@ -7,17 +7,21 @@ from __future__ import annotations
 import base64
 import math
 import re
-from typing import TYPE_CHECKING
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
 
+from calibkit import extras
+from calibkit.certificate.checklist import character_code
+from calibkit.certificate.dcc_units import dsi
 from calibkit.errors import OutputError
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
-    from types import ModuleType
 
     from lxml.etree import _Element
 
     from calibkit.certificate.content import Attachment
+    from calibkit.certificate.dcc_units import Unit
     from calibkit.certificate.results import Uncertainty
     from calibkit.certificate.words import Lang, Words
 
@@ -30,28 +34,31 @@ NOT_STATED = "not stated"
 _ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-def etree() -> ModuleType:
-    """lxml.etree, or OutputError that names the command that installs it."""
-    try:
-        from lxml import etree as module
-    except ImportError:
-        raise OutputError(
-            "digital calibration certificates need lxml", hint="pip install 'calibkit[dcc]'"
-        ) from None
-    found: ModuleType = module
-    return found
-
-
-def clean(text: str) -> str:
-    """Text without what XML cannot hold: such a character stands there by its number."""
-    return _ILLEGAL.sub(lambda match: f"[U+{ord(match.group()):04X}]", text)
-
-
-def line(text: str, absent: str = NOT_STATED) -> str:
-    """Text on one line with single spaces, which is what the schema calls a string that is not
-    empty.
+@dataclass(frozen=True, slots=True)
+class Notation:
+    """How a document writes texts and values: its languages, and the local gravity [m/s²] that
+    values in g are converted with, where it is known.
     """
-    return " ".join(clean(text).split()) or absent
+
+    lang: Lang
+    gravity: float | None
+
+    def unit(self, unit: str) -> Unit:
+        """D-SI unit of a unit."""
+        return dsi(unit).at(self.gravity)
+
+
+def etree() -> Any:  # noqa: ANN401 (a module of an optional library)
+    """lxml.etree, or OutputError that names the command that installs it."""
+    return extras.load_library("lxml.etree", "dcc", "digital calibration certificates need lxml")
+
+
+def line(text: str) -> str:
+    """Text on one line with single spaces, which is what the schema calls a string that is not
+    empty; a character that XML cannot hold is given by its number.
+    """
+    clean = _ILLEGAL.sub(lambda match: character_code(match.group()), text)
+    return " ".join(clean.split()) or NOT_STATED
 
 
 def add(parent: _Element, name: str, text: str | None = None, **attributes: str) -> _Element:
@@ -82,21 +89,40 @@ def text(parent: _Element, name: str, words: Words | str, lang: Lang) -> _Elemen
     return made
 
 
+def named(
+    parent: _Element, name: str, words: Words | str, lang: Lang, **attributes: str
+) -> _Element:
+    """Element that begins with a `dcc:name`."""
+    made = add(parent, name, **attributes)
+    text(made, "dcc:name", words, lang)
+    return made
+
+
+def optional(parent: _Element, name: str, value: str) -> None:
+    """Element with a text on one line, or no element where the text is empty."""
+    if value.strip():
+        add(parent, name, line(value))
+
+
+def given(texts: Iterable[Words | str]) -> list[Words | str]:
+    """Texts that are not empty."""
+    return [words for words in texts if (words if isinstance(words, str) else words.en).strip()]
+
+
 def rich(
-    parent: _Element, name: str, said: Iterable[Words | str], lang: Lang, latex: Sequence[str] = ()
-) -> _Element | None:
-    """Element of the schema's rich content type with texts and formulas, or nothing where nothing
-    is said.
+    parent: _Element, name: str, texts: Iterable[Words | str], lang: Lang, latex: Sequence[str] = ()
+) -> None:
+    """Element of the schema's rich content type with texts and formulas, or no element where there
+    are none.
     """
-    shown = [words for words in said if (words if isinstance(words, str) else words.en).strip()]
+    shown = given(texts)
     if not shown and not latex:
-        return None
+        return
     made = add(parent, name)
     for words in shown:
         content(made, words, lang)
     for formula in latex:
         add(add(made, "dcc:formula"), "dcc:latex", formula)
-    return made
 
 
 def file(parent: _Element, attachment: Attachment) -> None:
@@ -132,12 +158,35 @@ def label(key: str) -> str:
     return line(key).replace(" ", "_")
 
 
-def expanded(parent: _Element, uncertainty: Uncertainty, scale: float) -> None:
-    """Expanded uncertainty of one value."""
+def real(parent: _Element, value: float, unit: Unit, key: str = "") -> _Element:
+    """`si:real` of a value, converted to its D-SI unit."""
+    made = add(parent, "si:real")
+    if key:
+        add(made, "si:label", line(key))
+    add(made, "si:value", number(value * unit.factor))
+    add(made, "si:unit", unit.text)
+    return made
+
+
+def real_list(
+    parent: _Element, values: Sequence[float], units: Sequence[Unit], keys: Sequence[str] = ()
+) -> _Element:
+    """`si:realListXMLList` of values, each converted to its D-SI unit."""
+    made = add(parent, "si:realListXMLList")
+    if keys:
+        add(made, "si:labelXMLList", " ".join(map(label, keys)))
+    scaled = [number(value * unit.factor) for value, unit in zip(values, units, strict=True)]
+    add(made, "si:valueXMLList", " ".join(scaled))
+    add(made, "si:unitXMLList", " ".join(unit.text for unit in units))
+    return made
+
+
+def expanded(parent: _Element, U: float, coverage_factor: float, coverage: float) -> None:
+    """Expanded uncertainty of one value with its coverage factor and probability."""
     made = add(add(parent, "si:measurementUncertaintyUnivariate"), "si:expandedMU")
-    add(made, "si:valueExpandedMU", number(uncertainty.expanded_uncertainty * scale))
-    add(made, "si:coverageFactor", factor(uncertainty.coverage_factor))
-    add(made, "si:coverageProbability", probability(uncertainty.probability))
+    add(made, "si:valueExpandedMU", number(U))
+    add(made, "si:coverageFactor", factor(coverage_factor))
+    add(made, "si:coverageProbability", probability(coverage))
 
 
 def interval(

@@ -1,4 +1,4 @@
-"""A certificate as PDF/A-3b: typst sets the sheet, which travels as JSON; the files are
+"""A certificate as PDF/A-3b: typst typesets the sheet, which it reads as JSON; the files are
 attached.
 """
 
@@ -13,14 +13,16 @@ import unicodedata
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit.certificate.checklist import code
-from calibkit.certificate.sheet import HEADINGS, SENTENCES, sheet
+from calibkit import extras
+from calibkit.certificate.checklist import character_code
+from calibkit.certificate.sheet import sheet
+from calibkit.certificate.words import HEADINGS, SENTENCES
 from calibkit.errors import OutputError, RecipeError, UsageError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
+    from collections.abc import Sequence
 
-    from calibkit.certificate.content import Attachment, Certificate
+    from calibkit.certificate.content import Certificate
     from calibkit.certificate.words import Lang
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")
@@ -36,32 +38,25 @@ _ESCAPE = re.compile(r"\\u\{([0-9a-f]+)\}")
 
 
 class UnshownError(Exception):
-    """Characters that no font has and the certificate does not yet say so of."""
+    """Characters that no font has, and that the certificate does not yet list as missing."""
 
     def __init__(self, characters: str) -> None:
         super().__init__(characters)
         self.characters = characters
 
 
-def render(
-    certificate: Certificate,
-    lang: Lang,
-    fonts: Sequence[Path] = (),
-    more: Sequence[Attachment] = (),
-) -> bytes:
-    """PDF/A-3b bytes of a certificate, the same for the same input; `more` is attached beside its
-    own files.
+def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = ()) -> bytes:
+    """PDF/A-3b bytes of a certificate, the same for the same input.
 
     Raises UnshownError for characters that no font has, UsageError for Chinese without a font that
-    has it, or for a font that is none; OutputError without typst.
+    has it, RecipeError for a file that is no font, OutputError without typst.
     """
     if lang != "en" and not fonts:
         raise UsageError(
             f"--lang {lang} needs a font with Chinese",
             hint='name one in the profile: [certificate] fonts = ["…"]',
         )
-    document = cleaned(sheet(certificate, lang), certificate.unshown)
-    attached = [
+    attachments = [
         {
             "name": a.name,
             "text": a.content.decode("utf-8"),
@@ -69,39 +64,39 @@ def render(
             "relationship": a.relationship,
             "description": a.description,
         }
-        for a in (*certificate.attachments, *more)
+        for a in certificate.attachments
     ]
+    data = cleaned(sheet(certificate, lang), certificate.unshown) | {"attachments": attachments}
+    typst = extras.load_library("typst", "pdf", "certificates need typst")
     with tempfile.TemporaryDirectory(prefix="calibkit-") as folder:
-        families = _families(fonts, Path(folder))
-        extra = {"families": families, "attachments": attached}
-        issued = dt.datetime.combine(certificate.issued, dt.time(), dt.UTC)
+        data["families"] = _families(fonts, Path(folder))
+        try:
+            made: bytes = typst.compile(
+                str(TEMPLATE),
+                sys_inputs={"sheet": json.dumps(data, ensure_ascii=False)},  # never as source
+                font_paths=[folder] if fonts else [],
+                ignore_system_fonts=True,
+                pdf_standards=["a-3b"],
+                timestamp=dt.datetime.combine(certificate.issued, dt.time(), dt.UTC),
+            )
+        except typst.TypstError as error:
+            raise _refusal(error, lang) from error
+    return made if made.endswith(b"\n") else made + b"\n"
 
-        def compiled(data: dict[str, Any]) -> bytes:
-            return _compiled(data | extra, folder if fonts else "", issued)
 
-        return _shown(document, compiled, lang)
-
-
-def _shown(
-    document: dict[str, Any], compiled: Callable[[dict[str, Any]], bytes], lang: Lang
-) -> bytes:
-    """Compile; UnshownError for characters that no font has, UsageError where the certificate's own
-    words are among them.
+def _refusal(error: Any, lang: Lang) -> Exception:  # noqa: ANN401 (a class of an optional library)
+    """What is wrong where typst refuses: UnshownError for characters that no font has, UsageError
+    where the certificate's own words are among them, else OutputError.
     """
-    import typst
-
-    try:
-        return compiled(document)
-    except typst.TypstError as error:
-        unshown = set(_unshown(error.diagnostic))
-        if not unshown:
-            raise OutputError(f"typst: {error.message}", hint="this is a bug") from error
+    unshown = set(_unshown(error.diagnostic))
+    if not unshown:
+        return OutputError(f"typst: {error.message}", hint="this is a bug")
     if lang != "en" and (own := sorted(unshown & _chinese())):
-        raise UsageError(
+        return UsageError(
             f"no font has {''.join(own[:10])}",
             hint="name a font with Chinese in [certificate] fonts",
         )
-    raise UnshownError("".join(sorted(unshown)))
+    return UnshownError("".join(sorted(unshown)))
 
 
 def _chinese() -> set[str]:
@@ -123,33 +118,12 @@ def _unshown(diagnostic: str) -> list[str]:
     return [character for text in texts for character in text]
 
 
-def _compiled(data: dict[str, Any], font_folder: str, issued: dt.datetime) -> bytes:
-    """Run typst; data goes in as JSON, never as source."""
-    try:
-        import typst
-    except ImportError:
-        raise OutputError("certificates need typst", hint="pip install 'calibkit[pdf]'") from None
-    made: bytes = typst.compile(
-        str(TEMPLATE),
-        sys_inputs={"sheet": json.dumps(data, ensure_ascii=False)},
-        font_paths=[font_folder] if font_folder else [],
-        ignore_system_fonts=True,
-        pdf_standards=["a-3b"],
-        timestamp=issued,
-    )
-    return made if made.endswith(b"\n") else made + b"\n"
-
-
 def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
     """Families of the named font files, copied where nothing else lies, so that no other font is
     ever taken.
     """
     if not fonts:
         return []
-    try:
-        import typst
-    except ImportError:
-        raise OutputError("certificates need typst", hint="pip install 'calibkit[pdf]'") from None
     for k, font in enumerate(fonts):
         try:
             shutil.copyfile(font, folder / f"{k:03d}{font.suffix}")
@@ -157,6 +131,8 @@ def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
             raise RecipeError(
                 f"certificate.fonts: {font}: {error.strerror}", hint="name a font file"
             ) from None
+    import typst
+
     found = typst.Fonts(
         include_system_fonts=False, include_embedded_fonts=False, font_paths=[str(folder)]
     )
@@ -174,35 +150,27 @@ def cleaned(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
     words with places to break.
     """
 
-    def change(text: str) -> str:
-        return _breakable("".join(code(c) if c in unshown else _safe(c) for c in text))
+    def clean(value: Any) -> Any:  # noqa: ANN401 (walks a JSON value)
+        if isinstance(value, str):
+            return _breakable("".join(map(shown, value)))
+        if isinstance(value, list):
+            return [clean(item) for item in value]
+        if isinstance(value, dict):
+            return {key: clean(item) for key, item in value.items()}
+        return value
 
-    made: dict[str, Any] = _mapped(document, change)
+    def shown(character: str) -> str:
+        visible = (
+            character in "\n\t"
+            or character in JOINERS
+            or unicodedata.category(character) not in {"Cc", "Cf", "Cs", "Co", "Cn"}
+        )
+        return character if visible and character not in unshown else character_code(character)
+
+    made: dict[str, Any] = clean(document)
     return made
-
-
-def _safe(character: str) -> str:
-    """A character, or its number where it would not show or would reorder what stands beside it."""
-    if (
-        character in "\n\t"
-        or character in JOINERS
-        or unicodedata.category(character) not in {"Cc", "Cf", "Cs", "Co", "Cn"}
-    ):
-        return character
-    return code(character)
 
 
 def _breakable(text: str) -> str:
     """Text whose long words may be broken."""
     return re.sub(rf"\S{{{LONGEST_WORD}}}(?=\S)", lambda m: m.group() + "\u200b", text)
-
-
-def _mapped(value: Any, change: Callable[[str], str]) -> Any:  # noqa: ANN401 (walks a JSON value)
-    """A JSON value with every text changed; keys stay."""
-    if isinstance(value, str):
-        return change(value)
-    if isinstance(value, list):
-        return [_mapped(item, change) for item in value]
-    if isinstance(value, dict):
-        return {key: _mapped(item, change) for key, item in value.items()}
-    return value

@@ -20,21 +20,16 @@ STEPS = (1.0, 2.0, 5.0, 10.0)
 
 def drawing(figure: Figure, lang: Lang) -> dict[str, Any]:
     """JSON object of a figure; the template draws it as vectors, in the certificate's own fonts."""
-    if figure.log:
-        return drawing(_logarithmic(figure), lang) | {
-            "x_ticks": _decades(figure, 0),
-            "y_ticks": _decades(figure, 1),
-        }
-    x = [value for series in figure.series for value in series.x]
-    y = [edge for series in figure.series for edge in (*_lower(series), *_upper(series))]
-    x_span, y_span = _span(x), _span(y)
+    shown, ticks = (_logarithmic(figure), _decades) if figure.log else (figure, _ticks)
+    x_span = _span([x for series in shown.series for x in series.x])
+    y_span = _span([y for series in shown.series for edge in _edges(series) for y in edge])
     return {
         "title": figure.title.of(lang),
         "x_label": figure.x_label.of(lang),
         "y_label": figure.y_label.of(lang),
-        "x_ticks": _ticks(*x_span),
-        "y_ticks": _ticks(*y_span),
-        "series": [_curve(series, x_span, y_span, lang) for series in figure.series if series.x],
+        "x_ticks": ticks(*x_span),
+        "y_ticks": ticks(*y_span),
+        "series": [_curve(series, x_span, y_span, lang) for series in shown.series if series.x],
     }
 
 
@@ -45,57 +40,36 @@ def _logarithmic(figure: Figure) -> Figure:
             s,
             x=tuple(map(math.log10, s.x)),
             y=tuple(map(math.log10, s.y)),
-            y_u=(
-                tuple(math.log10((y + u) / y) for y, u in zip(s.y, s.y_u, strict=True))
-                if s.y_u
-                else ()
-            ),
+            y_u=tuple(math.log10((y + u) / y) for y, u in zip(s.y, s.y_u, strict=True))
+            if s.y_u
+            else (),
         )
         for s in figure.series
     )
-    return replace(figure, series=series, log=False)
+    return replace(figure, series=series)
 
 
-def _decades(figure: Figure, axis: int) -> list[dict[str, Any]]:
-    """Ticks at powers of ten."""
-    plain = _logarithmic(figure)
-    if axis == 0:
-        span = _span([value for series in plain.series for value in series.x])
-    else:
-        span = _span(
-            [edge for series in plain.series for edge in (*_lower(series), *_upper(series))]
-        )
-    return [
-        {"at": _share(k, span), "label": f"{10.0**k:g}"}
-        for k in range(math.ceil(span[0]), math.floor(span[1]) + 1)
-    ]
-
-
-def _lower(series: Series) -> tuple[float, ...]:
-    """Lower edge of a curve."""
-    return (
-        tuple(y - u for y, u in zip(series.y, series.y_u, strict=True)) if series.y_u else series.y
-    )
-
-
-def _upper(series: Series) -> tuple[float, ...]:
-    """Upper edge of a curve."""
-    return (
-        tuple(y + u for y, u in zip(series.y, series.y_u, strict=True)) if series.y_u else series.y
-    )
+def _edges(series: Series) -> tuple[tuple[float, ...], tuple[float, ...]]:
+    """Lower and upper edge of a curve."""
+    if not series.y_u:
+        return series.y, series.y
+    pairs = [(y - u, y + u) for y, u in zip(series.y, series.y_u, strict=True)]
+    return tuple(low for low, _ in pairs), tuple(high for _, high in pairs)
 
 
 def _curve(
     series: Series, x_span: tuple[float, float], y_span: tuple[float, float], lang: Lang
 ) -> dict[str, Any]:
     """One series in shares of the plot, y upwards."""
-    x = [_share(value, x_span) for value in series.x]
+    low, high = ([_share(y, y_span) for y in edge] for edge in _edges(series))
     return {
         "label": series.label.of(lang),
         "style": series.style,
-        "points": [[a, _share(b, y_span)] for a, b in zip(x, series.y, strict=True)],
-        "low": [_share(value, y_span) for value in _lower(series)],
-        "high": [_share(value, y_span) for value in _upper(series)],
+        "points": [
+            [_share(x, x_span), _share(y, y_span)] for x, y in zip(series.x, series.y, strict=True)
+        ],
+        "low": low,
+        "high": high,
         "bars": bool(series.y_u),
     }
 
@@ -110,6 +84,14 @@ def _span(values: list[float]) -> tuple[float, float]:
     low, high = min(values, default=0.0), max(values, default=1.0)
     width = (high - low) or abs(high) or 1.0
     return low - MARGIN * width, high + MARGIN * width
+
+
+def _decades(low: float, high: float) -> list[dict[str, Any]]:
+    """Ticks at powers of ten between two logarithms."""
+    return [
+        {"at": _share(k, (low, high)), "label": f"{10.0**k:g}"}
+        for k in range(math.ceil(low), math.floor(high) + 1)
+    ]
 
 
 def _ticks(low: float, high: float) -> list[dict[str, Any]]:

@@ -4,7 +4,7 @@ are rendered as.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from decimal import Context, Decimal
 from typing import TYPE_CHECKING, Literal
 
@@ -20,7 +20,7 @@ class Contribution:
     of the result.
     """
 
-    name: str
+    name: Words
     kind: Literal["A", "B"]
     quantity: str
     standard_uncertainty: float
@@ -59,13 +59,13 @@ class Uncertainty:
 class Result:
     """One stated number.
 
-    `key` is `<stage>.<model>.<name>`, for a value at a condition with `@` and the condition behind
-    it: profiles name results by it. A quantity that cannot be negative has a coverage interval
-    instead of ± U. A result without an uncertainty is a descriptor: no statement of conformity can
-    rest on it.
+    `quantity` is `<stage>.<model>.<name>`; profiles name a result by its `key`, which for a value
+    at a condition has `@` and the condition behind it. A quantity that cannot be negative has a
+    coverage interval instead of ± U. A result without an uncertainty is a descriptor: no statement
+    of conformity can rest on it.
     """
 
-    key: str
+    quantity: str
     file: str
     symbol: str
     name: Words
@@ -83,6 +83,13 @@ class Result:
     """Whether it is what others are stated against: it has no uncertainty, and nothing can be
     judged by it.
     """
+    condition: str = ""
+    """What stands behind `@` in its key."""
+
+    @property
+    def key(self) -> str:
+        """Name of the result, unique on its certificate."""
+        return f"{self.quantity}@{self.condition}" if self.condition else self.quantity
 
 
 @dataclass(frozen=True, slots=True)
@@ -178,7 +185,7 @@ class Printed:
 
     value: str
     uncertainty: str
-    exponent: int = field(default=0)
+    exponent: int = 0
 
 
 PLAIN = range(-5, 7)

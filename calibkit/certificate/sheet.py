@@ -1,5 +1,5 @@
-"""A certificate in the words of one language or both: the JSON object that the PDF's template sets
-in type.
+"""A certificate in the words of one language or both: the JSON object that the PDF's template
+typesets.
 """
 
 from __future__ import annotations
@@ -7,64 +7,30 @@ from __future__ import annotations
 from typing import TYPE_CHECKING, Any
 
 from calibkit.certificate import conformity, plots, tables
+from calibkit.certificate.profile import Laboratory
 from calibkit.certificate.results import ListTable
-from calibkit.certificate.words import Words, unit_mark
+from calibkit.certificate.words import (
+    AS_FOUND,
+    AS_LEFT,
+    CONDITIONS,
+    HEADINGS,
+    SENTENCES,
+    Words,
+    unit_mark,
+)
 from calibkit.numeric import gum
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable
+    from collections.abc import Iterable, Sequence
 
     from calibkit.certificate.as_found import BeforeAfter
+    from calibkit.certificate.conformity import Statement
     from calibkit.certificate.content import Certificate
     from calibkit.certificate.profile import Party, Profile
-    from calibkit.certificate.results import Block, Result
+    from calibkit.certificate.results import Block
     from calibkit.certificate.words import Lang
 
 Rows = list[list[str]]
-
-HEADINGS = {
-    "parties": Words("Laboratory and customer", "实验室与客户"),
-    "item": Words("Item calibrated", "被校件"),
-    "method": Words("Method", "校准方法"),
-    "conditions": Words("Conditions", "校准条件"),
-    "traceability": Words("Traceability", "溯源性"),
-    "results": Words("Results", "校准结果"),
-    "as_found": Words("As found and as left", "调整前与调整后"),
-    "conformity": Words("Conformity", "符合性声明"),
-    "budget": Words("Uncertainty budget", "不确定度评定"),
-    "data": Words("Data and digests", "数据与摘要"),
-    "authorisation": Words("Authorisation", "批准"),
-    "amendment": Words("Amendment", "修改说明"),
-    "missing": Words("Missing for a certificate", "尚缺内容"),
-    "remarks": Words("Remarks", "备注"),
-}
-SENTENCES = {
-    "draft": Words("DRAFT", "草稿"),
-    "draft_line": Words("DRAFT: not a calibration certificate", "草稿：非正式校准证书"),
-    "number": Words("Certificate number", "证书编号"),
-    "page": Words("Page {n} of {N}", "第 {n} 页，共 {N} 页"),
-    "end": Words("End of certificate", "证书结束"),
-    "signature": Words("Signature", "签名"),
-    "only_item": Words(
-        "The results relate only to the item calibrated, as it was when it was calibrated.",
-        "结果仅与被校件及其校准时的状态有关。",
-    ),
-    "uncertainty": Words(
-        "The expanded uncertainty U is the combined standard uncertainty times the coverage factor"
-        " k that stands with each table, for a coverage probability of about 95 %. It combines the"
-        " uncertainty of the fit (type A, from its covariance) with what is known of the equipment"
-        " (type B). It holds at the time and under the conditions of the calibration; the item's"
-        " long-term stability is not in it.",
-        "扩展不确定度 U 为合成标准不确定度乘以各表所示包含因子 k，包含概率约 95 %。"
-        "其中包括拟合不确定度（A 类，来自协方差）"
-        "与设备不确定度（B 类），仅对校准时的时间与条件有效，不含被校件的长期稳定性。",
-    ),
-    "attached": Words(
-        "The files below are attached to this PDF. The coefficients in them have all their digits"
-        " and their covariance.",
-        "以下文件附于本 PDF 中，其中的系数含全部有效数字及协方差。",
-    ),
-}
 
 
 def sheet(certificate: Certificate, lang: Lang) -> dict[str, Any]:
@@ -83,10 +49,7 @@ def sheet(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         "missing": [[m.key, m.what.of(lang)] for m in certificate.missing],
         "rejected": certificate.rejection.of(lang),
         "amendment": _amendment(profile, lang),
-        "parties": [
-            _party(profile.laboratory, lang, laboratory=True),
-            _party(profile.customer, lang, laboratory=False),
-        ],
+        "parties": [_party(profile.laboratory, lang), _party(profile.customer, lang)],
         "item": _item(certificate, lang),
         "method": _method(certificate, lang),
         "conditions": _conditions(certificate, lang),
@@ -101,48 +64,56 @@ def sheet(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     }
 
 
-def _party(party: Party, lang: Lang, *, laboratory: bool) -> Rows:
-    """Name, address and how to reach; of the laboratory the place of work too."""
-    who = Words("Laboratory", "实验室") if laboratory else Words("Customer", "客户")
-    place = getattr(party, "place_of_work", "")
+def _in_words(rows: Iterable[tuple[Words, str]], lang: Lang) -> Rows:
+    """Rows of a label and a text."""
+    return [[label.of(lang), text] for label, text in rows]
+
+
+def _given(*rows: tuple[Words, str]) -> list[tuple[Words, str]]:
+    """The rows that have a text."""
+    return [(label, text) for label, text in rows if text.strip()]
+
+
+def _party(party: Party, lang: Lang) -> Rows:
+    """Name, address and contact details of a laboratory or a customer; of a laboratory the place of
+    work too.
+    """
+    label, place = Words("Customer", "客户"), []
+    if isinstance(party, Laboratory):
+        label = Words("Laboratory", "实验室")
+        place = [(Words("Place of work", "校准地点"), party.place_of_work)]
     rows = [
-        (who, party.name),
+        (label, party.name),
         (Words("Address", "地址"), party.address),
-        (Words("Country", "国家"), party.country),
-        *([(Words("Place of work", "校准地点"), place)] if laboratory else []),
-        (Words("E-mail", "电子邮件"), party.email),
-        (Words("Telephone", "电话"), party.phone),
+        *_given((Words("Country", "国家"), party.country)),
+        *place,
+        *_given(
+            (Words("E-mail", "电子邮件"), party.email), (Words("Telephone", "电话"), party.phone)
+        ),
     ]
-    needed = 4 if laboratory else 2
-    return [
-        [words.of(lang), text]
-        for k, (words, text) in enumerate(rows)
-        if text.strip() or (k < needed and k != 2)
-    ]
+    return _in_words(rows, lang)
 
 
 def _item(certificate: Certificate, lang: Lang) -> Rows:
-    """What was calibrated, in which state, when."""
-    item, dates, run = certificate.profile.item, certificate.profile.dates, certificate.run
-    performed = str(dates.performed or "") + (
-        f" … {dates.performed_until}" if dates.performed_until else ""
-    )
+    """What was calibrated, in which condition, when."""
+    item, dates = certificate.profile.item, certificate.profile.dates
+    until = f" … {dates.performed_until}" if dates.performed_until else ""
     rows = [
         (Words("Item", "名称"), item.type),
         (Words("Maker", "制造商"), item.maker),
         (Words("Model", "型号"), item.model),
-        (Words("Serial number", "编号"), run.serial),
-        *([(Words("Identification", "标识"), item.identification)] if item.identification else []),
+        (Words("Serial number", "编号"), certificate.run.serial),
+        *_given((Words("Identification", "标识"), item.identification)),
         (Words("Condition", "状态"), item.condition),
-        *([(Words("Received", "接收日期"), str(dates.received))] if dates.received else []),
-        (Words("Calibrated", "校准日期"), performed),
+        *_given((Words("Received", "接收日期"), str(dates.received or ""))),
+        (Words("Calibrated", "校准日期"), f"{dates.performed or ''}{until}"),
         (Words("Issued", "签发日期"), str(certificate.issued)),
     ]
-    return [[words.of(lang), text] for words, text in rows]
+    return _in_words(rows, lang)
 
 
 def _method(certificate: Certificate, lang: Lang) -> Rows:
-    """Procedure with revision, software, deviations, external providers, what was left out."""
+    """Procedure with revision, software, deviations, external providers, excluded data."""
     method, run = certificate.profile.method, certificate.run
     rows = [
         (Words("Method", "方法"), method.name),
@@ -158,25 +129,14 @@ def _method(certificate: Certificate, lang: Lang) -> Rows:
             for what, why, person in run.excluded
         ),
     ]
-    return [[words.of(lang), text] for words, text in rows]
-
-
-CONDITIONS = (
-    ("chamber", Words("Chamber set points and holds", "温箱设定点与保温")),
-    ("laboratory_temperature", Words("Laboratory temperature", "实验室温度")),
-    ("local_gravity", Words("Local gravity", "当地重力加速度")),
-    ("latitude", Words("Latitude", "纬度")),
-    ("earth_rate", Words("Earth's rate", "地球自转")),
-    ("supply", Words("Supply", "供电")),
-    ("warm_up", Words("Warm-up", "预热")),
-)
+    return _in_words(rows, lang)
 
 
 def _conditions(certificate: Certificate, lang: Lang) -> Rows:
-    """What the profile states, and what the coefficient files hold."""
+    """Conditions that the profile states, and those that the coefficient files hold."""
     stated = certificate.profile.conditions
-    rows = [[words.of(lang), getattr(stated, key)] for key, words in CONDITIONS]
-    rows += [["", text] for text in stated.others if text.strip()]
+    rows = [(words, getattr(stated, key)) for key, words in CONDITIONS]
+    rows += _given(*((Words(""), text) for text in stated.others))
     for condition in certificate.run.conditions:
         label = Words("In the computation: ", "计算中采用：") + Words(
             condition.name.replace("_", " ")
@@ -184,12 +144,11 @@ def _conditions(certificate: Certificate, lang: Lang) -> Rows:
         unit = unit_mark(condition.unit)
         text = f"{tables.plain(condition.value, 8)} {unit}".strip()
         if condition.standard_uncertainty > 0.0:
-            said = Words("standard uncertainty", "标准不确定度").of(lang)
-            text += (
-                f" ({said} {f'{tables.plain(condition.standard_uncertainty, 2)} {unit}'.strip()})"
-            )
-        rows.append([label.of(lang), text])
-    return rows
+            words = Words("standard uncertainty", "标准不确定度").of(lang)
+            u = f"{tables.plain(condition.standard_uncertainty, 2)} {unit}".strip()
+            text += f" ({words} {u})"
+        rows.append((label, text))
+    return _in_words(rows, lang)
 
 
 def _traceability(profile: Profile, lang: Lang) -> dict[str, Any]:
@@ -201,22 +160,12 @@ def _traceability(profile: Profile, lang: Lang) -> dict[str, Any]:
         Words("Date", "日期"),
         Words("Laboratory", "校准机构"),
     ]
+    valid_until = Words(" (valid until ", "（有效期至 ").of(lang)
     rows = []
     for s in profile.standard:
-        until = (
-            Words(" (valid until ", "（有效期至 ").of(lang) + f"{s.valid_until})"
-            if s.valid_until
-            else ""
-        )
+        until = f"{valid_until}{s.valid_until})" if s.valid_until else ""
         rows.append([s.name, s.serial, s.certificate, f"{s.date or ''}{until}", s.laboratory])
-    return {
-        "title": "",
-        "groups": [],
-        "heads": [h.of(lang) for h in heads],
-        "align": ["left"] * 5,
-        "rows": rows,
-        "notes": [],
-    }
+    return tables.text_table(heads, "lllll", rows, lang)
 
 
 def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]:
@@ -224,9 +173,9 @@ def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]
     shown: list[dict[str, Any]] = []
     for table in block.tables:
         shown += (
-            [tables.of_list(table, lang)]
+            [tables.lay_out_list(table, lang)]
             if isinstance(table, ListTable)
-            else tables.of_grid(table, lang)
+            else tables.lay_out_grid(table, lang)
         )
     digest = next((a.sha256 for a in certificate.attachments if a.name == block.file), "")
     return {
@@ -283,111 +232,90 @@ def _criterion(name: str, value: float, limit: float, unit: str, *, passed: bool
     )
 
 
-def _before_after(rows: Iterable[BeforeAfter], title: Words, lang: Lang) -> dict[str, Any]:
+def _before_after(rows: Sequence[BeforeAfter], title: Words, lang: Lang) -> dict[str, Any]:
     """Table of as-found and as-left results; U where the validation states one."""
-    listed = list(rows)
-    certain = any(row.left_u is not None for row in listed)
-    heads = [
-        Words("as found", "调整前"),
-        Words("as left", "调整后"),
-        *([tables.U] if certain else []),
-        Words("unit", "单位"),
-    ]
+    certain = any(row.left_u is not None for row in rows)
     shown = []
-    for row in listed:
-        unit = unit_mark(row.unit) or "1"
-        before, after = tables.plain(row.found, 3), tables.plain(row.left, 3)
-        u = [""] if certain else []
+    for row in rows:
+        before, after, expanded = tables.plain(row.found, 3), tables.plain(row.left, 3), ""
         if row.left_u and row.left is not None:
             after, expanded = (tables.number(text) for text in gum.rounded(row.left, row.left_u))
-            u = [expanded]
             if row.found is not None:
                 before = tables.number(gum.rounded(row.found, row.left_u)[0])
-        shown.append([row.log, row.what.of(lang), before, after, *u, unit])
-    align = ["left", "left", "right", "right", *(["right"] if certain else []), "left"]
-    labels = ["", "", *(head.of(lang) for head in heads)]
-    notes = (
-        [Words("U with k = 2 (type A of the validation).", "U：k = 2（验证的 A 类）。").of(lang)]
-        if certain
-        else []
+        u = [expanded] if certain else []
+        shown.append([row.log, row.what.of(lang), before, after, *u, unit_mark(row.unit) or "1"])
+    heads = [
+        Words(""),
+        Words(""),
+        AS_FOUND,
+        AS_LEFT,
+        *([tables.U] if certain else []),
+        tables.UNIT,
+    ]
+    align = "llrrrl" if certain else "llrrl"
+    note = Words("U with k = 2 (type A of the validation).", "U：k = 2（验证的 A 类）。")
+    return tables.text_table(
+        heads, align, shown, lang, title=title, notes=[note] if certain else []
     )
-    return {
-        "title": title.of(lang),
-        "groups": [],
-        "heads": labels,
-        "align": align,
-        "rows": shown,
-        "notes": notes,
-    }
+
+
+CONFORMITY_HEADS = (
+    Words("result", "结果"),
+    Words("specification", "技术要求"),
+    tables.VALUE,
+    tables.U,
+    Words("limits", "允许范围"),
+    Words("acceptance limits", "接受限"),
+    Words("rule", "规则"),
+    Words("statement", "结论"),
+)
 
 
 def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
-    """Statements, with the decision rules that they rest on."""
-    if not certificate.statements:
+    """Statements of conformity, with the decision rules that they rest on."""
+    statements = certificate.statements
+    if not statements:
         text = Words("No statement of conformity was asked for.", "未要求符合性声明。")
         return {"text": text.of(lang), "table": None, "rules": []}
-    heads = [
-        Words("result", "结果"),
-        Words("specification", "技术要求"),
-        Words("value", "值"),
-        Words("U"),
-        Words("limits", "允许范围"),
-        Words("acceptance limits", "接受限"),
-        Words("rule", "规则"),
-        Words("statement", "结论"),
-    ]
-    rows = []
-    for s in certificate.statements:
-        value, U = tables.cells(s.result)
-        unit = unit_mark(s.result.unit)
-        verdict = conformity.VERDICTS[s.verdict].of(lang) + (
-            f": {s.reason.of(lang)}" if s.reason.en else ""
-        )
-        named = " ".join(filter(None, (s.name, s.source)))
-        stated = [None if limit is None else tables.exact(limit) for limit in (s.lower, s.upper)]
-        limits = f"{tables.limits(*stated)} {unit}".strip()
-        accepted = [
-            tables.acceptance(*pair, s.result)
-            for pair in zip(s.acceptance, (s.lower, s.upper), strict=True)
-        ]
-        rows.append(
-            [
-                tables.breakable(s.result.key),
-                named,
-                value,
-                U,
-                limits,
-                tables.limits(*accepted),
-                s.rule.replace("_", "-"),
-                verdict,
-            ]
-        )
-    rules = [
-        f"{conformity.RULES[rule].of(lang)}."
-        for rule in sorted({s.rule for s in certificate.statements})
-    ]
     text = Words(
         "Compared without rounding, in the unit of the limits.", "以未修约数值比较，单位同限值。"
     )
-    align = ["left", "left", "right", "right", "left", "left", "left", "left"]
-    table = {
-        "title": "",
-        "groups": [],
-        "heads": [h.of(lang) for h in heads],
-        "align": align,
-        "rows": rows,
-        "notes": [],
+    rows = [_statement(statement, lang) for statement in statements]
+    return {
+        "text": text.of(lang),
+        "table": tables.text_table(CONFORMITY_HEADS, "llrrllll", rows, lang),
+        "rules": [
+            f"{conformity.RULES[rule].of(lang)}." for rule in sorted({s.rule for s in statements})
+        ],
     }
-    return {"text": text.of(lang), "table": table, "rules": rules}
+
+
+def _statement(s: Statement, lang: Lang) -> list[str]:
+    """Row of one statement of conformity."""
+    limits = (s.lower, s.upper)
+    stated = [None if limit is None else tables.exact(limit) for limit in limits]
+    accepted = [
+        tables.acceptance(*pair, s.result) for pair in zip(s.acceptance, limits, strict=True)
+    ]
+    reason = f": {s.reason.of(lang)}" if s.reason.en else ""
+    return [
+        tables.breakable(s.result.key),
+        " ".join(filter(None, (s.name, s.source))),
+        *tables.cells(s.result),
+        f"{tables.limits(*stated)} {unit_mark(s.result.unit)}".strip(),
+        tables.limits(*accepted),
+        s.rule.replace("_", "-"),
+        conformity.VERDICTS[s.verdict].of(lang) + reason,
+    ]
 
 
 def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     """Budgets of the principal results and of the kinds that statements of conformity rest on, one
     condition of each.
     """
-    chosen = {_kind(r): r for r in certificate.results if r.principal}
+    chosen = {r.quantity: r for r in certificate.results if r.principal}
     for statement in certificate.statements:
-        chosen.setdefault(_kind(statement.result), statement.result)
+        chosen.setdefault(statement.result.quantity, statement.result)
     notes = []
     if certificate.unused_terms:
         listed = ", ".join(certificate.unused_terms)
@@ -414,11 +342,6 @@ def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
         ],
         "notes": notes,
     }
-
-
-def _kind(result: Result) -> str:
-    """A result's key without the condition that it holds at."""
-    return result.key.partition("@")[0]
 
 
 def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
@@ -474,4 +397,4 @@ def _authorisation(certificate: Certificate, lang: Lang) -> Rows:
         (Words("Role", "职务"), person.role),
         (Words("Date of issue", "签发日期"), str(certificate.issued)),
     ]
-    return [[words.of(lang), text] for words, text in rows]
+    return _in_words(rows, lang)

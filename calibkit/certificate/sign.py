@@ -11,7 +11,8 @@ import logging
 from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
-from calibkit.errors import OutputError, UsageError
+from calibkit import extras
+from calibkit.errors import UsageError
 
 if TYPE_CHECKING:
     import datetime as dt
@@ -20,12 +21,11 @@ if TYPE_CHECKING:
 
 FIELD = "Signature"
 PASSPHRASE = "CALIBKIT_SIGN_PASSPHRASE"  # noqa: S105 (the name of the variable, not what it holds)
-INSTALL = "pip install 'calibkit[sign]'"
 
 
 @contextlib.contextmanager
 def quiet() -> Iterator[None]:
-    """Keep libraries from logging to stderr what is said in one line here."""
+    """Keep libraries from logging to stderr what calibkit reports in one line."""
     before = logging.root.manager.disable
     logging.disable(logging.CRITICAL)
     try:
@@ -47,38 +47,7 @@ def signer(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
     """Signer of a PKCS#12 file, opened before anything is made; UsageError where it cannot sign,
     OutputError without pyHanko.
     """
-    try:
-        from pyhanko.sign import signers
-    except ImportError:
-        raise OutputError("signing needs pyHanko", hint=INSTALL) from None
-    try:
-        content = key.path.read_bytes()
-    except OSError as error:
-        raise UsageError(
-            f"--sign {key.path}: {error.strerror}", hint="name a PKCS#12 file (.p12, .pfx)"
-        ) from None
-    with quiet():
-        try:
-            found = signers.SimpleSigner.load_pkcs12_data(
-                content,
-                other_certs=(),
-                passphrase=key.passphrase.encode() if key.passphrase else None,
-            )
-        except (ValueError, TypeError):
-            found = None
-    if found is None:
-        state = (
-            f"{PASSPHRASE} is not its passphrase" if key.passphrase else f"{PASSPHRASE} is not set"
-        )
-        raise UsageError(
-            f"--sign {key.path}: cannot be opened: {state}, or it is no PKCS#12 file",
-            hint=f"set {PASSPHRASE}",
-        )
-    if found.signing_cert is None:
-        raise UsageError(
-            f"--sign {key.path}: holds no certificate for its key",
-            hint="export key and certificate together",
-        )
+    found = _opened(key)
     valid = found.signing_cert["tbs_certificate"]["validity"]
     first, last = valid["not_before"].native, valid["not_after"].native
     if not first <= key.now <= last:
@@ -88,6 +57,37 @@ def signer(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
             hint="sign with a certificate that is valid now",
         )
     found.signed_attr_prov_spec = _attributes(found)
+    return found
+
+
+def _opened(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
+    """Signer of a PKCS#12 file with its certificate; UsageError where it cannot be opened."""
+    signers = extras.load_library("pyhanko.sign.signers", "sign", "signing needs pyHanko")
+    try:
+        content = key.path.read_bytes()
+    except OSError as error:
+        raise UsageError(
+            f"--sign {key.path}: {error.strerror}", hint="name a PKCS#12 file (.p12, .pfx)"
+        ) from None
+    passphrase = key.passphrase.encode() if key.passphrase else None
+    with quiet():
+        try:
+            found = signers.SimpleSigner.load_pkcs12_data(
+                content, other_certs=(), passphrase=passphrase
+            )
+        except (ValueError, TypeError):
+            found = None
+    if found is None:
+        state = "is not its passphrase" if key.passphrase else "is not set"
+        raise UsageError(
+            f"--sign {key.path}: cannot be opened: {PASSPHRASE} {state}, or it is no PKCS#12 file",
+            hint=f"set {PASSPHRASE}",
+        )
+    if found.signing_cert is None:
+        raise UsageError(
+            f"--sign {key.path}: holds no certificate for its key",
+            hint="export key and certificate together",
+        )
     return found
 
 

@@ -5,7 +5,7 @@ the covariance gives it.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -77,7 +77,7 @@ class Stated:
     def result(
         self,
         file: str,
-        key: str,
+        quantity: str,
         symbol: str,
         name: Words,
         value: float,
@@ -91,18 +91,29 @@ class Stated:
         standard: str = "",
         magnitude: bool = False,
         principal: bool = False,
-        more: tuple[tuple[str, float, float], ...] = (),
+        condition: str = "",
+        more: tuple[tuple[Words, float, float], ...] = (),
     ) -> Result:
         """Result with its expanded uncertainty; `called` are other names that type B terms may use,
         `more` is type A too.
         """
+        plain = Result(
+            quantity,
+            file,
+            symbol,
+            name,
+            value,
+            unit,
+            at=at,
+            standard=standard,
+            principal=principal,
+            condition=condition,
+        )
         found = self.source.uncertainty(
-            (key, *called), value, unit, ((TYPE_A, type_a, dof), *more), sensitivities
+            (plain.key, *called), value, unit, ((TYPE_A, type_a, dof), *more), sensitivities
         )
         interval = magnitude_interval(value, found) if magnitude and found is not None else None
-        return Result(
-            key, file, symbol, name, value, unit, found, interval, at, standard, principal
-        )
+        return replace(plain, uncertainty=found, interval=interval)
 
     def linear(
         self,
@@ -119,7 +130,7 @@ class Stated:
         symbol: str = "",
         principal: bool = False,
         condition: tuple[str, str] = (TEMPERATURE, "degC"),
-        more: tuple[tuple[str, float, float], ...] = (),
+        more: tuple[tuple[Words, float, float], ...] = (),
     ) -> Result:
         """Σ w_i c_i of a model's coefficients with u² = wᵀ C w; slope holds dw/dT where it depends
         on temperature.
@@ -128,20 +139,21 @@ class Stated:
         known = dict(sensitivities or {})
         if slope is not None and at is not None:
             known[condition[0]] = (at, weighted(model, slope)[0])
-        where = "" if at is None else f"@{at:g}"
+        quantity = f"{record.stage}.{model.name}.{name}"
         return self.result(
             f"{record.stage}.json",
-            f"{record.stage}.{model.name}.{name}{where}",
+            quantity,
             symbol or name,
             words,
             value,
             unit,
             type_a=type_a,
             dof=model.dof,
-            called=(f"{record.stage}.{model.name}.{name}", f"{model.name}.{name}", name),
+            called=(quantity, f"{model.name}.{name}", name),
             sensitivities=known,
             at=() if at is None else ((condition[0], at, condition[1]),),
             principal=principal,
+            condition="" if at is None else f"{at:g}",
             more=more,
         )
 

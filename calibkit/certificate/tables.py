@@ -1,5 +1,5 @@
-"""Tables of results → rows of text: value and U with two significant digits, one coverage factor a
-table or one a row.
+"""Tables of results → rows of text: value and U with two significant digits, one coverage factor
+per table or one per row.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ MANY = 10_000.0
 ABSENT = "—"
 FEWEST, MOST_DIGITS = 4, 17
 """Significant digits of a number without an uncertainty, and those that hold any float64."""
-VALUE, U = Words("value", "值"), Words("U")
+VALUE, U, UNIT = Words("value", "值"), Words("U"), Words("unit", "单位")
 
 
 def number(text: str, exponent: int = 0) -> str:
@@ -37,16 +37,13 @@ def number(text: str, exponent: int = 0) -> str:
     return text.replace("-", "−") + power
 
 
-TERMS = {
-    "fit to the logs": Words("fit to the logs", "对数据的拟合"),
-    "model error on ramps left out": Words("model error on ramps left out", "留出温变的模型误差"),
+DISTRIBUTIONS = {
     "normal": Words("normal", "正态"),
     "rectangular": Words("rectangular", "均匀"),
     "triangular": Words("triangular", "三角"),
     "arcsine": Words("arcsine", "反正弦"),
     "t": Words("t"),
 }
-"""Words of a budget that calibkit chose itself."""
 
 
 def cells(result: Result | None) -> tuple[str, str]:
@@ -125,25 +122,22 @@ def significant(value: float) -> str:
     return number(shown.uncertainty, shown.exponent)
 
 
-def of_list(table: ListTable, lang: Lang) -> dict[str, Any]:
-    """A list as rows of symbol, name, value, U, unit."""
+def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
+    """A list as rows of symbol, name (where any result has one), value, U, unit."""
     named = any(result.name.en for result in table.results)
-    coverage = factor_words(table.results)
     rows = []
     for result in table.results:
-        value, expanded = cells(result)
         name = result.name.of(lang) + (f" ({result.standard})" if result.standard else "")
         head = [result.symbol, name] if named else [result.symbol]
-        rows.append([*head, value, expanded, unit_mark(result.unit) or "1"])
-    head = ["", ""] if named else [""]
+        rows.append([*head, *cells(result), unit_mark(result.unit) or "1"])
     parts = 1 if named else min(3, -(-len(rows) // LONGEST))
-    rows = _beside(rows, parts)
-    heads = [*head, VALUE.of(lang), U.of(lang), Words("unit", "单位").of(lang)]
-    align = ["left"] * len(head) + ["right", "right", "left"]
-    return _table(table.title, [], heads * parts, align * parts, rows, (table.note, coverage), lang)
+    heads = [*[Words("")] * (2 if named else 1), VALUE, U, UNIT] * parts
+    align = ("llrrl" if named else "lrrl") * parts
+    notes = (table.note, factor_words(table.results))
+    return text_table(heads, align, _side_by_side(rows, parts), lang, table.title, notes)
 
 
-def _beside(rows: list[list[str]], parts: int) -> list[list[str]]:
+def _side_by_side(rows: list[list[str]], parts: int) -> list[list[str]]:
     """A long list of rows as parts that stand side by side."""
     height = -(-len(rows) // parts) if rows else 0
     filled = rows + [[""] * len(rows[0])] * (height * parts - len(rows)) if rows else []
@@ -152,11 +146,11 @@ def _beside(rows: list[list[str]], parts: int) -> list[list[str]]:
     ]
 
 
-def of_grid(table: GridTable, lang: Lang) -> list[dict[str, Any]]:
+def lay_out_grid(table: GridTable, lang: Lang) -> list[dict[str, Any]]:
     """A grid as tables of as many quantities side by side as fit, each with value and U."""
     ends, total = [0], len(table.heads)
     while ends[-1] < total:
-        ends.append(_fitting(table, ends[-1], lang))
+        ends.append(_end_of_part(table, ends[-1], lang))
     each = -(-total // max(len(ends) - 1, 1))  # as many in the last part as in the others
     starts = range(0, total, each)
     return [
@@ -164,9 +158,9 @@ def of_grid(table: GridTable, lang: Lang) -> list[dict[str, Any]]:
     ]
 
 
-def _fitting(table: GridTable, start: int, lang: Lang) -> int:
+def _end_of_part(table: GridTable, start: int, lang: Lang) -> int:
     """End of the columns from `start` that fit side by side: one at least."""
-    room = (
+    free = (
         WIDEST
         - max((len(_label(label, lang)) for label in table.labels), default=0)
         - (14 if table.by_row else 0)
@@ -174,8 +168,8 @@ def _fitting(table: GridTable, start: int, lang: Lang) -> int:
     for k in range(start, len(table.heads)):
         pairs = [cells(row[k]) for row in table.cells]
         value, expanded = (max((len(pair[i]) for pair in pairs), default=0) for i in (0, 1))
-        room -= max(value + expanded + 2 * COLUMN_GAP, len(table.heads[k].of(lang)) + 8)
-        if room < 0 and k > start:
+        free -= max(value + expanded + 2 * COLUMN_GAP, len(table.heads[k].of(lang)) + 8)
+        if free < 0 and k > start:
             return k
     return len(table.heads)
 
@@ -183,33 +177,31 @@ def _fitting(table: GridTable, start: int, lang: Lang) -> int:
 def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[str, Any]:
     """Some columns of a grid; notes stand under the last of them."""
     part = [row[chosen] for row in table.cells]
-    certain = [
-        any(r is not None and r.uncertainty is not None for r in column)
+    widths = [  # with U where any result of the column has one
+        2 if any(r is not None and r.uncertainty is not None for r in column) else 1
         for column in zip(*part, strict=True)
     ]
     groups: list[list[Any]] = [["", 1]]
-    heads, align = [table.row_head.of(lang)], ["left"]
-    for k, (head, has_u) in enumerate(zip(table.heads[chosen], certain, strict=True)):
+    heads, align = [table.row_head], "l"
+    for k, (head, width) in enumerate(zip(table.heads[chosen], widths, strict=True)):
         unit = "" if table.by_row else f" [{unit_mark(table.units[chosen][k]) or 1}]"
-        groups.append([head.of(lang) + unit, 2 if has_u else 1])
-        heads += [VALUE.of(lang), U.of(lang)] if has_u else [VALUE.of(lang)]
-        align += ["right", "right"] if has_u else ["right"]
-    rows = []
-    for k, (label, row) in enumerate(zip(table.labels, part, strict=True)):
-        shown = [
-            text
-            for r, has_u in zip(row, certain, strict=True)
-            for text in cells(r)[: 2 if has_u else 1]
-        ]
-        last_cell = [unit_mark(table.units[k]) or "1"] if table.by_row else []
-        rows.append([_label(label, lang), *shown, *last_cell])
+        groups.append([head.of(lang) + unit, width])
+        heads += (VALUE, U)[:width]
+        align += "r" * width
+    rows = [
+        [_label(label, lang)]
+        + [text for r, width in zip(row, widths, strict=True) for text in cells(r)[:width]]
+        for label, row in zip(table.labels, part, strict=True)
+    ]
     if table.by_row:
         groups.append(["", 1])
-        heads.append(Words("unit", "单位").of(lang))
-        align.append("left")
+        heads.append(UNIT)
+        align += "l"
+        for row, unit in zip(rows, table.units, strict=True):
+            row.append(unit_mark(unit) or "1")
     every = [r for row in table.cells for r in row if r is not None]
     notes = (table.note, factor_words(every)) if last else ()
-    return _table(table.title, groups, heads, align, rows, notes, lang)
+    return text_table(heads, align, rows, lang, table.title, notes, groups)
 
 
 def _label(label: str | Words, lang: Lang) -> str:
@@ -223,24 +215,25 @@ def _label(label: str | Words, lang: Lang) -> str:
     return label.replace("-", "−")
 
 
-def _table(
-    title: Words,
-    groups: list[list[Any]],
-    heads: list[str],
-    align: list[str],
+def text_table(
+    heads: Sequence[Words],
+    align: str,
     rows: list[list[str]],
-    notes: Iterable[Words | None],
     lang: Lang,
+    title: Words | None = None,
+    notes: Iterable[Words | None] = (),
+    groups: Sequence[list[Any]] = (),
 ) -> dict[str, Any]:
-    """JSON object of a table."""
-    said = [note.of(lang) for note in notes if note is not None]
+    """JSON object of a table; `align` has one letter per column, l or r, `groups` a title and a
+    number of columns each.
+    """
     return {
-        "title": title.of(lang),
-        "groups": groups,
-        "heads": heads,
-        "align": align,
+        "title": "" if title is None else title.of(lang),
+        "groups": list(groups),
+        "heads": [head.of(lang) for head in heads],
+        "align": [{"l": "left", "r": "right"}[letter] for letter in align],
         "rows": rows,
-        "notes": said,
+        "notes": [note.of(lang) for note in notes if note is not None],
     }
 
 
@@ -280,9 +273,9 @@ def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, An
     unit = unit_mark(result.unit)
     rows = [
         [
-            TERMS.get(part.name, Words(part.name)).of(lang),
+            part.name.of(lang),
             part.kind,
-            TERMS.get(part.distribution, Words(part.distribution)).of(lang),
+            DISTRIBUTIONS[part.distribution].of(lang),
             f"{significant(part.standard_uncertainty)}"
             f" {unit_mark(part.unit) if part.quantity else unit}".strip(),
             plain(part.sensitivity, 3),

@@ -1,9 +1,10 @@
-"""Type A from the fit, type B from recipe and profile: one uncertainty a result, added after the
-fit (JCGM 100).
+"""Uncertainty of each result: type A from the fit, type B from recipe and profile, combined after
+the fit (JCGM 100).
 """
 
 from __future__ import annotations
 
+import itertools
 import math
 from dataclasses import dataclass
 from functools import lru_cache
@@ -13,6 +14,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.certificate.results import Contribution, Uncertainty
+from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
 from calibkit.numeric import gum
 from calibkit.recipe import type_b
@@ -23,17 +25,15 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
     from calibkit.recipe import TypeB
 
-TYPE_A = "fit to the logs"
+TYPE_A = Words("fit to the logs", "对数据的拟合")
 """Name of the type A contribution: the fit's covariance."""
 TRIALS = 20_000
-"""Of the Monte Carlo intervals, one at each of as many equal probabilities."""
+"""Trials of the Monte Carlo intervals, one at each of as many equal probabilities."""
 
 
 @dataclass(frozen=True, slots=True)
 class Source:
-    """Where type B terms come from, and which were used, so that a term that says nothing is
-    named.
-    """
+    """The type B terms of a certificate."""
 
     terms: tuple[TypeB, ...]
 
@@ -47,49 +47,54 @@ class Source:
         names: Sequence[str],
         estimate: float,
         unit: str,
-        type_a: Sequence[tuple[str, float, float]],
+        type_a: Sequence[tuple[Words, float, float]],
         sensitivities: Mapping[str, tuple[float, float]] | None = None,
     ) -> Uncertainty | None:
-        """Combined and expanded uncertainty of a result, or none where nothing is known of it.
+        """Combined and expanded uncertainty of a result, None where nothing is known of it.
 
         names are those a term may call the result by; type_a holds names, standard uncertainties
         and degrees of freedom; sensitivities are those of `type_b.terms_of`. Below one degree of
         freedom there is no coverage factor: such a contribution is left out, and a result that has
         no other is stated without an uncertainty.
         """
-        components = [
-            gum.Component(name, estimate, u, "A", 1.0, dof)
+        parts = [
+            (gum.Component(name.en, estimate, u, "A", 1.0, dof), name, "", "")
             for name, u, dof in type_a
             if u > 0.0 and dof >= 1.0
         ]
-        quantities = [("", "")] * len(components)
-        for stated in self.terms:
-            if not {stated.quantity, stated.result} & {*names, *(sensitivities or ())}:
-                continue
-            term = _in_base(stated, unit if stated.quantity in names else None)
-            called = next(
-                (name for name in names if name in (term.quantity, term.result)), names[0]
-            )
-            applied = type_b.terms_of((term,), called, estimate, sensitivities).components
-            applied = tuple(part for part in applied if part.sensitivity)
-            components += applied
-            quantities += [
-                (term.quantity, _unit(term, unit if term.quantity in names else None))
-            ] * len(applied)
-        if not components:
+        for term in self.terms:
+            if {term.quantity, term.result} & {*names, *(sensitivities or ())}:
+                parts += _apply(term, names, estimate, unit, sensitivities)
+        if not parts:
             return None
-        expanded = gum.combine(components)
-        lines = tuple(
-            _line(part, *quantity) for part, quantity in zip(components, quantities, strict=True)
-        )
+        expanded = gum.combine([part for part, *_ in parts])
         return Uncertainty(
-            lines,
+            tuple(itertools.starmap(_line, parts)),
             expanded.standard_uncertainty,
             expanded.effective_dof,
             expanded.coverage_factor,
             expanded.expanded_uncertainty,
             expanded.probability,
         )
+
+
+def _apply(
+    stated: TypeB,
+    names: Sequence[str],
+    estimate: float,
+    unit: str,
+    sensitivities: Mapping[str, tuple[float, float]] | None,
+) -> list[tuple[gum.Component, Words, str, str]]:
+    """Components that a result has from a type B term, each with its name, quantity and unit."""
+    result_unit = unit if stated.quantity in names else None
+    term = _in_base(stated, result_unit)
+    called = next((name for name in names if name in (term.quantity, term.result)), names[0])
+    applied = type_b.terms_of((term,), called, estimate, sensitivities).components
+    return [
+        (part, Words(part.name), term.quantity, _unit(term, result_unit))
+        for part in applied
+        if part.sensitivity
+    ]
 
 
 def _unit(term: TypeB, result_unit: str | None) -> str:
@@ -125,10 +130,10 @@ def _in_base(term: TypeB, result_unit: str | None) -> TypeB:
     return term.model_copy(update={"unit": target, **scaled})
 
 
-def _line(part: gum.Component, quantity: str, unit: str) -> Contribution:
+def _line(part: gum.Component, name: Words, quantity: str, unit: str) -> Contribution:
     """Line of the budget for one component."""
     return Contribution(
-        part.name,
+        name,
         part.kind,
         quantity,
         part.standard_uncertainty,
@@ -142,7 +147,7 @@ def _line(part: gum.Component, quantity: str, unit: str) -> Contribution:
 
 def unused(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:
     """Names of terms that entered no result."""
-    names = {line.name for one in used for line in one.contributions}
+    names = {line.name.en for one in used for line in one.contributions}
     return tuple(term.name for term in terms if term.name not in names)
 
 

@@ -1,5 +1,5 @@
-"""What a certificate's signature says: whether any byte was changed behind it, who signed, and
-whether that one is trusted.
+"""What a certificate's signature states: whether any byte was changed after it, who signed, and
+whether the signer is trusted.
 """
 
 from __future__ import annotations
@@ -9,8 +9,9 @@ import io
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
+from calibkit import extras
 from calibkit.certificate.sign import quiet
-from calibkit.errors import OutputError, UsageError
+from calibkit.errors import UsageError
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -33,16 +34,11 @@ class Signature:
 
 def trust_roots(paths: Sequence[Path]) -> list[Any]:
     """Certificates of PEM or DER files; UsageError for a file that holds none."""
-    if not paths:
-        return []
-    try:
-        from pyhanko import keys
-    except ImportError:
-        raise OutputError("signatures need pyHanko", hint=INSTALL) from None
     found: list[Any] = []
     for path in paths:
+        keys = extras.load_library("pyhanko.keys", "verify", "signatures need pyHanko")
         try:
-            found += list(keys.load_certs_from_pemder([str(path)]))  # type: ignore[no-untyped-call]
+            found += keys.load_certs_from_pemder([str(path)])
         except (OSError, ValueError) as error:
             raise UsageError(
                 f"--trust {path}: no certificate: {error}", hint="name a PEM or DER file"
@@ -56,17 +52,16 @@ def signatures(document: bytes, roots: Sequence[Any]) -> tuple[Signature, ...]:
     """
     if b"/ByteRange" not in document:
         return ()
-    try:
-        from pyhanko.pdf_utils.reader import PdfFileReader
-    except ImportError:
-        raise OutputError(
-            "the certificate is signed; its signature needs pyHanko", hint=INSTALL
-        ) from None
+    reader = extras.load_library(
+        "pyhanko.pdf_utils.reader",
+        "verify",
+        "the certificate is signed; its signature needs pyHanko",
+    )
     with quiet():
         try:
-            embedded = PdfFileReader(io.BytesIO(document), strict=True).embedded_signatures
+            embedded = reader.PdfFileReader(io.BytesIO(document), strict=True).embedded_signatures
         except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
-            return (Signature("", "", (f"the signed PDF cannot be read: {_said(error)}",), ()),)
+            return (Signature("", "", (f"the signed PDF cannot be read: {_one_line(error)}",), ()),)
         if not embedded:
             return (Signature("", "", ("the PDF has a signature's bytes, but no signature",), ()),)
         return tuple(_checked(document, one, roots, last=one is embedded[-1]) for one in embedded)
@@ -88,7 +83,7 @@ def _checked(document: bytes, embedded: Any, roots: Sequence[Any], *, last: bool
             *_bag(embedded),
         ]
     except Exception as error:  # noqa: BLE001 (a damaged signature fails in as many ways as it has bytes)
-        return Signature("", "", (f"the signature cannot be read: {_said(error)}",), ())
+        return Signature("", "", (f"the signature cannot be read: {_one_line(error)}",), ())
     warnings = []
     if not faults and not status.trusted:
         warnings.append(f"the signature is intact, but its signer is not trusted: {signer}")
@@ -105,7 +100,7 @@ def _end(embedded: Any) -> int:  # noqa: ANN401 (a class of an optional library)
     return after + rest
 
 
-def _said(error: Exception) -> str:
+def _one_line(error: Exception) -> str:
     """An exception in one line."""
     return " ".join(str(error).split())[:200] or type(error).__name__
 
@@ -184,23 +179,15 @@ def _bag(embedded: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optiona
     from cryptography import x509
 
     listed = _named(embedded)
-    others = [
-        one
-        for one in embedded.other_embedded_certs
-        if hashlib.sha256(one.dump()).digest() not in listed
-    ]
     every = [
         x509.load_der_x509_certificate(one.dump())
         for one in (embedded.signer_cert, *embedded.other_embedded_certs)
     ]
-    for one in others:
-        certificate = x509.load_der_x509_certificate(one.dump())
+    for one, certificate in zip(embedded.other_embedded_certs, every[1:], strict=True):
+        named = hashlib.sha256(one.dump()).digest() in listed
         issuers = [other for other in every if other.subject == certificate.issuer]
-        if (
-            len(listed) > 1
-            or not issuers
-            or not any(_issued(certificate, issuer) for issuer in issuers)
-        ):
+        issued = any(_issued(certificate, issuer) for issuer in issuers)
+        if not named and (len(listed) > 1 or not issued):
             yield "a certificate beside the signer's is not one that was signed with"
 
 

@@ -1,9 +1,9 @@
-"""What a certificate prints, read back from its PDF, against the sheet that the attached files
-give.
+"""What a certificate prints, read back from its PDF, compared with the sheet that the attached
+files give.
 
-Rows of numbers are looked for in the order of printing, blanks aside; a number is another one as
-soon as it has a digit, a point or a sign more. Words in scripts that come out of a PDF in another
-order than they went in are passed over.
+Rows of numbers are looked for in the order of printing, without blanks; a number with one more
+digit, point or sign is another number. Words in scripts whose order changes when a PDF is read are
+passed over.
 """
 
 from __future__ import annotations

@@ -1,4 +1,6 @@
-"""Words in the two languages of a certificate, and how units are printed."""
+"""Words in the two languages of a certificate, those that PDF and DCC share, and how units are
+printed.
+"""
 
 from __future__ import annotations
 
@@ -26,6 +28,61 @@ class Words:
     def __add__(self, other: Words) -> Words:
         return Words(self.en + other.en, (self.zh or self.en) + (other.zh or other.en))
 
+
+HEADINGS = {
+    "parties": Words("Laboratory and customer", "实验室与客户"),
+    "item": Words("Item calibrated", "被校件"),
+    "method": Words("Method", "校准方法"),
+    "conditions": Words("Conditions", "校准条件"),
+    "traceability": Words("Traceability", "溯源性"),
+    "results": Words("Results", "校准结果"),
+    "as_found": Words("As found and as left", "调整前与调整后"),
+    "conformity": Words("Conformity", "符合性声明"),
+    "budget": Words("Uncertainty budget", "不确定度评定"),
+    "data": Words("Data and digests", "数据与摘要"),
+    "authorisation": Words("Authorisation", "批准"),
+    "amendment": Words("Amendment", "修改说明"),
+    "missing": Words("Missing for a certificate", "尚缺内容"),
+    "remarks": Words("Remarks", "备注"),
+}
+SENTENCES = {
+    "draft": Words("DRAFT", "草稿"),
+    "draft_line": Words("DRAFT: not a calibration certificate", "草稿：非正式校准证书"),
+    "number": Words("Certificate number", "证书编号"),
+    "page": Words("Page {n} of {N}", "第 {n} 页，共 {N} 页"),
+    "end": Words("End of certificate", "证书结束"),
+    "signature": Words("Signature", "签名"),
+    "only_item": Words(
+        "The results relate only to the item calibrated, as it was when it was calibrated.",
+        "结果仅与被校件及其校准时的状态有关。",
+    ),
+    "uncertainty": Words(
+        "The expanded uncertainty U is the combined standard uncertainty times the coverage factor"
+        " k that stands with each table, for a coverage probability of about 95 %. It combines the"
+        " uncertainty of the fit (type A, from its covariance) with what is known of the equipment"
+        " (type B). It holds at the time and under the conditions of the calibration; the item's"
+        " long-term stability is not in it.",
+        "扩展不确定度 U 为合成标准不确定度乘以各表所示包含因子 k，包含概率约 95 %。"
+        "其中包括拟合不确定度（A 类，来自协方差）"
+        "与设备不确定度（B 类），仅对校准时的时间与条件有效，不含被校件的长期稳定性。",
+    ),
+    "attached": Words(
+        "The files below are attached to this PDF. The coefficients in them have all their digits"
+        " and their covariance.",
+        "以下文件附于本 PDF 中，其中的系数含全部有效数字及协方差。",
+    ),
+}
+AS_FOUND, AS_LEFT = Words("as found", "调整前"), Words("as left", "调整后")
+CONDITIONS = (
+    ("chamber", Words("Chamber set points and holds", "温箱设定点与保温")),
+    ("laboratory_temperature", Words("Laboratory temperature", "实验室温度")),
+    ("local_gravity", Words("Local gravity", "当地重力加速度")),
+    ("latitude", Words("Latitude", "纬度")),
+    ("earth_rate", Words("Earth's rate", "地球自转")),
+    ("supply", Words("Supply", "供电")),
+    ("warm_up", Words("Warm-up", "预热")),
+)
+"""Key of [conditions] in the profile, and what it is called."""
 
 UNIT_MARKS = {
     "1": "",

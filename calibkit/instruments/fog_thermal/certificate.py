@@ -173,11 +173,14 @@ def _at_rest(stated: Stated, record: Record, model: Model) -> Callable[[float], 
     return at
 
 
-def _model_error(model: Model) -> tuple[tuple[str, float, float], ...]:
+MODEL_ERROR = Words("model error on ramps left out", "留出温变的模型误差")
+
+
+def _model_error(model: Model) -> tuple[tuple[Words, float, float], ...]:
     """What lasts on ramps that were left out of the fit, with its degrees of freedom."""
     chosen = {parameter.name: parameter.value for parameter in model.parameters}
     error, dof = chosen.get("model_error", 0.0), chosen.get("model_error_dof", math.inf)
-    return (("model error on ramps left out", error, dof),) if error > 0.0 else ()
+    return ((MODEL_ERROR, error, dof),) if error > 0.0 else ()
 
 
 def _level_values(
@@ -319,7 +322,7 @@ def _on_ramp(
         slope = (drift(best, t + 0.5) - drift(best, t - 0.5)) / 1.0
         return stated.result(
             f"{record.stage}.json",
-            f"{record.stage}.{model.name}.{name}@{t:g}",
+            f"{record.stage}.{model.name}.{name}",
             "D",
             (
                 Words("thermal drift on a ramp", "温变热致漂移")
@@ -333,6 +336,7 @@ def _on_ramp(
             called=(f"{record.stage}.{model.name}.{name}", name),
             sensitivities={TEMPERATURE: (t, slope)},
             at=((TEMPERATURE, t, "degC"), ("temp_rate", rate, "degC/min")),
+            condition=f"{t:g}",
             more=_model_error(model),
         )
 

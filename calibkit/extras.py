@@ -1,0 +1,18 @@
+"""Libraries that are installed with one of the package's extras: `pip install 'calibkit[pdf]'`."""
+
+from __future__ import annotations
+
+import importlib
+from typing import Any
+
+from calibkit.errors import OutputError
+
+
+def load_library(module: str, extra: str, purpose: str) -> Any:  # noqa: ANN401 (a module without types)
+    """Module of an optional library; OutputError with the command that installs it where it is
+    absent.
+    """
+    try:
+        return importlib.import_module(module)
+    except ImportError:
+        raise OutputError(purpose, hint=f"pip install 'calibkit[{extra}]'") from None
