@@ -659,7 +659,7 @@ def test_figures_of_different_forms_or_units_are_not_compared():
             [("level/1", "deg/h"), ("lagged/1", "deg/h"), ("level/1", "deg/s")]
         )
     ]
-    made = table.of(rows[::-1], ROOT)
+    made = table.build_table(rows[::-1], ROOT)
     assert [column.name for column in made.columns] == [
         "drift.b0 (level/1)",
         "drift.b0 (lagged/1)",
@@ -667,4 +667,4 @@ def test_figures_of_different_forms_or_units_are_not_compared():
     ]
     assert [column.unit for column in made.columns] == ["deg/h", "deg/h", "deg/s"]
     assert [np.isfinite(column.values).sum() for column in made.columns] == [1, 1, 1]
-    assert len(set(files.csv_of(made).splitlines()[0].split(b","))) == 12
+    assert len(set(files.flat_table(made).to_csv().splitlines()[0].split(","))) == 12

@@ -24,9 +24,10 @@ from calibkit.coefficients import (
     StageResult,
     record,
 )
-from calibkit.report import figures, html, svg
+from calibkit.report import figures, html, html_tables, svg
 from calibkit.report.documents import Drawn, printed
-from calibkit.report.summary import Summary, SummaryTable
+from calibkit.report.summary import Summary
+from calibkit.report.table import Table
 from conftest import ROOT
 from kept import model
 
@@ -102,9 +103,7 @@ def made(text=HOSTILE, *, accepted=True, drawings=(), excluded=()):
         "files": [{"name": "gyro_scale.json", "sha256": "cd" * 32}],
     }
     criteria = (Criterion(text, 2.0, 1.0, text, accepted),)
-    summary = Summary(
-        text, (SummaryTable(text, (text, text, "u"), ((text, text),)),), (text,), criteria
-    )
+    summary = Summary(text, (Table(text, (text, text, "u"), ((text, text),)),), (text,), criteria)
     return html.page(document, records, Drawn(tuple(drawings), summary))
 
 
@@ -289,6 +288,20 @@ def test_a_made_up_coefficient_keeps_its_last_bit():
     found = numbers(tree(made("plain")), "Coefficients of gyro_scale.json")
     assert found == [("plain", 0.1 + 0.2, 1.0 / 3.0, "plain"), ("K1", -1e-300, 0.0, "1")]
     assert ">0.30000000000000004</data>" in made("plain").decode()
+
+
+def test_a_number_of_numpy_stands_on_the_page_as_every_other_number():
+    """A figure that a fit left as numpy's float64 was printed as "np.float64(0.3)"."""
+    one = np.float64(0.1) + np.float64(0.2)
+    quantity = Coefficient("drift_rms", one, "deg/h", 0.0)
+    made_of = html_tables.figures(
+        record(
+            StageResult("drift_rate", (), (quantity,)),
+            Identity("S-1", 1, "2026-11-21", "calibkit", "00", ()),
+            "",
+        )
+    )
+    assert '<data value="0.30000000000000004">0.30000000000000004</data>' in made_of.text
 
 
 def test_the_same_logs_give_the_same_page_and_verify_covers_it(fitted, calibkit):

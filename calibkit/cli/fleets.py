@@ -80,7 +80,7 @@ def fleet(
         from calibkit.fleet import server
 
         server.ahead()
-    from calibkit.fleet import run, told
+    from calibkit.fleet import run, summary
     from calibkit.recipe import find
 
     done = run.run(
@@ -97,7 +97,7 @@ def fleet(
     for guess in done.guesses:
         say(f"? {guess}")
     if as_json:
-        print_json(told.document(done) | rehearsed(dry_run=dry_run))
+        print_json(summary.summary_document(done) | rehearsed(dry_run=dry_run))
     else:
-        click.echo("\n".join(told.lines(done, dry_run=dry_run)))
+        click.echo("\n".join(summary.summary_lines(done, dry_run=dry_run)))
     return done.exit_code

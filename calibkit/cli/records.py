@@ -93,8 +93,7 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
     """
     from calibkit import store
     from calibkit.coefficients import document
-    from calibkit.history import said
-    from calibkit.report.run import summary
+    from calibkit.report.run import list_numbers, summarize_run
 
     _one_format(as_csv=as_csv, as_json=as_json)
     found = store.load(store.find(run, runs, day_of(date) if date else ""))
@@ -102,9 +101,9 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
         records = {name: document(record) for name, record in found.records.items()}
         print_json({"ok": True, "run": dict(found.document), "records": records})
     elif as_csv:
-        print_data(said.run_csv(found))
+        print_data(list_numbers(found.records.values()).to_csv())
     else:
-        print_summary(summary(found.name, found.document, found.records))
+        print_summary(summarize_run(found.name, found.document, found.records))
     return 0
 
 
@@ -126,17 +125,18 @@ def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) ->
     difference.
     """
     from calibkit import store
-    from calibkit.history import difference, said
+    from calibkit.history import difference_tables as tables
+    from calibkit.history.difference import compare_runs
 
     _one_format(as_csv=as_csv, as_json=as_json)
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
-    found = difference.between(old, new)
+    found = compare_runs(old, new)
     if as_json:
-        print_json({"ok": True, **said.difference_document(found)})
+        print_json({"ok": True, **tables.difference_document(found)})
     elif as_csv:
-        print_data(said.difference_csv(found))
+        print_data(tables.list_changes(found).to_csv())
     else:
-        print_summary(said.difference_summary(found))
+        print_summary(tables.summarize_difference(found))
     return 0
 
 
@@ -169,10 +169,11 @@ def history(
     """
     from calibkit import store
     from calibkit.history import figure as drawing
-    from calibkit.history import said, timeline
+    from calibkit.history import timeline_tables as tables
+    from calibkit.history.timeline import read_timeline
 
     _one_format(as_csv=as_csv, as_json=as_json)
-    found = timeline.of(serial, runs, only)
+    found = read_timeline(serial, runs, only)
     if figure is not None:
         store.write_new(figure, drawing.render(found, figure.suffix))
     broken = None
@@ -183,11 +184,11 @@ def history(
         )
     if as_json:
         error = {"error": as_document(broken)} if broken else {}
-        print_json({"ok": found.sound, **error, **said.timeline_document(found)})
+        print_json({"ok": found.sound, **error, **tables.timeline_document(found)})
     elif as_csv:
-        print_data(said.timeline_csv(found))
+        print_data(tables.list_points(found).to_csv())
     else:
-        print_summary(said.timeline_summary(found))
+        print_summary(tables.summarize_timeline(found))
     return broken.exit_code if broken else 0
 
 

@@ -4,40 +4,42 @@ all of them.
 
 from __future__ import annotations
 
-import csv
 import hashlib
-import io
-import math
 from typing import TYPE_CHECKING, Any
 
 from calibkit import coefficients, pipeline, store
 from calibkit.report import control_charts
 from calibkit.report import figures as drawing
+from calibkit.report.table import Column, Table, number_or_none, tabulate
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Mapping
 
-    from calibkit.fleet.table import Column, Table
+    from calibkit.fleet.table import FleetTable
     from calibkit.fleet.unit import Plan
+    from calibkit.report.control_charts import ControlChart
+    from calibkit.report.table import Cell
 
-TEXT = ("serial", "run", "run_sha256", "verdict", "error", "outlier_in")
+DEVICE_KEYS = ("serial", "run", "run_sha256", "verdict", "error", "flags")
+TEXTS = ("serial", "run", "run_sha256", "verdict", "error", "outlier_in")
 
 
-def of(table: Table, plan: Plan, title: str) -> dict[str, bytes]:
+def make_files(table: FleetTable, plan: Plan, title: str) -> dict[str, bytes]:
     """File name → bytes of everything that tells of a fleet."""
-    contents = {"fleet.csv": csv_of(table)}
-    parquet = parquet_of(table)
+    flat = flat_table(table)
+    contents = {"fleet.csv": flat.to_csv().encode()}
+    parquet = _parquet(flat)
     if parquet is not None:
         contents["fleet.parquet"] = parquet
     if table.charts:
         contents["control_charts.pdf"] = drawing.pdf(control_charts.pages(title, table.charts))
     return {
-        store.FLEET_FILE: coefficients.seal(document(table, plan, contents)).encode(),
+        store.FLEET_FILE: coefficients.seal(_document(table, plan, contents)).encode(),
         **contents,
     }
 
 
-def document(table: Table, plan: Plan, contents: Mapping[str, bytes]) -> dict[str, Any]:
+def _document(table: FleetTable, plan: Plan, contents: Mapping[str, bytes]) -> dict[str, Any]:
     """fleet.json: recipe, units with the digests of their runs, lines of every control chart,
     digests of the files.
     """
@@ -51,18 +53,8 @@ def document(table: Table, plan: Plan, contents: Mapping[str, bytes]) -> dict[st
             "overrides": list(plan.source.overrides),
             "text": plan.source.text,
         },
-        "units": [
-            {
-                "serial": entry.serial,
-                "run": entry.run,
-                "run_sha256": entry.run_sha256,
-                "verdict": entry.verdict,
-                "error": entry.error,
-                "flags": entry.flags,
-            }
-            for entry in table.entries
-        ],
-        "figures": [_figure(table, number) for number in range(len(table.charts))],
+        "units": tabulate("", DEVICE_KEYS, table.entries).to_objects(),
+        "figures": [_figure(table, chart) for chart in table.charts],
         "files": [
             {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
             for name, content in sorted(contents.items())
@@ -70,86 +62,64 @@ def document(table: Table, plan: Plan, contents: Mapping[str, bytes]) -> dict[st
     }
 
 
-def _figure(table: Table, number: int) -> dict[str, Any]:
-    """Lines and outliers of one control chart; a limit is null where no unit can be judged."""
-    chart = table.charts[number]
+def _figure(table: FleetTable, chart: ControlChart) -> dict[str, Any]:
+    """Lines and outliers of one control chart; a limit is null where no device can be judged."""
     control = chart.control
+    outliers = [outlier for outlier in table.outliers if outlier.figure == chart.name]
     return {
         "name": chart.name,
         "unit": chart.unit,
         "units": len(chart.serials),
         "centre": control.centre,
         "sigma": control.sigma,
-        "limit_sigma": control.limit if math.isfinite(control.limit) else None,
-        "outliers": [
-            {"serial": outlier.serial, "value": outlier.value, "z": outlier.z}
-            for outlier in table.outliers
-            if outlier.figure == chart.name
-        ],
+        "limit_sigma": number_or_none(control.limit),
+        "outliers": tabulate("", ("serial", "value", "z"), outliers).to_objects(),
     }
 
 
-def _texts(table: Table) -> list[tuple[str, ...]]:
-    """Cells of the columns that hold text, a tuple a unit."""
-    named: dict[str, list[str]] = {}
+def flat_table(table: FleetTable) -> Table:
+    """One row per device: what became of it, then each key figure, and its uncertainty where one is
+    stated.
+    """
+    numbers: list[tuple[str, str, tuple[float, ...]]] = []
+    for column in table.columns:
+        numbers.append((column.name, column.unit, column.values))
+        if any(u > 0.0 for u in column.standard_uncertainties):
+            numbers.append((f"u({column.name})", column.unit, column.standard_uncertainties))
+    stands_out: dict[str, list[str]] = {}
     for outlier in table.outliers:
-        named.setdefault(outlier.serial, []).append(f"{outlier.figure} (z = {outlier.z:.3g})")
-    return [
+        text = f"{outlier.figure} (z = {outlier.z:.3g})"
+        stands_out.setdefault(outlier.serial, []).append(text)
+    rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
             entry.serial,
             entry.run,
             entry.run_sha256,
             entry.verdict,
             " ".join(entry.error.split()),
-            "; ".join(named.get(entry.serial, ())),
+            "; ".join(stands_out.get(entry.serial, ())),
+            *(values[k] for _, _, values in numbers),
         )
-        for entry in table.entries
-    ]
+        for k, entry in enumerate(table.entries)
+    )
+    columns = (Column(f"{name} [{unit}]", unit=unit) for name, unit, _ in numbers)
+    return Table("", (*TEXTS, *columns), rows)
 
 
-def _numbers(columns: Sequence[Column]) -> list[tuple[str, str, tuple[float, ...]]]:
-    """Header, unit and values of the columns that hold numbers: each figure, and its uncertainty
-    where one is stated.
-    """
-    found = []
-    for column in columns:
-        found.append((f"{column.name} [{column.unit}]", column.unit, column.values))
-        if any(uncertainty > 0.0 for uncertainty in column.standard_uncertainties):
-            found.append(
-                (f"u({column.name}) [{column.unit}]", column.unit, column.standard_uncertainties)
-            )
-    return found
-
-
-def csv_of(table: Table) -> bytes:
-    """Table as CSV with one header line; numbers keep every digit, a figure that a unit lacks is an
-    empty field.
-    """
-    numbers = _numbers(table.columns)
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow([*TEXT, *(header for header, _, _ in numbers)])
-    for row, texts in enumerate(_texts(table)):
-        values = (column[row] for _, _, column in numbers)
-        writer.writerow([*texts, *("" if math.isnan(value) else repr(value) for value in values)])
-    return buffer.getvalue().encode()
-
-
-def parquet_of(table: Table) -> bytes | None:
+def _parquet(table: Table) -> bytes | None:
     """Table as Parquet, the unit of each column in its metadata; None without pyarrow."""
     try:
         import pyarrow as pa
         from pyarrow import parquet
     except ImportError:
         return None
-    texts = zip(*_texts(table), strict=True)
-    fields = [pa.field(name, pa.string()) for name in TEXT]
-    arrays = [pa.array(cells, pa.string()) for cells in texts]
-    for header, unit, values in _numbers(table.columns):
-        fields.append(pa.field(header, pa.float64(), metadata={"unit": unit}))
-        arrays.append(
-            pa.array([None if math.isnan(value) else value for value in values], pa.float64())
-        )
+    fields = [
+        pa.field(column.head, pa.float64(), metadata={"unit": column.unit})
+        if column.unit
+        else pa.field(column.head, pa.string())
+        for column in table.formats
+    ]
+    schema = pa.schema(fields)
     sink = pa.BufferOutputStream()
-    parquet.write_table(pa.Table.from_arrays(arrays, schema=pa.schema(fields)), sink)
+    parquet.write_table(pa.Table.from_pylist(table.to_objects(), schema=schema), sink)
     return bytes(sink.getvalue())

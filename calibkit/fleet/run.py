@@ -20,7 +20,7 @@ if TYPE_CHECKING:
 
     from calibkit import recipe
     from calibkit.errors import CalibkitError
-    from calibkit.fleet.table import Table
+    from calibkit.fleet.table import FleetTable
     from calibkit.fleet.unit import Outcome
     from calibkit.instruments import Progress
 
@@ -32,7 +32,7 @@ class Fleet:
     """
 
     folder: Path
-    table: Table
+    table: FleetTable
     before: int
     """Units whose run was there already."""
     guesses: tuple[str, ...]
@@ -77,11 +77,13 @@ def run(
             f"interrupted after {len(outcomes)} of {len(serials)} units",
             hint="nothing was written" if dry_run else "their runs stay; run again to go on",
         ) from None
-    made = table.of(outcomes, plan.data)
+    made = table.build_table(outcomes, plan.data)
     title = f"{spec.title or spec.procedure}: {len(outcomes)} units"
     here = address or _crew(serials, jobs) == 1
     contents = (
-        files.of(made, plan, title) if here else local.by_another(files.of, made, plan, title)
+        files.make_files(made, plan, title)
+        if here
+        else local.by_another(files.make_files, made, plan, title)
     )
     folder = _commit(plan.out, contents, dry_run=dry_run)
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
@@ -211,7 +213,7 @@ def _guesses(rows: Sequence[Row]) -> tuple[str, ...]:
     )
 
 
-def _exit_code(outcomes: Sequence[Outcome], made: Table) -> int:
+def _exit_code(outcomes: Sequence[Outcome], made: FleetTable) -> int:
     """The worst of all units: 0 accepted, 1 a limit failed, else the highest code of a unit that
     has no run of its own.
     """

@@ -54,7 +54,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class KeyColumn:
     """A key figure of all units; NaN where a unit has none."""
 
     name: str
@@ -64,19 +64,19 @@ class Column:
 
 
 @dataclass(frozen=True, slots=True)
-class Table:
+class FleetTable:
     """Rows in the order of the serials, key figures in the order of their stages, and a control
     chart of each.
     """
 
     entries: tuple[Entry, ...]
-    columns: tuple[Column, ...]
+    columns: tuple[KeyColumn, ...]
     charts: tuple[ControlChart, ...]
     outliers: tuple[Outlier, ...]
     """In the order of the figures, then the furthest first."""
 
 
-def of(outcomes: Sequence[Outcome], data: Path) -> Table:
+def build_table(outcomes: Sequence[Outcome], data: Path) -> FleetTable:
     """Table of the outcomes of all units; errors name files from the folder of the units on."""
     ordered = sorted(outcomes, key=lambda outcome: outcome.serial)
     serials = [outcome.serial for outcome in ordered]
@@ -91,7 +91,7 @@ def of(outcomes: Sequence[Outcome], data: Path) -> Table:
         for identity, column in zip(identities, columns, strict=True)
     ]
     copies = _copies(ordered)
-    return Table(
+    return FleetTable(
         tuple(_entry(outcome, copies.get(outcome.serial, ""), data) for outcome in ordered),
         tuple(columns),
         tuple(charts),
@@ -152,7 +152,7 @@ def _column(
     identity: Identity,
     identities: Sequence[Identity],
     figures: Sequence[Mapping[Identity, KeyFigure]],
-) -> Column:
+) -> KeyColumn:
     """Values of one key figure; its form or unit is part of the name where the name alone is not
     unique.
     """
@@ -163,7 +163,7 @@ def _column(
     elif len(alike) > 1:
         name = f"{name} ({unit})"
     having = [unit_figures.get(identity) for unit_figures in figures]
-    return Column(
+    return KeyColumn(
         name,
         unit,
         tuple(figure.value if figure else math.nan for figure in having),
@@ -178,7 +178,7 @@ def _limit(identity: Identity, figures: Sequence[Mapping[Identity, KeyFigure]]) 
     return math.nan if limit is None else limit
 
 
-def _chart(column: Column, serials: Sequence[str], acceptance: float) -> ControlChart:
+def _chart(column: KeyColumn, serials: Sequence[str], acceptance: float) -> ControlChart:
     """Control chart of the units that have a figure."""
     values = np.array(column.values)
     there = np.isfinite(values)

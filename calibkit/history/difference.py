@@ -71,6 +71,11 @@ class Change:
             else math.nan
         )
 
+    @property
+    def mark(self) -> str:
+        """Verdict where a person has to look, else empty."""
+        return "" if self.verdict in ("held", "equal") else self.verdict
+
 
 @dataclass(frozen=True, slots=True)
 class ModelChange:
@@ -115,7 +120,7 @@ class Difference:
         return sum(entry.verdict in verdicts for model in self.models for entry in model.changes)
 
 
-def between(before: Run, after: Run) -> Difference:
+def compare_runs(before: Run, after: Run) -> Difference:
     """What changed from one run to another; raises UsageError for runs of different procedures."""
     procedures = before.document["procedure"], after.document["procedure"]
     if procedures[0] != procedures[1]:
@@ -149,12 +154,12 @@ def _models(old: Record | None, new: Record | None) -> Iterator[ModelChange]:
         if old and name not in news:
             model = olds[name]
             yield ModelChange(
-                old.stage, name, model.form, numbers(model.coefficients, ()), None, ()
+                old.stage, name, model.form, compare_numbers(model.coefficients, ()), None, ()
             )
         elif new and name not in olds:
             model = news[name]
             yield ModelChange(
-                new.stage, name, model.form, numbers((), model.coefficients), None, ()
+                new.stage, name, model.form, compare_numbers((), model.coefficients), None, ()
             )
         elif new:
             yield _model(new.stage, olds[name], news[name])
@@ -163,7 +168,7 @@ def _models(old: Record | None, new: Record | None) -> Iterator[ModelChange]:
 def _model(stage: str, old: Model, new: Model) -> ModelChange:
     """One model in two runs; where its equation or a chosen parameter changed nothing is judged."""
     obstacles, notes = _obstacles(old, new), _measured(old, new)
-    changes = numbers(old.coefficients, new.coefficients, comparable=not obstacles)
+    changes = compare_numbers(old.coefficients, new.coefficients, comparable=not obstacles)
     together = None if obstacles else _joint(old, new, changes)
     return ModelChange(stage, old.name, new.form, changes, together, (*obstacles, *notes))
 
@@ -201,7 +206,7 @@ def _parameters(
             yield name, olds.get(name, math.nan), news.get(name, math.nan)
 
 
-def numbers(
+def compare_numbers(
     old: Sequence[Coefficient], new: Sequence[Coefficient], *, comparable: bool = True
 ) -> tuple[Change, ...]:
     """Numbers of two lists by name, in the order of the first."""
@@ -265,7 +270,7 @@ def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
 
 def _figures(old: Record | None, new: Record | None) -> Iterator[ModelChange]:
     """Figures of one stage as one block, where it has any."""
-    changes = numbers(old.figures if old else (), new.figures if new else ())
+    changes = compare_numbers(old.figures if old else (), new.figures if new else ())
     if changes:
         yield ModelChange(old.stage if old else new.stage if new else "", "", "", changes, None, ())
 
@@ -309,8 +314,8 @@ def _recipe_lines(
         for recipe in (a, b)
     ]
     for line in difflib.ndiff(texts[0], texts[1]):
-        if line.startswith(("- ", "+ ")) and (said := line[2:]) and not said.startswith("#"):
-            yield ("recipe", said, "") if line[0] == "-" else ("recipe", "", said)
+        if line.startswith(("- ", "+ ")) and (text := line[2:]) and not text.startswith("#"):
+            yield ("recipe", text, "") if line[0] == "-" else ("recipe", "", text)
 
 
 def _listed(value: object) -> list[str]:

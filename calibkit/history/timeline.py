@@ -113,7 +113,7 @@ class Timeline:
         return not self.refused and not self.breaks
 
 
-def of(serial: str, runs_folder: Path, pattern: str = "") -> Timeline:
+def read_timeline(serial: str, runs_folder: Path, pattern: str = "") -> Timeline:
     """Timeline of a serial under a folder of runs; UsageError where there is none, or no number
     matches the pattern.
 
@@ -308,4 +308,4 @@ def _change(quantity: Quantity, a: Point, b: Point) -> Change:
         Coefficient(quantity.name, point.value, quantity.unit, point.standard_uncertainty)
         for point in (a, b)
     )
-    return difference.numbers((old,), (new,))[0]
+    return difference.compare_numbers((old,), (new,))[0]

@@ -6,10 +6,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-import numpy as np
-
 from calibkit.numeric import gum
 from calibkit.recipe import type_b
+from calibkit.report.table import number_or_none
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -49,27 +48,30 @@ def of_results(results: Sequence[StageResult], terms: Sequence[TypeB]) -> list[d
         if not parts:
             continue
         own = gum.Component("type A", entry.value, entry.standard_uncertainty, "A", dof=dof)
-        combined = gum.combine([own, *parts])
-        found.append(
-            {
-                "result": f"{stage}: {name}",
-                "unit": entry.unit,
-                "value": entry.value,
-                "components": [
-                    {
-                        "name": part.name,
-                        "kind": part.kind,
-                        "standard_uncertainty": abs(part.sensitivity) * part.standard_uncertainty,
-                    }
-                    for part in (own, *parts)
-                ],
-                "standard_uncertainty": combined.standard_uncertainty,
-                "effective_dof": (
-                    combined.effective_dof if np.isfinite(combined.effective_dof) else None
-                ),
-                "coverage_factor": combined.coverage_factor,
-                "expanded_uncertainty": combined.expanded_uncertainty,
-                "probability": combined.probability,
-            }
-        )
+        found.append(combine(f"{stage}: {name}", entry.unit, [own, *parts]))
     return found
+
+
+def combine(result: str, unit: str, components: Sequence[gum.Component]) -> dict[str, Any]:
+    """JSON object of a result: its value, which is that of its first component, components, u,
+    effective degrees of freedom, k and U.
+    """
+    combined = gum.combine(components)
+    return {
+        "result": result,
+        "unit": unit,
+        "value": components[0].estimate,
+        "components": [
+            {
+                "name": part.name,
+                "kind": part.kind,
+                "standard_uncertainty": abs(part.sensitivity) * part.standard_uncertainty,
+            }
+            for part in components
+        ],
+        "standard_uncertainty": combined.standard_uncertainty,
+        "effective_dof": number_or_none(combined.effective_dof),
+        "coverage_factor": combined.coverage_factor,
+        "expanded_uncertainty": combined.expanded_uncertainty,
+        "probability": combined.probability,
+    }

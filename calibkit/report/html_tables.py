@@ -6,34 +6,48 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from calibkit.report.markup import Content, Markup, element, joined, row, table
+from calibkit.report.markup import Markup, element, joined, row, table
+from calibkit.report.run import quantity_table
+from calibkit.report.table import Column, Table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from calibkit.coefficients import Coefficient, Condition, Model, Record
-    from calibkit.report.summary import SummaryTable
+    from calibkit.coefficients import Model, Record
+    from calibkit.report.markup import Content
+    from calibkit.report.table import Cell
 
 FOLDED = 40
 """Rows of a table beyond which it is folded up."""
+EXACT = ("", ".3g")
+"""Formats of a value, with every digit of the coefficient file, and of its uncertainty."""
+COMBINED = (
+    "result",
+    Column("value", ".6g", missing="–"),
+    "unit",
+    Column("u", ".6g", missing="–"),
+    Column("effective dof", ".6g", missing="∞"),
+    Column("k", ".6g", missing="–"),
+    Column("U", ".6g", missing="–"),
+    "components",
+)
 
 
-def exact(value: float) -> Markup:
-    """A number with every digit of the coefficient file."""
-    return element("data", repr(value), value=repr(value))
+def shown(column: Column, cell: Cell) -> Content:
+    """A cell as people read it; a number with every digit as its machine value."""
+    text = column.text(cell)
+    return element("data", text, value=repr(float(cell))) if isinstance(cell, float) else text
 
 
-def uncertainty(value: float, none: str = "0") -> Markup:
-    """A standard uncertainty in three digits, the file's as its machine value; of 0 what that means
-    there.
-    """
-    return element("data", f"{value:.3g}" if value else none, value=repr(value))
+def rows_of(made: Table, numbers: Sequence[int]) -> list[Markup]:
+    """Rows of a table of records."""
+    columns = made.formats
+    return [row(*map(shown, columns, cells), numbers=numbers) for cells in made.rows]
 
 
-def _stated(entry: Coefficient | Condition) -> Markup:
-    """Row of a figure or a condition, which need not have an uncertainty."""
-    u = uncertainty(entry.standard_uncertainty, "not stated")
-    return row(entry.name, exact(entry.value), u, entry.unit, numbers=(1, 2))
+def _record_table(made: Table, numbers: Sequence[int]) -> Markup:
+    """A table of records, its numbers with every digit."""
+    return table(made.title, made.heads, [rows_of(made, numbers)], numbers)
 
 
 def folded(caption: str, rows: int, made: Markup) -> Markup:
@@ -43,22 +57,23 @@ def folded(caption: str, rows: int, made: Markup) -> Markup:
     return element("details", element("summary", f"{caption} ({rows} rows)"), made)
 
 
-def summary_table(shown: SummaryTable) -> Markup:
-    """A table of the summary."""
-    width = len(shown.columns)
+def summary_table(made: Table) -> Markup:
+    """A table of the summary, as its texts."""
+    width = len(made.columns)
     numbers = range(1, width)
-    rows = [row(*cells, *[""] * (width - len(cells)), numbers=numbers) for cells in shown.rows]
-    return folded(shown.title, len(rows), table(shown.title, shown.columns, [rows], numbers))
+    rows = [row(*cells, *[""] * (width - len(cells)), numbers=numbers) for cells in made.texts]
+    return folded(made.title, len(rows), table(made.title, made.heads, [rows], numbers))
 
 
 def acceptance(criteria: Sequence[Mapping[str, Any]]) -> Markup:
     """Acceptance limits and how the results stand against them; what failed is marked."""
     heads = ("limit on", "result", "limit", "unit", "")
+    six = Column("", ".6g")
     rows = [
         row(
             entry["name"],
-            element("data", f"{entry['value']:.6g}", value=repr(entry["value"])),
-            element("data", f"{entry['limit']:.6g}", value=repr(entry["limit"])),
+            shown(six, float(entry["value"])),
+            shown(six, float(entry["limit"])),
             entry["unit"],
             "held" if entry["passed"] else element("strong", "FAILED"),
             kind="" if entry["passed"] else "failed",
@@ -71,25 +86,17 @@ def acceptance(criteria: Sequence[Mapping[str, Any]]) -> Markup:
 
 def coefficients(record: Record) -> Markup:
     """Every coefficient of a stage, its models below each other."""
-    heads = ("coefficient", "value", "standard uncertainty", "unit")
-    bodies = [[_model_row(model), *_coefficient_rows(model)] for model in record.models]
     caption = f"Coefficients of {record.stage}.json"
-    count = sum(len(model.coefficients) for model in record.models)
-    return folded(caption, count, table(caption, heads, bodies, (1, 2)))
-
-
-def _coefficient_rows(model: Model) -> list[Markup]:
-    """One row a coefficient."""
-    return [
-        row(
-            entry.name,
-            exact(entry.value),
-            uncertainty(entry.standard_uncertainty),
-            entry.unit,
-            numbers=(1, 2),
-        )
-        for entry in model.coefficients
+    made = [
+        quantity_table(caption, model.coefficients, head="coefficient", digits=EXACT)
+        for model in record.models
     ]
+    bodies = [
+        [_model_row(model), *rows_of(one, (1, 2))]
+        for model, one in zip(record.models, made, strict=True)
+    ]
+    count = sum(len(one.rows) for one in made)
+    return folded(caption, count, table(caption, made[0].heads, bodies, (1, 2)))
 
 
 def _model_row(model: Model) -> Markup:
@@ -105,55 +112,57 @@ def _model_row(model: Model) -> Markup:
         f"{model.dof} degrees of freedom, residual rms {model.residual_rms:.6g}"
         f" {model.residual_unit}"
     )
-    said = "; ".join((model.form, *(f"valid for {part}" for part in valid), *chosen, residual))
+    about = "; ".join((model.form, *(f"valid for {part}" for part in valid), *chosen, residual))
     return element(
         "tr",
-        element("th", element("b", model.name), f" {said}", scope="rowgroup", colspan="4"),
+        element("th", element("b", model.name), f" {about}", scope="rowgroup", colspan="4"),
         class_="model",
     )
 
 
 def figures(record: Record) -> Markup:
     """Figures of merit of a stage."""
-    heads = ("figure", "value", "standard uncertainty", "unit")
-    rows = [_stated(entry) for entry in record.figures]
-    caption = f"Figures of {record.stage}.json"
-    return folded(caption, len(rows), table(caption, heads, [rows], (1, 2)))
+    made = quantity_table(
+        f"Figures of {record.stage}.json",
+        record.figures,
+        head="figure",
+        digits=EXACT,
+        unstated="not stated",
+    )
+    return folded(made.title, len(made.rows), _record_table(made, (1, 2)))
 
 
 def conditions(records: Sequence[Record]) -> Markup:
     """Conditions under which the coefficients were found, each once."""
     found = dict.fromkeys(entry for record in records for entry in record.conditions)
-    heads = ("condition", "value", "standard uncertainty", "unit")
-    rows = [_stated(entry) for entry in found]
-    return (
-        table("Conditions", heads, [rows], (1, 2))
-        if rows
-        else element("p", "The recipe states no conditions.")
+    if not found:
+        return element("p", "The recipe states no conditions.")
+    made = quantity_table(
+        "Conditions", found, head="condition", digits=EXACT, unstated="not stated"
     )
+    return _record_table(made, (1, 2))
 
 
 def combined(entries: Sequence[Mapping[str, Any]]) -> Markup:
     """Combined and expanded uncertainties of results, with their components."""
-    heads = ("result", "value", "unit", "u", "effective dof", "k", "U", "components")
-    rows = [
-        row(
+    rows = tuple(
+        (
             " ".join((entry["result"], *_where(entry))),
-            _number(entry.get("value")),
+            entry.get("value"),
             str(entry.get("unit", "")),
-            _number(entry.get("standard_uncertainty")),
-            _number(entry.get("effective_dof")) if entry.get("effective_dof") is not None else "∞",
-            _number(entry.get("coverage_factor")),
-            _number(entry.get("expanded_uncertainty")),
+            entry.get("standard_uncertainty"),
+            entry.get("effective_dof"),
+            entry.get("coverage_factor"),
+            entry.get("expanded_uncertainty"),
             ", ".join(
                 f"{part['name']} ({part['kind']}) {part['standard_uncertainty']:.3g}"
                 for part in entry.get("components", ())
             ),
-            numbers=(1, 3, 4, 5, 6),
         )
         for entry in entries
-    ]
-    return table("Combined uncertainties, type A and type B", heads, [rows], (1, 3, 4, 5, 6))
+    )
+    title = "Combined uncertainties, type A and type B"
+    return _record_table(Table(title, COMBINED, rows), (1, 3, 4, 5, 6))
 
 
 def _where(entry: Mapping[str, Any]) -> list[str]:
@@ -163,11 +172,6 @@ def _where(entry: Mapping[str, Any]) -> list[str]:
         [f"at {entry['temp_case_degc']:.4g} °C"] if entry.get("temp_case_degc") is not None else []
     )
     return parts + ([f"({100.0 * entry['probability']:.4g} %)"] if "probability" in entry else [])
-
-
-def _number(value: float | None) -> Content:
-    """A number in six digits with its machine value, or a dash."""
-    return "–" if value is None else element("data", f"{value:.6g}", value=repr(value))
 
 
 def logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:

@@ -1,25 +1,79 @@
-"""A run's coefficient files as a summary that a person can read."""
+"""A run's coefficient files as tables: for people, and as CSV."""
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
 from calibkit.coefficients import Criterion
-from calibkit.report.summary import Summary, SummaryTable
+from calibkit.report.summary import Summary
+from calibkit.report.table import Column, Table, tabulate
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterable, Iterator, Mapping
 
-    from calibkit.coefficients import Model, Record
+    from calibkit.coefficients import Coefficient, Condition, Model, Record
+    from calibkit.report.table import Cell
 
 MOST_FIGURES = 40
+"""Figures of a stage that the console shows."""
+RUN_COLUMNS = (
+    "serial",
+    "revision",
+    "effective_from",
+    "stage",
+    "kind",
+    "model",
+    "form",
+    "name",
+    "value",
+    "unit",
+    "standard_uncertainty",
+    "dof",
+)
 
 
-def summary(name: str, document: Mapping[str, Any], records: Mapping[str, Record]) -> Summary:
+def quantity_table(
+    title: str,
+    quantities: Iterable[Coefficient | Condition],
+    *,
+    head: str,
+    digits: tuple[str, str],
+    unstated: str = "0",
+) -> Table:
+    """Names, values, standard uncertainties and units of coefficients, figures or conditions.
+
+    `digits` are the formats of value and uncertainty, `unstated` is what people read for an
+    uncertainty of 0.
+    """
+    columns = (
+        Column(head, key="name"),
+        Column("value", digits[0]),
+        Column("standard uncertainty", digits[1], key="standard_uncertainty", zero=unstated),
+        "unit",
+    )
+    return tabulate(title, columns, quantities)
+
+
+def summarize_run(name: str, document: Mapping[str, Any], records: Mapping[str, Record]) -> Summary:
     """Every model and figure of a run with units and standard uncertainties."""
-    tables = [table(record.stage, model) for record in records.values() for model in record.models]
+    tables = [
+        quantity_table(
+            _model_title(record.stage, model),
+            model.coefficients,
+            head="coefficient",
+            digits=(".9g", ".2g"),
+        )
+        for record in records.values()
+        for model in record.models
+    ]
     tables += [
-        figures(record)
+        quantity_table(
+            f"{record.stage}: figures",
+            record.figures[:MOST_FIGURES],
+            head="figure",
+            digits=(".6g", ".2g"),
+            unstated="-",
+        )
         for record in records.values()
         if record.figures and record.stage != "denoise"
     ]
@@ -31,34 +85,31 @@ def summary(name: str, document: Mapping[str, Any], records: Mapping[str, Record
     return Summary(title, tuple(tables), tuple(document["flags"]), criteria)
 
 
-def table(stage: str, model: Model) -> SummaryTable:
-    """Coefficients of one model."""
-    rows = tuple(
-        (c.name, f"{c.value:.9g}", f"{c.standard_uncertainty:.2g}", c.unit)
-        for c in model.coefficients
-    )
+def _model_title(stage: str, model: Model) -> str:
+    """A model with its form, chosen parameters and valid ranges."""
     valid = ", ".join(
         f"{column} {low:.4g} to {high:.4g}" for column, (low, high) in model.valid.items()
     )
     chosen = ", ".join(f"{p.name} {p.value:g} {p.unit}" for p in model.parameters)
-    title = (
-        f"{stage}: {model.name} ({model.form};"
-        f" {'; '.join(filter(None, (chosen, f'valid for {valid}' if valid else '')))})"
-    )
-    return SummaryTable(title, ("coefficient", "value", "standard uncertainty", "unit"), rows)
+    about = "; ".join(filter(None, (chosen, f"valid for {valid}" if valid else "")))
+    return f"{stage}: {model.name} ({model.form}; {about})"
 
 
-def figures(record: Record) -> SummaryTable:
-    """Figures of one stage."""
-    rows = tuple(
-        (
-            f.name,
-            f"{f.value:.6g}",
-            f"{f.standard_uncertainty:.2g}" if f.standard_uncertainty else "-",
-            f.unit,
-        )
-        for f in record.figures[:MOST_FIGURES]
-    )
-    return SummaryTable(
-        f"{record.stage}: figures", ("figure", "value", "standard uncertainty", "unit"), rows
-    )
+def list_numbers(records: Iterable[Record]) -> Table:
+    """Coefficients, parameters and figures of a run, one row each, for CSV."""
+    return Table("", RUN_COLUMNS, tuple(row for record in records for row in _number_rows(record)))
+
+
+def _number_rows(record: Record) -> Iterator[tuple[Cell, ...]]:
+    """Rows of one stage in `list_numbers`."""
+    place = (record.serial, record.revision, record.effective_from, record.stage)
+    for model in record.models:
+        of_model = (model.name, model.form)
+        for c in model.coefficients:
+            numbers = (c.value, c.unit, c.standard_uncertainty, model.dof)
+            yield (*place, "coefficient", *of_model, c.name, *numbers)
+        for p in model.parameters:
+            yield (*place, "parameter", *of_model, p.name, p.value, p.unit, None, None)
+    for f in record.figures:
+        stated = f.standard_uncertainty or None
+        yield (*place, "figure", "", "", f.name, f.value, f.unit, stated, None)

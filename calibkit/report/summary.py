@@ -11,15 +11,7 @@ if TYPE_CHECKING:
     from rich.console import Console, RenderableType
 
     from calibkit.coefficients import Criterion
-
-
-@dataclass(frozen=True, slots=True)
-class SummaryTable:
-    """A titled table of texts; the first column is left-aligned, the others are numbers."""
-
-    title: str
-    columns: tuple[str, ...]
-    rows: tuple[tuple[str, ...], ...]
+    from calibkit.report.table import Table
 
 
 @dataclass(frozen=True, slots=True)
@@ -27,7 +19,7 @@ class Summary:
     """Everything that a person is told at the end of a command."""
 
     title: str
-    tables: tuple[SummaryTable, ...]
+    tables: tuple[Table, ...]
     flags: tuple[str, ...]
     criteria: tuple[Criterion, ...]
     conclusion: str = ""
@@ -60,8 +52,8 @@ def number(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}"
 
 
-def renderables(summary: Summary) -> Sequence[RenderableType]:
-    """Rich renderables of a summary."""
+def _renderables(summary: Summary) -> Sequence[RenderableType]:
+    """Parts of a summary for a Rich console; the first column of a table is left-aligned."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
@@ -75,12 +67,10 @@ def renderables(summary: Summary) -> Sequence[RenderableType]:
             box=box.SIMPLE_HEAD,
             pad_edge=False,
         )
-        for number_of_column, column in enumerate(table.columns):
-            shown.add_column(
-                Text(column), justify="left" if number_of_column == 0 else "right", overflow="fold"
-            )
-        for row in table.rows:
-            shown.add_row(*(Text(cell) for cell in row))
+        for at, head in enumerate(table.heads):
+            shown.add_column(Text(head), justify="right" if at else "left", overflow="fold")
+        for row in table.texts:
+            shown.add_row(*map(Text, row))
         parts.append(shown)
     parts += [Text(f"! {flag}", style="yellow") for flag in summary.flags]
     style = (
@@ -92,7 +82,7 @@ def renderables(summary: Summary) -> Sequence[RenderableType]:
 
 def show(summary: Summary, console: Console) -> None:
     """Print a summary on a console."""
-    for part in renderables(summary):
+    for part in _renderables(summary):
         console.print(part)
 
 

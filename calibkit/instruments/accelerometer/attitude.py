@@ -14,7 +14,8 @@ from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.numeric import affine as accel_affine
 from calibkit.instruments.accelerometer.numeric import affine_model, q_factor
 from calibkit.numeric import attitude
-from calibkit.report.summary import Summary, SummaryTable, number
+from calibkit.report.summary import Summary, number
+from calibkit.report.table import Table, number_or_none
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -95,11 +96,11 @@ def propagated(
     return tuple(figures)
 
 
-def table(stands: Sequence[Stand], spec: AccelerometerRecipe, title: str) -> SummaryTable:
+def table(stands: Sequence[Stand], spec: AccelerometerRecipe, title: str) -> Table:
     """Attitude errors under each correction; the toolface only with its inclination range."""
     if spec.reference.kind == "magnitude":
         lengths = tuple((s.name, f"{1e6 * s.residual_rms_g:.1f}") for s in stands)
-        return SummaryTable(title, ("", "| |G| - g | rms [µg]"), lengths)
+        return Table(title, ("", "| |G| - g | rms [µg]"), lengths)
     low, high = spec.toolface_range_deg
     heads = (
         "",
@@ -119,7 +120,7 @@ def table(stands: Sequence[Stand], spec: AccelerometerRecipe, title: str) -> Sum
         for s in stands
         if s.errors is not None
     )
-    return SummaryTable(title, heads, rows)
+    return Table(title, heads, rows)
 
 
 def criteria(last: Stand, spec: AccelerometerRecipe) -> tuple[Criterion, ...]:
@@ -147,7 +148,7 @@ def improved(stands: Sequence[Stand]) -> Criterion:
     return at_most("residual rms after/before", share, 1.0, "1")
 
 
-def coefficient_tables(fitted: TriadFit) -> tuple[SummaryTable, ...]:
+def coefficient_tables(fitted: TriadFit) -> tuple[Table, ...]:
     """K of the three axes and Q with standard uncertainties."""
     tables = []
     if fitted.k:
@@ -162,15 +163,13 @@ def coefficient_tables(fitted: TriadFit) -> tuple[SummaryTable, ...]:
             for k in range(10)
         )
         title = "K-factor for °C (± standard uncertainty, type A)"
-        tables.append(SummaryTable(title, ("", "accel_x", "accel_y", "accel_z"), rows))
+        tables.append(Table(title, ("", "accel_x", "accel_y", "accel_z"), rows))
     if fitted.affine is not None:
         u = np.sqrt(np.diag(fitted.q_covariance))
         pairs = zip(q_factor.NAMES, fitted.q, u, strict=True)
         rows = tuple((n, f"{1e3 * value:.4f} ± {1e3 * error:.4f}") for n, value, error in pairs)
         tables.append(
-            SummaryTable(
-                f"Q-factor at {fitted.q_temperature:.1f} °C [mrad]", ("", "small-angle"), rows
-            )
+            Table(f"Q-factor at {fitted.q_temperature:.1f} °C [mrad]", ("", "small-angle"), rows)
         )
     return tuple(tables)
 
@@ -183,9 +182,7 @@ def summary(
     if figures:
         rows = tuple((figure.name, number(figure.value, 2), figure.unit) for figure in figures)
         shown.append(
-            SummaryTable(
-                "Uncertainty of one corrected dwell (type A)", ("", "largest", "unit"), rows
-            )
+            Table("Uncertainty of one corrected dwell (type A)", ("", "largest", "unit"), rows)
         )
     return Summary(spec.title, tuple(shown), fitted.flags, criteria(_chosen(stands, spec), spec))
 
@@ -231,14 +228,9 @@ def _figures(s: Stand) -> dict[str, object]:
         found |= {
             "inclination_rms_deg": s.errors.inclination_rms_deg,
             "inclination_max_deg": s.errors.inclination_max_deg,
-            "toolface_rms_deg": _finite(s.errors.toolface_rms_deg),
-            "toolface_max_deg": _finite(s.errors.toolface_max_deg),
-            "toolface_sin_max_deg": _finite(s.errors.toolface_scaled_max_deg),
+            "toolface_rms_deg": number_or_none(s.errors.toolface_rms_deg),
+            "toolface_max_deg": number_or_none(s.errors.toolface_max_deg),
+            "toolface_sin_max_deg": number_or_none(s.errors.toolface_scaled_max_deg),
             "toolface_inclination_range_deg": list(s.errors.inclination_range_deg),
         }
     return found
-
-
-def _finite(value: float) -> float | None:
-    """A figure, or nothing where no dwell lies in the range."""
-    return value if np.isfinite(value) else None

@@ -20,7 +20,7 @@ from calibkit.instruments.accelerometer import fit as accel_fit
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude, chunks
 from calibkit.report.documents import Drawn
-from calibkit.report.summary import Summary, SummaryTable
+from calibkit.report.summary import Summary
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -36,6 +36,7 @@ if TYPE_CHECKING:
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.accelerometer.coefficient_files import Correction
+    from calibkit.report.table import Table
     from calibkit.simulate.campaign import Campaign
 
 
@@ -140,7 +141,7 @@ def validate(
     """Attitude errors before and after on dwells that were not fitted."""
     correction = coefficient_files.correction(records, spec)
     entries: list[dict[str, object]] = []
-    tables: list[SummaryTable] = []
+    tables: list[Table] = []
     flags: list[str] = []
     criteria: list[Criterion] = []
     for log in logs:

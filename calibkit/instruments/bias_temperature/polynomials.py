@@ -16,7 +16,8 @@ from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport,
 from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fit as core
 from calibkit.numeric.least_squares import fold, hac
-from calibkit.report.summary import Summary, SummaryTable, number
+from calibkit.report.summary import Summary, number
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -145,7 +146,7 @@ def summary(title: str, fits: Sequence[BiasFit], flags: Sequence[str]) -> Summar
             )
         rows.append(("", "residual rms", number(found.residual_rms), ""))
     title_of_table = f"Bias as a polynomial of {fits[0].abscissa}"
-    table = SummaryTable(
+    table = Table(
         title_of_table, ("channel", "power", "coefficient", "standard uncertainty"), tuple(rows)
     )
     return Summary(title, (table,), tuple(flags), ())
@@ -222,7 +223,5 @@ def validation_summary(entries: Sequence[dict[str, object]]) -> Summary:
         found = entry["flags"]
         assert isinstance(found, list)  # noqa: S101 (as above)
         flags += found
-    table = SummaryTable(
-        "Standard deviation", ("log", "channel", "before", "after", "unit"), tuple(rows)
-    )
+    table = Table("Standard deviation", ("log", "channel", "before", "after", "unit"), tuple(rows))
     return Summary("", (table,), tuple(flags), ())

@@ -18,7 +18,9 @@ from calibkit.instruments.fog_thermal.numeric import evaluate
 from calibkit.instruments.fog_thermal.numeric import uncertainty as thermal_uncertainty
 from calibkit.numeric import earth, gum
 from calibkit.recipe import type_b
-from calibkit.report.summary import SummaryTable, number
+from calibkit.report import budget
+from calibkit.report.summary import number
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -141,32 +143,10 @@ def uncertainty(rest: Rest | None, recipe: FogThermalRecipe) -> list[dict[str, A
     if not parts:
         return []
     own = gum.Component("type A", rest.bias_dph, rest.standard_uncertainty, "A")
-    combined = gum.combine([own, *parts])
-    return [
-        {
-            "result": f"drift_rate: {RESULT}",
-            "unit": "deg/h",
-            "value": rest.bias_dph,
-            "components": [
-                {
-                    "name": part.name,
-                    "kind": part.kind,
-                    "standard_uncertainty": abs(part.sensitivity) * part.standard_uncertainty,
-                }
-                for part in (own, *parts)
-            ],
-            "standard_uncertainty": combined.standard_uncertainty,
-            "effective_dof": (
-                combined.effective_dof if np.isfinite(combined.effective_dof) else None
-            ),
-            "coverage_factor": combined.coverage_factor,
-            "expanded_uncertainty": combined.expanded_uncertainty,
-            "probability": combined.probability,
-        }
-    ]
+    return [budget.combine(f"drift_rate: {RESULT}", "deg/h", [own, *parts])]
 
 
-def tables(rest: Rest | None) -> tuple[SummaryTable, ...]:
+def tables(rest: Rest | None) -> tuple[Table, ...]:
     """Mean rate, the earth's part, the bias, and the turn-on bias of each log."""
     if rest is None:
         return ()
@@ -181,7 +161,7 @@ def tables(rest: Rest | None) -> tuple[SummaryTable, ...]:
         rows.append(("bias", f"{rest.rate_dph - rest.earth_dph:+.4f}", u))
     rows += [(f"turn-on bias of {name}", f"{value:+.4f}", "") for name, value in rest.turn_on]
     title = f"At rest at {rest.temp_degc:g} °C [°/h]; turn-on biases of the logs against their mean"
-    return (SummaryTable(title, ("", "rate", "standard uncertainty"), tuple(rows)),)
+    return (Table(title, ("", "rate", "standard uncertainty"), tuple(rows)),)
 
 
 @dataclass(frozen=True, slots=True)
@@ -253,7 +233,7 @@ def hysteresis_figures(found: BothWays | None) -> tuple[Figure, ...]:
     return tuple(figures)
 
 
-def hysteresis_tables(found: BothWays | None) -> tuple[SummaryTable, ...]:
+def hysteresis_tables(found: BothWays | None) -> tuple[Table, ...]:
     """Table of cooling against heating."""
     if found is None:
         return ()
@@ -289,7 +269,7 @@ def hysteresis_tables(found: BothWays | None) -> tuple[SummaryTable, ...]:
         )
     title = "Hysteresis: cooling less heating at a case temperature [°/h], each log about its mean"
     return (
-        SummaryTable(
+        Table(
             title,
             ("case [°C]", "indication", "left by the model", "standard uncertainty"),
             tuple(rows),

@@ -16,7 +16,8 @@ from calibkit.instruments.fog_thermal.figures import (
     Tested,
 )
 from calibkit.instruments.fog_thermal.numeric import gradient
-from calibkit.report.summary import Summary, SummaryTable, number
+from calibkit.report.summary import Summary, number
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -132,7 +133,7 @@ def summary(
     return Summary(title, tables, tuple(dict.fromkeys(flags)), tuple(criteria))
 
 
-def ramp_table(ramps: Sequence[FittedRamp]) -> SummaryTable:
+def ramp_table(ramps: Sequence[FittedRamp]) -> Table:
     """a_j of each ramp with standard uncertainties."""
     rows = []
     for item in ramps:
@@ -142,14 +143,14 @@ def ramp_table(ramps: Sequence[FittedRamp]) -> SummaryTable:
             for value, error in zip(item.fit.coefficients, u, strict=True)
         ]
         rows.append((item.ramp.name, f"{item.fit.rate:+.2f}", *cells))
-    return SummaryTable(
+    return Table(
         "Drift coefficients of each ramp, per interval (± standard uncertainty, type A)",
         ("ramp", "°C/min", "a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]"),
         tuple(rows),
     )
 
 
-def tested_table(results: Sequence[Tested]) -> SummaryTable:
+def tested_table(results: Sequence[Tested]) -> Table:
     """Drift rms on withheld ramps under each model, and which is exported."""
     rows = tuple(
         (
@@ -161,14 +162,14 @@ def tested_table(results: Sequence[Tested]) -> SummaryTable:
         )
         for entry in results
     )
-    return SummaryTable(
+    return Table(
         "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
         ("model", "raw", "compensated", "share of raw", ""),
         rows,
     )
 
 
-def before_after_table(figures: Sequence[LogFigures]) -> SummaryTable:
+def before_after_table(figures: Sequence[LogFigures]) -> Table:
     """Drift rms of each log before and after with the rate gain beside it."""
     rows = tuple(
         (
@@ -181,7 +182,7 @@ def before_after_table(figures: Sequence[LogFigures]) -> SummaryTable:
         )
         for log in figures
     )
-    return SummaryTable(
+    return Table(
         "Drift rms of each log [°/h, 100 s means]; rate gain: share of a true constant rate that is"
         " left in the output",
         ("log", "before", "after", "before/after", "rate gain", "one_step (its gain)"),
@@ -189,7 +190,7 @@ def before_after_table(figures: Sequence[LogFigures]) -> SummaryTable:
     )
 
 
-def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[SummaryTable, ...]:
+def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
     """How uncertain the compensated rate of each validated log is said to be, and whether its 100 s
     means are as near.
     """
@@ -213,7 +214,7 @@ def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[SummaryTable, ..
         "Compensated rate [°/h]: stated uncertainty, and 100 s means within it and noise of their"
         " log's mean (95 % expected)"
     )
-    return (SummaryTable(title, ("log", "u, mean", "U, largest", "means", "within"), tuple(rows)),)
+    return (Table(title, ("log", "u, mean", "U, largest", "means", "within"), tuple(rows)),)
 
 
 def validation_entry(log: Log, figures: LogFigures, model: DriftModel) -> dict[str, object]:

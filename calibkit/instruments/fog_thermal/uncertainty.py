@@ -14,7 +14,8 @@ from calibkit.instruments.fog_thermal.numeric import evaluate, uncertainty
 from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
 from calibkit.numeric import gum
 from calibkit.recipe.type_b import RELATIVE
-from calibkit.report.summary import SummaryTable, number
+from calibkit.report.summary import number
+from calibkit.report.table import Table, number_or_none
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -173,7 +174,7 @@ def stated(
     return tuple(found)
 
 
-def table(statements: Sequence[Stated]) -> SummaryTable:
+def table(statements: Sequence[Stated]) -> Table:
     """Table of the statements."""
     rows = []
     for entry in statements:
@@ -199,7 +200,7 @@ def table(statements: Sequence[Stated]) -> SummaryTable:
                 number(entry.expanded_uncertainty, 2),
             )
         )
-    return SummaryTable(
+    return Table(
         "Uncertainty of the drift taken off, and so of the compensated rate [°/h]: at rest, and"
         " where it is largest in each log",
         ("where", "°C", "drift", "coefficients", "model error", "type B", "u", "ν_eff", "k", "U"),
@@ -239,7 +240,7 @@ def document(statements: Sequence[Stated]) -> list[dict[str, Any]]:
                 for name, kind, value in entry.components
             ],
             "standard_uncertainty": entry.standard_uncertainty,
-            "effective_dof": entry.effective_dof if np.isfinite(entry.effective_dof) else None,
+            "effective_dof": number_or_none(entry.effective_dof),
             "coverage_factor": entry.coverage_factor,
             "expanded_uncertainty": entry.expanded_uncertainty,
             "probability": gum.TWO_SIGMA,

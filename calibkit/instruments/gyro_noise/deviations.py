@@ -15,7 +15,8 @@ from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, values
 from calibkit.instruments.gyro_noise.figures import NoiseReport, NoiseView
 from calibkit.numeric.noise import allan, allan_fit
-from calibkit.report.summary import SummaryTable, number
+from calibkit.report.summary import number
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -272,7 +273,7 @@ def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Cr
     return tuple(tested)
 
 
-def tables(found: Sequence[NoiseFigures]) -> tuple[SummaryTable, ...]:
+def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
     """Noise terms and bias stability of every record, and the deviations over averaging time."""
     rows = []
     for one in found:
@@ -293,9 +294,7 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[SummaryTable, ...]:
         ]
     title = "Noise (IEEE Std 952) and bias stability (GJB 2426A: standard deviation of block means)"
     return (
-        SummaryTable(
-            title, ("record", "figure", "value", "standard uncertainty", "unit"), tuple(rows)
-        ),
+        Table(title, ("record", "figure", "value", "standard uncertainty", "unit"), tuple(rows)),
         *(_curve_table(one) for one in found),
     )
 
@@ -305,7 +304,7 @@ def _cells(term: allan_fit.NoiseTerm) -> tuple[str, str]:
     return number(term.value), number(term.standard_uncertainty, 2)
 
 
-def _curve_table(one: NoiseFigures) -> SummaryTable:
+def _curve_table(one: NoiseFigures) -> Table:
     """Deviations of one record over averaging time with confidence limits."""
     wavelet = dict(
         zip(one.wavelet.factor.tolist(), one.wavelet.deviation_dph.tolist(), strict=True)
@@ -336,7 +335,7 @@ def _curve_table(one: NoiseFigures) -> SummaryTable:
         f"{one.record.name}: overlapping Allan deviation [°/h] with {share} limits, and"
         f" {one.wavelet.estimator} deviation"
     )
-    return SummaryTable(title, ("τ [s]", "deviation", "lower", "upper", "dof", "wavelet"), rows)
+    return Table(title, ("τ [s]", "deviation", "lower", "upper", "dof", "wavelet"), rows)
 
 
 def json_of(one: NoiseFigures) -> dict[str, object]:

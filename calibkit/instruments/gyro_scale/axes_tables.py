@@ -20,7 +20,7 @@ from calibkit.instruments.gyro_scale.tables import (
     line_curve,
     temperature_curve,
 )
-from calibkit.report.summary import SummaryTable
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Mapping, Sequence
@@ -38,7 +38,7 @@ GRID = 61
 MRAD = 1e3
 
 
-def tables(fitted: AxesFit) -> tuple[SummaryTable, ...]:
+def tables(fitted: AxesFit) -> tuple[Table, ...]:
     """Sensitivities, input axes and angles of every set of runs."""
     return (_sensitivity_table(fitted), _axis_table(fitted), *_angle_table(fitted))
 
@@ -48,7 +48,7 @@ def _where(one: AxesSet) -> str:
     return f"{one.temp_degc:.1f}" if np.isfinite(one.temp_degc) else ""
 
 
-def _sensitivity_table(fitted: AxesFit) -> SummaryTable:
+def _sensitivity_table(fitted: AxesFit) -> Table:
     """Scale factor of every gyro about every axis."""
     rows = tuple(
         (
@@ -62,10 +62,10 @@ def _sensitivity_table(fitted: AxesFit) -> SummaryTable:
         for s, one in enumerate(fitted.sets)
     )
     heads = ("gyro", "°C", *(f"about {axis} [1/deg]" for axis in AXES), "|S| [1/deg]", "u(|S|)")
-    return SummaryTable("Sensitivity of each gyro about the axes of the base", heads, rows)
+    return Table("Sensitivity of each gyro about the axes of the base", heads, rows)
 
 
-def _axis_table(fitted: AxesFit) -> SummaryTable:
+def _axis_table(fitted: AxesFit) -> Table:
     """Misalignment matrix: unit vectors of the input axes."""
     rows = tuple(
         (
@@ -78,10 +78,10 @@ def _axis_table(fitted: AxesFit) -> SummaryTable:
         for s, one in enumerate(fitted.sets)
     )
     heads = ("gyro", "°C", *AXES, "largest u")
-    return SummaryTable("Misalignment matrix: unit vectors of the input axes", heads, rows)
+    return Table("Misalignment matrix: unit vectors of the input axes", heads, rows)
 
 
-def _angle_table(fitted: AxesFit) -> tuple[SummaryTable, ...]:
+def _angle_table(fitted: AxesFit) -> tuple[Table, ...]:
     """Angles between every two input axes."""
     rows = tuple(
         (
@@ -95,7 +95,7 @@ def _angle_table(fitted: AxesFit) -> tuple[SummaryTable, ...]:
         for s, one in enumerate(fitted.sets)
     )
     heads = ("gyros", "°C", "angle [°]", "90° - angle", "standard uncertainty")
-    return (SummaryTable("Angles between input axes", heads, rows),) if rows else ()
+    return (Table("Angles between input axes", heads, rows),) if rows else ()
 
 
 def criteria(
@@ -168,7 +168,7 @@ def _main_curve(fitted: AxesFit, gyro: str, axis: str) -> TemperatureCurve:
     return temperature_curve(gyro, fitted.runs[axis], fit, K)
 
 
-def validation_table(named: Sequence[tuple[str, Mapping[str, object]]]) -> SummaryTable:
+def validation_table(named: Sequence[tuple[str, Mapping[str, object]]]) -> Table:
     """Errors along the turned axis and across it, before and after."""
     rows = []
     for name, one in named:
@@ -191,7 +191,7 @@ def validation_table(named: Sequence[tuple[str, Mapping[str, object]]]) -> Summa
         "Compensated rates of unseen runs: largest error along and across the turned axis, ppm of"
         " full scale"
     )
-    return SummaryTable(title, heads, tuple(rows))
+    return Table(title, heads, tuple(rows))
 
 
 def validation_criteria(

@@ -18,7 +18,8 @@ from calibkit.instruments.gyro_scale import runs as gyro_runs
 from calibkit.instruments.gyro_scale import tables as gyro_report
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from calibkit.report.documents import Drawn
-from calibkit.report.summary import Summary, SummaryTable
+from calibkit.report.summary import Summary
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping, Sequence
@@ -171,7 +172,7 @@ def _against(records: Mapping[str, Record], again: GyroPair) -> list[dict[str, A
     ]
 
 
-def _pair_table(entries: Sequence[dict[str, Any]]) -> SummaryTable:
+def _pair_table(entries: Sequence[dict[str, Any]]) -> Table:
     """Pair figures, frozen and found."""
     rows = tuple(
         (
@@ -183,7 +184,7 @@ def _pair_table(entries: Sequence[dict[str, Any]]) -> SummaryTable:
         )
         for e in entries
     )
-    return SummaryTable("The pair again", ("", "frozen", "found", "difference", "unit"), rows)
+    return Table("The pair again", ("", "frozen", "found", "difference", "unit"), rows)
 
 
 def draw(title: str, fitted: Fitted[pages.GyroReport]) -> Drawn:

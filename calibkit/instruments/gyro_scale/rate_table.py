@@ -33,7 +33,7 @@ if TYPE_CHECKING:
     from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.gyro_scale.compensate import Frozen
     from calibkit.instruments.gyro_scale.over_runs import GyroOverRuns
-    from calibkit.report.summary import SummaryTable
+    from calibkit.report.table import Table
     from calibkit.simulate.campaign import Campaign
 
 COLUMNS = 3
@@ -79,7 +79,7 @@ def fit(
     )
 
 
-def _figure_tables(gyros: Sequence[GyroOverRuns], figures: Sequence[Figure]) -> list[SummaryTable]:
+def _figure_tables(gyros: Sequence[GyroOverRuns], figures: Sequence[Figure]) -> list[Table]:
     """Figures over all runs of a gyro, then of its single runs."""
     tables = []
     for one in gyros:

@@ -18,7 +18,8 @@ from calibkit.instruments.gyro_scale.figures import (
     TemperatureCurve,
 )
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
-from calibkit.report.summary import SummaryTable, number
+from calibkit.report.summary import number
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -37,7 +38,7 @@ if TYPE_CHECKING:
 PPM = 1e6
 
 
-def scale_table(models: Sequence[Model]) -> SummaryTable:
+def scale_table(models: Sequence[Model]) -> Table:
     """K and F0 of every line."""
     rows = []
     for model in (m for m in models if m.form == "gyro-scale/1"):
@@ -57,12 +58,12 @@ def scale_table(models: Sequence[Model]) -> SummaryTable:
             )
         )
     heads = ("", "K [1/deg]", "u(K)", "u [ppm]", "F0 [1/s]", "u(F0)", "residual rms", "°C")
-    return SummaryTable(
+    return Table(
         "Scale factors: F = K·rate + F0 (standard uncertainties of type A)", heads, tuple(rows)
     )
 
 
-def temperature_table(models: Sequence[Model]) -> tuple[SummaryTable, ...]:
+def temperature_table(models: Sequence[Model]) -> tuple[Table, ...]:
     """Polynomials over temperature, where there are any."""
     rows = [
         (
@@ -77,10 +78,10 @@ def temperature_table(models: Sequence[Model]) -> tuple[SummaryTable, ...]:
         for k, c in enumerate(model.coefficients)
     ]
     heads = ("", "", "value", "standard uncertainty", "unit")
-    return (SummaryTable("Over temperature and rate", heads, tuple(rows)),) if rows else ()
+    return (Table("Over temperature and rate", heads, tuple(rows)),) if rows else ()
 
 
-def figure_table(figures: Sequence[Figure], names: Sequence[str], title: str) -> SummaryTable:
+def figure_table(figures: Sequence[Figure], names: Sequence[str], title: str) -> Table:
     """Figures in the standards' terms, one row a figure, one column a model."""
     chosen = {figure.name: figure for figure in figures}
     kinds = list(
@@ -103,7 +104,7 @@ def figure_table(figures: Sequence[Figure], names: Sequence[str], title: str) ->
                 unit,
             )
         )
-    return SummaryTable(title, ("figure", "standard", *names, "unit"), tuple(rows))
+    return Table(title, ("figure", "standard", *names, "unit"), tuple(rows))
 
 
 def _with_u(figure: Figure) -> str:
@@ -114,7 +115,7 @@ def _with_u(figure: Figure) -> str:
     return f"{number(figure.value, digits)} ± {shown}" if u else number(figure.value, digits)
 
 
-def bias_table(figures: Sequence[Figure]) -> tuple[SummaryTable, ...]:
+def bias_table(figures: Sequence[Figure]) -> tuple[Table, ...]:
     """Biases without the earth's rate, where the latitude is known."""
     rows = [
         (
@@ -128,13 +129,11 @@ def bias_table(figures: Sequence[Figure]) -> tuple[SummaryTable, ...]:
     ]
     title = "Bias without the earth's rate about the table axis"
     return (
-        (SummaryTable(title, ("", "bias", "standard uncertainty", "unit"), tuple(rows)),)
-        if rows
-        else ()
+        (Table(title, ("", "bias", "standard uncertainty", "unit"), tuple(rows)),) if rows else ()
     )
 
 
-def pair_table(fitted: PairFit) -> SummaryTable:
+def pair_table(fitted: PairFit) -> Table:
     """N, ε, γ, α, the orthogonality error, the second γ."""
     found, u = fitted.found, fitted.found.standard_uncertainty
     low, high = found.alpha_interval_deg
@@ -158,7 +157,7 @@ def pair_table(fitted: PairFit) -> SummaryTable:
         ),
     )
     title = f"Gyro B against gyro A: {found.side} side"
-    return SummaryTable(title, ("", "value", "standard uncertainty", "unit"), rows)
+    return Table(title, ("", "value", "standard uncertainty", "unit"), rows)
 
 
 def line_curve(run: TableRun, gyro: str) -> LineCurve:
@@ -308,7 +307,7 @@ def validation_criteria(
     )
 
 
-def validation_table(named: Sequence[tuple[str, dict[str, object]]]) -> SummaryTable:
+def validation_table(named: Sequence[tuple[str, dict[str, object]]]) -> Table:
     """Frozen against found, before and after."""
     rows = []
     for name, stand in named:
@@ -329,7 +328,7 @@ def validation_table(named: Sequence[tuple[str, dict[str, object]]]) -> SummaryT
             )
         )
     heads = ("", "K", "frozen", "K error", "after", "rate error", "after", "gain")
-    return SummaryTable(
+    return Table(
         "Frozen coefficients on unseen runs: K error in ppm, largest rate error in ppm of full"
         " scale",
         heads,

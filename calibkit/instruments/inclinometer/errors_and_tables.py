@@ -13,7 +13,8 @@ from calibkit.coefficients import at_most
 from calibkit.instruments.inclinometer.figures import ScaleCurve, SeekingReport
 from calibkit.instruments.inclinometer.numeric import published
 from calibkit.numeric.attitude import wrapped
-from calibkit.report.summary import Summary, SummaryTable, number
+from calibkit.report.summary import Summary, number
+from calibkit.report.table import Table, number_or_none
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -140,7 +141,7 @@ def _largest(values: Array) -> float:
     return float(finite.max()) if finite.size else float("nan")
 
 
-def station_table(stations: Stations, seen: Seen, title: str) -> SummaryTable:
+def station_table(stations: Stations, seen: Seen, title: str) -> Table:
     """Azimuth before and after, station by station."""
     joined, found = seen.joined, errors(stations, seen)
     against = bool(found.known.any())
@@ -171,7 +172,7 @@ def station_table(stations: Stations, seen: Seen, title: str) -> SummaryTable:
         ]
         cells += [_fixed(found.before[k], 3), _fixed(found.after[k], 3)] if against else []
         rows.append(tuple(cells))
-    return SummaryTable(title, tuple(heads), tuple(rows))
+    return Table(title, tuple(heads), tuple(rows))
 
 
 def _fixed(value: float, decimals: int) -> str:
@@ -179,15 +180,15 @@ def _fixed(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if np.isfinite(value) else "-"
 
 
-def shortened(table: SummaryTable) -> SummaryTable:
+def shortened(table: Table) -> Table:
     """A table of at most so many rows as a console shows."""
     if len(table.rows) <= SHOWN:
         return table
     title = f"{table.title} (the first {SHOWN} of {len(table.rows)}, all in report.txt)"
-    return SummaryTable(title, table.columns, table.rows[:SHOWN])
+    return Table(title, table.columns, table.rows[:SHOWN])
 
 
-def error_table(found: Errors, title: str) -> SummaryTable:
+def error_table(found: Errors, title: str) -> Table:
     """Errors of all stations together, before and after; the correction of s does not touch
     inclination and toolface.
     """
@@ -207,10 +208,10 @@ def error_table(found: Errors, title: str) -> SummaryTable:
         for name, before, after in rows
     )
     heads = ("", "stations", "rms, s = 1 [°]", "rms [°]", "largest, s = 1 [°]", "largest [°]")
-    return SummaryTable(title, heads, cells)
+    return Table(title, heads, cells)
 
 
-def scale_table(fits: Mapping[Sensor, ScaleFit]) -> SummaryTable:
+def scale_table(fits: Mapping[Sensor, ScaleFit]) -> Table:
     """s(T) of each gyro."""
     rows = []
     for axis, scale in fits.items():
@@ -237,7 +238,7 @@ def scale_table(fits: Mapping[Sensor, ScaleFit]) -> SummaryTable:
         "valid [°C]",
         "roots used",
     )
-    return SummaryTable("In-situ scale factor s(T)", heads, tuple(rows))
+    return Table("In-situ scale factor s(T)", heads, tuple(rows))
 
 
 def summary(
@@ -309,7 +310,7 @@ def entry(
     known = found.known
     before, after = found.before[known], found.after[known]
     angles = {
-        f"{name}_{figure}_deg": _finite(value)
+        f"{name}_{figure}_deg": number_or_none(value)
         for name, values in (("inclination", found.inclination), ("toolface", found.toolface))
         for figure, value in (("rms", rms(values)), ("max", _largest(values)))
     }
@@ -320,16 +321,16 @@ def entry(
         "stations_used": int((~seen.refused).sum()),
         "stations_refused": int(seen.refused.sum()),
         "before": {
-            "azimuth_rms_deg": _finite(rms(before)),
-            "azimuth_max_deg": _finite(_largest(before)),
+            "azimuth_rms_deg": number_or_none(rms(before)),
+            "azimuth_max_deg": number_or_none(_largest(before)),
             **angles,
         },
         "after": {
-            "azimuth_rms_deg": _finite(rms(after)),
-            "azimuth_max_deg": _finite(_largest(after)),
+            "azimuth_rms_deg": number_or_none(rms(after)),
+            "azimuth_max_deg": number_or_none(_largest(after)),
             **angles,
         },
-        "worse_than_uncorrected_over_u": _finite(
+        "worse_than_uncorrected_over_u": number_or_none(
             float(found.excess.max()) if found.excess.size else float("nan")
         ),
         "stations": [_station(k, stations, seen, found) for k in range(len(stations.names))],
@@ -340,16 +341,11 @@ def _station(k: int, stations: Stations, seen: Seen, found: Errors) -> dict[str,
     """JSON object of one station."""
     return {
         "station": stations.names[k],
-        "azimuth_error_before_deg": _finite(float(found.before[k])),
-        "azimuth_error_after_deg": _finite(float(found.after[k])),
-        "azimuth_standard_uncertainty_deg": _finite(float(found.standard_uncertainty[k])),
+        "azimuth_error_before_deg": number_or_none(float(found.before[k])),
+        "azimuth_error_after_deg": number_or_none(float(found.after[k])),
+        "azimuth_standard_uncertainty_deg": number_or_none(float(found.standard_uncertainty[k])),
         "refused": seen.joined.status[k],
     }
-
-
-def _finite(value: float) -> float | None:
-    """A figure, or nothing where it is not known."""
-    return value if np.isfinite(value) else None
 
 
 def pooled(parts: Sequence[Errors]) -> Errors:

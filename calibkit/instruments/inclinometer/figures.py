@@ -18,7 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array, Mask
-    from calibkit.report.summary import SummaryTable
+    from calibkit.report.table import Table
 
 
 ROWS = 36
@@ -54,7 +54,7 @@ class SeekingReport:
     after: Array
     shift: Array
     standard_uncertainty: Array
-    table: SummaryTable
+    table: Table
 
 
 def pages(title: str, report: SeekingReport) -> list[Figure]:
@@ -156,10 +156,10 @@ def azimuth_page(title: str, report: SeekingReport) -> Figure:
     return figure
 
 
-def table_pages(title: str, table: SummaryTable) -> list[Figure]:
+def table_pages(title: str, table: Table) -> list[Figure]:
     """The stations before and after, so many a page."""
-    chunks = [table.rows[start : start + ROWS] for start in range(0, len(table.rows), ROWS)]
-    return [_table_page(f"{title}: {table.title}", table.columns, rows) for rows in chunks]
+    chunks = [table.texts[start : start + ROWS] for start in range(0, len(table.rows), ROWS)]
+    return [_table_page(f"{title}: {table.title}", table.heads, rows) for rows in chunks]
 
 
 def _table_page(title: str, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> Figure:

@@ -1,4 +1,4 @@
-"""What is told of a finished fleet: lines for a person, a document for a script."""
+"""Summary of a finished fleet: lines for a person, a document for a script."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ MOST = 20
 """Lines of one kind; the table has them all."""
 
 
-def lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
+def summary_lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
     """Counts, then each unit that failed, was rejected or stands out, then the folder with the
     table.
 
@@ -28,23 +28,23 @@ def lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
     counts = Counter(entry.verdict for entry in table.entries)
     counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
     before = f"; {fleet.before} were fitted before" if fleet.before else ""
-    told = [f"{len(table.entries)} units: {counted}{before}"]
-    told += [_fitted_to(entry, fleet.recipe) for entry in table.entries if dry_run and entry.run]
-    told += _some(
+    lines = [f"{len(table.entries)} units: {counted}{before}"]
+    lines += [_fitted_to(entry, fleet.recipe) for entry in table.entries if dry_run and entry.run]
+    lines += _some(
         [
             f"{entry.verdict}: {entry.serial}: {entry.error}"
             for entry in table.entries
             if entry.error
         ]
     )
-    told += _some(
+    lines += _some(
         [
             f"rejected: {entry.serial}@{entry.run}"
             for entry in table.entries
             if entry.verdict == "rejected"
         ]
     )
-    told += _some(
+    lines += _some(
         [
             f"outlier: {outlier.serial}: {outlier.figure} = {outlier.value:.6g}, z ="
             f" {outlier.z:.1f}, limit {outlier.limit:.1f}"
@@ -52,14 +52,14 @@ def lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
         ]
     )
     flags = sum(entry.flags for entry in table.entries)
-    told += [
+    lines += [
         (
             f"{flags} flags in {sum(entry.flags > 0 for entry in table.entries)} runs: see their"
             " reports"
         )
     ] * bool(flags)
     return [
-        *told,
+        *lines,
         f"{fleet.folder}{' (dry run: not written)' * (dry_run and not fleet.folder.exists())}",
     ]
 
@@ -76,7 +76,7 @@ def _some(found: Sequence[str]) -> list[str]:
     return [*found[:MOST], *([f"  … and {more} more: see fleet.csv or --json"] if more > 0 else [])]
 
 
-def document(fleet: Fleet) -> dict[str, Any]:
+def summary_document(fleet: Fleet) -> dict[str, Any]:
     """One JSON object: units, outliers, the folder with the table; an error where a unit has no run
     of its own.
     """

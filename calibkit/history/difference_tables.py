@@ -1,0 +1,165 @@
+"""A difference of two runs as `diff` prints it: tables for a person, a JSON object and CSV for a
+script.
+"""
+
+from __future__ import annotations
+
+from dataclasses import asdict
+from typing import TYPE_CHECKING, Any
+
+from calibkit.numeric.change import CHANCE, SIGNIFICANT
+from calibkit.report.summary import Summary
+from calibkit.report.table import Column, Table, tabulate
+
+if TYPE_CHECKING:
+    from calibkit.history.difference import Difference, ModelChange
+    from calibkit.store import Run
+
+MOST_SETTINGS = 24
+"""Settings that the console shows."""
+TYPE_A = "u is type A of both runs as if independent; what the equipment adds is not in it"
+CHANGE_KEYS = (
+    "name",
+    "unit",
+    "before",
+    "after",
+    "u_before",
+    "u_after",
+    "difference",
+    "standard_uncertainty",
+    "in_u",
+    "verdict",
+)
+"""Attributes of a change in JSON and CSV."""
+CHANGE_COLUMNS = (
+    Column("before", ".9g"),
+    Column("after", ".9g"),
+    Column("difference", ".3g"),
+    Column("u", ".2g", "standard_uncertainty"),
+    "unit",
+    Column("in u", ".3g", "in_u"),
+    Column("", key="mark"),
+)
+"""What the console shows of a change behind its name."""
+
+
+def summarize_difference(found: Difference) -> Summary:
+    """Both runs, a table per model, the figures that moved, and what else differs."""
+    tables = [_change_table(model) for model in found.models if model.changes]
+    tables += [
+        _change_table(block, moved_alone=True)
+        for block in found.figures
+        if any(entry.verdict == "moved" for entry in block.changes)
+    ]
+    if found.settings:
+        more = len(found.settings) - MOST_SETTINGS
+        title = f"what else differs{f' ({more} more with --json)' if more > 0 else ''}"
+        columns = (
+            "what",
+            Column(found.before.name, key="before"),
+            Column(found.after.name, key="after"),
+        )
+        tables.append(tabulate(title, columns, found.settings[:MOST_SETTINGS]))
+    old, new = (
+        f"{run.name} (effective from {run.document['effective_from']})"
+        for run in (found.before, found.after)
+    )
+    flags = (*found.flags, TYPE_A)
+    return Summary(f"{old} → {new}", tuple(tables), flags, (), state_verdict(found))
+
+
+def state_verdict(found: Difference) -> str:
+    """How many coefficients moved, against how many would by chance."""
+    judged, unpaired = found.count("moved", "held"), _unpaired(found)
+    if not judged:
+        return f"{unpaired}no coefficient could be compared with an uncertainty"
+    return (
+        f"{unpaired}{found.count('moved')} of {judged} coefficients moved by more than"
+        f" {SIGNIFICANT:g} u; {CHANCE * judged:.1f} would by chance if none had changed"
+    )
+
+
+def _unpaired(found: Difference) -> str:
+    """Models of one run alone, and coefficients of one run alone in models of both: no uncertainty
+    judges those.
+    """
+    parts = []
+    for verdict, where in (("gone", found.before.name), ("appeared", found.after.name)):
+        whole = [
+            m.name
+            for m in found.models
+            if m.changes and all(entry.verdict == verdict for entry in m.changes)
+        ]
+        single = found.count(verdict) - sum(len(m.changes) for m in found.models if m.name in whole)
+        if whole:
+            parts.append(f"model{'s' if len(whole) > 1 else ''} {', '.join(whole)} only in {where}")
+        if single:
+            parts.append(f"{single} coefficient{'s' if single > 1 else ''} more only in {where}")
+    return "; ".join([*parts, ""]) if parts else ""
+
+
+def _change_table(model: ModelChange, *, moved_alone: bool = False) -> Table:
+    """One model's changes, what moved marked, or the figures of a stage that moved."""
+    title = (
+        f"{model.stage}: {f'{model.name} ({model.form})' if model.name else 'figures that moved'}"
+    )
+    together = ""
+    if model.joint is not None:
+        chance = model.joint.probability
+        together = (
+            "chance that all together differ as much:"
+            f" {f'{chance:.2g}' if chance > 1e-9 else 'below 1e-9'}"
+        )
+    return tabulate(
+        "; ".join(filter(None, (title, together, *model.notes))),
+        (Column("coefficient" if model.name else "figure", key="name"), *CHANGE_COLUMNS),
+        [entry for entry in model.changes if entry.verdict == "moved" or not moved_alone],
+    )
+
+
+def difference_document(found: Difference) -> dict[str, Any]:
+    """A difference as a JSON object; null stands where there is no number."""
+    judged = found.count("moved", "held")
+    return {
+        "before": identify_run(found.before),
+        "after": identify_run(found.after),
+        "moved": [
+            {"stage": model.stage, "model": model.name, "name": entry.name}
+            for model, entry in found.all_changes()
+            if entry.verdict == "moved"
+        ],
+        "judged": judged,
+        "expected_by_chance": CHANCE * judged,
+        "models": [_model_document(model) for model in found.models],
+        "figures": [_model_document(block) for block in found.figures],
+        "settings": [asdict(setting) for setting in found.settings],
+        "flags": [*found.flags, TYPE_A],
+    }
+
+
+def identify_run(run: Run) -> dict[str, Any]:
+    """What identifies a run."""
+    keys = ("serial", "revision", "procedure", "effective_from", "accepted", "software", "sha256")
+    return {"name": run.name, **{key: run.document[key] for key in keys}}
+
+
+def _model_document(model: ModelChange) -> dict[str, Any]:
+    """One model's changes as a JSON object."""
+    return {
+        "stage": model.stage,
+        "model": model.name,
+        "form": model.form,
+        "joint": None if model.joint is None else asdict(model.joint),
+        "notes": list(model.notes),
+        "changes": tabulate("", CHANGE_KEYS, model.changes).to_objects(),
+    }
+
+
+def list_changes(found: Difference) -> Table:
+    """Every coefficient and figure of a difference, one row each, for CSV."""
+    rows = tuple(
+        (model.stage, model.name, *cells)
+        for model in (*found.models, *found.figures)
+        for cells in tabulate("", CHANGE_KEYS, model.changes).rows
+    )
+    return Table("", ("stage", "model", *CHANGE_KEYS), rows)

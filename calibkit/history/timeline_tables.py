@@ -1,0 +1,150 @@
+"""A timeline as `history` prints it: tables for a person, a JSON object and CSV for a script."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, fields
+from typing import TYPE_CHECKING, Any
+
+from calibkit.history.difference_tables import CHANGE_KEYS, TYPE_A, identify_run
+from calibkit.history.timeline import Point, Quantity
+from calibkit.report.summary import Summary
+from calibkit.report.table import Column, Table, number_or_none, tabulate
+
+if TYPE_CHECKING:
+    from calibkit.history.timeline import Series, Timeline
+    from calibkit.report.table import Cell
+    from calibkit.store import Run
+
+OVER_TIME = (
+    "change: from the first date to the last; step: largest between neighbours; a year: slope of"
+    " the accepted runs"
+)
+REVISION_HEADS = (
+    "revision",
+    "effective from",
+    "in force before",
+    "accepted",
+    "procedure",
+    "logs",
+    "calibkit",
+    "recipe",
+)
+SERIES_COLUMNS = (
+    "quantity",
+    "runs",
+    Column("last", ".7g"),
+    Column("change", ".3g"),
+    "unit",
+    Column("in u", ".3g"),
+    Column("step in u", ".3g"),
+    Column("a year", ".3g"),
+    Column("u of it", ".2g"),
+    "",
+)
+
+
+def summarize_timeline(found: Timeline) -> Summary:
+    """Every revision with the dates on which it holds, the chain, and the coefficients of each
+    model over time.
+    """
+    revisions = tuple(_revision_row(found, run) for run in found.runs)
+    blocks: dict[str, list[tuple[Cell, ...]]] = {}
+    for series in found.series:
+        q = series.quantity
+        title = f"{q.stage}: {q.model or 'figures'}{f' ({q.meaning})' if q.meaning else ''}"
+        blocks.setdefault(title, []).append(_series_row(series))
+    tables = (
+        Table("revisions", REVISION_HEADS, revisions),
+        *(Table(title, SERIES_COLUMNS, tuple(rows)) for title, rows in blocks.items()),
+    )
+    flags = (
+        *(f"r{entry.revision:03d} REFUSED: {entry.reason}" for entry in found.refused),
+        *(f"chain broken: {fault}" for fault in found.breaks),
+        *found.flags,
+        *((OVER_TIME, TYPE_A) if found.series else ()),
+    )
+    verdict = (
+        "each revision supersedes the one before"
+        if found.sound
+        else "THE CHAIN OF REVISIONS IS BROKEN"
+    )
+    count = f"{len(found.runs)} run{'s' if len(found.runs) != 1 else ''}"
+    return Summary(f"{found.serial}: {count}", tables, flags, (), verdict)
+
+
+def _revision_row(found: Timeline, run: Run) -> tuple[Cell, ...]:
+    """One revision, and until when it is in force."""
+    document = run.document
+    holds = found.holds[document["revision"]]
+    return (
+        f"r{document['revision']:03d}",
+        document["effective_from"],
+        holds.until or ("open" if holds.since else "never"),
+        "yes" if document["accepted"] else "NO",
+        document["procedure"],
+        len(document["inputs"]),
+        document["software"].removeprefix("calibkit "),
+        f"{document['recipe']['sha256'][:8]}…",
+    )
+
+
+def _series_row(series: Series) -> tuple[Cell, ...]:
+    """One quantity over time."""
+    trend = series.trend
+    return (
+        series.quantity.name,
+        len(series.points),
+        series.points[-1].value,
+        series.overall.difference,
+        series.quantity.unit,
+        series.overall.in_u,
+        series.largest_step,
+        None if trend is None else trend.slope,
+        None if trend is None else trend.standard_uncertainty,
+        "moved" if series.overall.verdict == "moved" else "",
+    )
+
+
+def timeline_document(found: Timeline) -> dict[str, Any]:
+    """A timeline as a JSON object."""
+    revisions = [
+        {
+            **identify_run(run),
+            "in_force_from": found.holds[run.document["revision"]].since,
+            "in_force_before": found.holds[run.document["revision"]].until,
+            "logs": len(run.document["inputs"]),
+            "recipe_sha256": run.document["recipe"]["sha256"],
+        }
+        for run in found.runs
+    ]
+    return {
+        "serial": found.serial,
+        "revisions": revisions,
+        "refused": [asdict(entry) for entry in found.refused],
+        "chain": {"whole": found.sound, "faults": list(found.breaks)},
+        "series": [_series_document(series) for series in found.series],
+        "flags": list(found.flags),
+    }
+
+
+def _series_document(series: Series) -> dict[str, Any]:
+    """One quantity over time as a JSON object."""
+    (overall,) = tabulate("", CHANGE_KEYS, [series.overall]).to_objects()
+    return {
+        **asdict(series.quantity),
+        "points": [asdict(point) for point in series.points],
+        "overall": overall,
+        "largest_step_in_u": number_or_none(series.largest_step),
+        "trend_per_year": None if series.trend is None else asdict(series.trend),
+    }
+
+
+def list_points(found: Timeline) -> Table:
+    """Every determination of a quantity, one row each, for CSV."""
+    keys = tuple(field.name for kind in (Quantity, Point) for field in fields(kind))
+    rows = tuple(
+        (found.serial, *asdict(series.quantity).values(), *asdict(point).values())
+        for series in found.series
+        for point in series.points
+    )
+    return Table("", ("serial", *keys), rows)
