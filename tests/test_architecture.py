@@ -1,0 +1,37 @@
+"""The page on how the code is laid out: its picture is drawn from the code, its paths are there."""
+
+import importlib.util
+import re
+
+import pytest
+
+from calibkit import instruments
+from conftest import ROOT
+
+PAGE = (ROOT / "docs" / "architecture.md").read_text(encoding="utf-8")
+PATHS = sorted(set(re.findall(r"`((?:calibkit|tests|recipes|datasets|docs)/[\w./<>]*)`", PAGE)))
+FOLDERS = sorted(path.parent for path in (ROOT / "calibkit" / "instruments").glob("*/recipe.py"))
+
+
+def test_the_drawn_house_is_the_one_that_is_checked():
+    """Layers and purposes in the picture are those of pyproject.toml and of the docstrings."""
+    path = ROOT / "docs" / "draw_house.py"
+    spec = importlib.util.spec_from_file_location("draw_house", path)
+    drawing = importlib.util.module_from_spec(spec)
+    spec.loader.exec_module(drawing)
+    assert drawing.OUT.read_text(encoding="utf-8") == drawing.house()
+
+
+@pytest.mark.parametrize("path", PATHS)
+def test_a_path_that_the_page_names_is_there(path):
+    """A path with <instrument> is there for at least four of the six instruments."""
+    found = list(ROOT.glob(path.replace("<instrument>", "*").rstrip("/")))
+    assert len(found) >= (4 if "<instrument>" in path else 1), path
+
+
+def test_every_instrument_has_a_folder_and_every_folder_an_instrument():
+    """The registry names modules of these folders and of no other."""
+    assert FOLDERS
+    assert {module.split(".")[0] for module in instruments.SHIPPED.values()} == {
+        folder.name for folder in FOLDERS
+    }
