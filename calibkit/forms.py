@@ -114,5 +114,12 @@ def _powers(model: Model, at: Inputs) -> Array:
     return np.vander(at[column], len(model.coefficients), increasing=True)
 
 
-POLYNOMIAL = Form("polynomial/1", _powers)
+def _horner(model: Model, at: Inputs) -> Array:
+    """Polynomial [n] of the abscissa by Horner's rule."""
+    (column,) = model.valid
+    powers = [coefficient.value for coefficient in model.coefficients]
+    return np.asarray(np.polynomial.polynomial.polyval(at[column], powers), dtype=np.float64)
+
+
+POLYNOMIAL = Form("polynomial/1", _powers, _horner)
 """Σ p_k x^k in raw units, x the one column of the valid ranges."""

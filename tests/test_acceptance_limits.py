@@ -7,14 +7,13 @@ from types import SimpleNamespace
 import numpy as np
 import pytest
 
-from calibkit import recipe  # noqa: F401 (imported first: it and the recipes below need each other)
 from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer import attitude
 from calibkit.instruments.accelerometer.recipe import AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
 from calibkit.instruments.fog_thermal.compensate import LogFigures
 from calibkit.instruments.fog_thermal.recipe import Acceptance
-from calibkit.instruments.gyro_noise import deviations
+from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
 from calibkit.instruments.gyro_scale import axes_tables, tables
 from calibkit.instruments.gyro_scale.recipe import (
@@ -147,7 +146,7 @@ def noise(value, *, observed=True, **limits):
         curve=curve,
         stability=(SimpleNamespace(block_s=10.0, value_dph=value),),
     )
-    return deviations.criteria([one], NoiseAcceptance(**limits))
+    return noise_tables.criteria([one], NoiseAcceptance(**limits))
 
 
 def runs(name):

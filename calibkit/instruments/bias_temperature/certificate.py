@@ -16,13 +16,14 @@ from calibkit.certificate.results import (
 )
 from calibkit.certificate.stated import powers, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
+from calibkit.forms import POLYNOMIAL
 
 if TYPE_CHECKING:
     from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Model, Record
 
 CURVE = Equation(
-    "polynomial/1",
+    POLYNOMIAL.name,
     r"p(T) = \sum_k p_k T^k",
     Words("T the abscissa named in the tables.", "T 为表中所示自变量。"),
 )

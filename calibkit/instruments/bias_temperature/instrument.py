@@ -10,6 +10,7 @@ from calibkit import check as checks
 from calibkit import units
 from calibkit.check import chunked, copies
 from calibkit.coefficients import Input
+from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Examined, Finding, refuse
 from calibkit.ingest import logs as ingest
 from calibkit.ingest import write_back
@@ -174,6 +175,7 @@ INSTRUMENT = Instrument(
     validate=validate,
     apply=apply,
     certificate=_certificate,
+    forms=lambda: (POLYNOMIAL,),
     firmware=_firmware,
     key_figures=(r"bias\..+(\.p\d|\.residual_rms| at \S+ degC)",),
     propose=_propose,

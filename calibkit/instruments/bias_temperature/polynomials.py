@@ -10,7 +10,8 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import units
-from calibkit.coefficients import Coefficient, Model, StageResult
+from calibkit.coefficients import StageResult
+from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import values
 from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport, binned
 from calibkit.numeric import chunks
@@ -23,7 +24,7 @@ if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
 
     from calibkit.arrays import Array
-    from calibkit.coefficients import Record
+    from calibkit.coefficients import Model, Record
     from calibkit.frame import Log
     from calibkit.instruments.bias_temperature.recipe import (
         Bias,
@@ -114,25 +115,18 @@ def result(fits: Sequence[BiasFit], flags: Sequence[str]) -> StageResult:
 def _model(found: BiasFit) -> Model:
     """polynomial/1 model of one channel."""
     unit, per = units.column_unit(found.indication), units.column_unit(found.abscissa)
-    uncertainty = np.sqrt(np.diag(found.covariance))
-    pairs = enumerate(zip(found.coefficients.tolist(), uncertainty.tolist(), strict=True))
-    return Model(
-        name=found.indication,
-        form="polynomial/1",
-        coefficients=tuple(
-            Coefficient(f"p{k}", value, _power_unit(unit, per, k), u) for k, (value, u) in pairs
-        ),
-        covariance=tuple(map(tuple, found.covariance.tolist())),
+    return POLYNOMIAL.write(
+        found.indication,
+        [
+            (f"p{k}", value, power_unit(unit, per, k))
+            for k, value in enumerate(found.coefficients.tolist())
+        ],
+        found.covariance,
         dof=found.dof,
         residual_rms=found.residual_rms,
         residual_unit=unit,
         valid={found.abscissa: found.valid},
     )
-
-
-def _power_unit(unit: str, per: str, power: int) -> str:
-    """Unit of the coefficient of a power of the abscissa."""
-    return unit if power == 0 else f"{unit}/({per})" if power == 1 else f"{unit}/({per})^{power}"
 
 
 def summary(title: str, fits: Sequence[BiasFit], flags: Sequence[str]) -> Summary:
@@ -172,12 +166,11 @@ def compensated(
         abscissa = spec.polynomials.abscissa
         low, high = model.valid[abscissa]
         reference = spec.reference_temp_degc if abscissa.endswith("_degc") else (low + high) / 2.0
-        powers = [coefficient.value for coefficient in model.coefficients]
         x, y, outside = values(log.frame, abscissa), values(log.frame, entry.indication), 0
-        zero = np.polynomial.polynomial.polyval(np.clip(reference, low, high), powers)
+        zero = POLYNOMIAL.evaluate(model, {abscissa: np.clip([reference], low, high)})
         columns[entry.indication] = made = log.room(x.size)
         for a, b in chunks.ranges_along(x, y, made):
-            bias = np.polynomial.polynomial.polyval(np.clip(x[a:b], low, high), powers)
+            bias = POLYNOMIAL.evaluate(model, {abscissa: np.clip(x[a:b], low, high)})
             made[a:b] = y[a:b] - (bias - zero)
             outside += int(np.count_nonzero((x[a:b] < low) | (x[a:b] > high)))
         if outside:

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-import re
 from typing import TYPE_CHECKING
 
 from calibkit.certificate.results import (
@@ -16,14 +15,23 @@ from calibkit.certificate.results import (
     Series,
 )
 from calibkit.certificate.words import Words
+from calibkit.instruments.gyro_noise.forms import (
+    ALLAN_DEVIATION,
+    KINDS,
+    read_deviation,
+    read_term,
+)
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Figure as Found
     from calibkit.coefficients import Record
+    from calibkit.instruments.gyro_noise.forms import Deviation
 
 ALLAN = Equation(
-    "allan-deviation/1",
+    ALLAN_DEVIATION,
     r"\sigma^2(\tau) = \frac{R^2\tau^2}{2} + \frac{K^2\tau}{3} + \frac{2 \ln 2}{\pi} B^2 "
     r"+ \frac{N^2}{\tau} + \frac{3 Q^2}{\tau^2}",
     Words(
@@ -46,7 +54,6 @@ NAMES = {
         "bias stability, 100 s means (GJB 2426A)", "零偏稳定性（100 s 平均，GJB 2426A）"
     ),
 }
-_TAU = re.compile(r"(allan|wavelet)_deviation_([0-9.e+-]+)_s\.(.+)")
 FEW = 3.0
 """Standard uncertainties from zero within which a magnitude is stated by an interval."""
 
@@ -56,16 +63,18 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     record = stated.records.get("gyro_noise.json")
     if record is None:
         return ()
-    terms = [figure for figure in record.figures if not _TAU.fullmatch(figure.name)]
-    results = tuple(_stated(stated, record, figure, NAMES) for figure in terms)
+    points = {found: f for f in record.figures if (found := read_deviation(f.name)) is not None}
+    terms = [figure for figure in record.figures if read_deviation(figure.name) is None]
+    results = tuple(_state(stated, record, figure) for figure in terms)
     tables: list[ListTable | GridTable] = [
         ListTable(Words("Noise and bias stability", "噪声与零偏稳定性"), results)
     ]
     figures = []
-    for name in dict.fromkeys(m.group(3) for f in record.figures if (m := _TAU.fullmatch(f.name))):
-        table = _deviations(stated, record, name)
+    for name in dict.fromkeys(point.record for point in points):
+        curve = {point: figure for point, figure in points.items() if point.record == name}
+        table = _deviations(stated, record, name, curve)
         tables.append(table)
-        figures.append(_plot(table))
+        figures.append(_plot(table, sorted({point.tau_s for point in curve})))
     notes = tuple(Words(flag) for flag in record.flags)
     title = Words("Noise at rest", "静态噪声")
     return (
@@ -81,22 +90,20 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
     )
 
 
-def _stated(stated: Stated, record: Record, figure: Found, names: dict[str, Words]) -> Result:
+def _state(stated: Stated, record: Record, figure: Found) -> Result:
     """A noise term; by an interval where it is within a few uncertainties of zero."""
-    what, _, of = figure.name.partition(".")
-    words = names.get(what, Words(what.replace("_", " "))) + Words(f", {of}" if of else "")
+    term, log = read_term(figure.name)
+    words = NAMES.get(term, Words(term.replace("_", " "))) + Words(f", {log}" if log else "")
     near_zero = figure.value < FEW * figure.standard_uncertainty
     return stated.figure(record, figure, words, math.inf, magnitude=near_zero)
 
 
-def _deviations(stated: Stated, record: Record, name: str) -> GridTable:
+def _deviations(
+    stated: Stated, record: Record, name: str, curve: Mapping[Deviation, Found]
+) -> GridTable:
     """Allan and wavelet deviation over τ of one record."""
-    found = {
-        (m.group(1), float(m.group(2))): f
-        for f in record.figures
-        if (m := _TAU.fullmatch(f.name)) and m.group(3) == name
-    }
-    kinds = [kind for kind in ("allan", "wavelet") if any(k == kind for k, _ in found)]
+    found = {(point.kind, point.tau_s): figure for point, figure in curve.items()}
+    kinds = [kind for kind in KINDS if any(k == kind for k, _ in found)]
     taus = sorted({tau for _, tau in found})
     words = {
         "allan": Words("Allan deviation", "Allan 偏差"),
@@ -123,13 +130,13 @@ def _deviations(stated: Stated, record: Record, name: str) -> GridTable:
     )
 
 
-def _plot(table: GridTable) -> Figure:
+def _plot(table: GridTable, taus: Sequence[float]) -> Figure:
     """Deviation over τ, both logarithmic, with expanded uncertainty."""
     series = []
     for k, head in enumerate(table.heads):
         points = [
-            (float(str(tau)), r)
-            for tau, row in zip(table.labels, table.cells, strict=True)
+            (tau, r)
+            for tau, row in zip(taus, table.cells, strict=True)
             if (r := row[k]) is not None
         ]
         # a bar that would reach zero has no place on a logarithmic axis

@@ -12,7 +12,7 @@ from calibkit.errors import FitError, UsageError
 from calibkit.frame import Examined, Finding, refuse
 from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted, Instrument
-from calibkit.instruments.gyro_noise import deviations
+from calibkit.instruments.gyro_noise import deviations, tables
 from calibkit.instruments.gyro_noise import figures as pages
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.report.documents import Drawn
@@ -78,11 +78,11 @@ def fit(
     result = deviations.result(figures, flags)
     summary = Summary(
         spec.title,
-        deviations.tables(figures),
+        tables.tables(figures),
         tuple(flags),
-        deviations.criteria(figures, spec.acceptance),
+        tables.criteria(figures, spec.acceptance),
     )
-    return Fitted((result,), tuple(inputs), summary, deviations.drawing(figures))
+    return Fitted((result,), tuple(inputs), summary, tables.drawing(figures))
 
 
 def apply(
@@ -111,13 +111,13 @@ def validate(
                 "name": log.file,
                 "sha256": log.sha256,
                 "rows": log.rows,
-                "records": [deviations.json_of(one) for one in found],
+                "records": [tables.entry(one) for one in found],
             }
         )
         figures += found
         flags += [*noted, *(flag for one in found for flag in one.flags)]
-    criteria = deviations.criteria(figures, spec.acceptance)
-    return {"logs": entries}, Summary("", deviations.tables(figures), tuple(flags), criteria)
+    criteria = tables.criteria(figures, spec.acceptance)
+    return {"logs": entries}, Summary("", tables.tables(figures), tuple(flags), criteria)
 
 
 def draw(title: str, fitted: Fitted[pages.NoiseReport]) -> Drawn:

@@ -1,0 +1,46 @@
+"""What the figures of gyro_noise.json are called: written and read back here alone."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+ALLAN_DEVIATION = "allan-deviation/1"
+"""Equation that the noise terms belong to."""
+KINDS = ("allan", "wavelet")
+_DEVIATION = re.compile(rf"({'|'.join(KINDS)})_deviation_([0-9.e+-]+)_s\.(.+)")
+
+
+class Deviation(NamedTuple):
+    """One point of a deviation curve: its kind, averaging time [s] and record."""
+
+    kind: str
+    tau_s: float
+    record: str
+
+    @property
+    def name(self) -> str:
+        """Name of the figure."""
+        return f"{self.kind}_deviation_{self.tau_s:.6g}_s.{self.record}"
+
+
+def read_deviation(name: str) -> Deviation | None:
+    """Deviation that a figure's name states; None for other figures."""
+    found = _DEVIATION.fullmatch(name)
+    return Deviation(found[1], float(found[2]), found[3]) if found else None
+
+
+def term_name(term: str, record: str) -> str:
+    """Name of the figure of a noise term of one record."""
+    return f"{term}.{record}"
+
+
+def stability_name(block_s: float, record: str) -> str:
+    """Name of the figure of the bias stability over block means of one record."""
+    return term_name(f"bias_stability_{block_s:g}_s", record)
+
+
+def read_term(name: str) -> tuple[str, str]:
+    """Noise term (or bias stability) and record that a figure's name states."""
+    term, _, record = name.partition(".")
+    return term, record
