@@ -34,6 +34,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.verify import Verified
     from calibkit.check.report import LogReport
     from calibkit.firmware.export import Export
+    from calibkit.ingest.proposal import Proposal
     from calibkit.instruments import Firmware, Fitted, Progress
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
@@ -241,17 +242,15 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
     return tuple(reports)
 
 
-def init(folder: Path) -> str:
-    """Text of a commented recipe for the logs of a folder, with what check finds in the first of
-    them.
-    """
+def init(folder: Path) -> Proposal:
+    """Commented recipe for the logs of a folder, with what check finds in the first of them."""
     from calibkit.check import examination
     from calibkit.ingest import proposal
 
-    text = proposal.propose(
+    proposed = proposal.propose(
         folder, instruments.parse_recipe, [one.propose for one in instruments.REGISTRY.values()]
     )
-    spec = instruments.parse_recipe(recipe.Source("proposed recipe", text))
+    spec = instruments.parse_recipe(recipe.Source("proposed recipe", proposed.text))
     file = ingest.find_logs(spec, folder)[0]
     try:
         report = examination.of(instruments.find(spec.procedure), spec, folder, file).report
@@ -260,7 +259,7 @@ def init(folder: Path) -> str:
     else:
         said = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
     lines = [f"# check of {file}: {line}" for part in said for line in part.splitlines()]
-    return "\n".join(lines) + "\n" + text
+    return replace(proposed, text="\n".join([*lines, proposed.text]))
 
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:

@@ -155,14 +155,14 @@ def test_a_log_that_changes_while_it_is_read_is_refused(tmp_path, monkeypatch):
     """A row added behind the parser's back: one line that names the log."""
     path = tmp_path / "log.csv"
     path.write_bytes(text_of([("1", "2", "3")]))
-    parsed = clean._parsed
+    parsed = clean._parse
 
     def growing(block, columns):
         with path.open("ab") as stream:
             stream.write(b"4,5,6\n")
         return parsed(block, columns)
 
-    monkeypatch.setattr(clean, "_parsed", growing)
+    monkeypatch.setattr(clean, "_parse", growing)
     with pytest.raises(LogFormatError, match=r"log\.csv: it changed while it was read"):
         clean.read(path, "log.csv")
 
@@ -224,9 +224,9 @@ def test_a_line_that_is_no_row_of_numbers_is_named_in_pieces(tmp_path, monkeypat
     compiled(monkeypatch, use=kernels)
     path = tmp_path / "log.csv"
     path.write_bytes(text_of([("1", "2", "3")] * 50 + [("1", "2-3", "4")] + [("1", "2", "3")] * 9))
-    scan = clean.scanned(path, "log.csv")
+    scan = clean.scan_file(path, "log.csv")
     with pytest.raises(LogFormatError, match=r"log\.csv:52: found '1,2-3,4', expected 3 numbers"):
-        list(clean.pieces(path, "log.csv", scan, 20))
+        list(clean.read_chunks(path, "log.csv", scan, 20))
 
 
 @pytest.mark.parametrize("rows", [1, 7, 60, 1000])
@@ -238,7 +238,7 @@ def test_pieces_joined_are_the_log(tmp_path, monkeypatch, rows):
     values = np.random.default_rng(7).normal(size=(60, 3))
     path = tmp_path / "log.csv"
     path.write_bytes(text_of([tuple(map(repr, row)) for row in values.tolist()]))
-    tables = list(clean.pieces(path, "log.csv", clean.scanned(path, "log.csv"), rows))
+    tables = list(clean.read_chunks(path, "log.csv", clean.scan_file(path, "log.csv"), rows))
     assert [len(table.frame) for table in tables[:-1]] == [rows] * (len(tables) - 1)
     joined = pd.concat([table.frame for table in tables])
     assert joined.equals(clean.read(path, "log.csv").frame)

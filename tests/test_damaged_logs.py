@@ -213,7 +213,9 @@ def accounts(log, name, data):
     delimiter = delimiter.replace("\\t", "\t")
     for line in lines[: above + header]:
         measured = [
-            field for field in tokens.split(line, delimiter, (10,) * 4) if tokens.measured(field)
+            field
+            for field in tokens.split_line(line, delimiter, (10,) * 4)
+            if tokens.is_measured(field)
         ]
         assert len(measured) < len(NAMES) or "skip_lines = 1 (from the recipe)" in log.reading, line
 
@@ -290,8 +292,8 @@ def test_the_guess_prints_and_pins(tmp_path):
     """A guess turned into a recipe table and read back is the same dialect, nothing guessed."""
     path = tmp_path / "log.csv"
     path.write_bytes(BYTES["preamble, names and units on two lines"])
-    found = sniff.guess(path, "log.csv")
-    assert "guessed" in " ".join(found.lines())
-    pinned = sniff.guess(path, "log.csv", TextSpec(**found.table()))
+    found = sniff.guess_dialect(path, "log.csv")
+    assert "guessed" in " ".join(found.describe())
+    pinned = sniff.guess_dialect(path, "log.csv", TextSpec(**found.recipe_keys()))
     assert pinned.guessed == ()
     assert (pinned.columns, pinned.first_line) == (found.columns, found.first_line)

@@ -81,7 +81,7 @@ def test_a_last_line_without_end_is_kept_and_said(tmp_path):
 
 def test_rows_are_counted_across_blocks(tmp_path, monkeypatch):
     """A short row is found whatever block of bytes it falls into."""
-    monkeypatch.setattr(delimited, "BLOCK", 7)
+    monkeypatch.setattr(delimited, "_BLOCK", 7)
     for bad in range(2, 30):
         lines = [b"a,b"] + [b"%d,%d" % (k, k) for k in range(40)]
         lines[bad] = b"5"

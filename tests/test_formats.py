@@ -100,6 +100,13 @@ def test_footer_and_comments_are_pinned_and_counted(tmp_path):
     assert "2 lines of footer (from the recipe)" in table.reading
 
 
+def test_a_log_that_is_all_footer_is_refused(tmp_path):
+    """A recipe that leaves out every line: one line of error, no internal one."""
+    spec = recipe.logs.TextSpec(footer_lines=3)
+    with pytest.raises(LogFormatError, match="no rows of numbers found"):
+        read(tmp_path, b"a;b\n1;2\n", format="text", text=spec)
+
+
 def test_a_log_that_begins_overloaded_begins_with_its_first_row(tmp_path):
     """Rows in which most sensors are still open are rows, not preamble."""
     content = "t;a;b;c\n0;OVLD;OVLD;OVLD\n1;OVLD;OVLD;7\n" + "".join(
@@ -152,7 +159,7 @@ def test_days_that_no_calendar_has_are_no_times(tmp_path):
     """A damaged spreadsheet day is missing rather than some other day."""
     from calibkit.readers import times
 
-    seconds = times.spreadsheet(np.array([40000.0, 40000.5, 1e300, np.nan, 40001.0]))
+    seconds = times.spreadsheet_to_seconds(np.array([40000.0, 40000.5, 1e300, np.nan, 40001.0]))
     np.testing.assert_array_equal(seconds, [0.0, 43200.0, np.nan, np.nan, 86400.0])
 
 

@@ -190,7 +190,7 @@ def test_a_log_that_grows_while_it_is_compensated_is_refused(
         "fit", "bias_temperature", "--data", tmp_path / "logs", "--serial", "S", "--out", tmp_path
     )
     log = tmp_path / "logs" / "warmup_1.csv"
-    scanned = clean.scanned
+    scanned = clean.scan_file
 
     def then_grows(path, file):
         found = scanned(path, file)
@@ -198,7 +198,7 @@ def test_a_log_that_grows_while_it_is_compensated_is_refused(
             stream.write(row)
         return found
 
-    monkeypatch.setattr(clean, "scanned", then_grows)
+    monkeypatch.setattr(clean, "scan_file", then_grows)
     (tmp_path / "out").mkdir()
     outcome = calibkit(
         "apply", tmp_path / "S" / "r001", "--data", log, "--out", tmp_path / "out" / "o.csv"

@@ -310,22 +310,26 @@ class Environment:
                 self._succeeds("-c", text)
             else:
                 for line in text.splitlines():
-                    command, *arguments = line.split()
+                    typed, _, written = line.partition(" > ")
+                    command, *arguments = typed.split()
                     if command == "pip":
                         self.install(self.folder / arguments[-1])
                     else:
                         assert command == "calibkit"
-                        self._succeeds("-m", "calibkit", *arguments)
+                        printed = self._succeeds("-m", "calibkit", *arguments)
+                        if written:
+                            (self.folder / written).write_text(printed, encoding="utf-8")
 
     def _succeeds(self, *arguments):
-        """Run Python; it ends with exit code 0."""
+        """Run Python; it ends with exit code 0, and this is what it printed."""
         done = self.run(*arguments)
         assert done.returncode == 0, f"{arguments}\n{done.stdout}\n{done.stderr}"
+        return done.stdout
 
 
 def test_the_reader_of_the_page_is_installed_and_reads_logs(tmp_path):
-    """Every block of the page in a fresh environment: check, fit and apply take logs in the format
-    of the package, and run.json states the package.
+    """Every block of the page in a fresh environment: init, check, fit and apply take logs in the
+    format of the package, and run.json states the package.
     """
     environment = Environment(tmp_path)
     environment.follow(ROOT / "docs" / "how_to" / "10_a_format_of_my_own.md")
@@ -339,6 +343,9 @@ def test_the_reader_of_the_page_is_installed_and_reads_logs(tmp_path):
     assert plugin["sha256"] == hashlib.sha256(line.encode()).hexdigest()
     written = (tmp_path / "compensated.csv").read_text(encoding="utf-8").splitlines()
     assert written[0] == "time,case,chamber,rate"
+    proposed = (tmp_path / "proposal.toml").read_text(encoding="utf-8")
+    assert 'format = "sentences"' in proposed
+    assert 'from = "rate"' in proposed
     log = tmp_path / "lab" / "ramp_heating_05.txt"
     assert len(written) == 1 + len(log.read_text(encoding="utf-8").splitlines())
 

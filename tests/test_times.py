@@ -25,8 +25,8 @@ WRITTEN = (
 
 def seconds(*fields, form=""):
     """Clock of a column of fields, whose first stands in line 2."""
-    return times.seconds(
-        pd.Series(fields), form or times.form_of([str(field) for field in fields]), PLACE
+    return times.to_seconds(
+        pd.Series(fields), form or times.recognise_format([str(field) for field in fields]), PLACE
     )
 
 
@@ -167,6 +167,8 @@ def test_spreadsheet_days_are_instants_to_the_microsecond():
     """46000.25 days and what follows it; a cell without a value, or beyond the calendar, is
     missing.
     """
-    found = times.spreadsheet(np.array([np.nan, 46000.25, 46000.25 + 1.5 / 86400.0, 1e9]))
+    found = times.spreadsheet_to_seconds(
+        np.array([np.nan, 46000.25, 46000.25 + 1.5 / 86400.0, 1e9])
+    )
     assert np.isnan(found[[0, 3]]).all()
     assert found[1:3].tolist() == [0.0, pytest.approx(1.5, abs=1e-6)]

@@ -74,11 +74,11 @@ def of(
     """
     if not long_logs.can_be_chunked(recipe) or not path.is_file() or path.stat().st_size <= largest:
         return None
-    scan = clean.scanned(path, file)
+    scan = clean.scan_file(path, file)
     if scan is None:
         return None
     every = -(-scan.rows // KEPT)
-    tables = clean.pieces(path, file, scan, PIECE // every * every)
+    tables = clean.read_chunks(path, file, scan, PIECE // every * every)
     logs = (ingest.mapped_log(recipe, table, needed, optional, whole=False) for table in tables)
     return _through(recipe, logs, scan.rows, every)
 

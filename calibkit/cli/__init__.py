@@ -169,16 +169,14 @@ def init(folder: Path, *, as_json: bool) -> int:
     calibkit init --from logs --json
     """
     from calibkit import pipeline
-    from calibkit.ingest.proposal import UNSTATED
 
-    text = pipeline.init(folder)
+    proposal = pipeline.init(folder)
     if as_json:
-        print_json({"ok": True, "recipe": text})
+        print_json({"ok": True, "recipe": proposal.text})
     else:
-        print_data(text)
-        for line in text.splitlines():
-            if line.startswith(UNSTATED):
-                say(f"? {line.removeprefix('# ')}")
+        print_data(proposal.text)
+        if proposal.note:
+            say(f"? {proposal.note}")
     return 0
 
 

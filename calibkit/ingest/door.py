@@ -76,18 +76,18 @@ def time(table: Table, source: str, column: Column | None, name: str) -> Mapped:
         if column.date not in table.frame.columns:
             raise _absent(table, column.date, f"[columns.{name}] date")
         raw = table.frame[column.date].astype(str).str.strip() + " " + raw.astype(str).str.strip()
-        form = form or times.form_of([str(field) for field in raw.iloc[:200]])
+        form = form or times.recognise_format([str(field) for field in raw.iloc[:200]])
     place = f"{table.file}: column '{source}'"
     if form == times.EXCEL:
         return Mapped(
-            times.spreadsheet(_numbers(raw, place)),
+            times.spreadsheet_to_seconds(_numbers(raw, place)),
             (),
             (f"column '{source}': days since 1899-12-30",),
         )
     if not form and not _is_text(raw):
         return Mapped(raw.to_numpy(dtype=np.float64))
     form = form or _form(raw, place)
-    clock = times.seconds(raw, form, place)
+    clock = times.to_seconds(raw, form, place)
     return Mapped(clock.seconds, (), tuple(f"column '{source}': {note}" for note in clock.notes))
 
 
@@ -111,7 +111,7 @@ def _form(raw: pd.Series, place: str) -> str:
     holds are decimal seconds.
     """
     first = [str(field) for field in raw.iloc[:200]]
-    form = times.form_of(first)
+    form = times.recognise_format(first)
     if form:
         return form
     if all(times.is_decimal(field) for field in first):

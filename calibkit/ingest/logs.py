@@ -58,7 +58,7 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
             )
         found += [match for match in matches if match not in found]
     if recipe.logs.split:
-        found = [log[0] for log in parts.group(found)]
+        found = [log[0] for log in parts.group_parts(found)]
     if recipe.chamber is not None:
         from calibkit.ingest import loggers
 
@@ -267,7 +267,7 @@ def _from_second_row(
 
 def digest(recipe: Recipe, data: Path, file: str) -> str:
     """SHA-256 of a log's bytes, of all its parts where it is split."""
-    return parts.digest(data / file, file, split=recipe.logs.split)
+    return parts.digest_log(data / file, file, split=recipe.logs.split)
 
 
 def _own_names(

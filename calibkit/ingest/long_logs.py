@@ -63,7 +63,7 @@ def read(
         or path.stat().st_size <= largest()
     ):
         return None
-    scan = clean.scanned(path, file)
+    scan = clean.scan_file(path, file)
     if scan is None:
         return None
     plain = recipe.model_copy(update={"exclude": ()})
@@ -72,7 +72,7 @@ def read(
     taken: dict[int, int] = {}
     notes: dict[str, None] = {}
     part: Log | None = None
-    for table in clean.pieces(path, file, scan, ROWS):
+    for table in clean.read_chunks(path, file, scan, ROWS):
         part = logs.mapped_log(plain, table, needed, optional)
         frame, out = logs.without_exclusions(part.frame, recipe.exclude, file)
         kept = kept or {str(name): scratch.column(scan.rows) for name in frame.columns}

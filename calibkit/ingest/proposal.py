@@ -1,5 +1,5 @@
-"""Logs of a folder → a commented recipe for them: a shipped recipe, in which only the mapping of
-the logs is another.
+"""Logs of a folder → a commented recipe for them: a shipped recipe with the mapping of these
+logs.
 """
 
 from __future__ import annotations
@@ -12,48 +12,33 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, TypeAlias
 
 from calibkit import recipe, units
-from calibkit.errors import FrameError, LogFormatError, UsageError
+from calibkit.errors import FrameError
 from calibkit.ingest import naming
-from calibkit.readers import registry, sniff, times
-from calibkit.recipe.logs import Logs
+from calibkit.ingest.log_groups import file_patterns, group_logs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.ingest.log_groups import Group
     from calibkit.ingest.naming import Column
     from calibkit.recipe import Recipe
 
-SKIPPED = re.compile(
-    r"\.(json|md|toml|pdf|png|py|txt\.gz|zip|log\.gz)$|^(SHA256SUMS|LICENSE|README|SOURCE)",
-    re.IGNORECASE,
-)
-"""Files that are no logs."""
-
-
-TEMPERATURES = frozenset({"temp_case_degc", "temp_env_degc", "temp_degc"})
-
-
-UNSTATED = "# No unit in the logs: "
-"""Beginning of the line that names columns whose unit has to be stated; it is said aloud too."""
-
 
 @dataclass(frozen=True, slots=True)
-class Group:
-    """Logs that are written alike: their files, columns, and how they are written."""
+class Proposal:
+    """Text of a recipe, and a note on columns whose unit has to be stated, or ""."""
 
-    files: tuple[str, ...]
-    format: str
-    columns: tuple[Column, ...]
-    text: Mapping[str, str | int | list[int]]
+    text: str
+    note: str
 
 
-def propose(folder: Path, parse: Parse, proposers: Sequence[Proposer]) -> str:
-    """Text of a recipe for the logs of a folder, by the first instrument that recognises them.
+def propose(folder: Path, parse: Parse, proposers: Sequence[Proposer]) -> Proposal:
+    """Recipe for the logs of a folder, by the first instrument that recognises them.
 
     Raises LogFormatError or FrameError where none can be proposed.
     """
-    groups = grouped(folder)
+    groups = group_logs(folder)
     choices = [
         (chosen, group)
         for group in groups
@@ -66,18 +51,19 @@ def propose(folder: Path, parse: Parse, proposers: Sequence[Proposer]) -> str:
         )
         raise FrameError(
             f"{folder}: no shipped procedure reads these columns: {columns}",
-            hint=_told_by_hand([column for group in groups for column in group.columns]),
+            hint=_mapping_advice([column for group in groups for column in group.columns]),
         )
     # the procedure that more of the logs are for
     chosen, group = max(choices, key=lambda choice: len(choice[1].files))
-    return _written(folder, chosen, group, [other for other in groups if other is not group], parse)
+    rest = [other for other in groups if other is not group]
+    return Proposal(_write_recipe(folder, chosen, group, rest, parse), _unit_note(chosen))
 
 
-def _told_by_hand(columns: Sequence[Column]) -> str:
-    """What to do where columns do not say what they are; of those without a unit, that it is
-    missing.
-    """
-    silent = [json.dumps(column.name, ensure_ascii=False) for column in columns if _silent(column)]
+def _mapping_advice(columns: Sequence[Column]) -> str:
+    """Hint for columns whose names do not show what they are; it lists those without a unit."""
+    silent = [
+        json.dumps(column.name, ensure_ascii=False) for column in columns if _lacks_unit(column)
+    ]
     units_too = (
         f"no unit is stated for {', '.join(dict.fromkeys(silent))}: write it behind the name (like"
         ' "Channel 1 [deg/s]"), or state it with the mapping (like [columns.gyro_dph] from = "…",'
@@ -91,120 +77,46 @@ def _told_by_hand(columns: Sequence[Column]) -> str:
     )
 
 
-def _silent(column: Column) -> bool:
-    """Whether nothing says in which unit a column is."""
+def _lacks_unit(column: Column) -> bool:
+    """Whether the log states no unit of a column."""
     return not column.stated and not column.is_time
 
 
-def _unstated(choice: Choice) -> list[str]:
-    """Comment on the mapped columns that are in a unit which the log does not state, and what each
-    would be taken in.
+def _unit_note(choice: Choice) -> str:
+    """Note on the mapped columns without a unit in the log, with the unit that each would be taken
+    in; "" where every unit is stated.
     """
     silent = {
         name: column
         for name, column in choice.mapping.items()
-        if _silent(column) and column.name != name and units.column_unit(name) != "1"
+        if _lacks_unit(column) and column.name != name and units.column_unit(name) != "1"
     }
     if not silent:
-        return []
+        return ""
     taken = (
         f"{json.dumps(column.name, ensure_ascii=False)} in {units.column_unit(name)}"
         for name, column in silent.items()
     )
     keys = ", ".join(f"[columns.{name}]" for name in silent)
-    return [f'{UNSTATED}{", ".join(taken)} would be taken; state unit = "…" in {keys}']
-
-
-def grouped(folder: Path) -> list[Group]:
-    """Groups of logs that have the same columns and are written alike; files that are no logs are
-    left out.
-    """
-    if not folder.is_dir():
-        raise UsageError(
-            f"--from {folder}: no such folder", hint="name the folder that holds the logs"
-        )
-    found: dict[tuple[object, ...], list[str]] = {}
-    kinds: dict[
-        tuple[object, ...], tuple[str, tuple[Column, ...], Mapping[str, str | int | list[int]]]
-    ] = {}
-    failed: LogFormatError | None = None
-    for path in sorted(folder.iterdir()):
-        if not path.is_file() or SKIPPED.search(path.name):
-            continue
-        try:
-            kind = _looked_at(path)
-        except LogFormatError as error:
-            failed = failed or error
-            continue
-        key = (kind[0], kind[1], json.dumps(dict(kind[2])))
-        found.setdefault(key, []).append(path.name)
-        kinds[key] = kind
-    if not found:
-        if failed is not None:
-            raise failed
-        raise FrameError(f"{folder}: no logs", hint="name the folder that holds the logs")
-    return [Group(tuple(files), *kinds[key]) for key, files in found.items()]
-
-
-def _looked_at(path: Path) -> tuple[str, tuple[Column, ...], Mapping[str, str | int | list[int]]]:
-    """Format, columns and text dialect of a file; clean CSV has format "csv" and no dialect to
-    state.
-    """
-    with path.open("rb") as stream:
-        head = stream.read(4096)
-    found = registry.signature(head[:32]) or registry.shown(head)
-    if found:
-        table = registry.read(
-            path, path.name, Logs.model_validate({"files": [path.name], "format": found}), ()
-        )
-        columns = tuple(
-            _column(
-                str(name),
-                table.units.get(str(name), ""),
-                [str(field) for field in table.frame[name].iloc[:50]],
-            )
-            for name in table.frame.columns
-        )
-        return found, columns, {}
-    dialect = sniff.guess(path, path.name)
-    columns = tuple(
-        naming.Column(column.name, column.unit, column.kind == "time", column.time_format)
-        for column in dialect.columns
-    )
-    if not dialect.header_lines:
-        raise LogFormatError(
-            f"{path.name}: {len(columns)} columns without names",
-            hint="give [logs] names = […] in a copy of a shipped recipe",
-        )
-    return ("csv", columns, {}) if dialect.clean else ("text", columns, dialect.table())
-
-
-def _column(name: str, unit: str, fields: list[str]) -> Column:
-    """A column of a format that is no text: times are fields that are no numbers and look like
-    times.
-    """
-    form = ""
-    if any(not times.is_decimal(field) for field in fields):
-        form = times.form_of(fields)
-    return naming.Column(name, unit, bool(form), form)
+    return f'No unit in the logs: {", ".join(taken)} would be taken; state unit = "…" in {keys}'
 
 
 @dataclass(frozen=True, slots=True)
 class Choice:
-    """A shipped recipe, and canonical column → column of the logs that it reads."""
+    """A shipped recipe for logs, and the mapping of canonical columns to columns of the logs."""
 
     recipe: str
     mapping: Mapping[str, Column]
     others: tuple[tuple[str, Column], ...]
     keys: Mapping[str, str]
-    """Keys of the shipped recipe that must be another, as TOML values."""
+    """Keys of the shipped recipe with other values, as TOML."""
     beside_files: str = ""
     """Comment under the names of the logs."""
     remark: str = ""
     """Comment at the head of the recipe."""
 
     def with_others(self, more: Sequence[tuple[str, Column]]) -> Choice:
-        """The choice with more columns that could be something else."""
+        """The choice with more columns that could be canonical ones too."""
         return replace(self, others=(*self.others, *more))
 
 
@@ -214,7 +126,7 @@ Parse: TypeAlias = "Callable[[recipe.Source], Recipe]"
 
 @dataclass(frozen=True, slots=True)
 class Evidence:
-    """What an instrument recognises its logs by."""
+    """What an instrument knows of logs when it decides whether they are its own."""
 
     folder: Path
     group: Group
@@ -230,7 +142,7 @@ class Evidence:
     def of(cls, folder: Path, group: Group, groups: Sequence[Group], parse: Parse) -> Evidence:
         """Evidence of a group among all groups of a folder."""
         columns, others = naming.named(group.columns)
-        second_logger = any(_second_logger(other) for other in groups)
+        second_logger = any(other.second_logger for other in groups)
         return cls(folder, group, second_logger, columns, tuple(others), parse)
 
     def gyros(self, units: str = "lsb|dph") -> dict[str, Column]:
@@ -245,8 +157,8 @@ class Evidence:
         columns: Mapping[str, Column] | None = None,
         keys: Mapping[str, str] | None = None,
     ) -> Choice:
-        """Choice of a shipped recipe with those columns that it reads; the rest could be something
-        else.
+        """Choice of a shipped recipe that reads the wanted columns; the rest could be canonical
+        columns too.
         """
         taken = self.columns if columns is None else columns
         rest = [(name, column) for name, column in taken.items() if name not in wanted]
@@ -255,10 +167,15 @@ class Evidence:
 
     def recipe(self, choice: Choice) -> Recipe:
         """Recipe that a choice gives."""
-        text = _written(self.folder, choice, self.group, (), self.parse)
+        text = _write_recipe(self.folder, choice, self.group, (), self.parse)
         return self.parse(recipe.Source("proposed recipe", text))
 
 
+_CHECK_FIRST = (
+    "Check every unit, sign and column below before you trust a number: calibkit check RECIPE"
+    " --data DIR"
+)
+_GUESSED = "how these logs are written, as guessed from their first lines; correct what is wrong"
 Proposer: TypeAlias = Callable[[Evidence], Choice | None]
 """Recognises the logs of one instrument."""
 
@@ -276,10 +193,10 @@ def _choose(evidence: Evidence, proposers: Sequence[Proposer]) -> Choice | None:
     return next((choice for choice in found if choice is not None), None)
 
 
-def _written(
+def _write_recipe(
     folder: Path, choice: Choice, group: Group, rest: Sequence[Group], parse: Parse
 ) -> str:
-    """Text of the shipped recipe with the log mapping of these logs."""
+    """Text of the chosen shipped recipe, with the mapping of these logs in place of its own."""
     text = recipe.find(choice.recipe).text
     shipped = parse(recipe.find(choice.recipe))
     for key, value in choice.keys.items():
@@ -311,44 +228,22 @@ def _written(
     return _header(choice, group, rest) + text
 
 
-def file_patterns(files: Sequence[str], names: Sequence[str]) -> list[str]:
-    """One pattern that matches these files and no other, or their names."""
-    if len(files) == 1:
-        return [files[0]]
-    start = _common(files)
-    end = _common([name[::-1] for name in files])[::-1]
-    pattern = f"{start.rstrip('0123456789')}*{end.lstrip('0123456789')}"
-    alike = {name for name in names if fnmatchcase(name, pattern)}
-    return [pattern] if alike == set(files) and "[" not in pattern else list(files)
-
-
-def _common(names: Sequence[str]) -> str:
-    """Longest common beginning."""
-    first, last = min(names), max(names)
-    return first[
-        : next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
-    ]
-
-
 def _mapping(choice: Choice, group: Group) -> str:
-    """Tables that map and pin, and what was not used, as comments."""
+    """Tables [logs.text] and [columns] of a recipe, and comments on columns that are not used."""
     lines = [""]
     if group.text:
-        lines += [
-            (
-                "[logs.text] # how these logs are written, as guessed from their first lines;"
-                " correct what is wrong"
-            )
-        ]
-        lines += [
+        pinned = (
             f"{key} = {json.dumps(value, ensure_ascii=False)}" for key, value in group.text.items()
-        ] + [""]
+        )
+        lines += [f"[logs.text] # {_GUESSED}", *pinned, ""]
     for name, column in choice.mapping.items():
         if column.name == name and not column.is_time:
             continue
         by_reader = column.unit or units.of_header(column.name)
-        said = f"the log states {column.stated}" if column.stated else _taken_in(name)
-        lines.append(f"[columns.{name}]" + ("" if column.is_time else f" # {said}"))
+        unit = units.column_unit(name)
+        taken = "" if unit == "1" else f' in the log: taken in {unit}, or state unit = "…"'
+        remark = f"the log states {column.stated}" if column.stated else f"no unit{taken}"
+        lines.append(f"[columns.{name}]" + ("" if column.is_time else f" # {remark}"))
         lines.append(f"from = {json.dumps(column.name, ensure_ascii=False)}")
         if column.stated and not by_reader and not column.is_time:
             lines.append(f'unit = "{column.stated}"')
@@ -359,58 +254,37 @@ def _mapping(choice: Choice, group: Group) -> str:
         f"# could be {name} too: {json.dumps(column.name, ensure_ascii=False)}"
         for name, column in choice.others
     ]
-    if not choice.mapping:
-        return "\n".join(lines).rstrip("\n") + "\n" if len(lines) > 1 else ""
-    used = {column.name for column in choice.mapping.values()} | {
-        column.name for _, column in choice.others
+    used = {
+        column.name
+        for column in (*choice.mapping.values(), *(column for _, column in choice.others))
     }
     unused = [column.name for column in group.columns if column.name not in used]
-    lines += [f"# not used: {', '.join(unused)}"] if unused else []
+    if choice.mapping and unused:
+        lines.append(f"# not used: {', '.join(unused)}")
     return "\n".join(lines).rstrip("\n") + "\n" if len(lines) > 1 else ""
 
 
-def _taken_in(name: str) -> str:
-    """What is said of a mapped column without a unit."""
-    unit = units.column_unit(name)
-    return "no unit" if unit == "1" else f'no unit in the log: taken in {unit}, or state unit = "…"'
-
-
 def _header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
-    """Comment that says what was guessed from what, and which logs are not read."""
-    count = (
-        f"{len(group.files)} log{'s' if len(group.files) > 1 else ''} of {len(group.columns)}"
-        " columns"
+    """Comment at the head of a recipe: for which logs it is, and which logs it does not read."""
+    several = len(group.files) > 1
+    count = f"{len(group.files)} log{'s' * several} of {len(group.columns)} columns"
+    logs = f"{count} ({group.files[0]}{', …' * several})"
+    remarks = (
+        f"# Proposed for {logs} after the recipe {choice.recipe}.",
+        f"# {_CHECK_FIRST}",
+        f"# {note}" if (note := _unit_note(choice)) else "",
+        choice.remark,
     )
-    lines = [
-        (
-            f"# Proposed for {count} ({group.files[0]}{', …' if len(group.files) > 1 else ''})"
-            f" after the recipe {choice.recipe}."
-        )
-    ]
-    lines.append(
-        "# Check every unit, sign and column below before you trust a number: calibkit check RECIPE"
-        " --data DIR"
-    )
-    lines += _unstated(choice)
-    if choice.remark:
-        lines.append(choice.remark)
+    lines = [remark for remark in remarks if remark]
     for other in rest:
         names = ", ".join(column.name for column in other.columns)
         lines.append(
             f"# Not read: {', '.join(other.files[:4])}{', …' if len(other.files) > 4 else ''}"
             f" ({names})"
         )
-        if _second_logger(other):
+        if other.second_logger:
             lines.append(
                 "# These look like a second logger's (a chamber's): see [chamber] in docs/check.md"
                 " to join them."
             )
     return "\n".join(lines) + "\n"
-
-
-def _second_logger(group: Group) -> bool:
-    """Whether logs hold temperatures over time and nothing else that is known."""
-    meant = {naming.canonical(column) for column in group.columns}
-    return (
-        "time_s" in meant and bool(meant & TEMPERATURES) and meant <= {"", "time_s", *TEMPERATURES}
-    )

@@ -94,14 +94,7 @@ def _parts(
         yield _written([*fields, *more], quotes=log.quotes)
         row = stop
     if row != log.count:
-        raise _changed(file)
-
-
-def _changed(file: str) -> LogFormatError:
-    """The error of a log that is another when it is read again."""
-    return LogFormatError(
-        f"{file}: it changed while it was read", hint="wait until the logger has closed it"
-    )
+        raise clean.changed(file)
 
 
 def _every_row(recipe: Recipe, path: Path) -> str:
@@ -154,7 +147,7 @@ def _clean(recipe: Recipe, path: Path) -> _Fields | None:
     """Fields of clean CSV as they stand in the file, which is read a block at a time; none of any
     other log.
     """
-    scan = clean.scanned(path, path.name) if recipe.logs.format in {"auto", "csv"} else None
+    scan = clean.scan_file(path, path.name) if recipe.logs.format in {"auto", "csv"} else None
     if scan is None:
         return None
     stated = {name: units.of_header(name) for name in scan.header}
@@ -167,30 +160,23 @@ def _blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
     """Fields of each column of clean CSV, a block of lines at a time; raises LogFormatError where
     it cannot be read.
     """
-    try:
-        with path.open("rb") as stream:
-            stream.readline()
-            while block := stream.read(BLOCK):
-                lines = (
-                    (block + stream.readline()).decode().replace("\r\n", "\n").removesuffix("\n")
-                )
-                fields = lines.replace("\n", ",").split(",")
-                if len(fields) != width * (lines.count("\n") + 1):
-                    raise _changed(path.name)
-                yield [fields[number::width] for number in range(width)]
-    except OSError as error:
-        raise LogFormatError(
-            f"{path.name}: cannot be read: {error.strerror}", hint="check the file"
-        ) from None
+    with delimited.open_log(path, path.name) as stream:
+        stream.readline()
+        while block := stream.read(BLOCK):
+            lines = (block + stream.readline()).decode().replace("\r\n", "\n").removesuffix("\n")
+            fields = lines.replace("\n", ",").split(",")
+            if len(fields) != width * (lines.count("\n") + 1):
+                raise clean.changed(path.name)
+            yield [fields[number::width] for number in range(width)]
 
 
 def _fields(recipe: Recipe, path: Path) -> _Fields:
     """Fields of a log: CSV as it stands, any other dialect or format by its reader."""
-    data = delimited.load(path, path.name)
+    data = delimited.read_bytes(path, path.name)
     if recipe.logs.format in {"auto", "csv"} and delimited.looks_clean(data):
         try:
-            header, body = delimited.split(data, path.name)
-            delimited.count_fields(body, len(header), path.name)
+            header, body = delimited.split_header(data, path.name)
+            delimited.require_fields(body, len(header), path.name)
         except LogFormatError:
             if recipe.logs.format == "csv":
                 raise

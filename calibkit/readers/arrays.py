@@ -1,4 +1,4 @@
-"""Named arrays of a container file (MATLAB, HDF5) → columns of one log."""
+"""Named arrays of a container file (MATLAB, HDF5, JSON) → columns of one log."""
 
 from __future__ import annotations
 
@@ -19,15 +19,15 @@ if TYPE_CHECKING:
     from calibkit.recipe.logs import Logs
 
 
-def frame(
+def select_columns(
     arrays: Mapping[str, NDArray[np.generic]], file: str, logs: Logs, needed: Collection[str]
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """Columns of the log that the recipe's `table` names, or of the only one there is; and how they
-    were found.
+    """Columns of the log that the recipe's `table` names, or of the only one there is, and texts on
+    how they were found.
 
-    Arrays are named by their path (`group/name`). A matrix needs the recipe's `names`, one a
-    column; vectors are columns by their own names. Raises LogFormatError where it is not clear what
-    the log is.
+    Arrays are named by their path (`group/name`). A matrix needs the recipe's `names`, one per
+    column; vectors are columns under their own names. Raises LogFormatError where several logs are
+    possible, or none.
     """
     inside, how = _inside(arrays, file, logs.table)
     matrices = {
@@ -43,17 +43,17 @@ def frame(
         return _matrix(matrix, name or logs.table, file, logs), how
     if matrices and not flat:
         raise LogFormatError(
-            f"{file}: {len(matrices)} matrices: {_some(matrices)}",
+            f"{file}: {len(matrices)} matrices: {_listed(matrices)}",
             hint="name one in [logs] table of the recipe",
         )
-    return vectors(flat, file, needed), how
+    return join_vectors(flat, file, needed), how
 
 
 def _inside(
     arrays: Mapping[str, NDArray[np.generic]], file: str, table: str
 ) -> tuple[dict[str, NDArray[np.generic]], tuple[str, ...]]:
-    """Numeric arrays of the named group, or all where none is named, by the last part of their
-    names.
+    """Numeric arrays of the group that the recipe names, or of the only one, by the last part of
+    their paths, and texts on which group was taken.
     """
     numeric = {
         name: array
@@ -68,20 +68,20 @@ def _inside(
         }
         if not chosen:
             raise LogFormatError(
-                f"{file}: no numeric array '{table}'", hint=f"there are: {_some(numeric)}"
+                f"{file}: no numeric array '{table}'", hint=f"there are: {_listed(numeric)}"
             )
         return {name.removeprefix(table).lstrip("/"): array for name, array in chosen.items()}, ()
     groups = {name.rpartition("/")[0] for name in numeric}
     if len(groups) > 1:
         raise LogFormatError(
-            f"{file}: arrays in {len(groups)} groups: {_some(numeric)}",
+            f"{file}: arrays in {len(groups)} groups: {_listed(numeric)}",
             hint="name one in [logs] table of the recipe",
         )
     if not numeric:
-        raise LogFormatError(f"{file}: no numeric arrays", hint=f"there are: {_some(arrays)}")
+        raise LogFormatError(f"{file}: no numeric arrays", hint=f"there are: {_listed(arrays)}")
     group = next(iter(groups))
-    made = {name.removeprefix(group).lstrip("/"): array for name, array in numeric.items()}
-    return made, ((f"table = '{group}' (guessed)",) if group else ())
+    inside = {name.removeprefix(group).lstrip("/"): array for name, array in numeric.items()}
+    return inside, ((f"table = '{group}' (guessed)",) if group else ())
 
 
 def _matrix(matrix: NDArray[np.generic], name: str, file: str, logs: Logs) -> pd.DataFrame:
@@ -93,17 +93,17 @@ def _matrix(matrix: NDArray[np.generic], name: str, file: str, logs: Logs) -> pd
             hint="list its columns in [logs] names of the recipe, in order",
         )
     upright = matrix if matrix.shape[1] == len(logs.names) else matrix.T
-    return framed({column: upright[:, k] for k, column in enumerate(logs.names)})
+    return make_frame({column: upright[:, k] for k, column in enumerate(logs.names)})
 
 
-def vectors(
+def join_vectors(
     columns: Mapping[str, NDArray[np.generic]], file: str, needed: Collection[str]
 ) -> pd.DataFrame:
-    """Columns that share the length of the needed ones; needed ones of several lengths are
-    refused.
+    """Frame of the vectors that are as long as the needed ones; LogFormatError where those have
+    several lengths.
     """
     wanted = {
-        name: len(column) for name, column in columns.items() if delimited.wanted(name, needed)
+        name: len(column) for name, column in columns.items() if delimited.is_needed(name, needed)
     }
     lengths = set(wanted.values()) or {len(column) for column in columns.values()}
     if len(lengths) > 1:
@@ -115,20 +115,20 @@ def vectors(
     if not lengths:
         raise LogFormatError(f"{file}: no columns of numbers", hint="check the file")
     length = next(iter(lengths))
-    return framed({name: column for name, column in columns.items() if len(column) == length})
+    return make_frame({name: column for name, column in columns.items() if len(column) == length})
 
 
-def framed(columns: Mapping[str, NDArray[np.generic]]) -> pd.DataFrame:
-    """A frame whose index counts records so that record 1 is called line 1."""
+def make_frame(columns: Mapping[str, NDArray[np.generic]]) -> pd.DataFrame:
+    """Frame of columns of one length, whose index counts records: messages call record 1 line 1."""
     import pandas as pd
 
-    made = pd.DataFrame(
+    frame = pd.DataFrame(
         {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
     )
-    made.index = made.index + 1 - FIRST_ROW
-    return made
+    frame.index = frame.index + 1 - FIRST_ROW
+    return frame
 
 
-def _some(names: Collection[str]) -> str:
-    """The first few names."""
+def _listed(names: Collection[str]) -> str:
+    """The first twelve names, as one text."""
     return ", ".join(sorted(names)[:12]) + (" …" if len(names) > 12 else "") or "none"

@@ -35,7 +35,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     """Read raw records whole, or raise LogFormatError that names the record."""
     assert logs.binary is not None  # noqa: S101 (the recipe's own check: format = 'binary' has [logs.binary])
     spec = logs.binary
-    data = delimited.load(path, file)
+    data = delimited.read_bytes(path, file)
     layout = _layout(spec)
     body = len(data) - spec.header_bytes
     if body <= 0 or body % layout.itemsize:
@@ -45,16 +45,16 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             hint="the file is cut off, or [logs.binary] describes it wrongly",
         )
     records = np.frombuffer(data, layout, offset=spec.header_bytes)
-    _in_step(data, spec, layout.itemsize, file)
+    _require_sync(data, spec, layout.itemsize, file)
     kept = [field for field in spec.fields if field.type != "skip"]
-    frame = arrays.framed({field.name: _scaled(records[field.name], field) for field in kept})
+    frame = arrays.make_frame({field.name: _scaled(records[field.name], field) for field in kept})
     stated = {field.name: units.of_text(field.unit) for field in kept if field.unit}
-    said = (f"binary records of {layout.itemsize} bytes, {len(frame)} rows",)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, stated)
+    reading = (f"binary records of {layout.itemsize} bytes, {len(frame)} rows",)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, stated)
 
 
 def _layout(spec: BinarySpec) -> np.dtype[np.void]:
-    """A record as numpy describes it."""
+    """Type of a record for numpy."""
     marks = {"little": "<", "big": ">"}
     fields = []
     for number, field in enumerate(spec.fields):
@@ -71,9 +71,9 @@ def _scaled(stored: NDArray[np.generic], field: FieldSpec) -> Array:
     return values + field.offset if field.offset else values
 
 
-def _in_step(data: bytes, spec: BinarySpec, size: int, file: str) -> None:
-    """Refuse the first record that does not begin with the sync bytes: from there on every field is
-    another.
+def _require_sync(data: bytes, spec: BinarySpec, size: int, file: str) -> None:
+    """Raise LogFormatError for the first record that does not begin with the sync bytes: from there
+    on every field would hold other bytes.
     """
     sync = np.frombuffer(bytes.fromhex(spec.sync), np.uint8)
     if not sync.size:

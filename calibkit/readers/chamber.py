@@ -1,14 +1,14 @@
 """Reader of recorded replies of Vötsch and Weiss chambers to `$01I` (ASCII-2 protocol of SIMPAC and
 MINCON controllers).
 
-Format: one line a reply: a time written by the recording program (any form of `times`, or seconds),
-then, with or without the echo `$01I`, 12 or 14 fields of `%06.1f` parted by blanks (`0023.0
--040.1`), then 16 or 32 digits 0 and 1 of digital channels, which are not kept. The fields go in
-pairs of set value and actual value; the first pair is the temperature [°C], the second, in climatic
-chambers, the relative humidity [%]. No header; replies come every 5 to 136 s as the program asks.
-Columns: `time`, `set 1`, `actual 1`, `set 2`, …; [logs] names renames them. Uncertainty: 0.1 in
-each field; what the pairs beyond the first mean, and that the set value stands first, depends on
-the chamber's configuration: the recipe says which column is which.
+Format: one line per reply: a time written by the recording program (any form of `times`, or
+seconds), then, with or without the echo `$01I`, 12 or 14 fields of `%06.1f` parted by blanks
+(`0023.0 -040.1`), then 16 or 32 digits 0 and 1 of digital channels, which are not kept. The fields
+go in pairs of set value and actual value; the first pair is the temperature [°C], the second, in
+climatic chambers, the relative humidity [%]. No header; replies come every 5 to 136 s as the
+program asks. Columns: `time`, `set 1`, `actual 1`, `set 2`, …; [logs] names renames them.
+Uncertainty: 0.1 in each field; what the pairs beyond the first mean, and that the set value stands
+first, depends on the chamber's configuration: the recipe says which column is which.
 """
 
 from __future__ import annotations
@@ -40,13 +40,13 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     """Read recorded replies whole, or raise LogFormatError that names the line."""
     import pandas as pd
 
-    data = delimited.load(path, file)
+    data = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     lines = content.rstrip("\n").split("\n")
     replies = [_reply(line, number, file) for number, line in enumerate(lines, start=1)]
     width = len(replies[0]["fields"].split())
     for number, reply in enumerate(replies, start=1):
-        _refuse_other(reply, replies[0], width, number, file)
+        _require_alike(reply, replies[0], width, number, file)
     names = ["time", *(f"{word} {k + 1}" for k in range(width // 2) for word in ("set", "actual"))]
     if logs.names and len(logs.names) != len(names):
         raise LogFormatError(
@@ -60,16 +60,16 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     frame.insert(0, "time", [float(field) for field in written] if plain else written)
     frame.columns = list(logs.names) or names
     frame.index = frame.index + 1 - FIRST_ROW
-    said = (
+    reading = (
         f"chamber replies of {width} fields, {encoding}, {len(frame)} rows",
         "set value before actual value (assumed)",
     )
-    first = {str(name): "degC" for name in list(frame.columns)[1:3]}
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, first)
+    units = {str(name): "degC" for name in list(frame.columns)[1:3]}
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, units)
 
 
 def _reply(line: str, number: int, file: str) -> re.Match[str]:
-    """Parts of one line."""
+    """Parts of one line; raises LogFormatError for a line that is no reply."""
     found = _REPLY.fullmatch(line)
     if found is None:
         raise LogFormatError(
@@ -79,11 +79,11 @@ def _reply(line: str, number: int, file: str) -> re.Match[str]:
     return found
 
 
-def _refuse_other(
+def _require_alike(
     reply: re.Match[str], first: re.Match[str], width: int, number: int, file: str
 ) -> None:
-    """Refuse a reply that has another number of fields or digital channels than the first: it is
-    cut, or of another chamber.
+    """Raise LogFormatError for a reply with another number of fields or digital channels than the
+    first: it is cut, or of another chamber.
     """
     if len(reply["fields"].split()) != width or len(reply["bits"] or "") != len(
         first["bits"] or ""

@@ -1,9 +1,9 @@
 """Reader of comma-separated logs.
 
-Format: UTF-8 text (a byte-order mark is accepted), one header line of column names, then one row a
-line, fields separated by commas, decimal points, LF or CRLF line ends, no quotes. An empty field or
-`nan` is a missing value. Uncertainty of reading: numbers are converted to the nearest float64;
-nothing is rounded, resampled or dropped.
+Format: UTF-8 text (a byte-order mark is accepted), one header line of column names, then one row
+per line, fields separated by commas, decimal points, LF or CRLF line ends, no quotes. An empty
+field or `nan` is a missing value. Uncertainty of reading: numbers are converted to the nearest
+float64; nothing is rounded, resampled or dropped.
 """
 
 from __future__ import annotations
@@ -11,7 +11,8 @@ from __future__ import annotations
 import csv
 import hashlib
 import io
-from typing import TYPE_CHECKING
+from contextlib import contextmanager
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -20,12 +21,12 @@ from calibkit.errors import LogFormatError
 from calibkit.readers.table import Table
 
 if TYPE_CHECKING:
-    from collections.abc import Collection
+    from collections.abc import Collection, Iterator
     from pathlib import Path
 
     import pandas as pd
 
-BLOCK = 1 << 24
+_BLOCK = 1 << 24
 """Bytes whose fields are counted at once."""
 MISSING = frozenset({"", "nan", "NaN", "NAN"})
 
@@ -35,13 +36,21 @@ def read(path: Path, file: str, needed: Collection[str]) -> Table:
 
     Raises LogFormatError that names line and column of what cannot be read.
     """
-    return parse(load(path, file), file, needed)
+    return parse(read_bytes(path, file), file, needed)
 
 
-def load(path: Path, file: str) -> bytes:
+def read_bytes(path: Path, file: str) -> bytes:
     """Bytes of a log; raises LogFormatError where the file cannot be read."""
+    with open_log(path, file) as stream:
+        return stream.read()
+
+
+@contextmanager
+def open_log(path: Path, file: str) -> Iterator[BinaryIO]:
+    """Open a log; raises LogFormatError where the system cannot open or read it."""
     try:
-        return path.read_bytes()
+        with path.open("rb") as stream:
+            yield stream
     except OSError as error:
         raise LogFormatError(
             f"{file}: cannot be read: {error.strerror}", hint="check the file"
@@ -52,13 +61,13 @@ def parse(data: bytes, file: str, needed: Collection[str]) -> Table:
     """The table of a log's bytes; raises LogFormatError that names line and column of what cannot
     be read.
     """
-    header, body = split(data, file)
-    count_fields(body, len(header), file)
+    header, body = split_header(data, file)
+    require_fields(body, len(header), file)
     try:
         frame = _parse(body, dict.fromkeys(range(len(header)), "float64"))
     except (ValueError, OverflowError):
         kinds = {
-            number: "float64" if wanted(name, needed) else "str"
+            number: "float64" if is_needed(name, needed) else "str"
             for number, name in enumerate(header)
         }
         try:
@@ -66,19 +75,19 @@ def parse(data: bytes, file: str, needed: Collection[str]) -> Table:
         except (ValueError, OverflowError):
             raise _bad_token(body, header, needed, file) from None
     frame.columns = header
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, last_line(body, file))
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, check_last_line(body, file))
 
 
 def looks_clean(data: bytes) -> bool:
-    """Whether a log's first line could be the header of comma-separated text, so that the strict
-    reader's word counts.
+    """Whether a log's first line could be the header of comma-separated text, so that the message
+    of the strict reader is the one to give.
     """
     first = data[: data.find(b"\n") if b"\n" in data else len(data)]
     return not data.strip() or (b"," in first and b"\0" not in first)
 
 
-def wanted(name: str, needed: Collection[str]) -> bool:
-    """Whether a column is needed, under its name or under its name without the unit in brackets."""
+def is_needed(name: str, needed: Collection[str]) -> bool:
+    """Whether a column is needed, under its name with or without the unit in brackets."""
     return name in needed or units.name_without_unit(name) in needed
 
 
@@ -98,7 +107,7 @@ def _parse(body: bytes, kinds: dict[int, str]) -> pd.DataFrame:
     )
 
 
-def split(data: bytes, file: str) -> tuple[list[str], bytes]:
+def split_header(data: bytes, file: str) -> tuple[list[str], bytes]:
     """Header names and the bytes below them, after checking that this is comma-separated UTF-8 text
     with rows.
     """
@@ -129,7 +138,7 @@ def split(data: bytes, file: str) -> tuple[list[str], bytes]:
         )
     first, _, body = text.partition(b"\n")
     header = [name.strip() for name in first.decode().split(",")]
-    _check_header(header, file)
+    _require_names(header, file)
     if not body.strip():
         raise LogFormatError(
             f"{file}: a header but no rows",
@@ -138,8 +147,8 @@ def split(data: bytes, file: str) -> tuple[list[str], bytes]:
     return header, body.rstrip(b"\n") + (b"\n" if body.endswith(b"\n") else b"")
 
 
-def _check_header(header: list[str], file: str) -> None:
-    """Refuse a header that is not one line of distinct names separated by commas."""
+def _require_names(header: list[str], file: str) -> None:
+    """Raise LogFormatError for a header that is not distinct names separated by commas."""
     if len(header) == 1:
         hint = (
             "separate columns with commas"
@@ -175,15 +184,15 @@ def _is_number(token: str) -> bool:
     return "_" not in token and token.isascii()
 
 
-def count_fields(
+def require_fields(
     body: bytes, fields: int, file: str, delimiter: bytes = b",", first: int = 2
 ) -> None:
-    """Refuse the first line that has another number of fields than the header: a short row is a
-    lost number.
+    """Raise LogFormatError for the first line that has another number of fields than the header: a
+    short row has lost a number.
     """
     line, carried = first - 1, 0
-    for start in range(0, len(body), BLOCK):
-        block = np.frombuffer(body, np.uint8, min(BLOCK, len(body) - start), start)
+    for start in range(0, len(body), _BLOCK):
+        block = np.frombuffer(body, np.uint8, min(_BLOCK, len(body) - start), start)
         ends = np.flatnonzero(block == ord("\n"))
         commas = np.cumsum(block == ord(delimiter))
         upto = np.concatenate([[0], commas[ends]]) if ends.size else np.zeros(1, dtype=np.int64)
@@ -215,7 +224,7 @@ def _bad_token(
     for number, line in enumerate(body.decode().split("\n"), start=2):
         for name, token in zip(header, line.split(","), strict=False):
             if (
-                wanted(name, needed)
+                is_needed(name, needed)
                 and token.strip() not in MISSING
                 and not _is_number(token.strip())
             ):
@@ -227,12 +236,10 @@ def _bad_token(
     return LogFormatError(f"{file}: not a table of numbers", hint="check the file")
 
 
-def last_line(
+def check_last_line(
     body: bytes, file: str, delimiter: str = ",", decimal: str = ".", first: int = 2
 ) -> tuple[str, ...]:
-    """What can be said of a last line without a line end: refused where it is visibly cut, noted
-    otherwise.
-    """
+    """Note on a last line without a line end; LogFormatError where its last number is cut."""
     if body.endswith(b"\n"):
         return ()
     lines = body[-20_000:].split(b"\n")

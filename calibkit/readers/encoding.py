@@ -44,7 +44,7 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
     try:
         text = body.decode(encoding)
     except UnicodeDecodeError as error:
-        line = _line(body, error.start, encoding)
+        line = _line_of(body, error.start, encoding)
         raise LogFormatError(
             f"{file}:{line}: byte 0x{body[error.start]:02x} is not {encoding.upper()} text",
             hint="the file is damaged or cut off, or has another encoding: pin it in [logs.text]",
@@ -63,15 +63,15 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
     return text.replace("\r\n", "\n").replace("\r", "\n"), encoding
 
 
-def _line(body: bytes, position: int, encoding: str) -> int:
-    """Line of a byte."""
+def _line_of(body: bytes, position: int, encoding: str) -> int:
+    """Number of the line that a byte stands in."""
     if encoding.startswith("utf-16"):
         return body[:position].decode(encoding, errors="replace").count("\n") + 1
     return body.count(b"\n", 0, position) + 1
 
 
 def _pinned(pinned: str, marked: str, file: str) -> str:
-    """The encoding that the recipe names, unless the file's own mark contradicts it."""
+    """The encoding that the recipe names; LogFormatError where the byte-order mark is another's."""
     encoding = (marked or "utf-16-le") if pinned == "utf-16" else pinned
     if marked and marked != encoding:
         raise LogFormatError(
@@ -82,7 +82,7 @@ def _pinned(pinned: str, marked: str, file: str) -> str:
 
 
 def _unmarked(data: bytes, file: str) -> str:
-    """The first encoding that fits bytes without a mark."""
+    """The first encoding that fits bytes without a byte-order mark."""
     head = data[:4096]
     for offset, name in ((1, "utf-16-le"), (0, "utf-16-be")):
         if (
@@ -107,8 +107,8 @@ def _unmarked(data: bytes, file: str) -> str:
 
 
 def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
-    """Refuse UTF-8 text in which single bytes are wrong: read as another encoding it would turn
-    into other characters.
+    """Raise LogFormatError for UTF-8 text with single wrong bytes: read in another encoding it
+    would turn into other characters.
     """
     pairs = len(re.findall(rb"[\xc2-\xdf][\x80-\xbf]", data))
     # three bytes that make a character in UTF-8 hardly ever do so by chance in another encoding,
@@ -116,7 +116,7 @@ def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
     longer = len(re.findall(rb"[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}", data))
     whole = len(re.sub(rb"[\x00-\x7f]+", b"", data.decode("utf-8", errors="ignore").encode()))
     wrong = len(re.sub(rb"[\x00-\x7f]+", b"", data)) - whole
-    if 3 * longer > wrong or (pairs and 3 * pairs > wrong and not _pairs(data)):
+    if 3 * longer > wrong or (pairs and 3 * pairs > wrong and not _in_pairs(data)):
         line = data.count(b"\n", 0, error.start) + 1
         raise LogFormatError(
             f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text, the rest of the"
@@ -128,7 +128,7 @@ def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
         )
 
 
-def _pairs(data: bytes) -> bool:
+def _in_pairs(data: bytes) -> bool:
     """Whether every run of bytes above 0x80 reads as whole GB18030 characters of two bytes."""
     return all(len(run) % 2 == 0 for run in re.findall(rb"[\x81-\xfe]+", data))
 

@@ -1,7 +1,7 @@
 """Reader of Excel workbooks (.xlsx, .xlsm, .xlsb, .xls, .ods), by python-calamine.
 
 Format: one sheet is one log ([logs] table, needed where several sheets hold cells): lines above the
-header, a row of names, with or without a row of units below it, then one row an instant; found as
+header, a row of names, with or without a row of units below it, then one row per instant; found as
 in delimited text, and pinned by [logs.text] skip_lines and header_lines. Rows are counted as the
 sheet numbers them. Uncertainty: numbers as stored (float64); cells formatted as dates are instants
 to the microsecond, which is what their float64 resolves; formulas give their saved values; error
@@ -13,6 +13,7 @@ from __future__ import annotations
 import datetime as dt
 import hashlib
 import io
+from dataclasses import replace
 from typing import TYPE_CHECKING, Any
 
 from calibkit.errors import LogFormatError
@@ -29,9 +30,9 @@ if TYPE_CHECKING:
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one sheet of a workbook, or raise LogFormatError."""
-    calamine = optional.library("python_calamine", "excel", file)
-    data = delimited.load(path, file)
-    with optional.damaged(file, "Excel"):
+    calamine = optional.import_library("python_calamine", "excel", file)
+    data = delimited.read_bytes(path, file)
+    with optional.refuse_damaged(file, "Excel"):
         book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
         sheets = {
             name: book.get_sheet_by_name(name).to_python(skip_empty_area=False)
@@ -45,8 +46,8 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         skip_lines=logs.text.skip_lines,
         header_lines=logs.text.header_lines,
     )
-    found = sniff.dialect(content, "utf-8", file, spec, logs.names)
-    table = text.table(
+    found = sniff.recognise_dialect(content, "utf-8", file, spec, logs.names)
+    table = text.parse_text(
         content,
         hashlib.sha256(data).hexdigest(),
         file,
@@ -54,16 +55,16 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         logs.model_copy(update={"text": spec}),
         needed,
     )
-    said = tuple(line for line in found.lines() if line.startswith(("skip", "header", "column")))
-    return type(table)(
-        file, table.sha256, table.frame, table.notes, (f"sheet '{name}'", *how, *said), table.units
-    )
+    described = (text for text in found.describe() if text.startswith(("skip", "header", "column")))
+    return replace(table, reading=(f"sheet '{name}'", *how, *described))
 
 
 def _sheet(
     sheets: dict[str, list[list[Any]]], file: str, table: str
 ) -> tuple[str, tuple[str, ...]]:
-    """Name of the sheet that the recipe names, or of the only one that holds cells."""
+    """Name of the sheet that the recipe names, or of the only one that holds cells, and how it was
+    found.
+    """
     filled = [
         name for name, rows in sheets.items() if any(cell != "" for row in rows for cell in row)
     ]

@@ -3,9 +3,9 @@
 Format: named datasets in groups. One group is one log ([logs] table, needed where several groups
 hold numbers): its vectors are columns, with an attribute `units` or `unit` as their unit; a single
 matrix needs the recipe's `names`; a compound dataset is a table, its fields the columns.
-Uncertainty: values as stored, integers above 2⁵³ rounded to float64; several instants of writing
-cannot be told apart. Values that lie in other files, which the log's digest does not cover, and
-values that were never written, which read as zeros, are refused.
+Uncertainty: values as stored, integers above 2⁵³ rounded to float64. Values that lie in other
+files, which the log's digest does not cover, and values that were never written, which read as
+zeros, are refused.
 """
 
 from __future__ import annotations
@@ -29,8 +29,8 @@ if TYPE_CHECKING:
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one group of an HDF5 file, or raise LogFormatError."""
-    h5py = optional.library("h5py", "hdf5", file)
-    data = delimited.load(path, file)
+    h5py = optional.import_library("h5py", "hdf5", file)
+    data = delimited.read_bytes(path, file)
     found: dict[str, Any] = {}
     stated: dict[str, str] = {}
 
@@ -40,9 +40,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         numeric = bool(node.dtype.names) or node.dtype.kind in "fiub"
         if numeric and (not logs.table or f"{name}/".startswith(f"{logs.table}/")):
             _require_own_values(name, node, file)
-        said = node.attrs.get("units", node.attrs.get("unit", ""))
+        text = node.attrs.get("units", node.attrs.get("unit", ""))
         unit = units.of_text(
-            said.decode(errors="replace") if isinstance(said, bytes) else str(said)
+            text.decode(errors="replace") if isinstance(text, bytes) else str(text)
         )
         if node.dtype.names:
             whole = node[()]
@@ -52,11 +52,11 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         if unit:
             stated[name.rpartition("/")[2]] = unit
 
-    with optional.damaged(file, "HDF5"), h5py.File(io.BytesIO(data), "r") as opened:
+    with optional.refuse_damaged(file, "HDF5"), h5py.File(io.BytesIO(data), "r") as opened:
         opened.visititems(collect)
-    frame, how = arrays.frame(found, file, logs, needed)
-    said = (f"HDF5, {len(frame)} rows", *how)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, stated)
+    frame, how = arrays.select_columns(found, file, logs, needed)
+    reading = (f"HDF5, {len(frame)} rows", *how)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, stated)
 
 
 def _require_own_values(name: str, node: Any, file: str) -> None:  # noqa: ANN401 (h5py's dataset)

@@ -2,7 +2,7 @@
 
 Format: UTF-8 JSON (RFC 8259), an object whose members are lists of numbers or lists of lists of
 numbers (a matrix, whose columns the recipe's [logs] names lists), nested in objects or not; or a
-list of objects with the same keys, one a row. [logs] table names the member. A name that stands
+list of objects with the same keys, one per row. [logs] table names the member. A name that stands
 twice is refused; text is no number. Uncertainty: numbers are converted to the nearest float64,
 beyond its range to infinity; null has no value.
 """
@@ -30,7 +30,7 @@ if TYPE_CHECKING:
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one member of a JSON log, or raise LogFormatError that names the line."""
-    data = delimited.load(path, file)
+    data = delimited.read_bytes(path, file)
     text, _ = encodings.decode(data, file, "utf-8")
     try:
         # whole numbers of any length as float64 too
@@ -42,18 +42,18 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         raise LogFormatError(
             f"{place}: not JSON: {error}", hint="the file is cut off or damaged"
         ) from None
-    frame, how = arrays.frame(_found(document, "", file), file, logs, needed)
-    said = (f"JSON, {len(frame)} rows", *how)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said)
+    frame, how = arrays.select_columns(_arrays(document, "", file), file, logs, needed)
+    reading = (f"JSON, {len(frame)} rows", *how)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading)
 
 
 def _members(pairs: list[tuple[str, Any]], file: str) -> dict[str, Any]:
-    """Members of an object."""
-    made = dict(pairs)
-    if len(made) < len(pairs):
+    """Members of an object; LogFormatError where two have one name."""
+    members = dict(pairs)
+    if len(members) < len(pairs):
         names = [name for name, _ in pairs]
         raise _twice(file, next(name for name in names if names.count(name) > 1))
-    return made
+    return members
 
 
 def _twice(file: str, name: str) -> LogFormatError:
@@ -61,10 +61,10 @@ def _twice(file: str, name: str) -> LogFormatError:
     return LogFormatError(f"{file}: '{name}' stands twice", hint="give each member its own name")
 
 
-def _found(value: Any, path: str, file: str) -> dict[str, Array]:  # noqa: ANN401 (any JSON value)
+def _arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # noqa: ANN401 (any JSON value)
     """Arrays of a JSON value by their paths."""
     if isinstance(value, dict):
-        return _joined(value.items(), path, file)
+        return _arrays_of_members(value.items(), path, file)
     if not isinstance(value, list) or not value:
         return {}
     if isinstance(value[0], dict):
@@ -80,15 +80,17 @@ def _found(value: Any, path: str, file: str) -> dict[str, Array]:  # noqa: ANN40
         return {}  # rows of several lengths: no numbers that could be meant as columns
 
 
-def _joined(members: Iterable[tuple[str, Any]], path: str, file: str) -> dict[str, Array]:
+def _arrays_of_members(
+    members: Iterable[tuple[str, Any]], path: str, file: str
+) -> dict[str, Array]:
     """Arrays of several members by their paths."""
-    made: dict[str, Array] = {}
+    merged: dict[str, Array] = {}
     for name, member in members:
-        found = _found(member, f"{path}/{name}".lstrip("/"), file)
-        if both := made.keys() & found.keys():
+        found = _arrays(member, f"{path}/{name}".lstrip("/"), file)
+        if both := merged.keys() & found.keys():
             raise _twice(file, min(both))
-        made |= found
-    return made
+        merged |= found
+    return merged
 
 
 def _records(rows: list[Any], path: str, file: str) -> dict[str, Array]:
@@ -101,4 +103,4 @@ def _records(rows: list[Any], path: str, file: str) -> dict[str, Array]:
         raise LogFormatError(
             f"{file}: record {other + 1} has other keys than the first", hint="repair the log"
         )
-    return _joined(((key, [row[key] for row in rows]) for key in rows[0]), path, file)
+    return _arrays_of_members(((key, [row[key] for row in rows]) for key in rows[0]), path, file)

@@ -2,12 +2,12 @@
 writes them.
 
 Format: lines about the instrument and its channels (none in the instrument's own dat00001.csv),
-then a header that begins with `Sweep #`, `Scan` or `Sweep` and `Time`, then one line a scan:
+then a header that begins with `Sweep #`, `Scan` or `Sweep` and `Time`, then one line per scan:
 number, time (`01/26/2009 08:07:12:237`), and for each channel its value and its alarm (`Chan 101
 (VDC),Alarm,…` or `101 (C),Alarm 101,…`). UTF-8, UTF-16 or a Windows code page; commas, semicolons
 or tabs. A log is split after 65,535 scans ([logs] split), the scan number going on. Uncertainty:
 times to 1 ms, of the start of a scan: channels are read one after another within it. 9.9E+37 is an
-overload, an alarm other than 0 a limit that was passed; both are counted and said. Day and month
+overload, an alarm other than 0 a limit that was passed; both are counted and noted. Day and month
 can be either way round (the instrument writes month first, BenchLink what Windows is set to): the
 order that runs forwards is taken, or the recipe's time_format.
 """
@@ -31,23 +31,25 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+    from calibkit.readers.dialect import Dialect
     from calibkit.recipe.logs import Logs
 
-NUMBERED = ("sweep #", "sweep", "scan", "scan #", "scan number")
-MOST_LINES = 400
+SCAN_NUMBERS = ("sweep #", "sweep", "scan", "scan #", "scan number")
+"""Names of the column that counts scans, in lower case."""
+_MOST_LINES = 400
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a scan log whole, or raise LogFormatError that names the line."""
-    data = delimited.load(path, file)
+    data = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     line, delimiter = _header(content, file)
     spec = logs.text.model_copy(
         update={"skip_lines": line, "header_lines": 1, "delimiter": delimiter}
     )
-    found = sniff.dialect(content, encoding, file, spec, ())
+    found = sniff.recognise_dialect(content, encoding, file, spec, ())
     scan = found.names[0]
-    table = text.table(
+    table = text.parse_text(
         content,
         hashlib.sha256(data).hexdigest(),
         file,
@@ -55,48 +57,48 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         logs,
         {*needed, scan, *_alarms(found)},
     )
-    notes = (*table.notes, *_alarmed(table.frame, _alarms(found)), *_skipped(table.frame, scan))
+    notes = (*table.notes, *_alarmed(table.frame, _alarms(found)), *_scan_jumps(table.frame, scan))
     return replace(table, notes=notes)
 
 
 def _header(content: str, file: str) -> tuple[int, str]:
     """Lines above the header, and the delimiter."""
-    for number, line in enumerate(content.split("\n", MOST_LINES)[:MOST_LINES]):
+    for number, line in enumerate(content.split("\n", _MOST_LINES)[:_MOST_LINES]):
         for delimiter in (",", ";", "\t"):
-            fields = tokens.split(line, delimiter)
+            fields = tokens.split_line(line, delimiter)
             if (
                 len(fields) > 2
-                and fields[0].lower() in NUMBERED
+                and fields[0].lower() in SCAN_NUMBERS
                 and fields[1].lower().startswith("time")
             ):
                 return number, delimiter
     raise LogFormatError(
-        f"{file}: no header 'Sweep #, Time, …' or 'Scan, Time, …' in the first {MOST_LINES} lines",
+        f"{file}: no header 'Sweep #, Time, …' or 'Scan, Time, …' in the first {_MOST_LINES} lines",
         hint="the log is not a scan of this instrument; try format = 'text'",
     )
 
 
-def _alarms(found: sniff.Dialect) -> tuple[str, ...]:
+def _alarms(found: Dialect) -> tuple[str, ...]:
     """Names of the alarm columns."""
     return tuple(name for name in found.names if name.lower().startswith("alarm"))
 
 
 def _alarmed(frame: pd.DataFrame, alarms: Collection[str]) -> tuple[str, ...]:
-    """One note a channel whose alarm was raised."""
+    """One note per channel whose alarm was raised."""
     names = list(frame.columns)
-    said = []
+    notes = []
     for alarm in alarms:
         raised = np.flatnonzero(np.nan_to_num(frame[alarm].to_numpy(dtype=np.float64)) != 0.0)
         if raised.size:
             line = int(frame.index[int(raised[0])]) + FIRST_ROW
             channel = names[names.index(alarm) - 1]
-            said.append(
+            notes.append(
                 f"column '{channel}': alarm in {raised.size} scans, the first in line {line}"
             )
-    return tuple(said)
+    return tuple(notes)
 
 
-def _skipped(frame: pd.DataFrame, scan: str) -> tuple[str, ...]:
+def _scan_jumps(frame: pd.DataFrame, scan: str) -> tuple[str, ...]:
     """A note where scan numbers do not go on by one."""
     number = frame[scan].to_numpy(dtype=np.float64)
     jumps = np.flatnonzero(np.diff(number) != 1.0)

@@ -32,8 +32,8 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array, Integers
     from calibkit.recipe.logs import Logs
 
-END = "***End_of_Header***"
-TIME = "X_Value"
+_END = "***End_of_Header***"
+_TIME = "X_Value"
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,7 +52,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     """Read a measurement file whole, or raise LogFormatError that names line and column."""
     import pandas as pd
 
-    data = delimited.load(path, file)
+    data = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     lines = content.rstrip("\n").split("\n")
     if not lines[0].startswith("LabVIEW Measurement"):
@@ -72,15 +72,17 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
         np.vstack([segment.rows for segment in segments]), columns=list(first.names)
     )
     frame.index = pd.Index(np.concatenate([segment.lines for segment in segments]) - FIRST_ROW)
-    _refuse_cut(content, frame.shape[1], lines[-1], separator, file)
-    said = (f"LabVIEW measurement file, {encoding}, {len(segments)} segments, {len(frame)} rows",)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), said, first.units)
+    _require_last_line(content, frame.shape[1], lines[-1], separator, file)
+    reading = (
+        f"LabVIEW measurement file, {encoding}, {len(segments)} segments, {len(frame)} rows",
+    )
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, first.units)
 
 
 def _value(lines: Sequence[str], key: str, default: str) -> str:
     """Value of a key of the file's header."""
     for line in lines:
-        if line.startswith(END):
+        if line.startswith(_END):
             break
         if line.startswith(key) and len(line) > len(key) and line[len(key)] in "\t,":
             return line[len(key) + 1 :].split("\t")[0].strip() or default
@@ -89,12 +91,12 @@ def _value(lines: Sequence[str], key: str, default: str) -> str:
 
 def _segments(lines: Sequence[str], separator: str, decimal: str, file: str) -> list[_Segment]:
     """Segments of a file in order."""
-    ends = [number for number, line in enumerate(lines) if line.startswith(END)]
+    ends = [number for number, line in enumerate(lines) if line.startswith(_END)]
     if len(ends) < 2:
         raise LogFormatError(
-            f"{file}: {len(ends)} × '{END}', expected two or more", hint="the file is cut off"
+            f"{file}: {len(ends)} × '{_END}', expected two or more", hint="the file is cut off"
         )
-    made = []
+    segments = []
     for k, end in enumerate(ends[1:]):
         start = ends[k] + 1
         if k > 0:  # the header of a later segment begins behind the rows of the one before
@@ -104,8 +106,8 @@ def _segments(lines: Sequence[str], separator: str, decimal: str, file: str) -> 
             stop = next(
                 (n for n in range(end, ends[k + 2]) if lines[n].startswith("Channels")), ends[k + 2]
             )
-        made.append(_segment(lines, start, end, stop, separator, decimal, file))
-    return made
+        segments.append(_segment(lines, start, end, stop, separator, decimal, file))
+    return segments
 
 
 def _segment(
@@ -119,14 +121,14 @@ def _segment(
     }
     if end + 1 >= stop:
         raise LogFormatError(
-            f"{file}:{end + 1}: no names below '{END}'", hint="the file is cut off"
+            f"{file}:{end + 1}: no names below '{_END}'", hint="the file is cut off"
         )
     names = [name.strip() for name in lines[end + 1].split(separator)]
     while names and names[-1] in {"", "Comment"}:
         names.pop()
-    if len(names) < 2 or names[0] != TIME:
+    if len(names) < 2 or names[0] != _TIME:
         raise LogFormatError(
-            f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{TIME}' and channels"
+            f"{file}:{end + 2}: found '{lines[end + 1][:40]}', expected '{_TIME}' and channels"
         )
     numbers = [n for n in range(end + 2, stop) if lines[n].strip()]
     if not numbers:
@@ -134,18 +136,20 @@ def _segment(
             f"{file}:{end + 2}: names but no rows", hint="remove the segment or copy the file again"
         )
     rows = np.array([_row(lines[n], names, separator, decimal, n + 1, file) for n in numbers])
-    packets = _value(lines, "Multi_Headings", "Yes").lower() == "no" and names[0] == TIME
-    _refuse_lost(header.get("Samples", []), len(numbers), numbers[-1] + 1, file, packets=packets)
+    packets = _value(lines, "Multi_Headings", "Yes").lower() == "no"
+    _require_samples(
+        header.get("Samples", []), len(numbers), numbers[-1] + 1, file, packets=packets
+    )
     unit = [entry.strip() for entry in header.get("Y_Unit_Label", [])]
-    channels = [name for name in names if name != TIME]
+    channels = [name for name in names if name != _TIME]
     stated = {
         name: units.of_text(label)
         for name, label in zip(channels, unit, strict=False)
         if units.of_text(label)
     }
-    made, names = _timed(rows, names, header, file, numbers[0] + 1)
+    timed, names = _with_time(rows, names, header, file, numbers[0] + 1)
     return _Segment(
-        tuple(names), {TIME: "s", **stated}, np.array(numbers, dtype=np.int64) + 1, made
+        tuple(names), {_TIME: "s", **stated}, np.array(numbers, dtype=np.int64) + 1, timed
     )
 
 
@@ -159,24 +163,26 @@ def _row(
             f"{file}:{number}: {len(fields)} fields, expected {len(names)} and a comment",
             hint="the row is cut short or holds an extra separator; repair or remove it",
         )
-    made = []
+    numbers = []
     for name, field in zip(names, fields, strict=False):
         plain = field.strip()
         if not plain or tokens.is_sentinel(plain):
-            made.append(np.nan)
+            numbers.append(np.nan)
         elif tokens.NUMBER[decimal].fullmatch(plain):
-            made.append(float(plain.replace(decimal, ".").replace(" ", "")))
+            numbers.append(float(plain.replace(decimal, ".").replace(" ", "")))
         else:
             raise LogFormatError(
                 f"{file}:{number}: column '{name}': found '{plain[:40]}', expected a number",
                 hint="repair the row, or leave the range out with [[exclude]]",
             )
-    return made
+    return numbers
 
 
-def _refuse_lost(samples: Sequence[str], rows: int, line: int, file: str, *, packets: bool) -> None:
-    """Refuse a segment that has fewer or more rows than its header says, or no whole number of such
-    packets.
+def _require_samples(
+    samples: Sequence[str], rows: int, line: int, file: str, *, packets: bool
+) -> None:
+    """Raise LogFormatError for a segment with another number of rows than its header states, or
+    with no whole number of packets of that many.
     """
     stated = max((int(entry) for entry in samples if entry.strip().isdigit()), default=0)
     if stated and (rows % stated if packets else rows - stated):
@@ -186,7 +192,7 @@ def _refuse_lost(samples: Sequence[str], rows: int, line: int, file: str, *, pac
         )
 
 
-def _timed(
+def _with_time(
     rows: Array,
     names: Sequence[str],
     header: dict[str, list[str]],
@@ -196,7 +202,7 @@ def _timed(
     """Rows with one time column in front: written, computed from X0 and Delta_X, or one of several
     that agree.
     """
-    at = [k for k, name in enumerate(names) if name == TIME]
+    at = [k for k, name in enumerate(names) if name == _TIME]
     for k in at[1:]:
         if not np.array_equal(rows[:, k], rows[:, 0], equal_nan=True):
             raise LogFormatError(
@@ -219,7 +225,7 @@ def _timed(
                 hint="save with an X column",
             )
         time = starts[0] + units.scaled(np.arange(len(rows), dtype=np.float64), steps[0])
-    return np.column_stack([time, rows[:, keep]]), [TIME, *(names[k] for k in keep)]
+    return np.column_stack([time, rows[:, keep]]), [_TIME, *(names[k] for k in keep)]
 
 
 def _header_numbers(fields: Sequence[str], key: str, file: str, line: int) -> list[float]:
@@ -234,8 +240,10 @@ def _header_numbers(fields: Sequence[str], key: str, file: str, line: int) -> li
         ) from None
 
 
-def _refuse_cut(content: str, width: int, last: str, separator: str, file: str) -> None:
-    """Refuse a last line that ends without a line end inside its last number."""
+def _require_last_line(content: str, width: int, last: str, separator: str, file: str) -> None:
+    """Raise LogFormatError for a last line without a line end, which may be cut in its last
+    number.
+    """
     if not content.endswith("\n") and len(last.split(separator)) <= width:
         line = content.count("\n") + 1
         raise LogFormatError(

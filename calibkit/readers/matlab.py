@@ -38,7 +38,7 @@ DEEPEST = 30
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one struct, or one matrix, of a MAT-file, or raise LogFormatError."""
-    data = delimited.load(path, file)
+    data = delimited.read_bytes(path, file)
     if data[:20].startswith((b"MATLAB 7.3", b"\x89HDF")):
         return hdf5.read(path, file, logs, needed)
     if not data.startswith(b"MATLAB 5.0") and data[:4] not in {b"\0\0\0\0", b"\x0a\0\0\0"}:
@@ -49,18 +49,20 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     from scipy import io as scipy_io
 
     if data.startswith(b"MATLAB 5.0"):
-        _elements(data, HEADER_BYTES, len(data), "<" if data[126:128] == b"IM" else ">", file)
-    with optional.damaged(file, "MATLAB"):
+        _require_nested(data, HEADER_BYTES, len(data), "<" if data[126:128] == b"IM" else ">", file)
+    with optional.refuse_damaged(file, "MATLAB"):
         variables = scipy_io.loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type] # files are read too
-    frame, how = arrays.frame(_flat(variables), file, logs, needed)
+    frame, how = arrays.select_columns(_flat(variables), file, logs, needed)
     return Table(
         file, hashlib.sha256(data).hexdigest(), frame, (), (f"MATLAB, {len(frame)} rows", *how)
     )
 
 
-def _elements(data: bytes, start: int, stop: int, order: str, file: str, depth: int = 0) -> None:
-    """Refuse a file whose elements do not nest: the library that reads it does not check, and can
-    bring the program down.
+def _require_nested(
+    data: bytes, start: int, stop: int, order: str, file: str, depth: int = 0
+) -> None:
+    """Raise LogFormatError for elements that do not nest: the library that reads the file does not
+    check this, and can crash.
     """
     position = start
     while position < stop:
@@ -74,11 +76,11 @@ def _elements(data: bytes, start: int, stop: int, order: str, file: str, depth: 
         if kind not in KINDS or end > stop or (word >> 16 and size > 4):
             raise _broken(file, position)
         if kind == COMPRESSED:
-            with optional.damaged(file, "MATLAB"):
+            with optional.refuse_damaged(file, "MATLAB"):
                 inner = zlib.decompress(data[begin:end])
-            _elements(inner, 0, len(inner), order, file, depth + 1)
+            _require_nested(inner, 0, len(inner), order, file, depth + 1)
         elif kind == MATRIX and size:
-            _elements(data, begin, end, order, file, depth + 1)
+            _require_nested(data, begin, end, order, file, depth + 1)
         position = end if kind == COMPRESSED else position + 8 if word >> 16 else end + -size % 8
     if position != stop:
         raise _broken(file, position)
@@ -94,12 +96,12 @@ def _broken(file: str, position: int) -> LogFormatError:
 
 def _flat(variables: Mapping[str, Any], above: str = "") -> dict[str, NDArray[np.generic]]:
     """Arrays of all variables and of the fields of all structs, by their paths."""
-    made: dict[str, NDArray[np.generic]] = {}
+    found: dict[str, NDArray[np.generic]] = {}
     for name, value in variables.items():
         if name.startswith("__"):
             continue
         if isinstance(value, dict):
-            made |= _flat(value, f"{above}{name}/")
+            found |= _flat(value, f"{above}{name}/")
         elif isinstance(value, np.ndarray):
-            made[f"{above}{name}"] = value
-    return made
+            found[f"{above}{name}"] = value
+    return found

@@ -1,6 +1,4 @@
-"""Libraries that only some formats need, and what is done with whatever they raise on a damaged
-file.
-"""
+"""Libraries that only some formats need, and the exceptions that they raise on damaged files."""
 
 from __future__ import annotations
 
@@ -14,8 +12,10 @@ if TYPE_CHECKING:
     from collections.abc import Iterator
 
 
-def library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (a module of a library that may be absent)
-    """A library by its module's name, or UsageError with the command that installs it."""
+def import_library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (a module of a library that may be absent)
+    """Import a library by its module's name, or raise UsageError with the command that installs
+    it.
+    """
     try:
         return importlib.import_module(module)
     except ImportError:
@@ -27,7 +27,7 @@ def library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (a modul
 
 
 @contextmanager
-def damaged(file: str, what: str) -> Iterator[None]:
+def refuse_damaged(file: str, what: str) -> Iterator[None]:
     """Turn whatever a library raises on a damaged file into a LogFormatError that names the
     file.
     """
@@ -36,8 +36,8 @@ def damaged(file: str, what: str) -> Iterator[None]:
     except CalibkitError:
         raise
     except Exception as error:  # noqa: BLE001 (a parser of a foreign format raises anything on damaged bytes)
-        said = " ".join(str(error).split())[:120]
+        message = " ".join(str(error).split())[:120]
         raise LogFormatError(
-            f"{file}: not a whole {what} file: {type(error).__name__}: {said}",
+            f"{file}: not a whole {what} file: {type(error).__name__}: {message}",
             hint="the file is damaged or cut off, or has another format; copy it again",
         ) from None

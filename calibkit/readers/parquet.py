@@ -28,11 +28,11 @@ if TYPE_CHECKING:
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
     """Read a Parquet file, or raise LogFormatError."""
-    pyarrow = optional.library("pyarrow", "parquet", file)
-    parquet = optional.library("pyarrow.parquet", "parquet", file)
-    data = delimited.load(path, file)
+    pyarrow = optional.import_library("pyarrow", "parquet", file)
+    parquet = optional.import_library("pyarrow.parquet", "parquet", file)
+    data = delimited.read_bytes(path, file)
     columns, stated = {}, {}
-    with optional.damaged(file, "Parquet"):
+    with optional.refuse_damaged(file, "Parquet"):
         table = parquet.ParquetFile(io.BytesIO(data)).read()
         if len(set(table.schema.names)) != len(table.schema.names):
             raise LogFormatError(
@@ -42,18 +42,12 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             column = _numbers(table.column(field.name), field.type, pyarrow)
             if column is not None:
                 columns[field.name] = column
-            said = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
-            stated[field.name] = units.of_text(said.get("units", said.get("unit", "")))
-    frame = arrays.vectors(columns, file, needed)
-    said_units = {name: unit for name, unit in stated.items() if unit}
-    return Table(
-        file,
-        hashlib.sha256(data).hexdigest(),
-        frame,
-        (),
-        (f"Parquet, {len(frame)} rows",),
-        said_units,
-    )
+            about = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
+            if unit := units.of_text(about.get("units", about.get("unit", ""))):
+                stated[field.name] = unit
+    frame = arrays.join_vectors(columns, file, needed)
+    reading = (f"Parquet, {len(frame)} rows",)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, stated)
 
 
 def _numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: ANN401 (pyarrow ships no types)

@@ -17,7 +17,7 @@ import numpy as np
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import registry
-from calibkit.readers.keysight import NUMBERED
+from calibkit.readers.keysight import SCAN_NUMBERS
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -27,12 +27,12 @@ if TYPE_CHECKING:
     from calibkit.recipe.logs import Logs
 
 _NUMBERED = re.compile(r"(?P<stem>.*?)(?P<number>\d+)(?P<suffix>\.[^.]*)?")
-BLOCK = 1 << 20
+_BLOCK = 1 << 20
 
 
-def group(files: Sequence[str]) -> list[list[str]]:
-    """Files grouped into logs, each in the order of its numbers; a file without a number is a log
-    by itself.
+def group_parts(files: Sequence[str]) -> list[list[str]]:
+    """Group files into logs, the parts of each in the order of their numbers; a file without a
+    number is a log by itself.
     """
     logs: dict[tuple[str, str], list[tuple[int, str]]] = {}
     for file in files:
@@ -42,7 +42,7 @@ def group(files: Sequence[str]) -> list[list[str]]:
     return [[file for _, file in sorted(parts)] for parts in logs.values()]
 
 
-def of(path: Path, file: str) -> list[str]:
+def _find_parts(path: Path, file: str) -> list[str]:
     """Files of the split log whose first part is given; raises LogFormatError where one in between
     is missing.
     """
@@ -50,7 +50,7 @@ def of(path: Path, file: str) -> list[str]:
     siblings = [
         f"{above}/{p.name}" if above else p.name for p in path.parent.iterdir() if p.is_file()
     ]
-    parts = next((parts for parts in group(sorted(siblings)) if file in parts), [file])
+    parts = next((parts for parts in group_parts(sorted(siblings)) if file in parts), [file])
     numbers = [int(found["number"]) for part in parts if (found := _NUMBERED.fullmatch(part))]
     for (number, part), after in zip(zip(numbers, parts, strict=False), numbers[1:], strict=False):
         if after != number + 1:
@@ -61,15 +61,15 @@ def of(path: Path, file: str) -> list[str]:
     return parts
 
 
-def digest(path: Path, file: str, *, split: bool) -> str:
+def digest_log(path: Path, file: str, *, split: bool) -> str:
     """SHA-256 of a log's bytes, of all parts one after another where it is split."""
-    parts = of(path, file) if split else [file]
-    made = hashlib.sha256()
+    parts = _find_parts(path, file) if split else [file]
+    sha256 = hashlib.sha256()
     for part in parts:
         with (path.parent / part.rpartition("/")[2]).open("rb") as stream:
-            while block := stream.read(BLOCK):
-                made.update(block)
-    return made.hexdigest()
+            while block := stream.read(_BLOCK):
+                sha256.update(block)
+    return sha256.hexdigest()
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
@@ -78,7 +78,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """
     import pandas as pd
 
-    parts = of(path, file)
+    parts = _find_parts(path, file)
     tables = [
         registry.read(path.parent / part.rpartition("/")[2], part, logs, needed) for part in parts
     ]
@@ -100,32 +100,32 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         offset = int(frames[-1].index[-1]) + 2
     return replace(
         first,
-        sha256=digest(path, file, split=True),
+        sha256=digest_log(path, file, split=True),
         frame=pd.concat(frames),
         notes=(
             *(f"{table.file}: {note}" for table in tables for note in table.notes),
-            *_joints(tables),
+            *_scan_jumps(tables),
         ),
         reading=(
             f"{len(parts)} parts, {parts[0]} to {parts[-1]}",
-            *dict.fromkeys(s for t in tables for s in t.reading),
+            *dict.fromkeys(text for table in tables for text in table.reading),
         ),
         parts=tuple(begins),
     )
 
 
-def _joints(tables: Sequence[Table]) -> tuple[str, ...]:
+def _scan_jumps(tables: Sequence[Table]) -> tuple[str, ...]:
     """A note where scan numbers do not go on from one part to the next."""
-    said = []
+    notes = []
     for before, after in itertools.pairwise(tables):
         name = str(before.frame.columns[0])
         if (
-            name.lower() in NUMBERED
+            name.lower() in SCAN_NUMBERS
             and before.frame[name].dtype.kind == "f" == after.frame[name].dtype.kind
         ):
             last, first = float(before.frame[name].iloc[-1]), float(after.frame[name].iloc[0])
             if first != last + 1 and np.isfinite(first + last):
-                said.append(
+                notes.append(
                     f"scan numbers jump from {last:g} in {before.file} to {first:g} in {after.file}"
                 )
-    return tuple(said)
+    return tuple(notes)

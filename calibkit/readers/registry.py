@@ -67,7 +67,7 @@ def _read_by_plugin(name: str, path: Path, file: str, logs: Logs, needed: Collec
         )
     reader, origin = cast("Reader", plugins.load(entry)), plugins.identify(entry)
     title = f"'{name}' ({origin.distribution} {origin.version})"
-    with optional.damaged(file, title):
+    with optional.refuse_damaged(file, title):
         table = reader.read(path, file, logs, needed)
         with path.open("rb") as stream:
             sha256 = hashlib.file_digest(stream, "sha256").hexdigest()
@@ -82,54 +82,50 @@ def _read_by_plugin(name: str, path: Path, file: str, logs: Logs, needed: Collec
     return replace(table, units=stated, plugins=(origin,))
 
 
-def signature(head: bytes) -> str:
-    """Format of calibkit's own whose files begin with these bytes, or ""."""
+def recognise_format(head: bytes) -> str:
+    """Format of calibkit's own that a file with these first bytes has, or "" for text without a
+    mark of its own.
+    """
     for name, known in FORMATS.items():
-        if any(head.startswith(mark) for mark in known.signatures):
+        if head.startswith(known.signatures):
+            return name
+    plain = head[:4096].replace(b"\0", b"")  # UTF-16 too
+    if b"$01I" in plain.partition(b"\n")[0].partition(b"\r")[0]:
+        return "chamber"
+    return "keysight" if re.search(rb"(?m)^(Sweep #|Scan)[,;\t]Time[,;\t]", plain) else ""
+
+
+def recognise_plugin(head: bytes) -> str:
+    """Format of an installed plugin with a signature that a file begins with, or ""."""
+    for name, module in plugins.usable(plugins.READERS).items():
+        if any(mark and head.startswith(mark) for mark in getattr(module, "SIGNATURES", ())):
             return name
     return ""
 
 
 def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
-    """Read a log whose format the recipe leaves open: clean CSV strictly, anything else as what it
-    shows itself to be.
+    """Read a log whose format the recipe leaves open: as clean CSV, in the format that its first
+    bytes show, as text, or by a plugin, in this order.
     """
     described = bool(logs.names) or logs.text != TextSpec()
     if not described and (table := clean.read(path, file)) is not None:
         return table
-    data = delimited.load(path, file)
-    found = signature(data[:32]) or shown(data)
+    data = delimited.read_bytes(path, file)
+    found = recognise_format(data)
     if not found:
         try:
             return _text(data, file, logs, needed, described=described)
         except LogFormatError:
-            found = "" if described else _of_a_plugin(data)
+            found = "" if described else recognise_plugin(data)
             if not found:
                 raise
     table = _read_as(found, path, file, logs, needed)
     return replace(table, reading=(f"format = '{found}' (guessed)", *table.reading))
 
 
-def _of_a_plugin(data: bytes) -> str:
-    """Format of an installed plugin whose `SIGNATURES` a file begins with, or ""."""
-    for name, module in plugins.usable(plugins.READERS).items():
-        if any(mark and data.startswith(mark) for mark in getattr(module, "SIGNATURES", ())):
-            return name
-    return ""
-
-
-def shown(data: bytes) -> str:
-    """A text format that shows in the first lines of a log."""
-    head = data[:4096].replace(b"\0", b"")  # UTF-16 too
-    first = head.splitlines()[0] if head.splitlines() else b""
-    if b"$01I" in first:
-        return "chamber"
-    return "keysight" if re.search(rb"(?m)^(Sweep #|Scan)[,;\t]Time[,;\t]", head) else ""
-
-
 def _text(data: bytes, file: str, logs: Logs, needed: Collection[str], *, described: bool) -> Table:
-    """Read text: strictly where it is clean CSV but for a fault, in its dialect where it is
-    another.
+    """Read text in its dialect; of comma-separated text that is not clean for a fault, the message
+    of the strict reader is the one to give.
     """
     from calibkit.readers import text
 

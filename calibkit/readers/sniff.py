@@ -1,10 +1,9 @@
-"""What a text log looks like: encoding, delimiter, decimal mark, preamble, header, units and kinds
-of its columns.
+"""The dialect of a text log, guessed from its first lines: encoding, delimiter, decimal mark,
+preamble, header, units and kinds of its columns.
 
-A guess is a record that can be printed (`lines`) and turned into a recipe (`table`). Only the first
-lines are looked at; the reader then holds the whole file against the guess and refuses the first
-line that contradicts it. Where two readings are both possible and would give different numbers
-nothing is guessed: the log is refused with what to pin.
+The reader then compares the whole file with the guess and refuses the first line that contradicts
+it. Where two dialects are possible that would give different numbers, nothing is guessed: the log
+is refused with the key of the recipe that decides it.
 """
 
 from __future__ import annotations
@@ -15,133 +14,55 @@ from typing import TYPE_CHECKING
 
 from calibkit import units
 from calibkit.errors import LogFormatError
+from calibkit.readers import delimited, times, tokens
 from calibkit.readers import encoding as encodings
-from calibkit.readers import times, tokens
+from calibkit.readers.dialect import Dialect, TextColumn
 from calibkit.recipe.logs import TextSpec
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
     from pathlib import Path
 
-HEAD_LINES = 400
-"""Lines that are looked at."""
-HEAD_BYTES = 1 << 20
-"""Bytes that are looked at when a log is only guessed at, not read."""
-MOST_PREAMBLE = 120
-"""Lines above the first row beyond which a log is not understood."""
-DELIMITERS = ("\t", ";", ",", "|", "space")
+_HEAD_LINES = 400
+"""Lines from which a dialect is guessed."""
+_HEAD_BYTES = 1 << 20
+"""Bytes that are read of a log whose dialect is guessed and that is not read."""
+_MOST_PREAMBLE = 120
+"""Largest number of lines above the first row."""
+_DELIMITERS = ("\t", ";", ",", "|", "space")
+_PIN_HEADER = "pin skip_lines and header_lines in [logs.text], or list the columns in [logs] names"
 
 
-@dataclass(frozen=True, slots=True)
-class ColumnGuess:
-    """One column: its name and unit as the log writes them (unit "" where it states none), and what
-    its fields are.
-    """
-
-    name: str
-    unit: str
-    kind: str
-    """number, time, text or empty"""
-    time_format: str = ""
-
-
-@dataclass(frozen=True, slots=True)
-class Dialect:
-    """How a text log is written; `guessed` names the keys of [logs.text] that were not pinned by
-    the recipe.
-    """
-
-    encoding: str
-    delimiter: str
-    decimal: str
-    skip_lines: int
-    header_lines: int
-    columns: tuple[ColumnGuess, ...]
-    guessed: tuple[str, ...] = ()
-    widths: tuple[int, ...] = ()
-    renamed: bool = False
-    """Whether the recipe's names stand in place of a header's."""
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the columns."""
-        return tuple(column.name for column in self.columns)
-
-    @property
-    def first_line(self) -> int:
-        """Line of the first row."""
-        return self.skip_lines + self.header_lines + 1
-
-    @property
-    def clean(self) -> bool:
-        """Whether the strict reader of comma-separated UTF-8 reads it."""
-        plain = (self.encoding, self.delimiter, self.decimal, self.skip_lines, self.header_lines)
-        return plain == ("utf-8", ",", ".", 0, 1)
-
-    def table(self) -> dict[str, str | int | list[int]]:
-        """Keys of [logs.text] that pin this dialect."""
-        pinned: dict[str, str | int | list[int]] = {
-            "encoding": self.encoding,
-            "delimiter": self.delimiter,
-            "decimal": self.decimal,
-            "skip_lines": self.skip_lines,
-            "header_lines": self.header_lines,
-        }
-        return pinned | ({"widths": list(self.widths)} if self.widths else {})
-
-    def lines(self) -> tuple[str, ...]:
-        """What to tell: one sentence a fact, guesses named as such."""
-        said = []
-        for key, value in self.table().items():
-            how = "guessed" if key in self.guessed else "from the recipe"
-            said.append(f"{key} = {value!r} ({how})")
-        said += ["the recipe's names stand in place of the header's"] if self.renamed else []
-        said += [
-            f"column '{column.name}': time_format = '{column.time_format}' (guessed)"
-            for column in self.columns
-            if column.kind == "time"
-        ]
-        return tuple(said)
-
-
-def guess(
+def guess_dialect(
     path: Path, file: str, spec: TextSpec | None = None, names: Sequence[str] = ()
 ) -> Dialect:
-    """Dialect of a text log from its first bytes; raises LogFormatError where it is not
-    understood.
+    """Guess the dialect of a text log from its first bytes; raises LogFormatError where there is
+    none that explains it.
     """
-    try:
-        with path.open("rb") as stream:
-            data = stream.read(HEAD_BYTES + 1)
-    except OSError as error:
-        raise LogFormatError(
-            f"{file}: cannot be read: {error.strerror}", hint="check the file"
-        ) from None
-    if len(data) > HEAD_BYTES:
+    with delimited.open_log(path, file) as stream:
+        data = stream.read(_HEAD_BYTES + 1)
+    if len(data) > _HEAD_BYTES:
         # a whole number of lines, and of characters: no line end is part of another character in
         # any encoding here
-        cut = data.rfind(b"\n", 0, HEAD_BYTES) + 1
+        cut = data.rfind(b"\n", 0, _HEAD_BYTES) + 1
         data = data[: cut + (cut % 2 if data[:2] == b"\xff\xfe" else 0)] if cut else data
     spec = spec or TextSpec()
     text, encoding = encodings.decode(data, file, spec.encoding)
-    return dialect(text, encoding, file, spec, names)
+    return recognise_dialect(text, encoding, file, spec, names)
 
 
-def dialect(
+def recognise_dialect(
     text: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str] = ()
 ) -> Dialect:
-    """Dialect of a decoded log, what the recipe pins taken from it and the rest guessed."""
-    lines = text.split("\n", HEAD_LINES + MOST_PREAMBLE)[: HEAD_LINES + MOST_PREAMBLE]
+    """Dialect of a decoded log: what the recipe pins as it says, the rest guessed."""
+    lines = text.split("\n", _HEAD_LINES + _MOST_PREAMBLE)[: _HEAD_LINES + _MOST_PREAMBLE]
     while lines and not lines[-1].strip():
         lines.pop()
     if spec.footer_lines:
-        lines = lines[: -spec.footer_lines] if len(lines) < HEAD_LINES else lines
-    found = [_read_as(lines, delimiter, spec, names) for delimiter in _delimiters(spec)]
-    best = max(
-        (layout for layout in found if layout is not None),
-        key=lambda layout: layout.score,
-        default=None,
-    )
+        lines = lines[: -spec.footer_lines] if len(lines) < _HEAD_LINES else lines
+    delimiters = _DELIMITERS if spec.delimiter == "auto" else (spec.delimiter,)
+    layouts = (_cut_at(lines, delimiter, spec, names) for delimiter in delimiters if lines)
+    best = max(filter(None, layouts), key=lambda layout: layout.score, default=None)
     if best is None:
         raise LogFormatError(
             f"{file}: no rows of numbers found in the first {len(lines)} lines",
@@ -154,15 +75,10 @@ def dialect(
     return _dialect(best, decimal, encoding, file, spec, names)
 
 
-def _delimiters(spec: TextSpec) -> tuple[str, ...]:
-    """Delimiters to try."""
-    return DELIMITERS if spec.delimiter == "auto" else (spec.delimiter,)
-
-
 @dataclass(frozen=True, slots=True)
 class _Layout:
-    """Head of a log cut at one delimiter: line of the first row, the fields of the rows, the lines
-    above.
+    """Head of a log cut at one delimiter: line of the first row (from 0), the fields of the rows,
+    the lines above, and how well the delimiter explains the log (larger is better).
     """
 
     delimiter: str
@@ -173,69 +89,56 @@ class _Layout:
     score: tuple[float, ...]
 
 
-def _read_as(
+def _cut_at(
     lines: Sequence[str], delimiter: str, spec: TextSpec, names: Sequence[str]
 ) -> _Layout | None:
-    """The head of a log cut at a delimiter, with how well that explains it; None where it explains
-    nothing.
-    """
-    cut = [tuple(tokens.split(line, delimiter, spec.widths)) for line in lines]
+    """Cut the head of a log at a delimiter; None where that gives no rows of numbers."""
+    cut = [tuple(tokens.split_line(line, delimiter, spec.widths)) for line in lines]
     sample = [fields for fields in cut[len(cut) // 3 :] if len(fields) > 1] or cut[-1:]
-    width = _usual([len(fields) for fields in sample])
-    pinned = None
+    width = _usual_width(sample)
     if spec.skip_lines != "auto" and spec.header_lines != "auto":
-        pinned = spec.skip_lines + spec.header_lines
-    numeric = _numeric_columns([fields for fields in cut if len(fields) == width], width)
-    if not numeric and pinned is None:
-        return None
-    first = pinned if pinned is not None else _first_row(cut, width, numeric)
-    if first is None or first >= len(cut):
-        return None
+        first: int | None = spec.skip_lines + spec.header_lines
+    else:
+        first = _first_row(cut, width)
     rows = tuple(fields for fields in cut[first:] if fields != ("",))
-    if not rows:
+    if first is None or not rows:
         return None
     whole = [fields for fields in rows if len(fields) == width]
-    known = [tokens.recognised(field) for fields in whole[:100] for field in fields]
-    fits = len(whole) / len(rows)
+    known = [tokens.is_recognised(field) for fields in whole[:100] for field in fields]
     header = _header_fits(cut, first, width, delimiter, lines) or (
         len(names) == width and first == 0
     )
-    enough = width > 1 or len(lines) - first > 1
     score = (
-        float(enough and width > 1),
-        round(fits, 3),
+        float(width > 1),
+        round(len(whole) / len(rows), 3),
         float(header),
         sum(known) / max(len(known), 1),
+        -float(_DELIMITERS.index(delimiter)) if delimiter in _DELIMITERS else 0.0,
     )
-    preference = -float(DELIMITERS.index(delimiter)) if delimiter in DELIMITERS else 0.0
-    return _Layout(
-        delimiter, tuple(spec.widths), first, rows, tuple(lines[:first]), (*score, preference)
-    )
+    return _Layout(delimiter, tuple(spec.widths), first, rows, tuple(lines[:first]), score)
 
 
-def _usual(counts: Sequence[int]) -> int:
-    """The commonest number of fields."""
+def _usual_width(rows: Sequence[Sequence[str]]) -> int:
+    """The commonest number of fields of a row."""
+    counts = [len(fields) for fields in rows]
     return max(set(counts), key=counts.count)
 
 
-def _numeric_columns(rows: Sequence[Sequence[str]], width: int) -> list[int]:
-    """Columns in which the last rows hold numbers or times."""
+def _first_row(cut: Sequence[Sequence[str]], width: int) -> int | None:
+    """Line, from 0, of the first row: one of `width` fields, with numbers, times or words for
+    missing values in most of the columns that hold numbers or times in the last rows.
+    """
+    rows = [fields for fields in cut if len(fields) == width]
     last = rows[(len(rows) + 1) // 2 :][-50:] or rows
-    return [
+    numeric = [
         k
         for k in range(width)
-        if 2 * sum(tokens.measured(fields[k]) for fields in last) > len(last)
+        if 2 * sum(tokens.is_measured(fields[k]) for fields in last) > len(last)
     ]
-
-
-def _first_row(cut: Sequence[Sequence[str]], width: int, numeric: Sequence[int]) -> int | None:
-    """Line, from 0, of the first row: as many fields as usual, and most of its numeric columns
-    measured or overloaded.
-    """
-    for line, fields in enumerate(cut[:MOST_PREAMBLE]):
+    for line, fields in enumerate(cut[:_MOST_PREAMBLE]):
         if len(fields) != width:
             continue
-        measured = sum(tokens.measured(fields[k]) for k in numeric)
+        measured = sum(tokens.is_measured(fields[k]) for k in numeric)
         if measured and 2 * (measured + sum(tokens.is_sentinel(fields[k]) for k in numeric)) > len(
             numeric
         ):
@@ -250,12 +153,12 @@ def _header_fits(
     above = first - 1
     while above >= 0 and not lines[above].strip():
         above -= 1
-    return above >= 0 and len(_names_of(lines[above], delimiter, width, cut[above])) == width
+    return above >= 0 and len(_column_names(lines[above], delimiter, width, cut[above])) == width
 
 
-def _names_of(line: str, delimiter: str, width: int, fields: Sequence[str]) -> tuple[str, ...]:
-    """Fields of a header line; blanks inside names are told from blanks between them by their
-    number.
+def _column_names(line: str, delimiter: str, width: int, fields: Sequence[str]) -> tuple[str, ...]:
+    """Fields of a header line. In a log of columns parted by blanks, a single blank may stand
+    inside a name where two or more part the names.
     """
     if delimiter == "space" and len(fields) != width:
         wide = tuple(part.strip() for part in re.split(r"\t+|\s{2,}", line.strip()))
@@ -266,7 +169,7 @@ def _names_of(line: str, delimiter: str, width: int, fields: Sequence[str]) -> t
 
 
 def _decimal(layout: _Layout, spec: TextSpec, file: str) -> str:
-    """Decimal mark of the rows; refused where a comma could part thousands."""
+    """Decimal mark of the rows; LogFormatError where a comma could also part thousands."""
     if spec.decimal != "auto":
         return spec.decimal
     if layout.delimiter == ",":
@@ -291,13 +194,13 @@ def _decimal(layout: _Layout, spec: TextSpec, file: str) -> str:
 def _dialect(
     layout: _Layout, decimal: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str]
 ) -> Dialect:
-    """The dialect of a layout: header lines, names and units, kinds of the columns."""
-    width = _usual([len(row) for row in layout.rows])
-    header, stated = _header(layout, width, file, spec, names)
+    """Dialect of a layout: its header lines, and name, unit and kind of each column."""
+    width = _usual_width(layout.rows)
+    header, stated = _read_header(layout, width, file, spec, names)
     skip = layout.first - header
     _refuse_rows_above(layout.above[:skip], layout.delimiter, layout.widths, width, file)
     if not header and skip and spec.skip_lines == "auto":
-        fields = len(tokens.split(layout.above[0], layout.delimiter, layout.widths))
+        fields = len(tokens.split_line(layout.above[0], layout.delimiter, layout.widths))
         raise LogFormatError(
             f"{file}:1: {fields} fields, expected {width} as in the rows below",
             hint="repair the row, or pin skip_lines in [logs.text] where rows begin further down",
@@ -306,7 +209,7 @@ def _dialect(
         _kind([row[k] for row in layout.rows if len(row) == width], decimal) for k in range(width)
     ]
     columns = tuple(
-        ColumnGuess(name, unit, kind, form)
+        TextColumn(name, unit, kind, form)
         for (name, unit), (kind, form) in zip(stated, kinds, strict=True)
     )
     pins = {"encoding", "delimiter", "decimal", "skip_lines", "header_lines"}
@@ -317,54 +220,41 @@ def _dialect(
     )
 
 
-def _header(
+def _read_header(
     layout: _Layout, width: int, file: str, spec: TextSpec, names: Sequence[str]
 ) -> tuple[int, list[tuple[str, str]]]:
-    """Number of header lines, blank lines below them included in none, and name and unit of every
-    column.
-    """
+    """Number of header lines, without blank lines below them, and name and unit of every column."""
     above = [
-        _names_of(
-            line,
-            layout.delimiter,
-            width,
-            tuple(tokens.split(line, layout.delimiter, layout.widths)),
+        _column_names(
+            line, layout.delimiter, width, tokens.split_line(line, layout.delimiter, layout.widths)
         )
         for line in layout.above[-2:]
     ]
-    lines = spec.header_lines
-    if lines == "auto":
-        lines = _header_lines(above, width)
-    if lines and (len(above) < lines or len(above[-lines]) != width):
-        found = len(above[-lines]) if len(above) >= lines else 0
+    lines = _header_lines(above, width) if spec.header_lines == "auto" else spec.header_lines
+    stated = len(above[-lines]) if lines and len(above) >= lines else 0
+    if lines and stated != width:
         raise LogFormatError(
-            f"{file}:{layout.first - lines + 1}: {found} column names, expected {width} as in the"
+            f"{file}:{layout.first - lines + 1}: {stated} column names, expected {width} as in the"
             " rows",
-            hint=(
-                "pin skip_lines and header_lines in [logs.text], or list the columns in [logs]"
-                " names"
-            ),
+            hint=_PIN_HEADER,
         )
     if names and len(names) != width:
         raise LogFormatError(
             f"{file}:{layout.first + 1}: {width} fields, the recipe names {len(names)} columns",
             hint="correct [logs] names, or the delimiter",
         )
-    words = [field for field in above[-1] if field and not tokens.measured(field)] if above else []
-    if not lines and not names and len(words) == len(above[-1] if above else ()) > 1:
-        raise LogFormatError(
-            f"{file}:{layout.first}: {len(words)} column names, expected {width} as in the rows",
-            hint=(
-                "pin skip_lines and header_lines in [logs.text], or list the columns in [logs]"
-                " names"
-            ),
-        )
     if not lines and not names:
+        last = above[-1] if above else ()
+        if len(last) > 1 and all(field and not tokens.is_measured(field) for field in last):
+            raise LogFormatError(
+                f"{file}:{layout.first}: {len(last)} column names, expected {width} as in the rows",
+                hint=_PIN_HEADER,
+            )
         raise LogFormatError(
             f"{file}:{layout.first + 1}: {width} columns without names",
             hint="list the columns in [logs] names of the recipe, in order",
         )
-    return lines, _stated(above, lines, names)
+    return lines, _names_and_units(above, lines, names)
 
 
 def _header_lines(above: Sequence[Sequence[str]], width: int) -> int:
@@ -382,7 +272,7 @@ def _header_lines(above: Sequence[Sequence[str]], width: int) -> int:
     return 1
 
 
-def _stated(
+def _names_and_units(
     above: Sequence[Sequence[str]], lines: int, names: Sequence[str]
 ) -> list[tuple[str, str]]:
     """Name and unit of every column, as the log states them or as the recipe names them."""
@@ -394,28 +284,25 @@ def _stated(
         if lines == 2
         else [units.of_header(name) for name in header]
     )
-    return list(zip(names or _distinct(header), stated, strict=True))
+    return list(zip(names or _unique_names(header), stated, strict=True))
 
 
-def _distinct(header: Sequence[str]) -> list[str]:
-    """Names made distinct: an empty one is called after its number, a repeated one after its
-    occurrence.
-    """
-    made: list[str] = []
+def _unique_names(header: Sequence[str]) -> list[str]:
+    """Header names made unique: `column 3` for an empty one, `name #2` for the second of a name."""
+    unique = []
     for number, name in enumerate(header, start=1):
-        called = name or f"column {number}"
-        again = sum(other == name for other in header[: number - 1]) if name else 0
-        made.append(f"{called} #{again + 1}" if again else called)
-    return made
+        before = header[: number - 1].count(name) if name else 0
+        unique.append((name or f"column {number}") + (f" #{before + 1}" if before else ""))
+    return unique
 
 
 def _refuse_rows_above(
     above: Sequence[str], delimiter: str, widths: Sequence[int], width: int, file: str
 ) -> None:
-    """Refuse a preamble in which a row stands: it would be lost."""
+    """Raise LogFormatError for a row of numbers above the header: it would be lost."""
     for number, line in enumerate(above, start=1):
-        fields = tokens.split(line, delimiter, widths)
-        if width > 2 and len(fields) == width and sum(map(tokens.measured, fields)) > 1:
+        fields = tokens.split_line(line, delimiter, widths)
+        if width > 2 and len(fields) == width and sum(map(tokens.is_measured, fields)) > 1:
             raise LogFormatError(
                 f"{file}:{number}: a row of numbers above the header",
                 hint="repair the log, or pin skip_lines and header_lines in [logs.text]",
@@ -423,7 +310,7 @@ def _refuse_rows_above(
 
 
 def _kind(fields: Sequence[str], decimal: str) -> tuple[str, str]:
-    """What most of a column's fields are, and the format of its times."""
+    """Kind of most of a column's fields (see `TextColumn`), and the format of its times."""
     filled = [field for field in fields if field.strip()]
     if not filled:
         return "empty", ""
@@ -433,5 +320,5 @@ def _kind(fields: Sequence[str], decimal: str) -> tuple[str, str]:
     )
     if 2 * numbers > len(filled):
         return "number", ""
-    form = times.form_of(filled)
+    form = times.recognise_format(filled)
     return ("time", form) if form else ("text", "")

@@ -1,4 +1,4 @@
-"""What every reader returns: a log before any mapping."""
+"""The record that every reader returns: a log before any mapping."""
 
 from __future__ import annotations
 

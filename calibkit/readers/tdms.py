@@ -34,11 +34,11 @@ if TYPE_CHECKING:
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one group of a TDMS file, or raise LogFormatError."""
-    nptdms = optional.library("nptdms", "tdms", file)
-    data = delimited.load(path, file)
+    nptdms = optional.import_library("nptdms", "tdms", file)
+    data = delimited.read_bytes(path, file)
     for name in [name for name in logging.root.manager.loggerDict if name.startswith("nptdms")]:
         logging.getLogger(name).setLevel(logging.ERROR)  # what it warns of is refused here
-    with optional.damaged(file, "TDMS"), nptdms.TdmsFile.open(io.BytesIO(data)) as opened:
+    with optional.refuse_damaged(file, "TDMS"), nptdms.TdmsFile.open(io.BytesIO(data)) as opened:
         if opened.file_status.incomplete_final_segment:
             raise LogFormatError(
                 f"{file}: the last segment is not finished", hint="the recording was cut off"
@@ -47,24 +47,18 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         channels = {channel.name: channel for channel in group.channels() if len(channel)}
         columns = {name: _numbers(channel[:]) for name, channel in channels.items()}
         stated = {
-            name: units.of_text(str(c.properties.get("unit_string", "")))
-            for name, c in channels.items()
+            name: unit
+            for name, channel in channels.items()
+            if (unit := units.of_text(str(channel.properties.get("unit_string", ""))))
         }
         increments = {_increment(channel) for channel in channels.values()}
     kept = {name: column for name, column in columns.items() if column is not None}
     lengths = {len(column) for column in kept.values()}
     if len(lengths) == 1 and len(increments) == 1 and "time_s" not in kept:
         kept |= _time(next(iter(increments)), next(iter(lengths)))
-    frame = arrays.vectors(kept, file, needed)
-    said = (f"TDMS, group '{group.name}', {len(frame)} rows", *how)
-    return Table(
-        file,
-        hashlib.sha256(data).hexdigest(),
-        frame,
-        (),
-        said,
-        {k: v for k, v in stated.items() if v},
-    )
+    frame = arrays.join_vectors(kept, file, needed)
+    reading = (f"TDMS, group '{group.name}', {len(frame)} rows", *how)
+    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, stated)
 
 
 def _group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:

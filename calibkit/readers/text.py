@@ -4,11 +4,11 @@ Format: text in UTF-8, UTF-16, GB18030 or Windows-1252; lines above the header; 
 with or without a line of units below it, or none where the recipe lists the columns; then one row a
 line, fields parted by commas, semicolons, tabs, bars, blanks, or of fixed widths; decimal points or
 commas; quotes around fields; a blank after a sign; words for missing values (`OVLD`, `LLLL`,
-`----`, `#N/A`). What the recipe's [logs.text] does not pin is guessed from the head (`sniff`) and
-said; the whole file is then held against it. Every line is accounted for: header, preamble, blank
-lines at the end and footer are counted, all others are rows with as many fields as the header or
-the file is refused. Uncertainty of reading: numbers are converted to the nearest float64; nothing
-is rounded, resampled or dropped.
+`----`, `#N/A`). What the recipe's [logs.text] does not pin is guessed from the first lines
+(`sniff`) and recorded; the whole file is then compared with it. Every line is accounted for:
+header, preamble, blank lines at the end and footer are counted, all others are rows with as many
+fields as the header or the file is refused. Uncertainty of reading: numbers are converted to the
+nearest float64; nothing is rounded, resampled or dropped.
 """
 
 from __future__ import annotations
@@ -30,16 +30,16 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.readers.sniff import Dialect
+    from calibkit.readers.dialect import Dialect
     from calibkit.recipe.logs import Logs
 
-SEPARATOR = "\x1f"
-"""Unit separator: parts fields once a log has been cut; no instrument writes it."""
+_SEPARATOR = "\x1f"
+"""ASCII unit separator between the fields of a log that was cut; no instrument writes it."""
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a log in any dialect; columns that nobody needs may hold text. Raises LogFormatError."""
-    data = delimited.load(path, file)
+    data = delimited.read_bytes(path, file)
     return parse(data, file, logs, needed)
 
 
@@ -49,11 +49,11 @@ def parse(data: bytes, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """
     spec = logs.text
     text, encoding = encodings.decode(data, file, spec.encoding)
-    found = sniff.dialect(text, encoding, file, spec, logs.names)
-    return table(text, hashlib.sha256(data).hexdigest(), file, found, logs, needed)
+    found = sniff.recognise_dialect(text, encoding, file, spec, logs.names)
+    return parse_text(text, hashlib.sha256(data).hexdigest(), file, found, logs, needed)
 
 
-def table(
+def parse_text(
     text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed: Collection[str]
 ) -> Table:
     """The table of a log's characters in a known dialect."""
@@ -61,8 +61,13 @@ def table(
     body, separator = _cut(rows, found)
     body += b"" if text.endswith(rows) else b"\n"  # whether the last row has a line end of its own
     first = found.first_line
-    delimited.count_fields(body, len(found.columns), file, separator.encode(), first)
-    kinds = {number: _stored(column, needed) for number, column in enumerate(found.columns)}
+    delimited.require_fields(body, len(found.columns), file, separator.encode(), first)
+    kinds = {
+        number: "float64"
+        if delimited.is_needed(column.name, needed) and column.kind != "time"
+        else "str"
+        for number, column in enumerate(found.columns)
+    }
     missing = tokens.SENTINELS | {
         word.strip().lower() for word in logs.sentinels if isinstance(word, str)
     }
@@ -76,19 +81,14 @@ def table(
         )
     units = {column.name: column.unit for column in found.columns if column.unit}
     notes = (
-        *_missing_words(frame, words, missing),
-        *delimited.last_line(body, file, separator, found.decimal, first),
+        *_notes_on_words(frame, words, missing),
+        *delimited.check_last_line(body, file, separator, found.decimal, first),
     )
-    return Table(file, sha256, frame, notes, (*found.lines(), *accounts), units)
-
-
-def _stored(column: sniff.ColumnGuess, needed: Collection[str]) -> str:
-    """How a column is stored: numbers where they are needed, else the characters as they are."""
-    return "float64" if delimited.wanted(column.name, needed) and column.kind != "time" else "str"
+    return Table(file, sha256, frame, notes, (*found.describe(), *accounts), units)
 
 
 def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple[str, ...]]:
-    """Lines of the rows, parted by line ends, and what the other lines are."""
+    """Text of the rows, and texts on how many lines are rows, header and anything else."""
     start = 0
     for _ in range(found.first_line - 1):
         start = text.find("\n", start) + 1
@@ -104,22 +104,18 @@ def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple
         )
     body = text[start:end]
     rows, total = body.count("\n") + 1, text.count("\n") + (not text.endswith("\n"))
-    said = [
-        (
-            f"{total} lines: {found.skip_lines} above the header, {found.header_lines} of header,"
-            f" {rows} rows"
-        )
-    ]
-    said += [f"{blank} blank lines at the end"] if blank > 0 else []
-    said += [f"{footer} lines of footer (from the recipe)"] if footer else []
-    return body, tuple(said)
+    above = f"{found.skip_lines} above the header, {found.header_lines} of header"
+    accounts = [f"{total} lines: {above}, {rows} rows"]
+    accounts += [f"{blank} blank lines at the end"] if blank > 0 else []
+    accounts += [f"{footer} lines of footer (from the recipe)"] if footer else []
+    return body, tuple(accounts)
 
 
 def _cut(body: str, found: Dialect) -> tuple[bytes, str]:
-    """Rows as bytes with one separator between fields, and that separator."""
+    """Rows as bytes with a single separator between fields, and that separator."""
     if found.delimiter == "fixed" or ('"' in body and found.delimiter != "space"):
-        cut = (tokens.split(line, found.delimiter, found.widths) for line in body.split("\n"))
-        return "\n".join(SEPARATOR.join(fields) for fields in cut).encode(), SEPARATOR
+        cut = (tokens.split_line(line, found.delimiter, found.widths) for line in body.split("\n"))
+        return "\n".join(_SEPARATOR.join(fields) for fields in cut).encode(), _SEPARATOR
     data = body.encode()
     signs = b"+ " in data or b"- " in data
     if found.delimiter == "space":
@@ -131,7 +127,7 @@ def _cut(body: str, found: Dialect) -> tuple[bytes, str]:
             or data[-1:] == b" "
         ):
             data = re.sub(rb"(?m)^[ \t]+|[ \t]+$", b"", data)
-            return re.sub(rb"[ \t]+", SEPARATOR.encode(), data), SEPARATOR
+            return re.sub(rb"[ \t]+", _SEPARATOR.encode(), data), _SEPARATOR
         return data, " "
     if signs:
         # `+ 0.081`: a blank after the sign is the instrument's, not the number's
@@ -163,7 +159,7 @@ def _numbers(
 
 
 def _parsed(body: bytes, kinds: dict[int, str], found: Dialect, separator: str) -> pd.DataFrame:
-    """Rows parsed with one kind a column."""
+    """Rows parsed with one kind per column."""
     import pandas as pd
 
     return pd.read_csv(
@@ -210,23 +206,21 @@ def _column(
     return pd.Series(np.array([float(value) for value in values]), index=texts.index)
 
 
-def _missing_words(
+def _notes_on_words(
     frame: pd.DataFrame, words: pd.DataFrame | None, missing: Collection[str]
 ) -> tuple[str, ...]:
-    """One note a column in which words stand for missing values: how many, the first of them, and
-    where.
-    """
+    """One note per column with words for missing values: how many, the first one, its line."""
     if words is None:
         return ()
-    said = []
+    notes = []
     for number in map(int, words.columns):
         texts = words[number].fillna("").str.strip()
         hits = texts[(texts != "") & texts.str.lower().isin(missing)]
         if len(hits):
             line = int(frame.index[hits.index[0]]) + FIRST_ROW
             name = list(frame.columns)[number]
-            said.append(
+            notes.append(
                 f"column '{name}': {len(hits)} × no value, the first '{hits.iloc[0]}' in line"
                 f" {line}"
             )
-    return tuple(said)
+    return tuple(notes)

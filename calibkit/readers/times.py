@@ -1,12 +1,12 @@
 """Times as loggers write them → seconds since the first row.
 
-Forms: dates and times of day in any of the orders and separators that are listed in `FORMS`, times
-of day alone (midnight is passed without a word), elapsed `h:m:s`, days since 1899-12-30 as
-spreadsheets count them, decimal seconds of any length. Uncertainty: a time is taken as the instant
-that it names, to the last digit written; spreadsheet days are rounded to the microsecond, which is
-what their float64 resolves. Time zones are taken into account where they are written. Where day and
-month could be either, the order that makes the log run forwards is taken, and none where both do
-and would give different seconds.
+Forms: dates and times of day in any of the orders and separators that are listed in `_DATES`, times
+of day alone (a step back is midnight), elapsed `h:m:s`, days since 1899-12-30 as spreadsheets count
+them, decimal seconds of any length. Uncertainty: a time is taken as the instant that it names, to
+the last digit written; spreadsheet days are rounded to the microsecond, which is what their float64
+resolves. Time zones are taken into account where they are written. Where day and month could be
+either, the order that makes the log run forwards is taken, and none where both do and would give
+different seconds.
 """
 
 from __future__ import annotations
@@ -52,7 +52,7 @@ _DATES = (
 
 
 @dataclass(frozen=True, slots=True)
-class Clock:
+class TimeColumn:
     """Seconds since the first row [n], NaN where no time is written, and what was decided on the
     way.
     """
@@ -74,7 +74,7 @@ def is_decimal(field: str) -> bool:
     return re.fullmatch(r"\s*[+-]?\d+(?:[.,]\d*)?\s*", field, re.ASCII) is not None
 
 
-def form_of(fields: Sequence[str]) -> str:
+def recognise_format(fields: Sequence[str]) -> str:
     """Format that most of some fields have, or "" where they are no times."""
     forms = [form for form in (_form(field.strip()) for field in fields) if form]
     if 2 * len(forms) <= len(fields):
@@ -114,7 +114,7 @@ def _time_form(field: str) -> str:
     return form + ("%z" if found["zone"] else "")
 
 
-def seconds(fields: pd.Series, form: str, place: str) -> Clock:
+def to_seconds(fields: pd.Series, form: str, place: str) -> TimeColumn:
     """Seconds since the first row of a column of times; `place` is file and column, the index
     counts the file's lines.
 
@@ -125,7 +125,7 @@ def seconds(fields: pd.Series, form: str, place: str) -> Clock:
     if form == DECIMAL:
         return _since_first(_decimal(texts, missing, place), missing, ())
     if form == ELAPSED:
-        return Clock(_elapsed(texts, missing, place), ())
+        return TimeColumn(_elapsed(texts, missing, place), ())
     if EITHER in form:
         return _day_or_month(texts, missing, form, place)
     nanoseconds = _instants(texts, missing, form, place)
@@ -135,7 +135,7 @@ def seconds(fields: pd.Series, form: str, place: str) -> Clock:
     return _since_first(nanoseconds, missing, notes)
 
 
-def spreadsheet(days: Array) -> Array:
+def spreadsheet_to_seconds(days: Array) -> Array:
     """Seconds since the first row of days [n] since 1899-12-30, rounded to the microsecond; days no
     calendar has are missing.
     """
@@ -145,19 +145,19 @@ def spreadsheet(days: Array) -> Array:
     return _since_first(microseconds * 1000, ~finite, ()).seconds
 
 
-def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...]) -> Clock:
+def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...]) -> TimeColumn:
     """Seconds since the first time that is there; each the float64 nearest to the written
     digits.
     """
     there = np.flatnonzero(~missing)
     if not there.size:
-        return Clock(np.full(nanoseconds.shape, np.nan), notes)
+        return TimeColumn(np.full(nanoseconds.shape, np.nan), notes)
     apart = nanoseconds - nanoseconds[there[0]]
     seconds = apart / 1e6 / 1e3 if np.any(apart % 1000) else (apart // 1000) / 1e6
     seconds = (
         np.where(np.abs(apart) < 1 << 53, apart / 1e9, seconds) if np.any(apart % 1000) else seconds
     )
-    return Clock(np.where(missing, np.nan, seconds), notes)
+    return TimeColumn(np.where(missing, np.nan, seconds), notes)
 
 
 def _instants(texts: pd.Series, missing: Mask, form: str, place: str) -> Integers:
@@ -210,13 +210,13 @@ def _three_digits(texts: pd.Series, missing: Mask, place: str) -> None:
         )
 
 
-def _day_or_month(texts: pd.Series, missing: Mask, form: str, place: str) -> Clock:
+def _day_or_month(texts: pd.Series, missing: Mask, form: str, place: str) -> TimeColumn:
     """Seconds where day and month could be either: the order that can be, and that runs
     forwards.
     """
     mark = form[len(EITHER)]
     orders = {"day first": f"%d{mark}%m", "month first": f"%m{mark}%d"}
-    clocks: dict[str, Clock] = {}
+    clocks: dict[str, TimeColumn] = {}
     for name, order in orders.items():
         try:
             nanoseconds = _instants(texts, missing, form.replace(EITHER, order), place)
@@ -244,13 +244,13 @@ def _day_or_month(texts: pd.Series, missing: Mask, form: str, place: str) -> Clo
             ),
         )
     if len(left) == 2:
-        return Clock(
+        return TimeColumn(
             left[0].seconds, ("dates: day and month could be either, the seconds are the same",)
         )
     return left[0]
 
 
-def _unbroken(clocks: list[Clock], missing: Mask) -> list[Clock]:
+def _unbroken(clocks: list[TimeColumn], missing: Mask) -> list[TimeColumn]:
     """The clock that runs on at midnight where the other leaps by weeks; both where neither
     shows.
     """
@@ -276,7 +276,7 @@ def _past_midnight(nanoseconds: Integers, missing: Mask) -> tuple[Integers, tupl
 def _elapsed(texts: pd.Series, missing: Mask, place: str) -> Array:
     """Seconds of elapsed h:m:s."""
     file, _, column = place.partition(": ")
-    made = np.full(len(texts), np.nan)
+    seconds = np.full(len(texts), np.nan)
     for row, text in enumerate(texts):
         if missing[row]:
             continue
@@ -296,14 +296,14 @@ def _elapsed(texts: pd.Series, missing: Mask, place: str) -> Array:
                 hint="repair the row, or pin time_format in the recipe",
             )
         whole = 3600 * int(found["h"]) + 60 * int(found["m"]) + int(found["s"])
-        made[row] = float(f"{whole}.{found['f'] or 0}")
-    return made
+        seconds[row] = float(f"{whole}.{found['f'] or 0}")
+    return seconds
 
 
 def _decimal(texts: pd.Series, missing: Mask, place: str) -> Integers:
     """Nanoseconds of decimal seconds of any length, counted from the first."""
     file, _, column = place.partition(": ")
-    made = np.zeros(len(texts), dtype=np.int64)
+    nanoseconds = np.zeros(len(texts), dtype=np.int64)
     first: Decimal | None = None
     for row, text in enumerate(texts):
         if missing[row]:
@@ -313,11 +313,11 @@ def _decimal(texts: pd.Series, missing: Mask, place: str) -> Integers:
                 text.replace(",", ".").replace("_", "?")
             )  # no digit to Python's own taste
             first = value if first is None else first
-            made[row] = int((value - first).scaleb(9).to_integral_value())
+            nanoseconds[row] = int((value - first).scaleb(9).to_integral_value())
         except (InvalidOperation, OverflowError, ValueError):
             raise LogFormatError(
                 f"{file}:{int(texts.index[row]) + 2}: {column}: found '{text[:40]}', expected a"
                 " number",
                 hint="repair the row, or leave the range out with [[exclude]]",
             ) from None
-    return made
+    return nanoseconds

@@ -60,7 +60,7 @@ SENTINELS = frozenset(
 """Words, in lower case, that instruments write where they have no value; a recipe can name more."""
 
 
-def split(line: str, delimiter: str, widths: Sequence[int] = ()) -> list[str]:
+def split_line(line: str, delimiter: str, widths: Sequence[int] = ()) -> list[str]:
     """Fields of a line without the blanks around them."""
     if delimiter == "space":
         return re.sub(r"(?<![^\s])([+-]) +(?=[\d.,])", r"\1", line.strip()).split() or [""]
@@ -79,13 +79,13 @@ def is_sentinel(field: str) -> bool:
     return field.strip().lower() in SENTINELS
 
 
-def measured(field: str) -> bool:
+def is_measured(field: str) -> bool:
     """Whether a field is a number or a time: something that a row has and a header has not."""
     return any(pattern.fullmatch(field) for pattern in NUMBER.values()) or times.looks_like_time(
         field
     )
 
 
-def recognised(field: str) -> bool:
+def is_recognised(field: str) -> bool:
     """Whether a field is a number, a time, a word for a missing value, or empty."""
-    return not field.strip() or measured(field) or is_sentinel(field)
+    return not field.strip() or is_measured(field) or is_sentinel(field)

@@ -4,7 +4,7 @@ Format: magic bytes, definitions, then messages of 2 bytes length, 1 byte type a
 topic has one instance a sensor. One topic is one log: [logs] table is its name, with the instance
 behind a colon where that is not 0 (`sensor_gyro:1`). Columns are the topic's fields, `timestamp` in
 µs (uint64). Uncertainty: fields as stored, float32 as they are, the timestamp exact to 2⁵³ µs;
-dropouts of the logger are counted and said. A file that ends inside a message is refused.
+dropouts of the logger are counted and noted. A file that ends inside a message is refused.
 """
 
 from __future__ import annotations
@@ -36,38 +36,30 @@ DATA = ord("D")
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one topic of a ULog file, or raise LogFormatError."""
-    pyulog = optional.library("pyulog", "ulog", file)
-    data = delimited.load(path, file)
+    pyulog = optional.import_library("pyulog", "ulog", file)
+    data = delimited.read_bytes(path, file)
     counted = _messages(data, file)
-    with optional.damaged(file, "ULog"):
-        said = io.StringIO()
-        with redirect_stdout(said):  # pyulog prints what it finds wrong
+    with optional.refuse_damaged(file, "ULog"):
+        printed = io.StringIO()
+        with redirect_stdout(printed):  # pyulog prints what it finds wrong
             log = pyulog.ULog(io.BytesIO(data))
         topic, how = _topic(log.data_list, file, logs.table)
         columns = {
             name: np.asarray(values, dtype=np.float64) for name, values in topic.data.items()
         }
         dropouts = [int(dropout.duration) for dropout in log.dropouts]
-        if log.file_corruption or said.getvalue().strip():
-            found = " ".join(said.getvalue().split())[:100] or "it is marked as corrupt"
+        if log.file_corruption or printed.getvalue().strip():
+            found = " ".join(printed.getvalue().split())[:100] or "it is marked as corrupt"
             raise LogFormatError(f"{file}: {found}", hint="copy it again from the logger")
-    frame = arrays.vectors(columns, file, needed)
+    frame = arrays.join_vectors(columns, file, needed)
     if counted.get(topic.msg_id) != len(frame):
         raise LogFormatError(
             f"{file}: {counted.get(topic.msg_id, 0)} messages of '{topic.name}' gave {len(frame)}"
             " rows",
             hint="the file is damaged; copy it again",
         )
-    notes = (
-        (
-            (
-                f"{len(dropouts)} dropout{'s' * (len(dropouts) > 1)} of the logger, {sum(dropouts)}"
-                " ms in all"
-            ),
-        )
-        if dropouts
-        else ()
-    )
+    lost = f"{len(dropouts)} dropout{'s' * (len(dropouts) > 1)} of the logger"
+    notes = (f"{lost}, {sum(dropouts)} ms in all",) if dropouts else ()
     how = (f"ULog, topic '{topic.name}:{topic.multi_id}', {len(frame)} rows", *how)
     return Table(file, hashlib.sha256(data).hexdigest(), frame, notes, how, {"timestamp": "us"})
 

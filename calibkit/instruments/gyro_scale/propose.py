@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from calibkit import recipe
 from calibkit.ingest import logs
-from calibkit.ingest.proposal import file_patterns
+from calibkit.ingest.log_groups import file_patterns
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.recipe import loader
 
