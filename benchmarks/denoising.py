@@ -23,10 +23,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.instruments.fog_thermal import simulate as fog
 from calibkit.instruments.fog_thermal.recipe import Denoise
 from calibkit.numeric.wavelet import denoise
-from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
 
 if TYPE_CHECKING:
@@ -85,7 +85,7 @@ def ramps(seed: int) -> list[tuple[Array, float]]:
     """
     device = fog.gyro(seed)
     made = fog.logs(device, fog.programmes(RATES, ()), seed, Chamber())
-    white = device.N * np.sqrt(noise.SECONDS_PER_HOUR)
+    white = device.N * np.sqrt(SECONDS_PER_HOUR)
     found = []
     for name, log in made.items():
         rate = float(name.removesuffix(".csv").rsplit("_", 1)[1])

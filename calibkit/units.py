@@ -13,8 +13,6 @@ from calibkit.errors import RecipeError
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array
-STANDARD_GRAVITY_MPS2 = 9.80665
-"""Standard gravity [m/s²], the unit that data sheets call g; local gravity is another number."""
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,6 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
+from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric import closure, published
 from calibkit.numeric import earth
@@ -302,4 +303,4 @@ def test_the_earths_rate_has_the_components_of_the_latitude():
         whole = np.hypot(earth.vertical_rate(latitude), earth.horizontal_rate(latitude))
         assert float(whole) == pytest.approx(15.041067, abs=1e-12)
     # WGS 84, NIMA TR8350.2, table 3.1
-    assert np.degrees(7.292115e-5) * 3600.0 == pytest.approx(earth.EARTH_RATE_DPH, rel=2e-8)
+    assert np.degrees(7.292115e-5) * 3600.0 == pytest.approx(EARTH_RATE_DPH, rel=2e-8)

@@ -8,6 +8,7 @@ import json
 import numpy as np
 import pytest
 
+from calibkit.constants import DPH_PER_DPS
 from calibkit.instruments.gyro_scale.numeric import triad
 from calibkit.numeric import earth
 
@@ -35,7 +36,7 @@ def test_a_ring_laser_gyro_up_and_down_sees_the_earth_and_its_bias(real, form):
             np.fromfile(folder / f"x_LN100_{way}.ins", "<f8").reshape(-1, 7)[:, 1].mean()
             for way in ("up", "down")
         ]
-    up, down = (mean * earth.DPH_PER_DPS for mean in means)
+    up, down = (mean * DPH_PER_DPS for mean in means)
     rate, bias = (up - down) / 2.0, (up + down) / 2.0
     assert round(float(rate), 2) == 11.73
     assert round(float(bias), 2) == -0.25

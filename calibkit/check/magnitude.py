@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.check.content import at_row
+from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, order_statistics, segments
 
@@ -36,7 +37,7 @@ SPAN_DEGC = 5.0
 """Change of temperature from which rates and slopes tell units apart."""
 SLOWEST_DEGC_MIN, FASTEST_DEGC_MIN = 0.03, 30.0
 """Rates at which chambers do not change."""
-G_OF_UNIT = {"m/s^2": 9.80665, "mg": 1000.0, "ug": 1e6}
+G_OF_UNIT = {"m/s^2": STANDARD_GRAVITY_MPS2, "mg": 1000.0, "ug": 1e6}
 """Length of gravity in units that are taken for g."""
 ALIKE_LOGS = 3
 """Other logs that a log's drift is compared with, at least."""

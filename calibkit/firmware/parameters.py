@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit import units
+from calibkit.constants import DPH_PER_DPS, STANDARD_GRAVITY_MPS2
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_text, exact
 from calibkit.firmware.chain import Map
@@ -108,9 +108,9 @@ def _channel(output: str, over_u: exact.Poly, pilot: str) -> Channel:
             hint="fit it with order = 3 or less",
         )
     factor = (
-        Fraction(np.pi / 180.0 / 3600.0)
+        Fraction(np.pi / 180.0 / DPH_PER_DPS)
         if found.group(1) == "gyro"
-        else Fraction(units.STANDARD_GRAVITY_MPS2)
+        else Fraction(STANDARD_GRAVITY_MPS2)
     )
     return Channel(found.group(1), found.group(2), (), tuple(factor * c for c in over_u))
 
@@ -204,7 +204,8 @@ def _sealed(
     head = [
         *(line for line in c_text.facts(export) if not line.startswith(("error bound", "     "))),
         (
-            "unit          gyros in rad/s, accelerometers in m/s^2 (1 g = 9.80665 m/s^2),"
+            "unit          gyros in rad/s, accelerometers in m/s^2"
+            f" (1 g = {STANDARD_GRAVITY_MPS2} m/s^2),"
             " temperatures in degC"
         ),
         *extra,

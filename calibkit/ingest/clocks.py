@@ -16,7 +16,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import anomalies
+from calibkit.numeric import anomalies, dispersion
 from calibkit.numeric.least_squares import hac
 
 if TYPE_CHECKING:
@@ -256,7 +256,7 @@ def _judged(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: f
     size = np.linalg.norm(design, axis=0)
     left = _residuals(theta, t, x, time_b, b, middle)[sound]
     noise = np.hypot(_noise(x), abs(gain) * _noise(b))
-    rms = float(np.sqrt(np.mean(left**2)))
+    rms = dispersion.rms(left)
     if rms > UNLIKE * noise:
         raise FitError(
             f"the two sensors do not show one quantity: {rms:.2g} is left of it, their noise is"

@@ -12,6 +12,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.numeric import chunks, order_statistics
+from calibkit.numeric.dispersion import mad_sigma
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -19,8 +20,6 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array, Integers, Mask
 
 
-MAD_TO_SIGMA = 1.0 / 0.6744897501960817
-"""Standard deviation of normal noise over its median absolute deviation."""
 SAMPLE = 1 << 16
 """Rows that the noise and the resolution of a series are taken from."""
 HIGH = 0.85
@@ -84,8 +83,8 @@ def scatter(values: Array) -> float:
     if values.size < 3:
         return 0.0
     values = sample(values)
-    second = np.abs(values[:-2] - 2.0 * values[1:-1] + values[2:])
-    return MAD_TO_SIGMA * float(np.median(second)) / float(np.sqrt(6.0))
+    second = values[:-2] - 2.0 * values[1:-1] + values[2:]
+    return mad_sigma(second) / float(np.sqrt(6.0))
 
 
 def resolution(values: Array, rows: int = 20_000) -> float:
@@ -349,9 +348,7 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
     change = (c - b) - ((b - a) + (d - c)) / 2.0
     row = np.arange(change.size) + 2 * window
     brief = (total[row + short] - 2.0 * total[row] + total[row - short]) / short
-    limit = JUMP * max(
-        noise * np.sqrt(5.0 / window), MAD_TO_SIGMA * float(np.median(np.abs(change)))
-    )
+    limit = JUMP * max(noise * np.sqrt(5.0 / window), mad_sigma(change))
     sure = (
         (np.abs(change) > limit)
         & (brief * change > 0.0)

@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
+from calibkit.numeric.dispersion import rms
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array
@@ -134,9 +135,9 @@ def errors(
         inclination_error_deg=tilt,
         toolface_error_deg=roll,
         inclination_range_deg=(low, high),
-        inclination_rms_deg=_rms(tilt),
+        inclination_rms_deg=rms(tilt),
         inclination_max_deg=_largest(tilt),
-        toolface_rms_deg=_rms(roll[inside]),
+        toolface_rms_deg=rms(roll[inside]),
         toolface_max_deg=_largest(roll[inside]),
         toolface_scaled_max_deg=_largest(scaled),
     )
@@ -160,10 +161,6 @@ def standard_uncertainty(vector: Array, covariance: Array) -> tuple[Array, Array
     level = (covariance[..., 0, 0] + covariance[..., 1, 1]) / (2.0 * square)
     inclination_deg = np.degrees(np.sqrt(np.where(upright, level, tilt)))
     return inclination_deg, np.where(upright, np.nan, np.degrees(np.sqrt(roll)))
-
-
-def _rms(values: Array) -> float:
-    return float(np.sqrt(np.mean(values**2))) if values.size else float("nan")
 
 
 def _largest(values: Array) -> float:

@@ -8,11 +8,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.numeric.dispersion import mad_sigma
+
 if TYPE_CHECKING:
     from calibkit.arrays import Array
 
 
-MAD_TO_SIGMA = 1.4826022185056018
 FEWEST = 10
 """Values below which none is named: the MAD of fewer is too uncertain to judge one of them by."""
 LIMITS = (
@@ -74,8 +75,7 @@ def control(values: Array) -> Control:
     them move neither.
     """
     centre = float(np.median(values))
-    distance = np.abs(values - centre)
-    sigma = MAD_TO_SIGMA * float(np.median(distance))
+    sigma = mad_sigma(values - centre)
     if sigma <= ROUNDING * float(np.max(np.abs(values))):
         return Control(centre, 0.0, math.inf, np.zeros(len(values)))
     return Control(centre, sigma, limit(len(values)), (values - centre) / sigma)

@@ -6,14 +6,12 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import EARTH_RATE_DPH
+
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike
 
     from calibkit.arrays import Array
-EARTH_RATE_DPH = 15.041067
-"""The same [°/h], to the digits that the published examples were computed with."""
-DPH_PER_DPS = 3600.0
-"""Degrees an hour in one degree a second."""
 
 
 def vertical_rate(latitude_deg: ArrayLike) -> Array:

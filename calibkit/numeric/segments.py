@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.native import kernels
 from calibkit.numeric import chunks, order_statistics
 
@@ -86,7 +87,7 @@ def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped:
     """As `_slopes`, where there are no compiled kernels or the time runs backwards."""
     ends = time[skipped:]
     first = _first_in_window(time, ends - window_s * (1.0 + 1e-9), skipped)
-    t = (time - time[time.size // 2]) / 60.0
+    t = (time - time[time.size // 2]) / SECONDS_PER_MINUTE
     v = temperature - temperature[temperature.size // 2]
     last = np.arange(skipped + 1, time.size + 1)
     count = (
@@ -145,7 +146,9 @@ def coarse(temperature: Array, window_s: float) -> bool:
     COARSE_DEGC_MIN.
     """
     return (
-        quantum(temperature, enough=COARSE_DEGC_MIN * window_s / 60.0) * 60.0 / window_s
+        quantum(temperature, enough=COARSE_DEGC_MIN * window_s / SECONDS_PER_MINUTE)
+        * SECONDS_PER_MINUTE
+        / window_s
         > COARSE_DEGC_MIN
     )
 
@@ -165,7 +168,7 @@ def measured_slope(
         return causal_slope(time, temperature, window_s, room=room)
     step = quantum(temperature)
     windows = [window_s]
-    while 2.0 * windows[-1] <= step * 60.0 / FINEST_DEGC_MIN * (1.0 + 1e-9):
+    while 2.0 * windows[-1] <= step * SECONDS_PER_MINUTE / FINEST_DEGC_MIN * (1.0 + 1e-9):
         windows.append(2.0 * windows[-1])
     slope = room(time.size)
     row, changed = 0, float(time[0])
@@ -184,7 +187,9 @@ def measured_slope(
         )
         since = np.maximum.accumulate(np.where(other, time[start:stop], changed))
         changed = float(since[-1])
-        unseen = np.abs(part) * (time[start:stop] - since) > UNSEEN_STEPS * step * 60.0
+        unseen = (
+            np.abs(part) * (time[start:stop] - since) > UNSEEN_STEPS * step * SECONDS_PER_MINUTE
+        )
         slope[start:stop] = np.where(unseen, 0.0, part)
     return slope
 
@@ -262,7 +267,7 @@ def _straight(time: Array, temperature: Array) -> float:
     for a, b in chunks.ranges_along(time, temperature):
         t = time[a:b] - middle
         above, product = above + float(t @ t), product + float(t @ (temperature[a:b] - level))
-    return 60.0 * product / above
+    return SECONDS_PER_MINUTE * product / above
 
 
 def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:

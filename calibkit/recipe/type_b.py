@@ -21,6 +21,7 @@ from typing import TYPE_CHECKING, Annotated, Any, Literal
 from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calibkit import units
+from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CoefficientError, RecipeError
 from calibkit.frame import is_canonical
 from calibkit.numeric import gum
@@ -160,9 +161,9 @@ def step(source: str, target: str) -> float:
             a.size
             / b.size
             * (
-                units.STANDARD_GRAVITY_MPS2
+                STANDARD_GRAVITY_MPS2
                 if a.dimension == "acceleration"
-                else 1.0 / units.STANDARD_GRAVITY_MPS2
+                else 1.0 / STANDARD_GRAVITY_MPS2
             )
         )
     raise RecipeError(

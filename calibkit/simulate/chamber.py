@@ -10,13 +10,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.simulate.noise import reading
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array
-
-
-SECONDS_PER_MINUTE = 60.0
 
 
 @dataclass(frozen=True, slots=True)

@@ -9,11 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_HOUR
+
 if TYPE_CHECKING:
     from calibkit.arrays import Array
-
-
-SECONDS_PER_HOUR = 3600.0
 
 
 def angle_random_walk(

@@ -14,6 +14,7 @@ from calibkit.instruments.accelerometer.figures import TriadReport
 from calibkit.instruments.accelerometer.numeric import affine as accel_affine
 from calibkit.instruments.accelerometer.numeric import affine_model, q_factor
 from calibkit.numeric import attitude
+from calibkit.numeric.dispersion import rms
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
 
@@ -51,12 +52,12 @@ def stand(name: str, vector: Array, dwells: DwellSet, spec: AccelerometerRecipe)
     """
     if spec.reference.kind == "magnitude":
         residual = np.linalg.norm(vector, axis=1)[:, None] - 1.0
-        return Stand(name, vector, None, float(np.sqrt(np.mean(residual**2))), residual)
+        return Stand(name, vector, None, rms(residual), residual)
     residual = vector - dwells.reference
     errors = attitude.errors(
         vector, dwells.inclination, dwells.toolface, inclination_range_deg=spec.toolface_range_deg
     )
-    return Stand(name, vector, errors, float(np.sqrt(np.mean(residual**2))), residual)
+    return Stand(name, vector, errors, rms(residual), residual)
 
 
 def before_after(

@@ -28,6 +28,7 @@ from calibkit.instruments.fog_thermal import ramps as fog_ramps
 from calibkit.instruments.fog_thermal import tables as fog_report
 from calibkit.instruments.fog_thermal.numeric import gradient
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.numeric.dispersion import rms
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
@@ -243,8 +244,8 @@ def _validation_criteria(
     criteria = [_worst_share(figures)]
     least = spec.acceptance.min_reduction
     if least is not None:
-        before = np.sqrt(np.mean([log.before**2 for log in figures]))
-        after = np.sqrt(np.mean([log.after**2 for log in figures]))
+        before = rms([log.before for log in figures])
+        after = rms([log.after for log in figures])
         reduction = float(before / after)
         criteria.append(at_least("drift reduction", reduction, least, "1"))
     return tuple(criteria)

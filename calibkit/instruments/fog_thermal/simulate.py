@@ -15,10 +15,11 @@ from typing import TYPE_CHECKING, Any, TypeVar
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
+from calibkit.constants import EARTH_RATE_DPH, SECONDS_PER_MINUTE
+from calibkit.numeric.dispersion import rms
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import (
-    SECONDS_PER_MINUTE,
     Chamber,
     Programme,
     air,
@@ -42,7 +43,6 @@ Value = TypeVar("Value", float, "Array")
 REFERENCE_DEGC = 25.0
 """Where drift is zero: a coil in equilibrium at this temperature, before any hysteresis."""
 COLD_DEGC, HOT_DEGC = -40.0, 60.0
-EARTH_RATE_DPH = 15.041067
 LATITUDE_DEG = 34.2
 """Of the laboratory; the input axis points up."""
 CASE_RESOLUTION_DEGC = 0.0625
@@ -459,7 +459,7 @@ def truth_of(programme: Programme, simulated: SimulatedLog) -> dict[str, object]
         "set_time_s": programme.time_s,
         "set_degc": programme.set_degc,
         "turn_on_dph": simulated.turn_on_dph,
-        "drift_rms_dph": float(np.sqrt(np.mean(simulated.drift**2))),
+        "drift_rms_dph": rms(simulated.drift),
         "drift_peak_to_peak_dph": float(np.ptp(simulated.drift)),
         "time_s": simulated.columns["time_s"][::TRUTH_EVERY].tolist(),
     } | {

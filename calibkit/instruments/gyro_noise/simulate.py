@@ -8,13 +8,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.constants import EARTH_RATE_DPH, SECONDS_PER_HOUR
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
 
-EARTH_RATE_DPH = 15.041067
 LATITUDE_DEG = 34.2
 DECIMALS = {"gyro_dph": 3}
 GAP_S = (120, 400)
@@ -31,7 +31,7 @@ def campaign(seed: int, *, hours: float = 6.0) -> Campaign:
 
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
-    count = round(hours * noise.SECONDS_PER_HOUR)
+    count = round(hours * SECONDS_PER_HOUR)
     terms = {
         "N": float(rng.uniform(0.003, 0.006)),
         "B": float(rng.uniform(0.02, 0.04)),

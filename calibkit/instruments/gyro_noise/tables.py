@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.coefficients import at_most
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.instruments.gyro_noise.deviations import stability_uncertainty
 from calibkit.instruments.gyro_noise.figures import NoiseReport, NoiseView
 from calibkit.numeric.noise import allan_fit
@@ -192,7 +193,7 @@ def _view(one: NoiseFigures) -> NoiseView:
         one.wavelet.deviation_dph,
         tuple(shares),
         np.asarray(
-            (np.arange(blocks.shape[0]) + 0.5) * (size * record.interval_s / 3600.0),
+            (np.arange(blocks.shape[0]) + 0.5) * (size * record.interval_s / SECONDS_PER_HOUR),
             dtype=np.float64,
         ),
         np.asarray(blocks.mean(axis=1), dtype=np.float64),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, RecipeError
 from calibkit.instruments.gyro_scale.numeric import scale_factor
 from calibkit.instruments.gyro_scale.numeric import triad as gyro_triad
@@ -272,7 +273,7 @@ def _bias_flags(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> list[str]:
     for one in sets:
         # a bias that differs between the three attitudes depends on the acceleration, or the
         # earth's rate is wrong
-        largest = float(np.max(one.bias_uncertainty / one.triad.magnitude)) * 3600.0
+        largest = float(np.max(one.bias_uncertainty / one.triad.magnitude)) * DPH_PER_DPS
         if largest > 1.0:
             flags.append(
                 f"{_at(one)}the bias is known to {largest:.2g} °/h only: it differs between the"

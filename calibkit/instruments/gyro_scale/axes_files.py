@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.coefficients import Coefficient, Figure, Model, StageResult
+from calibkit.constants import DPH_PER_DPS
 from calibkit.instruments.gyro_scale.axes import AXES
 from calibkit.instruments.gyro_scale.pair_files import (
     conditions,
@@ -15,7 +16,7 @@ from calibkit.instruments.gyro_scale.pair_files import (
     scale_model,
     valid_of,
 )
-from calibkit.numeric.earth import DPH_PER_DPS
+from calibkit.numeric.dispersion import rms
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -114,7 +115,7 @@ def _triad_model(fitted: AxesFit, one: AxesSet) -> Model:
         ),
         covariance=tuple(map(tuple, covariance.tolist())),
         dof=min(line.dof for line in lines),
-        residual_rms=float(np.sqrt(np.mean([line.residual_rms**2 for line in lines]))),
+        residual_rms=rms([line.residual_rms for line in lines]),
         residual_unit="1/s",
         valid=valid_of(one.runs),
     )

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import check
+from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError
 from calibkit.frame import refuse, require, values
 from calibkit.ingest import logs
@@ -17,7 +18,7 @@ from calibkit.instruments.gyro_scale import shape as gyro_shape
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.runs import TEMPERATURE, column
 from calibkit.numeric import chunks
-from calibkit.numeric.earth import DPH_PER_DPS
+from calibkit.numeric.dispersion import rms
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -261,7 +262,7 @@ def _errors(rate: Array, reference: Array, slope: Array) -> dict[str, float]:
     full = float(np.max(np.abs(reference)))
     return {
         "scale_factor_error_ppm": (float(slope @ rate) - 1.0) * PPM,
-        "rate_error_rms_dps": float(np.sqrt(np.mean(error**2))),
+        "rate_error_rms_dps": rms(error),
         "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full * PPM,
     }
 

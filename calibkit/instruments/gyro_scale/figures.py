@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from calibkit.constants import ARCSECONDS_PER_DEGREE
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 
 if TYPE_CHECKING:
@@ -233,7 +234,10 @@ def gamma_page(title: str, pair: PairAngle) -> Figure:
     right.errorbar(
         0.0,
         0.0,
-        xerr=[[(pair.alpha_deg - low) * 3600.0], [(high - pair.alpha_deg) * 3600.0]],
+        xerr=[
+            [(pair.alpha_deg - low) * ARCSECONDS_PER_DEGREE],
+            [(high - pair.alpha_deg) * ARCSECONDS_PER_DEGREE],
+        ],
         fmt="D",
         ms=6,
         capsize=6,

@@ -27,6 +27,7 @@ from calibkit.instruments.gyro_scale.pair_files import (
     with_unit,
 )
 from calibkit.numeric import gum
+from calibkit.numeric.dispersion import rms
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -146,7 +147,7 @@ def _mean_model(name: str, one: GyroOverRuns) -> Model:
         ),
         covariance=((one.K[1] ** 2, cross), (cross, one.F0[1] ** 2)),
         dof=sum(line.dof for line in lines),
-        residual_rms=float(np.sqrt(np.mean([line.residual_rms**2 for line in lines]))),
+        residual_rms=rms([line.residual_rms for line in lines]),
         residual_unit="1/s",
         valid=valid_of(one.at_room),
         parameters=(Parameter("runs", float(len(lines)), "1"),),

@@ -10,12 +10,12 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.coefficients import Coefficient, Condition, Figure, Model, Parameter, StageResult
+from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale import shape
 from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
 from calibkit.instruments.gyro_scale.numeric import pair as gyro_pair
 from calibkit.instruments.gyro_scale.runs import RATE, TEMPERATURE, vertical_rate_dps
-from calibkit.numeric.earth import DPH_PER_DPS
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -8,6 +8,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import check
+from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, pins
@@ -111,7 +112,7 @@ def vertical_rate_dps(spec: GyroRecipe) -> float | None:
     """
     if spec.site.latitude_deg is None:
         return None
-    upward = float(earth.vertical_rate(spec.site.latitude_deg)) / earth.DPH_PER_DPS
+    upward = float(earth.vertical_rate(spec.site.latitude_deg)) / DPH_PER_DPS
     return upward if spec.table.axis == "up" else -upward
 
 

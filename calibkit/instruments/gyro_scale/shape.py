@@ -13,6 +13,7 @@ from calibkit.coefficients import Coefficient, Model, Parameter
 from calibkit.errors import CoefficientError, FitError
 from calibkit.instruments.gyro_scale.numeric import response as gyro_response
 from calibkit.instruments.gyro_scale.runs import RATE
+from calibkit.numeric.dispersion import rms
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -106,7 +107,7 @@ def model(name: str, response: Response, run: TableRun) -> Model:
         ),
         covariance=tuple(map(tuple, response.covariance.tolist())),
         dof=response.dof,
-        residual_rms=float(np.sqrt(np.mean(response.residuals**2))),
+        residual_rms=rms(response.residuals),
         residual_unit="deg/s",
         valid={RATE: (float(rate.min()), float(rate.max()))},
         parameters=(

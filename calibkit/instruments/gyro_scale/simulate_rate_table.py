@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import DPH_PER_DPS, EARTH_RATE_DPH
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
 
@@ -18,7 +19,7 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
 
 
-EARTH_RATE_DPS = 15.041067 / 3600.0
+EARTH_RATE_DPS = EARTH_RATE_DPH / DPH_PER_DPS
 REFERENCE_DEGC = 25.0
 RATES_DPS = (1.0, 2.0, 5.0, 10.0, 20.0, 30.0, 40.0, 50.0, 60.0, 80.0, 100.0)
 """Held by the table, each way."""
@@ -221,8 +222,8 @@ def draw(
         ripple_dps=rng.uniform(0.5e-4, 2e-4),
         ripple_period_dps=rng.uniform(25.0, 60.0),
         asymmetry=rng.normal(0.0, 1.0) * 1e-6,
-        bias_dps=rng.normal(0.0, 1.0) / 3600.0,
-        bias_dps_per_degc=rng.normal(0.0, 0.01) / 3600.0,
+        bias_dps=rng.normal(0.0, 1.0) / DPH_PER_DPS,
+        bias_dps_per_degc=rng.normal(0.0, 0.01) / DPH_PER_DPS,
         noise_lsb=noise_lsb,
         lag_s=rng.uniform(0.02, 0.1),
     )

@@ -12,6 +12,7 @@ import numpy as np
 from calibkit.coefficients import at_most
 from calibkit.instruments.inclinometer.figures import ScaleCurve, SeekingReport
 from calibkit.instruments.inclinometer.numeric import published
+from calibkit.numeric import dispersion
 from calibkit.numeric.attitude import wrapped
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
@@ -74,8 +75,7 @@ def errors(stations: Stations, seen: Seen) -> Errors:
 
 def rms(values: Array) -> float:
     """Root mean square of the finite values, NaN where there is none."""
-    finite = values[np.isfinite(values)]
-    return float(np.sqrt(np.mean(finite**2))) if finite.size else float("nan")
+    return dispersion.rms(values[np.isfinite(values)])
 
 
 def azimuth_rms(stations: Stations, seen: Seen) -> tuple[int, float, float]:

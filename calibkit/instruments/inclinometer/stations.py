@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit import check
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest.logs import unmapped
 from calibkit.instruments.inclinometer import dwells as inclinometer_dwells
@@ -271,7 +272,7 @@ def _times(logs: Sequence[Log]) -> Array:
             return np.full(sum(len(entry.frame) for entry in logs), np.nan)
         time = values(log.frame, "time_s")
         parts.append(time - time[0] + start)
-        start = float(parts[-1][-1]) + 3600.0
+        start = float(parts[-1][-1]) + SECONDS_PER_HOUR
     return np.concatenate(parts)
 
 
@@ -337,7 +338,7 @@ def stations(
         status,
         _means(rows.temperature, rows.station, count),
         (
-            (time - time[0]) / 3600.0
+            (time - time[0]) / SECONDS_PER_HOUR
             if np.isfinite(time).all()
             else np.arange(count, dtype=np.float64)
         ),

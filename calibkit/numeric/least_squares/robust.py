@@ -15,6 +15,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
+from calibkit.numeric.dispersion import mad_sigma
 from calibkit.numeric.least_squares import fit as least_squares
 
 if TYPE_CHECKING:
@@ -33,7 +34,6 @@ Tukey 1974).
 """
 SUSPECT = 4.0
 """Studentised residual above which a row is named: 6 of 100,000 normal rows."""
-MAD_TO_SIGMA = 1.4826022185056018
 LEFT_OUT = 0.2
 """Share of the rows that a candidate start leaves out along each component."""
 CLEANED = 2.5
@@ -120,7 +120,7 @@ def linear(
     target = indication * root
     floor = ROUNDING * float(np.max(np.abs(target)))
     solution, row_weights = _start(basis, target, floor)
-    scale = max(_scale(_studentised(basis, target, solution, row_weights)), floor)
+    scale = max(mad_sigma(_studentised(basis, target, solution, row_weights)), floor)
     solution, row_weights = _reweighted(
         basis, target, solution, row_weights, scale=scale, biweight=True
     )
@@ -232,7 +232,7 @@ def _start(basis: Array, target: Array, floor: float) -> tuple[Array, Array]:
     """
     best: tuple[float, Array, Array] | None = None
     for solution, row_weights in _candidates(basis, target, floor):
-        scale = _scale(_studentised(basis, target, solution, row_weights))
+        scale = mad_sigma(_studentised(basis, target, solution, row_weights))
         if best is None or scale < best[0]:
             best = (scale, solution, row_weights)
     # the first candidate, Huber's, always exists
@@ -247,7 +247,7 @@ def _start(basis: Array, target: Array, floor: float) -> tuple[Array, Array]:
         if refined is None:
             break
         solution, row_weights = refined, agreeing.astype(np.float64)
-        scale = _scale(_studentised(basis, target, solution, row_weights))
+        scale = mad_sigma(_studentised(basis, target, solution, row_weights))
     return solution, row_weights
 
 
@@ -259,7 +259,7 @@ def _candidates(basis: Array, target: Array, floor: float) -> Iterator[tuple[Arr
     plain = _solved(basis, target, np.ones(rows))
     if plain is None:
         return
-    scale = max(_scale(_studentised(basis, target, plain, np.ones(rows))), floor)
+    scale = max(mad_sigma(_studentised(basis, target, plain, np.ones(rows))), floor)
     yield _reweighted(basis, target, plain, np.ones(rows), scale=scale, biweight=False)
     residual = target - basis @ plain
     deleted = residual / np.maximum(1.0 - np.sum(basis**2, axis=1), 1e-12)
@@ -371,11 +371,6 @@ def _studentised(basis: Array, target: Array, solution: Array, row_weights: Arra
     variance = 1.0 - 2.0 * row_weights * leverage + np.sum(hat @ square * hat, axis=1)
     spread = np.sqrt(np.maximum(variance, 1e-12))
     return np.asarray((target - basis @ solution) / spread, dtype=np.float64)
-
-
-def _scale(studentised: Array) -> float:
-    """Standard deviation of normal residuals from their median absolute value."""
-    return MAD_TO_SIGMA * float(np.median(np.abs(studentised)))
 
 
 def _m_covariance(design: Array, balance: Array, studentised: Array, scale: float) -> Array:

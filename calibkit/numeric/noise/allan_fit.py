@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
 
 if TYPE_CHECKING:
@@ -54,7 +55,7 @@ LAWS = (
     PowerLaw("angle_random_walk", "N", "deg/sqrt(h)", -1, 1.0 / 60.0),
     PowerLaw("bias_instability", "B", "deg/h", 0, float(np.sqrt(np.pi / (2.0 * np.log(2.0))))),
     PowerLaw("rate_random_walk", "K", "deg/h/sqrt(h)", 1, 60.0 * float(np.sqrt(3.0))),
-    PowerLaw("rate_ramp", "R", "deg/h/h", 2, 3600.0 * float(np.sqrt(2.0))),
+    PowerLaw("rate_ramp", "R", "deg/h/h", 2, SECONDS_PER_HOUR * float(np.sqrt(2.0))),
 )
 """IEEE Std 952 annex C: 3Q²/τ² + N²/τ + (2 ln 2/π) B² + K² τ/3 + R² τ²/2, τ in s, σ in deg/h (1
 deg/h·s = 1 arcsec).

@@ -13,6 +13,7 @@ import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.numeric import order_statistics
+from calibkit.numeric.dispersion import MAD_OF_UNIT_NORMAL
 from calibkit.numeric.wavelet.factor import polyphase
 
 if TYPE_CHECKING:
@@ -25,8 +26,6 @@ if TYPE_CHECKING:
 Threshold = Literal["universal", "sure", "bayes", "minimax"]
 Rule = Literal["soft", "hard", "garrote", "firm"]
 
-MAD_OF_UNIT_NORMAL = 0.6745
-"""Median of |x| for unit normal x, to the digits the field prints (0.67449)."""
 MINIMAX_FROM = 32
 """Smallest number of details for which the minimax threshold is not zero."""
 

@@ -12,6 +12,7 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import lagged, level, pooled_fit, uncertainty
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, chosen_columns
+from calibkit.numeric.dispersion import rms
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
@@ -98,12 +99,12 @@ class LeftOut:
     @property
     def pooled_raw(self) -> float:
         """Root mean square of the raw figures [°/h]."""
-        return float(np.sqrt(np.mean(self.raw**2)))
+        return rms(self.raw)
 
     @property
     def pooled(self) -> float:
         """Root mean square of the compensated figures [°/h]."""
-        return float(np.sqrt(np.mean(self.compensated**2)))
+        return rms(self.compensated)
 
     @property
     def helps(self) -> bool:

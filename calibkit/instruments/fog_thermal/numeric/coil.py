@@ -14,6 +14,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.instruments.fog_thermal.numeric.terms import Drivers
 
 if TYPE_CHECKING:
@@ -22,7 +23,6 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array, Mask
 
 
-SECONDS_PER_MINUTE = 60.0
 LONGEST_EXPONENT = 200.0
 """Exponent up to which decays are summed in one go: e^200 squared is still a number."""
 

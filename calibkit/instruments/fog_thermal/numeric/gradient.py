@@ -16,6 +16,7 @@ import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.numeric import intervals
+from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import fit, hac
 
 if TYPE_CHECKING:
@@ -208,7 +209,7 @@ def over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolynomia
         c,
         covariance,
         len(ramps) - order - 1,
-        float(np.sqrt(np.mean(deviations[:, 0] ** 2))),
+        rms(deviations[:, 0]),
         (float(rates.min()), float(rates.max())),
         float(np.min(np.abs(rates))),
         (min(ramp.gradient[0] for ramp in ramps), max(ramp.gradient[1] for ramp in ramps)),

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.instruments.fog_thermal.numeric import compensation, gradient
+from calibkit.numeric.dispersion import rms
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -45,12 +46,12 @@ class LeftOut:
     @property
     def pooled_raw(self) -> float:
         """Root mean square of the raw figures [°/h]."""
-        return float(np.sqrt(np.mean(self.raw**2)))
+        return rms(self.raw)
 
     @property
     def pooled(self) -> float:
         """Root mean square of the compensated figures [°/h]."""
-        return float(np.sqrt(np.mean(self.compensated**2)))
+        return rms(self.compensated)
 
     @property
     def helps(self) -> bool:

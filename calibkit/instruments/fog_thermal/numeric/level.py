@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import pooled_fit
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution
@@ -36,7 +37,6 @@ if TYPE_CHECKING:
 
 WINDOW_S = 90.0
 """Trailing window of the rates: a 0.0625 °C step then moves them by less than 0.1 °C/min."""
-SECONDS_PER_MINUTE = 60.0
 LEAST_SAMPLES = 4
 """Samples that a parabola and one degree of freedom need."""
 CHUNK = 1 << 20

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.numeric import chunks, order_statistics
-from calibkit.numeric.least_squares.robust import MAD_TO_SIGMA
+from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence

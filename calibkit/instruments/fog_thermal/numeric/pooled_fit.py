@@ -25,8 +25,9 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
     valid_of,
 )
 from calibkit.numeric import intervals
+from calibkit.numeric.dispersion import mad_sigma, rms
 from calibkit.numeric.least_squares import fit
-from calibkit.numeric.least_squares.robust import HUBER, MAD_TO_SIGMA, TUKEY
+from calibkit.numeric.least_squares.robust import HUBER, TUKEY
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -233,7 +234,7 @@ def noise_of(apart: Array) -> float:
     """Standard deviation [°/h] of a block's noise from isolated residuals [n], by their median
     absolute value.
     """
-    return MAD_TO_SIGMA * float(np.median(np.abs(apart)))
+    return mad_sigma(apart)
 
 
 def loss_weights(apart: Array, *, biweight: bool) -> Array:
@@ -319,9 +320,7 @@ def balanced_weights(columns: Array, trust: Array, stacked: Stack, names: Sequen
         for rows, log in zip(stacked.log_rows, stacked.logs, strict=True)
     ]
     case = np.concatenate([log.case for log in stacked.logs])
-    return trust * occupancy.weights(
-        occupancy.counts(case), noise, float(np.sqrt(np.mean(np.square(lasting))))
-    )
+    return trust * occupancy.weights(occupancy.counts(case), noise, rms(lasting))
 
 
 @dataclass(frozen=True, slots=True)

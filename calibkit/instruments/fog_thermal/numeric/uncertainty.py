@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import evaluate
 from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
@@ -166,7 +167,7 @@ def hysteresis(model: ThermalModel | None, logs: Sequence[ThermalLog]) -> Hyster
         left = log.indication
         if model is not None:
             left = left - evaluate.evaluate(model, log.time, log.case, log.env).drift
-        rate = _smoothed(np.gradient(log.case, log.time)) * 60.0
+        rate = _smoothed(np.gradient(log.case, log.time)) * SECONDS_PER_MINUTE
         bins = np.floor(log.case / HYSTERESIS_BIN_DEGC).astype(np.int64)
         for cells, moving in (
             (heating, rate >= MOVING_DEGC_MIN),

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import ARCSECONDS_PER_DEGREE
 from calibkit.errors import FitError
 from calibkit.numeric.least_squares.fit import rank
 
@@ -18,7 +19,6 @@ if TYPE_CHECKING:
 
 
 PPM = 1e6
-ARCSECONDS_PER_DEGREE = 3600.0
 HALF = 0.5
 """Share of the expected output that counts as a response (GJB 2426A, IEEE Std 952: threshold,
 resolution).

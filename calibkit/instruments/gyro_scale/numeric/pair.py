@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from calibkit.constants import NORMAL_95
 from calibkit.errors import FitError
 
 if TYPE_CHECKING:
@@ -27,8 +28,6 @@ ONE_SIDED = 3.0
 IMPOSSIBLE = 0.05
 """Excess of |γ| over one that no noise and no misalignment explains: the logs are of other axes."""
 DRAWS = 200_000
-COVERAGE_Z = 1.959963984540054
-"""Normal quantile of a two-sided 95 % interval."""
 CONSISTENT = 4.0
 """Standard uncertainties by which two results may differ."""
 
@@ -178,7 +177,7 @@ def _first_order(
     extend = np.vstack((np.eye(3), [0.0, 0.0, -np.degrees(1.0 / np.sqrt(1.0 - gamma**2))]))
     u_gamma = float(np.sqrt(ratios[2, 2]))
     low, high = np.degrees(
-        np.arccos(np.clip([gamma + COVERAGE_Z * u_gamma, gamma - COVERAGE_Z * u_gamma], -1.0, 1.0))
+        np.arccos(np.clip([gamma + NORMAL_95 * u_gamma, gamma - NORMAL_95 * u_gamma], -1.0, 1.0))
     )
     return np.asarray(extend @ ratios @ extend.T), (
         min(float(low), alpha_deg),

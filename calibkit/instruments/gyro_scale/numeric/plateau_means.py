@@ -9,11 +9,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.numeric.plateau_noise import Part, Record, modulation, noise_of
 from calibkit.instruments.gyro_scale.numeric.plateaus import (
     DEFAULT_RULES,
-    REVOLUTION_DEG,
     Rules,
     find,
     turn_of,

@@ -9,8 +9,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, order_statistics
+from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator
@@ -21,9 +23,6 @@ if TYPE_CHECKING:
     Series = Callable[[int, int], Array]
     """Values of rows first … stop − 1."""
 
-REVOLUTION_DEG = 360.0
-MAD_TO_SIGMA = 1.0 / 0.6744897501960817
-"""Standard deviation of normal noise over its median absolute deviation."""
 FIFTH_TO_SIGMA = 1.0 / 0.2533471031357997
 """The same over its 0.2 quantile."""
 NOISE_RANGE = 10.0
@@ -299,9 +298,7 @@ def _steady(rate: Array, first: int, stop: int, rules: Rules, quantum: float) ->
     """
     part = rate[first:stop]
     middle = order_statistics.median(part)
-    noise = MAD_TO_SIGMA * order_statistics.median_of_chunks(
-        lambda: (np.abs(part[a:b] - middle) for a, b in chunks.ranges_along(part)), part.size
-    )
+    noise = MAD_TO_SIGMA * order_statistics.median_magnitude(part, middle)
     allowed = max(rules.relative * abs(middle), rules.floor_dps, NOISE_RANGE * noise, quantum)
     near = chunks.find_runs(part.size, lambda a, b: np.abs(part[a:b] - middle) <= allowed)
     begin, end = max(near, key=lambda run: run[1] - run[0])

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
+from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.fit import linear
 
 if TYPE_CHECKING:
@@ -76,7 +77,7 @@ def odd_polynomial(rate_dps: Array, indication: Array, order: int) -> Response:
         covariance=fit.covariance * np.outer(to_raw, to_raw),
         dof=fit.dof,
         residuals=fit.residuals,
-        left_out_rms=float(np.sqrt(np.mean(_left_out_linear(design, fit.residuals) ** 2))),
+        left_out_rms=rms(_left_out_linear(design, fit.residuals)),
     )
 
 
@@ -123,7 +124,7 @@ def sine(rate_dps: Array, indication: Array) -> Response:
         covariance=step.covariance,
         dof=dof,
         residuals=residuals,
-        left_out_rms=float(np.sqrt(np.mean(_left_out_sine(rate_dps, indication) ** 2))),
+        left_out_rms=rms(_left_out_sine(rate_dps, indication)),
     )
 
 

@@ -10,6 +10,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
+from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.fit import linear, polynomial
 
 if TYPE_CHECKING:
@@ -307,7 +308,7 @@ def _least_error_order(K: Array, temp_degc: Array) -> int:
     errors = []
     for order in range(min(4, levels.size - 1)):
         left = [_left_out(K, temp_degc, np.round(temp_degc) == level, order) for level in levels]
-        errors.append(float(np.sqrt(np.mean(np.concatenate(left) ** 2))))
+        errors.append(rms(np.concatenate(left)))
     best = 0
     for order, error in enumerate(errors):
         # chance alone lets a superfluous term win by a little
@@ -338,6 +339,6 @@ def mean_of_runs(K: Sequence[float], standard_uncertainty: Sequence[float]) -> t
         np.asarray(K, dtype=np.float64),
         np.asarray(standard_uncertainty, dtype=np.float64),
     )
-    shared = float(np.sqrt(np.mean(noise**2)))
+    shared = rms(noise)
     scatter = float(values.std(ddof=1) / np.sqrt(values.size)) if values.size > 1 else 0.0
     return float(values.mean()), max(shared, scatter)

@@ -6,8 +6,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import EARTH_RATE_DPH
 from calibkit.instruments.inclinometer.numeric import published
-from calibkit.numeric.earth import EARTH_RATE_DPH
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array

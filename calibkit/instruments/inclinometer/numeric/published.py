@@ -13,8 +13,8 @@ from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
+from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
-from calibkit.numeric.earth import EARTH_RATE_DPH
 
 if TYPE_CHECKING:
     from numpy.typing import ArrayLike

@@ -9,6 +9,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric.published import Components
 from calibkit.numeric.least_squares.fit import LinearFit, linear, undetermined
@@ -243,7 +244,15 @@ def _fitted(
             continue
         accel, gyro = pair
         squares[k], dofs[k] = (accel.sum_of_squares, gyro.sum_of_squares), (accel.dof, gyro.dof)
-        values[k] = (accel.x, accel.y, gyro.x, gyro.y, gyro.bias, gyro.ramp * 3600.0, accel.bias)
+        values[k] = (
+            accel.x,
+            accel.y,
+            gyro.x,
+            gyro.y,
+            gyro.bias,
+            gyro.ramp * SECONDS_PER_HOUR,
+            accel.bias,
+        )
         covariance[k] = 0.0
         covariance[k, :2, :2] = accel.unit_covariance[:2, :2] * accel_sd**2
         covariance[k, 2:, 2:] = gyro.unit_covariance[:2, :2] * gyro_sd**2
