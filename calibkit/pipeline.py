@@ -298,7 +298,9 @@ def apply(
             from calibkit.firmware import formats, program
 
             firmware = _firmware(spec)
-            quantised = program.of(firmware.chain(spec, run.records), formats.of(as_firmware))
+            quantised = program.quantise(
+                firmware.chain(spec, run.records), formats.find_format(as_firmware)
+            )
             content, flags = firmware.apply(spec.on_site(), quantised, data)
     except MissingColumnError as error:
         mapped = " ".join(f"--set columns.{name}.from=…" for name in error.columns)
@@ -404,7 +406,7 @@ def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected:
     lines = sources.lines(
         spec, chain.structure, firmware.corrections(chain.structure), firmware.conventions(spec)
     )
-    return export.of(chain, identity, formats.of(number), prefix, lines)
+    return export.prepare(chain, identity, formats.find_format(number), prefix, lines)
 
 
 def export(
@@ -423,7 +425,7 @@ def export(
     """
     from calibkit.firmware import targets
 
-    chosen = targets.of(target, number)
+    chosen = targets.find_target(target, number)
     exports = [firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
     files = targets.files(chosen, exports, address)
     store.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)

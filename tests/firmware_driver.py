@@ -24,7 +24,7 @@ UPDATES = 12
 
 def exported(chain, number, prefix):
     """Export of a chain under a prefix of its own."""
-    return export.of(chain, IDENTITY, formats.of(number), prefix)
+    return export.prepare(chain, IDENTITY, formats.find_format(number), prefix)
 
 
 def write(exports, folder):
@@ -38,7 +38,7 @@ def write(exports, folder):
 
 def units(one):
     """Physical step of one count of each input: 16 bits reach beyond its range."""
-    known = ranges.of(one.chain, usual=False)
+    known = ranges.find_ranges(one.chain, usual=False)
     return [
         2.0 ** (frexp(1.02 * float(ranges.magnitude(known[entry.name])))[1] - 15)
         for entry in one.chain.structure.inputs

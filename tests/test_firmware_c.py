@@ -10,7 +10,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit.firmware import c_source, ranges, twin
+from calibkit.firmware import c_selftest, ranges, twin
 from calibkit.firmware.chain import Sum
 from firmware_driver import COMMON, LINKER, expected, exported, write
 from firmware_runs import RUNS, cached
@@ -298,9 +298,9 @@ def immaterial(one):
     """
     if one.chain.structure.interval_s is not None:
         return set()
-    known, rng = ranges.of(one.chain, usual=False), np.random.default_rng(2)
+    known, rng = ranges.find_ranges(one.chain, usual=False), np.random.default_rng(2)
     words = {
-        entry.name: twin.encoded(
+        entry.name: twin.encode(
             one.program, entry.name, rng.uniform(*map(float, known[entry.name]), 4096)
         )
         for entry in one.chain.structure.inputs
@@ -316,7 +316,7 @@ def immaterial(one):
             program = replace(one.program, tables={**one.program.tables, table: changed})
             wrong = twin.call(program, words).outputs
             if all(
-                np.abs(wrong[o] - right[o]).max() < c_source.tolerance_of(one, o) for o in right
+                np.abs(wrong[o] - right[o]).max() < c_selftest.tolerance_of(one, o) for o in right
             ):
                 found.add((table, place))
     # the cofactors of a matrix that hardly varies with temperature have high powers of next to

@@ -28,7 +28,7 @@ def runs(tmp_path_factory):
 
 def within_ranges(chain, rows, seed):
     """Random inputs over the ranges of a chain, temperatures over all that a thermometer says."""
-    rng, known = np.random.default_rng(seed), ranges.of(chain, usual=False)
+    rng, known = np.random.default_rng(seed), ranges.find_ranges(chain, usual=False)
     columns = {}
     for entry in chain.structure.inputs:
         low, high = (float(limit) for limit in known[entry.name])
@@ -40,7 +40,7 @@ def within_ranges(chain, rows, seed):
 
 def physical(quantised, columns):
     """Inputs after they were stored in a number format, as float64."""
-    words = {name: twin.encoded(quantised, name, values) for name, values in columns.items()}
+    words = {name: twin.encode(quantised, name, values) for name, values in columns.items()}
     scales = quantised.scales
     back = {
         name: np.asarray(w, dtype=np.float64) * 2.0 ** -scales.get(name, 0)
@@ -102,17 +102,15 @@ def test_a_chain_without_memory_is_the_float64_model_within_its_printed_bound(na
     the model is.
     """
     this = runs(name)
-    quantised = program.of(this.chain, formats.of(number))
-    bound = bounds.of(this.chain, quantised)
+    quantised = program.quantise(this.chain, formats.find_format(number))
+    bound = bounds.find_bounds(this.chain, quantised)
     words, columns = physical(quantised, within_ranges(this.chain, TEMPERATURES.size, 1))
     found = twin.call(quantised, words)
     expected = model_of(name, this)(columns)
     usable = found.status != twin.INVALID
     assert usable.mean() > 0.99
     for output, values in expected.items():
-        error = np.abs(twin.decoded(quantised, output, found.outputs[output]) - values)[
-            usable
-        ].max()
+        error = np.abs(twin.decode(quantised, output, found.outputs[output]) - values)[usable].max()
         assert error <= bound[output] + FLOAT64_NOISE.get(output, 1e-11)
         if number == "f32" and output.startswith("accel"):
             assert bound[output] < 1e-6  # g
@@ -150,14 +148,14 @@ def history(interval=10.0):
 
 def along(quantised, columns):
     """Drift [n, °/h] of the twin, update by update."""
-    words = {name: twin.encoded(quantised, name, values) for name, values in columns.items()}
+    words = {name: twin.encode(quantised, name, values) for name, values in columns.items()}
     state, found = twin.reset(quantised, 1), []
     for k in range(len(next(iter(words.values())))):
         result = twin.call(
             quantised, {name: column[k : k + 1] for name, column in words.items()}, state
         )
         state = result.state
-        found.append(twin.decoded(quantised, "drift_dph", result.outputs["drift_dph"])[0])
+        found.append(twin.decode(quantised, "drift_dph", result.outputs["drift_dph"])[0])
     return np.array(found)
 
 
@@ -170,8 +168,8 @@ def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_
     included.
     """
     this = runs(name)
-    quantised = program.of(this.chain, formats.of(number))
-    bound = bounds.of(this.chain, quantised)["drift_dph"]
+    quantised = program.quantise(this.chain, formats.find_format(number))
+    bound = bounds.find_bounds(this.chain, quantised)["drift_dph"]
     time, case, air = history()
     inputs = {
         e.name: case if e.name == "temp_case_degc" else air for e in this.chain.structure.inputs
@@ -193,8 +191,8 @@ def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_
 def test_the_recursive_gradient_form_sums_the_float64_increments(number, runs):
     """Each update adds no more than the printed bound of one update to the error of the sum."""
     this = runs("gradient")
-    quantised = program.of(this.chain, formats.of(number))
-    bound = bounds.of(this.chain, quantised)["drift_dph"]
+    quantised = program.quantise(this.chain, formats.find_format(number))
+    bound = bounds.find_bounds(this.chain, quantised)["drift_dph"]
     time, case, air = history()
     rate = np.gradient(air, time / 60.0)
     inputs = {"temp_case_degc": case, "temp_env_degc": air, "temp_env_rate_degc_min": rate}
@@ -225,7 +223,7 @@ def test_the_bound_of_a_plain_polynomial_is_within_the_classical_formula(runs):
     classical = 2.0**-24 * (
         sum(c) * (1 + 2 * (len(c) - 1)) + 3 * sum(k * x for k, x in enumerate(c))
     )
-    printed = bounds.of(chain, program.of(chain, formats.of("f32")))[
+    printed = bounds.find_bounds(chain, program.quantise(chain, formats.find_format("f32")))[
         chain.structure.outputs[0].name
     ]
     assert classical / 10 < printed <= classical * 1.02
@@ -237,15 +235,15 @@ def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
     the middle nothing.
     """
     this = runs(name)
-    quantised = program.of(this.chain, formats.of("f32"))
-    known = ranges.of(this.chain, usual=False)
+    quantised = program.quantise(this.chain, formats.find_format("f32"))
+    known = ranges.find_ranges(this.chain, usual=False)
     middle = {
         e.name: np.full(3, sum(map(float, known[e.name])) / 2) for e in this.chain.structure.inputs
     }
     first = this.chain.structure.inputs[0].name
     middle[first] = np.array([middle[first][0], np.nan, 1e9 + middle[first][0]])
     state = twin.reset(quantised, 3) if this.chain.structure.interval_s else None
-    words = {column: twin.encoded(quantised, column, values) for column, values in middle.items()}
+    words = {column: twin.encode(quantised, column, values) for column, values in middle.items()}
     result = twin.call(quantised, words, state)
     still = {flag: 1 << k for k, flag in enumerate(this.chain.structure.flags)}
     assert result.status[0] & ~(still.get("HELD", 0) | still.get("RATE_STARTING", 0)) == 0
@@ -262,11 +260,13 @@ def test_a_sensor_of_specific_force_is_corrected_in_its_own_sign(name, runs):
     other.
     """
     this = runs(name)
-    turned = firmware.chain(this.run.records, name, "specific_force")
+    reference = this.spec.reference.model_copy(update={"convention": "specific_force"})
+    spec = this.spec.model_copy(update={"reference": reference})
+    turned = firmware.chain(spec, this.run.records)
     columns = within_ranges(this.chain, 500, 4)
     opposite = {column: -v if column.startswith("accel") else v for column, v in columns.items()}
-    expected = twin.call(program.of(this.chain, formats.of("f64")), columns).outputs
-    found = twin.call(program.of(turned, formats.of("f64")), opposite).outputs
+    expected = twin.call(program.quantise(this.chain, formats.find_format("f64")), columns).outputs
+    found = twin.call(program.quantise(turned, formats.find_format("f64")), opposite).outputs
     for output, values in expected.items():
         np.testing.assert_allclose(found[output], -values, rtol=0.0, atol=1e-15)
 

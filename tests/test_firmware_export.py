@@ -181,7 +181,7 @@ def test_a_changed_digit_fails_verification_even_under_a_new_digest(drift_run, t
     outcome = calibkit("verify", source)
     assert outcome.code == 4
     assert "digest" in outcome.err
-    source.write_text(c_text.sealed(wrong[: wrong.rindex("/* sha256")]))
+    source.write_text(c_text.seal(wrong[: wrong.rindex("/* sha256")]))
     outcome = calibkit("verify", source)
     assert outcome.code == 4
     assert "vectors" in outcome.err
@@ -208,7 +208,7 @@ def test_literals_read_back_to_the_same_number_in_c():
     """Nine and seventeen significant digits, with a point or an exponent, and F for single
     precision.
     """
-    f32, f64 = formats.of("f32"), formats.of("f64")
+    f32, f64 = formats.find_format("f32"), formats.find_format("f64")
     assert f32.text(1.0) == "1.0F"
     assert f32.text(f32.nearest(formats.Fraction(1, 10))) == "0.100000001F"
     assert f64.text(0.1) == "0.10000000000000001"

@@ -42,11 +42,11 @@ def apply(
     log = logs.read_log(spec, data, data.name, list(dict.fromkeys(names)))
     refuse(check.rows(log, 1))
     words = {
-        e.name: twin.encoded(quantised, e.name, values(log.frame, e.name)) for e in structure.inputs
+        e.name: twin.encode(quantised, e.name, values(log.frame, e.name)) for e in structure.inputs
     }
     result = twin.call(quantised, words)
     found = {
-        o.name: twin.decoded(quantised, o.name, result.outputs[o.name]) for o in structure.outputs
+        o.name: twin.decode(quantised, o.name, result.outputs[o.name]) for o in structure.outputs
     }
     columns, derived = _corrected(log, found, corrections)
     content = write_back.replaced(spec, data, columns, {**derived, **derive(found)})

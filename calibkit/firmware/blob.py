@@ -1,5 +1,5 @@
-"""One unit's numbers as bytes: header, tables, self-test vectors, the facts in words, CRC-32; and
-the same read again.
+"""One device's numbers as bytes: header, tables, self-test vectors, the facts in words, CRC-32; and
+their reading.
 
 Little-endian. Header of 112 bytes: magic "CALB", schema major and minor (u16), length of the whole
 (u32), bits of a number (u16), flags (u16, bit 0: accepted), layout (8 bytes: which program the
@@ -13,6 +13,7 @@ everything before it.
 from __future__ import annotations
 
 import hashlib
+import itertools
 import json
 import struct
 import zlib
@@ -21,25 +22,23 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import c_source, c_text, layout, vectors
-from calibkit.firmware.chain import Limit, Map, Select, Slope, Sum
+from calibkit.firmware import c_selftest, c_text, layout, vectors
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.firmware.chain import Structure
     from calibkit.firmware.export import Export
     from calibkit.firmware.program import Program
 
 MAGIC, MAJOR, MINOR = b"CALB", 1, 0
 HEADER = struct.Struct("<4sHHIHH8sI32s32s12sII")
 SERIAL_BYTES = 32
+CODES = {32: "f", 64: "d"}
+"""Bits of a number → its letter in `struct`."""
 
 
 @dataclass(frozen=True, slots=True)
 class Shape:
-    """What one loader fits: the tables in order with their lengths, and the digest that a blob of
-    it carries.
+    """What one loader takes: the tables in order with their lengths, and the digest that its blobs
+    carry.
     """
 
     tables: tuple[tuple[str, int], ...]
@@ -52,27 +51,16 @@ class Shape:
         return sum(length for _, length in self.tables)
 
 
-def table_names(structure: Structure) -> list[str]:
-    """Tables in the order in which a program meets them, each once."""
-    names = [entry.table for entry in structure.inputs]
-    for step in structure.steps:
-        if isinstance(step, Map | Limit | Slope):
-            names.append(step.table)
-        elif isinstance(step, Select):
-            names += [case.table for case in step.cases]
-        elif isinstance(step, Sum):
-            names += [term.table for term in step.terms if term.table]
-    return list(dict.fromkeys(names))
-
-
 def shape(program: Program) -> Shape:
-    """Shape of a program; OutputError for fixed point, whose scales are each unit's own."""
+    """Shape of a program; OutputError for fixed point, whose scales differ from device to
+    device.
+    """
     if program.format.fixed:
         raise OutputError(
             f"a blob of {program.format.name}: its scales belong to one unit and its loader to all",
             hint="use --number f32 or f64, or --target c",
         )
-    tables = tuple((name, len(program.tables[name])) for name in table_names(program.structure))
+    tables = tuple((name, len(program.tables[name])) for name in program.structure.tables)
     lines = (*layout.lines(program), json.dumps({"tables": tables}, separators=(",", ":")))
     return Shape(tables, lines, hashlib.sha256("\n".join(lines).encode()).digest()[:8])
 
@@ -80,50 +68,40 @@ def shape(program: Program) -> Shape:
 def render(export: Export) -> bytes:
     """Bytes of a run's blob."""
     program, identity, found = export.program, export.identity, shape(export.program)
-    serial = identity.serial.encode()
+    serial, rows = identity.serial.encode(), export.vectors
     if len(serial) > SERIAL_BYTES:
         raise OutputError(
             f"serial '{identity.serial}' has {len(serial)} bytes, a blob holds {SERIAL_BYTES}",
             hint="use --target c",
         )
-    structure, rows = program.structure, export.vectors
-    body = [x for name, _ in found.tables for x in program.tables[name]]
-    body += [
-        program.format.nearest(Fraction(c_source.tolerance_of(export, output.name)))
-        for output in structure.outputs
+    numbers = [x for name, _ in found.tables for x in program.tables[name]]
+    numbers += [
+        program.format.nearest(Fraction(c_selftest.tolerance_of(export, output.name)))
+        for output in program.structure.outputs
     ]
     for k, status in enumerate(rows.status):
-        body += [rows.inputs[entry.name][k] for entry in structure.inputs]
-        body += [rows.outputs[output.name][k] for output in structure.outputs]
-        body += [float(rows.updates[k]), float(status)]
+        numbers += [rows.inputs[entry.name][k] for entry in program.structure.inputs]
+        numbers += [rows.outputs[output.name][k] for output in program.structure.outputs]
+        numbers += [float(rows.updates[k]), float(status)]
     text = "\n".join([*c_text.facts(export), "", *found.lines]) + "\n"
-    content = struct.pack(f"<{len(body)}{_code(program)}", *body) + text.encode("ascii")
-    bits = 32 if program.format.bits == 24 else 64
-    day = identity.effective_from.encode("ascii")
-    counts = (found.numbers, len(rows.status))
-    digest = bytes.fromhex(identity.run_sha256)
-    length = HEADER.size + len(content) + 4
-    flags = int(identity.accepted)
+    size = program.format.size
+    content = struct.pack(f"<{len(numbers)}{CODES[8 * size]}", *numbers) + text.encode("ascii")
     head = HEADER.pack(
         MAGIC,
         MAJOR,
         MINOR,
-        length,
-        bits,
-        flags,
+        HEADER.size + len(content) + 4,
+        8 * size,
+        int(identity.accepted),
         found.digest,
         identity.revision,
         serial,
-        digest,
-        day,
-        *counts,
+        bytes.fromhex(identity.run_sha256),
+        identity.effective_from.encode("ascii"),
+        found.numbers,
+        len(rows.status),
     )
     return head + content + struct.pack("<I", zlib.crc32(head + content))
-
-
-def _code(program: Program) -> str:
-    """Letter of a number in `struct`."""
-    return "f" if program.format.bits == 24 else "d"
 
 
 def verify(name: str, content: bytes) -> str:
@@ -143,16 +121,12 @@ def verify(name: str, content: bytes) -> str:
             f"{name}: its length or CRC is not that of its content", hint="export it again"
         )
     program, stated = _read(content, bits, digest, count, rows, name)
-    again = vectors.recomputed(program, stated.inputs, stated.updates)
-    if (again.outputs, again.status) != (stated.outputs, stated.status):
-        raise CoefficientError(
-            f"{name}: its vectors are not those of its numbers", hint="export it again"
-        )
-    unit = serial.rstrip(b"\0").decode()
+    vectors.require_recomputed(program, stated, name)
+    device = serial.rstrip(b"\0").decode()
     mark = "" if flags & 1 else ", REJECTED"
     kind = f"{program.format.name}, {count} numbers, {rows} vectors recomputed{mark}"
     return (
-        f"blob of {unit} revision {revision}, effective from {day.rstrip(bytes(1)).decode()},"
+        f"blob of {device} revision {revision}, effective from {day.rstrip(bytes(1)).decode()},"
         f" {kind}"
     )
 
@@ -161,46 +135,38 @@ def _read(
     content: bytes, bits: int, digest: bytes, count: int, rows: int, name: str
 ) -> tuple[Program, vectors.Vectors]:
     """Program and vectors of a blob whose CRC is right."""
-    code = {32: "f", 64: "d"}.get(bits)
     lines = _layout_lines(content)
-    if code is None or hashlib.sha256("\n".join(lines).encode()).digest()[:8] != digest:
+    if bits not in CODES or hashlib.sha256("\n".join(lines).encode()).digest()[:8] != digest:
         raise CoefficientError(
             f"{name}: its layout is not the one it states", hint="export it again"
         )
     try:
         lengths: dict[str, int] = dict(json.loads(lines[-1])["tables"])
-        bare = layout.program(lines[:-1], {}, name)
-        inputs, outputs = (
-            [entry.name for entry in side]
-            for side in (bare.structure.inputs, bare.structure.outputs)
-        )
+        structure = layout.program(lines[:-1], {}, name).structure
+        inputs = [entry.name for entry in structure.inputs]
+        outputs = [output.name for output in structure.outputs]
         width = len(inputs) + len(outputs) + 2
         total = count + len(outputs) + rows * width
-        numbers = struct.unpack_from(f"<{total}{code}", content, HEADER.size)
+        numbers = struct.unpack_from(f"<{total}{CODES[bits]}", content, HEADER.size)
     except (ValueError, KeyError, TypeError, struct.error) as error:
         raise CoefficientError(
             f"{name}: its layout cannot be read: {error}", hint="export it again"
         ) from None
-    program = layout.program(lines[:-1], _tables(lengths, numbers), name)
+    ends = list(itertools.accumulate(lengths.values(), initial=0))
+    tables = {
+        table: numbers[start:end]
+        for table, (start, end) in zip(lengths, itertools.pairwise(ends), strict=True)
+    }
     flat = numbers[count + len(outputs) :]
     columns = [flat[k::width] for k in range(width)]
-    # a result may have the name of an input: accel_x_g is corrected to accel_x_g
-    given, results = (
-        dict(zip(inputs, columns, strict=False)),
-        dict(zip(outputs, columns[len(inputs) :], strict=False)),
-    )
     updates, status = (tuple(map(int, column)) for column in columns[-2:])
-    stated = vectors.Vectors(given, updates, results, status)
-    return program, stated
-
-
-def _tables(lengths: Mapping[str, int], numbers: tuple[float, ...]) -> dict[str, tuple[float, ...]]:
-    """Tables from the numbers in their order."""
-    tables, start = {}, 0
-    for table, length in lengths.items():
-        tables[table] = numbers[start : start + length]
-        start += length
-    return tables
+    stated = vectors.Vectors(
+        dict(zip(inputs, columns, strict=False)),  # a result may have the name of an input
+        updates,
+        dict(zip(outputs, columns[len(inputs) :], strict=False)),
+        status,
+    )
+    return layout.program(lines[:-1], tables, name), stated
 
 
 def _layout_lines(content: bytes) -> list[str]:

@@ -16,7 +16,7 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from calibkit.firmware import exact, ranges
-from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Slope, Sum
+from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Select, Slope, Sum
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -31,35 +31,30 @@ itself.
 """
 
 
-def of(chain: Chain, program: Program) -> dict[str, float]:
-    """Bound of each output in its unit, two digits rounded up; of a chain that sums, what one
-    update may add to it.
+def find_bounds(chain: Chain, program: Program) -> dict[str, float]:
+    """Bound of each output in its unit, two digits rounded up; of a chain that sums, the largest
+    error that one update may add.
     """
-    known = ranges.of(chain, usual=True)
-    states = [step.name for step in chain.structure.memories if step.source in chain.gains]
-    start = _Analysis(chain, program, known, dict.fromkeys(states, 0.0)).run()
-    columns = [
-        _Analysis(chain, program, known, {s: float(s == state) for s in states}).run()
-        for state in states
-    ]
-    sources = [step.source for step in chain.structure.memories if step.source in chain.gains]
-    growth = [
-        [columns[k].inner[source] - start.inner[source] for k in range(len(states))]
-        for source in sources
-    ]
-    settled = _settled(growth, [start.inner[source] for source in sources])
-    done = _Analysis(chain, program, known, dict(zip(states, settled, strict=True))).run()
+    known = ranges.find_ranges(chain, usual=True)
+    driven = [memory for memory in chain.structure.memories if memory.source in chain.gains]
+    rest = {memory.name: 0.0 for memory in driven}
+    start = _Analysis(chain, program, known, rest).run().inner
+    columns = [_Analysis(chain, program, known, rest | {m.name: 1.0}).run().inner for m in driven]
+    growth = [[column[m.source] - start[m.source] for column in columns] for m in driven]
+    settled = _settled(growth, [start[m.source] for m in driven])
+    states = {m.name: error for m, error in zip(driven, settled, strict=True)}
+    errors = _Analysis(chain, program, known, states).run().errors
     found = {}
     for output in chain.structure.outputs:
         last = 0.0
         if program.format.fixed and program.word > program.format.bits:
             last = 0.5 * 2.0 ** -program.scales[f"out.{output.name}"]
-        found[output.name] = _rounded_up((done.errors[output.source] + last) * ALLOWANCE)
+        found[output.name] = _rounded_up((errors[output.source] + last) * ALLOWANCE)
     return found
 
 
 def _settled(growth: Sequence[Sequence[float]], fed: Sequence[float]) -> list[float]:
-    """Errors e = growth · e + fed of remembered values that have run for ever."""
+    """Errors e = growth · e + fed of remembered values after any number of updates."""
     size = range(len(fed))
     matrix = [[Fraction(int(i == j)) - Fraction(growth[i][j]) for j in size] for i in size]
     return [float(x) for x in exact.solve(matrix, [Fraction(x) for x in fed])]
@@ -121,31 +116,32 @@ class _Analysis:
             return 0.5 * 2.0 ** -self.program.scales[scale] if places > 0 else 0.0
         return float(2.0**-self.program.format.bits) * reach
 
-    def step(self, step: Step, errors: Mapping[str, float]) -> float:  # noqa: PLR0911 (one return a kind of step)
+    def step(self, step: Step, errors: Mapping[str, float]) -> float:  # noqa: PLR0911 (one return per kind of step)
         """Error of one step."""
-        if isinstance(step, Map):
-            return self.map(step, errors)
-        if isinstance(step, Sum):
-            return self.sum(step, errors)
-        if isinstance(step, Limit):
-            return errors[step.source] + max(
-                self.off(step.table, self.program.scales.get(step.name, 0))
-            )
-        if isinstance(step, Memory):
-            if step.name in self.states:
-                return self.states[step.name]
-            return errors.get(step.source, 0.0) if step.start == "same" else 0.0
-        if isinstance(step, Quotient):
-            return self.quotient(step, errors)
-        if isinstance(step, Slope):
-            return self.slope(step, errors)
-        # a fixed-point word is shifted to the scale of the selection
-        return max(errors[case.value] for case in step.cases) + self.rounding(0.0, step.name)
+        match step:
+            case Map():
+                return self.map(step, errors)
+            case Sum():
+                return self.sum(step, errors)
+            case Limit():
+                scale = self.program.scales.get(step.name, 0)
+                return errors[step.source] + max(self.off(step.table, scale))
+            case Memory():
+                if step.name in self.states:
+                    return self.states[step.name]
+                return errors.get(step.source, 0.0) if step.start == "same" else 0.0
+            case Quotient():
+                return self.quotient(step, errors)
+            case Slope():
+                return self.slope(step, errors)
+            case Select():  # a fixed-point word is shifted to the scale of the selection
+                chosen = max(errors[case.value] for case in step.cases)
+                return chosen + self.rounding(0.0, step.name)
 
     def map(self, step: Map, errors: Mapping[str, float]) -> float:
         """u: the difference, the reciprocal, the product, the limits."""
         scales = self.program.scales
-        middle, inverse = self.off(step.table, scales.get(step.source, 0))[0], 0.0
+        middle = self.off(step.table, scales.get(step.source, 0))[0]
         inverse = self.off(step.table, scales.get(f"{step.table}.reciprocal", 0))[1]
         reciprocal, reach = float(self.chain.tables[step.table][1]), self.reach(step.name)
         distance = reach / reciprocal
@@ -168,27 +164,17 @@ class _Analysis:
             shared.setdefault(entry.factors, []).append(parts[0])
             partial += ranges.magnitude(parts[-1])
             if number and not self.program.format.fixed:
-                total += self.rounding(
-                    min(float(partial), self.whole(step, number, float(partial))), step.name
-                )
+                last = number == len(step.terms) - 1  # the sum itself may have a bound of its own
+                reach = min(float(partial), self.reach(step.name)) if last else float(partial)
+                total += self.rounding(reach, step.name)
         for factors, coefficients in shared.items():
-            together = (
-                sum((low for low, _ in coefficients), Fraction(0)),
-                sum((h for _, h in coefficients), Fraction(0)),
-            )
             reaches = [self.reach(name) for name in factors]
             for k, name in enumerate(factors):
-                others = float(ranges.magnitude(together))
+                others = float(ranges.magnitude(ranges.total(coefficients)))
                 for j, reach in enumerate(reaches):
                     others *= reach if j != k else 1.0
                 total += others * errors[name]
         return total
-
-    def whole(self, step: Sum, number: int, partial: float) -> float:
-        """Magnitude of the last partial sum is that of the sum itself, which may have a bound of
-        its own.
-        """
-        return self.reach(step.name) if number == len(step.terms) - 1 else partial
 
     def term(self, step: Sum, number: int, entry: Term, errors: Mapping[str, float]) -> float:
         """Rounding of a term's polynomial and products, the factors taken as exact."""

@@ -26,7 +26,7 @@ STATUS = {
     "HELD": "the air is at rest, or moves on a side that was not fitted: the drift is held",
     "DRIFT_LIMITED": "the summed drift reached its limit: reset or anchor it",
 }
-"""What each status means."""
+"""Status → its meaning."""
 
 
 def render(export: Export) -> str:
@@ -42,11 +42,11 @@ def render(export: Export) -> str:
         statuses(export),
         _scales(export) if export.program.format.fixed else "",
         structs(export),
-        functions(export),
+        prototypes(export),
         "#ifdef __cplusplus\n}\n#endif\n",
         f"#endif /* {guard} */\n",
     ]
-    return c_text.sealed(c_text.named("\n".join(part for part in parts if part), export.prefix))
+    return c_text.seal(c_text.fill_prefix("\n".join(part for part in parts if part), export.prefix))
 
 
 def _identity(export: Export) -> str:
@@ -62,62 +62,58 @@ def _identity(export: Export) -> str:
 
 
 def statuses(export: Export) -> str:
-    """One bit a status."""
-    lines = ["/* status: 0, or the sum of */", "#define @P_OK 0x0000U"]
-    for k, flag in enumerate(export.chain.structure.flags):
-        lines.append(f"#define @P_{flag} 0x{1 << k:04x}U /* {STATUS[flag]} */")
-    none = (
-        "no number in, no number out"
-        if export.chain.structure.interval_s is None
-        else "drift and state are held"
-    )
-    kind = (
-        "the word that stands for no number"
-        if export.program.format.fixed
-        else "a NaN or an infinity"
-    )
-    lines.append(f"#define @P_INVALID 0x{INVALID:04x}U /* an input is {kind}: {none} */")
+    """One bit per status."""
+    structure, fixed = export.structure, export.program.format.fixed
+    none = "drift and state are held" if structure.has_memory else "no number in, no number out"
+    kind = "the word that stands for no number" if fixed else "a NaN or an infinity"
+    lines = [
+        "/* status: 0, or the sum of */",
+        "#define @P_OK 0x0000U",
+        *(
+            f"#define @P_{flag} 0x{1 << k:04x}U /* {STATUS[flag]} */"
+            for k, flag in enumerate(structure.flags)
+        ),
+        f"#define @P_INVALID 0x{INVALID:04x}U /* an input is {kind}: {none} */",
+    ]
     return "\n".join(lines) + "\n"
 
 
 def _scales(export: Export) -> str:
     """Fixed point: how many fraction bits each quantity has."""
-    scales, lines = (
-        export.program.scales,
-        ["/* a word stands for word * 2^-BITS of the unit; the least word for no number */"],
-    )
-    structure = export.chain.structure
-    lines += [
-        f"#define @P_IN_{entry.name.upper()}_BITS ({scales[entry.name]})"
-        for entry in structure.inputs
-    ]
-    lines += [
-        f"#define @P_OUT_{o.name.upper()}_BITS ({scales[f'out.{o.name}']})"
-        for o in structure.outputs
-    ]
+    scales, structure = export.program.scales, export.structure
     word = "INT32_MIN" if export.program.format.bits == 32 else "INT16_MIN"
-    return "\n".join([*lines, f"#define @P_NO_NUMBER {word}"]) + "\n"
+    lines = [
+        "/* a word stands for word * 2^-BITS of the unit; the least word for no number */",
+        *(
+            f"#define @P_IN_{entry.name.upper()}_BITS ({scales[entry.name]})"
+            for entry in structure.inputs
+        ),
+        *(
+            f"#define @P_OUT_{o.name.upper()}_BITS ({scales[f'out.{o.name}']})"
+            for o in structure.outputs
+        ),
+        f"#define @P_NO_NUMBER {word}",
+    ]
+    return "\n".join(lines) + "\n"
 
 
-def structs(export: Export) -> str:
-    """Inputs, outputs and what is kept between updates."""
-    structure, program = export.chain.structure, export.program
-    kind = program.format.c_type
+def structs(export: Export, *, ranges: bool = True) -> str:
+    """Inputs, with their ranges unless left out, outputs and what is kept between updates."""
+    structure, tables = export.structure, export.chain.tables
+    kind = export.program.format.c_type
     lines = ["typedef struct {"]
     for entry in structure.inputs:
-        low, high = export.chain.tables[entry.table]
-        lines.append(
-            f"    {kind} {entry.name}; /* [{entry.unit}] {entry.meaning}; {float(low):.6g} to"
-            f" {float(high):.6g} */"
-        )
+        low, high = tables[entry.table]
+        reach = f"; {float(low):.6g} to {float(high):.6g}" if ranges else ""
+        lines.append(f"    {kind} {entry.name}; /* [{entry.unit}] {entry.meaning}{reach} */")
     lines += ["} @p_in;", "", "typedef struct {"]
     lines += [
         f"    {kind} {output.name}; /* [{output.unit}] {output.meaning} */"
         for output in structure.outputs
     ]
     lines.append("} @p_out;")
-    if structure.interval_s is not None:
-        word = "int32_t" if program.format.fixed else kind
+    if structure.has_memory:
+        word = "int32_t" if export.program.format.fixed else kind
         lines += ["", "typedef struct { /* call @p_reset before the first update */"]
         lines += [f"    {word} {memory.source};" for memory in structure.memories]
         lines += [f"    {word} {slope.name}_history[{slope.length}];" for slope in structure.slopes]
@@ -127,29 +123,29 @@ def structs(export: Export) -> str:
     return "\n".join(lines) + "\n"
 
 
-def functions(export: Export) -> str:
-    """Prototypes."""
-    structure, lines = export.chain.structure, []
-    if structure.interval_s is None:
-        lines.append(
-            "/* corrects one set of indications; returns a status, of which 0 is all right */"
-        )
-        lines.append("uint32_t @p_correct(const @p_in *in, @p_out *out);")
-    else:
-        lines.append("/* forgets the past: the next update starts at rest, in equilibrium */")
-        lines.append("void @p_reset(@p_state *state);")
-        if structure.summing:
-            lines.append(
-                "/* sets the drift where a bias reference tells it, in the unit of the output */"
-            )
-            lines.append(
-                f"void @p_anchor(@p_state *state, {export.program.format.c_type} drift_dph);"
-            )
-        lines.append(
-            f"/* call it every {structure.interval_s:g} s; returns a status, of which 0 is all"
-            " right */"
-        )
-        lines.append("uint32_t @p_update(@p_state *state, const @p_in *in, @p_out *out);")
+def prototypes(export: Export) -> str:
+    """Functions that the application calls."""
+    structure = export.structure
+    lines = [
+        "/* corrects one set of indications; returns a status, of which 0 is all right */",
+        "uint32_t @p_correct(const @p_in *in, @p_out *out);",
+    ]
+    if structure.has_memory:
+        name = structure.outputs[0].name
+        anchor = [
+            "/* sets the drift where a bias reference tells it, in the unit of the output */",
+            f"void @p_anchor(@p_state *state, {export.program.format.c_type} {name});",
+        ]
+        lines = [
+            "/* forgets the past: the next update starts at rest, in equilibrium */",
+            "void @p_reset(@p_state *state);",
+            *(anchor if structure.summing else []),
+            (
+                f"/* call it every {structure.interval_s:g} s; returns a status, of which 0 is all"
+                " right */"
+            ),
+            "uint32_t @p_update(@p_state *state, const @p_in *in, @p_out *out);",
+        ]
     return "\n".join([*lines, *SELFTEST]) + "\n"
 
 

@@ -1,6 +1,40 @@
-"""The few functions that every generated source brings along, only those that it calls."""
+"""Helper functions of the generated sources; a source holds only those that it calls."""
 
 from __future__ import annotations
+
+
+def _slope(value: str, weight: str, arguments: str, product: str) -> str:
+    """Function of a slope for types of values and weights, its last arguments, and the product of a
+    weight and a difference.
+    """
+    return f"""
+/* rate of the last values, history[0] the newest: sum of w[i - 1] (history[i] - history[0]) */
+static {value} @p_slope({value} history[], {value} x, uint32_t updates, const {weight} weights[], {arguments})
+{{
+    uint32_t count = @P_WINDOW;
+    {value} rate = @zero;
+    uint32_t i;
+
+    if (updates < @P_WINDOW) {{
+        count = updates + 1U;
+    }}
+    for (i = @P_WINDOW - 1U; i > 0U; i--) {{
+        history[i] = history[i - 1U];
+    }}
+    history[0] = x;
+    if (count < @P_WINDOW_LEAST) {{
+        *status |= flag;
+    }} else {{
+        const {weight} *w = &weights[(count - @P_WINDOW_LEAST) * (@P_WINDOW - 1U)];
+
+        for (i = 1U; i < count; i++) {{
+            rate += {product};
+        }}
+    }}
+    return rate;
+}}
+"""
+
 
 FLOAT = {
     "limited": (
@@ -49,35 +83,11 @@ static @real @p_polynomial(const @real c[], uint32_t count, @real x)
 }
 """
     ),
-    "slope": (
-        """
-/* rate of the last values, history[0] the newest: sum of w[i - 1] (history[i] - history[0]) */
-static @real @p_slope(@real history[], @real x, uint32_t updates, const @real weights[], uint32_t flag,
-                      uint32_t *status)
-{
-    uint32_t count = @P_WINDOW;
-    @real rate = @zero;
-    uint32_t i;
-
-    if (updates < @P_WINDOW) {
-        count = updates + 1U;
-    }
-    for (i = @P_WINDOW - 1U; i > 0U; i--) {
-        history[i] = history[i - 1U];
-    }
-    history[0] = x;
-    if (count < @P_WINDOW_LEAST) {
-        *status |= flag;
-    } else {
-        const @real *w = &weights[(count - @P_WINDOW_LEAST) * (@P_WINDOW - 1U)];
-
-        for (i = 1U; i < count; i++) {
-            rate += w[i - 1U] * (history[i] - history[0]);
-        }
-    }
-    return rate;
-}
-"""
+    "slope": _slope(
+        "@real",
+        "@real",
+        "uint32_t flag,\n                      uint32_t *status",
+        "w[i - 1U] * (history[i] - history[0])",
     ),
     "finite": (
         """
@@ -186,35 +196,11 @@ static int32_t @p_quotient(int32_t numerator, int32_t denominator, uint32_t plac
 }
 """
     ),
-    "slope": (
-        """
-/* rate of the last values, history[0] the newest: sum of w[i - 1] (history[i] - history[0]) */
-static int32_t @p_slope(int32_t history[], int32_t x, uint32_t updates, const @word weights[], uint32_t places,
-                        uint32_t flag, uint32_t *status)
-{
-    uint32_t count = @P_WINDOW;
-    int32_t rate = 0;
-    uint32_t i;
-
-    if (updates < @P_WINDOW) {
-        count = updates + 1U;
-    }
-    for (i = @P_WINDOW - 1U; i > 0U; i--) {
-        history[i] = history[i - 1U];
-    }
-    history[0] = x;
-    if (count < @P_WINDOW_LEAST) {
-        *status |= flag;
-    } else {
-        const @word *w = &weights[(count - @P_WINDOW_LEAST) * (@P_WINDOW - 1U)];
-
-        for (i = 1U; i < count; i++) {
-            rate += @p_scaled(w[i - 1U], history[i] - history[0], places);
-        }
-    }
-    return rate;
-}
-"""
+    "slope": _slope(
+        "int32_t",
+        "@word",
+        "uint32_t places,\n                        uint32_t flag, uint32_t *status",
+        "@p_scaled(w[i - 1U], history[i] - history[0], places)",
     ),
     "narrow": (
         """
@@ -238,22 +224,14 @@ NEEDS = {
     "slope": ("scaled", "rounded"),
     "narrow": ("rounded", "limited"),
 }
-"""What a helper calls."""
+"""Helper → the helpers that it calls, directly or through another."""
 
 
-def wanted(body: str, *, fixed: bool) -> list[str]:
+def called_helpers(body: str, *, fixed: bool) -> list[str]:
     """Helpers that a source calls, directly or through another, in the order in which C must see
     them.
     """
-    table, found = (FIXED if fixed else FLOAT), set()
-
-    def add(name: str) -> None:
-        if name in table and name not in found:
-            found.add(name)
-            for other in NEEDS.get(name, ()):
-                add(other)
-
-    for name in table:
-        if f"@p_{name}(" in body:
-            add(name)
-    return [table[name] for name in table if name in found]
+    table = FIXED if fixed else FLOAT
+    called = {name for name in table if f"@p_{name}(" in body}
+    called |= {other for name in called for other in NEEDS.get(name, ())}
+    return [text.lstrip("\n") for name, text in table.items() if name in called]

@@ -1,18 +1,17 @@
-"""C99 that takes a chain's numbers from a blob: one loader for all units of a layout, one blob a
-unit.
+"""C99 that takes a chain's numbers from a blob: one loader for all devices of a layout, one blob per
+device.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from calibkit.firmware import blob, c_header, c_helpers, c_reader, c_source, c_text
-from calibkit.firmware.chain import Limit, Map, Slope, Sum
+from calibkit.firmware import blob, c_header, c_helpers, c_reader, c_selftest, c_source, c_text
+from calibkit.firmware.chain import Limit, Slope, Sum
 from calibkit.firmware.twin import INVALID
 
 if TYPE_CHECKING:
     from calibkit.firmware.blob import Shape
-    from calibkit.firmware.chain import Structure
     from calibkit.firmware.export import Export
 
 NOT_LOADED = 0x4000
@@ -48,7 +47,7 @@ CONTENT = f"""        for (k = 0U; k < 8U; k++) {{
             @p_ready = 1U;
         }}
 """
-"""What becomes of a blob whose frame and CRC are right."""
+"""What is done with a blob whose frame and CRC are right."""
 LOAD = """/* takes the numbers of a blob, which must stay where it is for @p_selftest; 0 = loaded; until then, and after a
    rejection, nothing is corrected */
 uint32_t @p_load(const uint8_t blob[], uint32_t size);
@@ -100,6 +99,20 @@ static @real @p_none(void)
     return number.value;
 }
 """
+SELFTEST = """#ifndef CAL_NO_SELFTEST
+int32_t @p_selftest(void)
+{
+    int32_t failed = 1;
+
+    if (@p_ready != 0U) {
+        failed = (@p_hold(@p_tests) != 0U) ? 0 : 1;
+    }
+    return failed;
+}
+#endif
+"""
+"""Self-test of what was loaded."""
+MAP_FIELDS = [".middle", ".reciprocal", ".range[0]", ".range[1]"]
 TAKE = {
     24: ("uint32_t", "@p_u32(bytes)", "0x7FC00000U"),
     53: (
@@ -125,18 +138,18 @@ def header(export: Export) -> bytes:
         + f"#define @P_NOT_LOADED 0x{NOT_LOADED:04x}U /* no blob was accepted: no number out (with"
         " @P_INVALID) */\n",
         "/* what @p_load returns */\n" + "\n".join(reasons) + "\n",
-        _structs(export),
+        c_header.structs(export, ranges=False),
         LOAD,
-        c_header.functions(export),
+        c_header.prototypes(export),
         "#ifdef __cplusplus\n}\n#endif\n",
         f"#endif /* {guard} */\n",
     ]
-    return c_text.sealed(c_text.named("\n".join(parts), export.prefix)).encode("ascii")
+    return c_text.seal(c_text.fill_prefix("\n".join(parts), export.prefix)).encode("ascii")
 
 
 def _title(export: Export, found: Shape) -> list[str]:
-    """What stands at the top of both files; nothing in it is one unit's own."""
-    structure = export.chain.structure
+    """Text at the top of both files; nothing in it belongs to one device."""
+    structure = export.structure
     number = export.program.format.name
     return [
         f"{export.prefix}: {c_reader.LOADER}, correction chain as firmware; C99, no library",
@@ -153,37 +166,30 @@ def _title(export: Export, found: Shape) -> list[str]:
     ]
 
 
-def _structs(export: Export) -> str:
-    """Inputs, outputs and state, without the ranges of a unit."""
-    lines = []
-    for line in c_header.structs(export).splitlines():
-        kept, mark, _ = line.partition("; /* [")
-        tail = line[len(kept) :]
-        lines.append(
-            f"{kept}{tail.rpartition(';')[0]} */" if mark and tail.count(";") > 1 else line
-        )
-    return "\n".join(lines) + "\n"
-
-
 def source(export: Export) -> bytes:
     """Source of the loader: empty tables, what fills them, the chain, and a wrapper that corrects
     nothing before.
     """
     found = blob.shape(export.program)
-    chain = c_source.functions(export)
-    for name in ("correct", "update"):
-        chain = chain.replace(f"uint32_t @p_{name}(", "static uint32_t @p_evaluated(")
     bits, take, nan = TAKE[export.program.format.bits]
-    bytes_ = (
+    numbers = (
         BYTES.lstrip("\n")
         .replace("@bits bits", f"{bits} bits")
         .replace("@take", take)
         .replace("@nan", nan)
     )
-    load = "\n".join(
-        [c_helpers.NEAR, _fill(export, found), _sane(export, found), _vectors(export), _load(found)]
+    body = "\n".join(
+        [
+            c_source.functions(export, "evaluated"),
+            _wrapper(export),
+            c_helpers.NEAR,
+            _fill(export, found),
+            _sane(export, found),
+            _vectors(export),
+            _load(found),
+            SELFTEST,
+        ]
     )
-    body = "\n".join([chain, _wrapper(export), load, _selftest()])
     parts = [
         c_text.comment([*_title(export, found), "", c_source.CONTRACT[False]]),
         f'#include "{export.prefix}.h"\n',
@@ -191,19 +197,17 @@ def source(export: Export) -> bytes:
         c_source.windows(export),
         _places(export, found),
         _tables(export, found),
-        *(helper.lstrip("\n") for helper in c_helpers.wanted(body, fixed=False)),
-        bytes_,
+        *c_helpers.called_helpers(body, fixed=False),
+        numbers,
         body,
-        "\n".join(["/*", *(f" * {line}" for line in ("The steps above:", *found.lines)), " */"])
-        + "\n",
+        c_source.listing("The steps above:", found.lines),
     ]
-    text = "\n".join(part for part in parts if part)
-    return c_text.sealed(c_text.named(c_source.typed(text, export), export.prefix)).encode("ascii")
+    return c_source.seal_source(parts, export).encode("ascii")
 
 
 def _places(export: Export, found: Shape) -> str:
     """Where things are in a blob."""
-    structure, size = export.chain.structure, 4 if export.program.format.bits == 24 else 8
+    structure, size = export.structure, export.program.format.size
     tests = blob.HEADER.size + size * found.numbers
     width = len(structure.inputs) + len(structure.outputs) + 2
     needed = tests + size * (len(structure.outputs) + width * len(export.vectors.status)) + 4
@@ -213,36 +217,38 @@ def _places(export: Export, found: Shape) -> str:
     )
 
 
-def _maps(export: Export) -> set[str]:
-    """Tables that are structs."""
-    return {step.table for step in export.chain.structure.steps if isinstance(step, Map)}
-
-
-def _indexed(export: Export) -> set[str]:
-    """Tables that the chain indexes; the others are single numbers."""
-    structure = export.chain.structure
-    found = {entry.table for entry in structure.inputs}
+def _members(export: Export, found: Shape) -> dict[str, list[str]]:
+    """Table → what its numbers are called in C: fields of a map, entries of what the chain indexes,
+    else one number.
+    """
+    structure = export.structure
+    maps = {step.table for step in structure.maps}
+    indexed = {entry.table for entry in structure.inputs}
     for step in structure.steps:
         if isinstance(step, Limit | Slope):
-            found.add(step.table)
+            indexed.add(step.table)
         elif isinstance(step, Sum):
-            found |= {term.table for term in step.terms if term.table and term.over}
-    return found
+            indexed |= {term.table for term in step.terms if term.table and term.over}
+    members = {}
+    for name, length in found.tables:
+        ends = [f"[{k}]" for k in range(length)] if name in indexed else [""]
+        members[name] = MAP_FIELDS if name in maps else ends
+    return members
 
 
 def _tables(export: Export, found: Shape) -> str:
     """Empty tables."""
-    maps, indexed, lines = _maps(export), _indexed(export), []
-    if maps:
+    lines = []
+    if export.structure.maps:
         lines.append(
             "typedef struct {\n    @real middle;\n    @real reciprocal;\n    @real range[2];\n}"
             " @p_map;\n"
         )
-    for name, length in found.tables:
-        if name in maps:
+    for name, ends in _members(export, found).items():
+        if ends is MAP_FIELDS:
             lines.append(f"static @p_map @p_{name};")
         else:
-            lines.append(f"static @real @p_{name}{f'[{length}]' if name in indexed else ''};")
+            lines.append(f"static @real @p_{name}{f'[{len(ends)}]' if ends[0] else ''};")
     lines += ["static uint32_t @p_ready = 0U; /* 1: a blob was accepted */"]
     lines += [
         "static const uint8_t *@p_tests = (const uint8_t *)0; /* its tolerances and vectors */"
@@ -251,19 +257,9 @@ def _tables(export: Export, found: Shape) -> str:
 
 
 def _fill(export: Export, found: Shape) -> str:
-    """Function that takes every number of a blob; it says whether all are finite."""
-    maps, indexed = _maps(export), _indexed(export)
-    size = 4 if export.program.format.bits == 24 else 8
-    places: list[str] = []
-    for name, length in found.tables:
-        if name in maps:
-            places += [
-                f"@p_{name}.{field}" for field in ("middle", "reciprocal", "range[0]", "range[1]")
-            ]
-        elif name in indexed:
-            places += [f"@p_{name}[{k}]" for k in range(length)]
-        else:
-            places.append(f"@p_{name}")
+    """Function that takes every number of a blob; it returns whether all are finite."""
+    size, members = export.program.format.size, _members(export, found)
+    places = [f"@p_{name}{end}" for name, ends in members.items() for end in ends]
     lines = [
         "static uint32_t @p_fill(const uint8_t at[])",
         "{",
@@ -281,77 +277,58 @@ def _fill(export: Export, found: Shape) -> str:
 
 
 def _sane(export: Export, found: Shape) -> str:
-    """Function that says whether every range has a width."""
-    checks = [
-        f"(@p_{entry.table}[0] < @p_{entry.table}[1])" for entry in export.chain.structure.inputs
+    """Function that returns whether every range has a width."""
+    ranges = [entry.table for entry in export.structure.inputs]
+    ranges += [
+        f"{name}.range" for name, ends in _members(export, found).items() if ends is MAP_FIELDS
     ]
-    checks += [
-        f"(@p_{name}.range[0] < @p_{name}.range[1])"
-        for name, _ in found.tables
-        if name in _maps(export)
-    ]
-    test = "\n        && ".join(dict.fromkeys(checks))
+    checks = [f"(@p_{name}[0] < @p_{name}[1])" for name in dict.fromkeys(ranges)]
+    test = "\n        && ".join(checks)
     return f"static uint32_t @p_sane(void)\n{{\n    return ({test}) ? 1U : 0U;\n}}\n"
 
 
 def _vectors(export: Export) -> str:
     """Function that runs the vectors of a blob."""
-    structure, size = export.chain.structure, 4 if export.program.format.bits == 24 else 8
+    structure, size = export.structure, export.program.format.size
     inputs, outputs = structure.inputs, structure.outputs
     width, first = len(inputs) + len(outputs) + 2, len(outputs)
-    memory = structure.interval_s is not None
-    checks = [f"(status != (uint32_t)@p_number(&row[{size * (width - 1)}]))"]
-    checks += [
+    differences = [f"(status != (uint32_t)@p_number(&row[{size * (width - 1)}]))"]
+    differences += [
         f"(@p_near(out.{output.name}, @p_number(&row[{size * (len(inputs) + k)}]),"
         f" @p_number(&at[{size * k}])) == 0U)"
         for k, output in enumerate(outputs)
     ]
-    rows = len(export.vectors.status)
+    call = ["status = @p_evaluated(&in, &out);"]
+    if structure.has_memory:
+        call = c_selftest.updating_lines(structure, "updates", "@p_evaluated(&state, &in, &out)")
+        place = 1 if structure.summing else 0  # behind the reset
+        call.insert(place, f"updates = (uint32_t)@p_number(&row[{size * (width - 2)}]);")
+    body = [
+        f"const uint8_t *row = &at[({first}U + (k * {width}U)) * {size}U];",
+        "@p_in in;",
+        "@p_out out;",
+        "uint32_t status = @P_OK;",
+        *(["uint32_t updates;", "uint32_t n;"] if structure.has_memory else []),
+        "",
+        *(f"in.{entry.name} = @p_number(&row[{size * k}]);" for k, entry in enumerate(inputs)),
+        *call,
+    ]
     lines = [
         "/* whether the chain gives what the blob says it gives */",
-        "static uint32_t @p_hold(const uint8_t at[])",
-        "{",
-        "    uint32_t holds = 1U;",
-        "    uint32_t k;",
-        *(["    @p_state state;"] if memory else []),
-        *(["", "    @p_reset(&state);"] if memory and not structure.summing else [""]),
-        f"    for (k = 0U; k < {rows}U; k++) {{",
-        f"        const uint8_t *row = &at[({first}U + (k * {width}U)) * {size}U];",
-        "        @p_in in;",
-        "        @p_out out;",
-        "        uint32_t status = @P_OK;",
-        *(["        uint32_t updates;", "        uint32_t n;"] if memory else []),
-        "",
-        *(
-            f"        in.{entry.name} = @p_number(&row[{size * k}]);"
-            for k, entry in enumerate(inputs)
+        *c_selftest.comparing_function(
+            structure,
+            "static uint32_t @p_hold(const uint8_t at[])",
+            ("uint32_t holds", "1U", "0U"),
+            f"{len(export.vectors.status)}U",
+            body,
+            differences,
         ),
-        *_calls(structure, size * (width - 2)),
-        "        if (" + "\n            || ".join(checks) + ") {",
-        "            holds = 0U;",
-        "        }",
-        "    }",
-        "    return holds;",
-        "}",
     ]
     return "\n".join(lines) + "\n"
 
 
-def _calls(structure: Structure, updates_at: int) -> list[str]:
-    """Lines that evaluate one vector, as often as it says where the chain has memory."""
-    if structure.interval_s is None:
-        return ["        status = @p_evaluated(&in, &out);"]
-    return [
-        *(["        @p_reset(&state);"] if structure.summing else []),
-        f"        updates = (uint32_t)@p_number(&row[{updates_at}]);",
-        "        for (n = 0U; n < updates; n++) {",
-        "            status = @p_evaluated(&state, &in, &out);",
-        "        }",
-    ]
-
-
 def _load(found: Shape) -> str:
-    """Function that accepts a blob or says why not."""
+    """Function that accepts a blob or returns why not."""
     layout = [f"0x{byte:02x}U" for byte in found.digest]
     return f"""uint32_t @p_load(const uint8_t blob[], uint32_t size)
 {{
@@ -382,7 +359,7 @@ def _load(found: Shape) -> str:
 
 def _wrapper(export: Export) -> str:
     """The function that the application calls."""
-    memory = export.chain.structure.interval_s is not None
+    memory = export.structure.has_memory
     name = "update" if memory else "correct"
     state, passed = ("@p_state *state, ", "state, ") if memory else ("", "")
     lines = [
@@ -393,25 +370,9 @@ def _wrapper(export: Export) -> str:
         "    if (@p_ready != 0U) {",
         f"        status = @p_evaluated({passed}in, out);",
         "    } else {",
-        *(f"        out->{output.name} = @p_none();" for output in export.chain.structure.outputs),
+        *(f"        out->{output.name} = @p_none();" for output in export.structure.outputs),
         "    }",
         "    return status;",
         "}",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _selftest() -> str:
-    """Self-test of what was loaded."""
-    return """#ifndef CAL_NO_SELFTEST
-int32_t @p_selftest(void)
-{
-    int32_t failed = 1;
-
-    if (@p_ready != 0U) {
-        failed = (@p_hold(@p_tests) != 0U) ? 0 : 1;
-    }
-    return failed;
-}
-#endif
-"""

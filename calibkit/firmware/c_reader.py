@@ -1,5 +1,5 @@
-"""A generated C source read again: its digest, its numbers, its steps, and its vectors worked out
-anew.
+"""A generated C source read again: its digest, its numbers and its steps; its vectors are computed
+again.
 """
 
 from __future__ import annotations
@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 from calibkit.errors import CoefficientError
 from calibkit.firmware import c_text, layout, vectors
-from calibkit.firmware.chain import Map
 
 if TYPE_CHECKING:
     from calibkit.firmware.formats import Format
@@ -28,7 +27,7 @@ INCLUDE = re.compile(r'^#include "(\w+)\.h"$', re.MULTILINE)
 
 def verify_header(name: str, content: bytes) -> str:
     """Check a header's digest; returns what it is."""
-    text = c_text.unsealed(_ascii(name, content), name)
+    text = c_text.unseal(content, name)
     if LOADER in text[:200]:
         return "C header of a loader of blobs"
     return f"C header of {_found(DEVICE, text, name)}{_mark(text)}"
@@ -38,15 +37,11 @@ def verify_source(name: str, content: bytes) -> str:
     """Check a source's digest and recompute its vectors from its own numbers; returns what it
     is.
     """
-    text = c_text.unsealed(_ascii(name, content), name)
+    text = c_text.unseal(content, name)
     if LOADER in text[:200]:
         return "C source of a loader of blobs"
     program, stated = read(text, name)
-    again = vectors.recomputed(program, stated.inputs, stated.updates)
-    if (again.outputs, again.status) != (stated.outputs, stated.status):
-        raise CoefficientError(
-            f"{name}: its vectors are not those of its coefficients", hint="export it again"
-        )
+    vectors.require_recomputed(program, stated, name, of="coefficients")
     count, number = len(stated.status), program.format.name
     return (
         f"C source of {_found(DEVICE, text, name)}, {number}, {count} vectors"
@@ -58,7 +53,7 @@ def read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
     """Program and vectors of a source's text, every number as the compiler reads it."""
     prefix, lines = _found(INCLUDE, text, name), LINE.findall(text)
     bare = layout.program(lines, {}, name)
-    maps = {step.table for step in bare.structure.steps if isinstance(step, Map)}
+    maps = {step.table for step in bare.structure.maps}
     tables = {}
     for found in CONSTANT.finditer(COMMENT.sub("", text)):
         table = found.group(1).removeprefix(f"{prefix}_")
@@ -107,13 +102,3 @@ def _found(pattern: re.Pattern[str], text: str, name: str) -> str:
             f"{name}: not a source that calibkit wrote", hint="verify takes calibkit's own files"
         )
     return found.group(1)
-
-
-def _ascii(name: str, content: bytes) -> str:
-    """Text of a generated file; line ends that an editor or git changed are not forgiven."""
-    try:
-        return content.decode("ascii")
-    except UnicodeDecodeError:
-        raise CoefficientError(
-            f"{name}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
-        ) from None

@@ -1,18 +1,18 @@
-"""The source: tables, helpers, the chain as one function, the self-test, and the steps again for
-`calibkit verify`.
+"""The source: tables, helpers, the chain as one function, the self-test, and the steps as
+`calibkit verify` reads them.
 """
 
 from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from calibkit.firmware import c_helpers, c_steps, c_text, layout, vectors
+from calibkit.firmware import c_helpers, c_selftest, c_steps, c_text, layout
 from calibkit.firmware.chain import Limit, Map, Select, Slope, Sum
 
 if TYPE_CHECKING:
-    from collections.abc import Iterator
+    from collections.abc import Iterator, Sequence
 
-    from calibkit.firmware.chain import Step, Structure
+    from calibkit.firmware.chain import Step
     from calibkit.firmware.export import Export
 
 CONTRACT = {
@@ -42,7 +42,7 @@ COUNTED = (
 def render(export: Export) -> str:
     """Text of the source."""
     fixed = export.program.format.fixed
-    body = "\n".join([functions(export), _selftest(export)])
+    body = "\n".join([functions(export), c_selftest.render(export)])
     title = f"{export.prefix}: correction chain as firmware; C99, no library"
     parts = [
         c_text.comment([title, "", *c_text.facts(export), "", CONTRACT[fixed]]),
@@ -50,16 +50,23 @@ def render(export: Export) -> str:
         "" if fixed else FLOAT_GUARD,
         windows(export),
         _tables(export),
-        *(helper.lstrip("\n") for helper in c_helpers.wanted(body, fixed=fixed)),
+        *c_helpers.called_helpers(body, fixed=fixed),
         body,
-        _listing(export),
+        listing(
+            "The steps above as `calibkit verify` reads them again:", layout.lines(export.program)
+        ),
     ]
+    return seal_source(parts, export)
+
+
+def listing(title: str, lines: Sequence[str]) -> str:
+    """Comment with the steps in a form that is read back."""
+    return "\n".join(["/*", *(f" * {line}" for line in (title, *lines)), " */"]) + "\n"
+
+
+def seal_source(parts: Sequence[str], export: Export) -> str:
+    """Text of the parts with types and prefix filled in, and its digest."""
     text = "\n".join(part for part in parts if part)
-    return c_text.sealed(c_text.named(typed(text, export), export.prefix))
-
-
-def typed(text: str, export: Export) -> str:
-    """Helpers in the types of the number format."""
     program = export.program
     wide = 64 if program.word == 32 else 32
     words = {
@@ -74,12 +81,12 @@ def typed(text: str, export: Export) -> str:
     }
     for mark, word in words.items():
         text = text.replace(mark, word)
-    return text
+    return c_text.seal(c_text.fill_prefix(text, export.prefix))
 
 
 def windows(export: Export) -> str:
     """Lengths of the histories."""
-    slopes = export.chain.structure.slopes
+    slopes = export.structure.slopes
     if not slopes:
         return ""
     return f"#define @P_WINDOW {slopes[0].length}U\n#define @P_WINDOW_LEAST {slopes[0].least}U\n"
@@ -89,7 +96,7 @@ def _tables(export: Export) -> str:
     """Every number of the chain."""
     program, lines = export.program, []
     word = f"int{program.word}_t" if program.format.fixed else program.format.c_type
-    if any(isinstance(step, Map) for step in program.structure.steps):
+    if program.structure.maps:
         fields = "".join(f"    {word} {name};\n" for name in ("middle", "reciprocal", "range[2]"))
         places = "    uint32_t places;\n" if program.format.fixed else ""
         lines.append(f"typedef struct {{\n{fields}{places}}} @p_map;\n")
@@ -105,26 +112,27 @@ def _tables(export: Export) -> str:
 def _step_tables(export: Export, step: Step, word: str) -> Iterator[str]:
     """Tables of one step."""
     program = export.program
-    if isinstance(step, Map):
-        middle, reciprocal, low, high = (program.format.text(x) for x in program.tables[step.table])
-        numbers = [middle, reciprocal, f"{{{low}, {high}}}"]
-        if program.format.fixed:
-            scales = program.scales
-            places = scales[step.source] + scales[f"{step.table}.reciprocal"] - scales[step.name]
-            numbers.append(f"{places}U")
-        yield f"static const @p_map @p_{step.table} = {{{', '.join(numbers)}}};"
-    elif isinstance(step, Limit):
-        yield _array(export, step.table, word, f"least and greatest {step.name}")
-    elif isinstance(step, Slope):
-        yield _array(export, step.table, word, "a row for each number of values")
-    elif isinstance(step, Select):
-        yield from (_scalar(export, case.table, word) for case in step.cases)
-    elif isinstance(step, Sum):
-        for entry in step.terms:
-            if entry.table and entry.over:
-                yield _array(export, entry.table, word, "")
-            elif entry.table:
-                yield _scalar(export, entry.table, word)
+    match step:
+        case Map():
+            texts = [program.format.text(x) for x in program.tables[step.table]]
+            numbers = [*texts[:2], f"{{{texts[2]}, {texts[3]}}}"]
+            if program.format.fixed:
+                numbers.append(f"{program.map_places(step)}U")
+            yield f"static const @p_map @p_{step.table} = {{{', '.join(numbers)}}};"
+        case Limit():
+            yield _array(export, step.table, word, f"least and greatest {step.name}")
+        case Slope():
+            yield _array(export, step.table, word, "a row for each number of values")
+        case Select():
+            yield from (_scalar(export, case.table, word) for case in step.cases)
+        case Sum():
+            for entry in step.terms:
+                if entry.table and entry.over:
+                    yield _array(export, entry.table, word, "")
+                elif entry.table:
+                    yield _scalar(export, entry.table, word)
+        case _:
+            pass
 
 
 def _array(export: Export, name: str, word: str, remark: str) -> str:
@@ -132,7 +140,7 @@ def _array(export: Export, name: str, word: str, remark: str) -> str:
     numbers = [export.program.format.text(x) for x in export.program.tables[name]]
     text = f"static const {word} @p_{name}[{len(numbers)}] = {{{', '.join(numbers)}}};"
     if len(text) > c_text.WIDTH:
-        width = 4 if len(numbers) <= 16 else export.chain.structure.slopes[0].length - 1
+        width = 4 if len(numbers) <= 16 else export.structure.slopes[0].length - 1
         rows = (", ".join(numbers[k : k + width]) for k in range(0, len(numbers), width))
         text = (
             f"static const {word} @p_{name}[{len(numbers)}] = {{\n    "
@@ -150,31 +158,35 @@ def _scalar(export: Export, name: str, word: str) -> str:
     )
 
 
-def functions(export: Export) -> str:
-    """The chain, and what handles its state."""
-    structure = export.chain.structure
+def functions(export: Export, name: str = "") -> str:
+    """The chain as a function, and what handles its state; under another name it is private."""
+    if export.structure.has_memory:
+        return "\n".join([_reset(export), _update(export, name)])
+    return _correct(export, name)
+
+
+def _head(name: str, other: str, arguments: str) -> str:
+    """First line of the chain's function."""
     return (
-        _correct(export)
-        if structure.interval_s is None
-        else "\n".join([_reset(export), _update(export)])
+        f"static uint32_t @p_{other}({arguments})" if other else f"uint32_t @p_{name}({arguments})"
     )
 
 
 def _chain(export: Export) -> list[str]:
     """Inputs and steps as statements."""
     body = c_steps.Body(export.program)
-    lines = [body.input(entry) for entry in export.chain.structure.inputs]
-    for step in export.chain.structure.steps:
+    lines = [body.input(entry) for entry in export.structure.inputs]
+    for step in export.structure.steps:
         lines += body.statements(step)
     return "\n".join(lines).split("\n")
 
 
 def _invalid(export: Export) -> str:
     """Condition that an input is no number."""
+    check = "(@p_finite(in->{}) == 0U)"
     if export.program.format.fixed:
-        checks = [f"(in->{entry.name} == @P_NO_NUMBER)" for entry in export.chain.structure.inputs]
-    else:
-        checks = [f"(@p_finite(in->{entry.name}) == 0U)" for entry in export.chain.structure.inputs]
+        check = "(in->{} == @P_NO_NUMBER)"
+    checks = [check.format(entry.name) for entry in export.structure.inputs]
     return checks[0][1:-1] if len(checks) == 1 else "\n        || ".join(checks)
 
 
@@ -186,7 +198,7 @@ def _sides(export: Export) -> list[str]:
 def _results(export: Export) -> list[str]:
     """Outputs from their values."""
     program, lines = export.program, []
-    for output in export.chain.structure.outputs:
+    for output in export.structure.outputs:
         value = output.source
         if program.format.bits == 16:
             value = f"@p_narrow({value})" if program.word == 32 else f"(int16_t){value}"
@@ -194,9 +206,9 @@ def _results(export: Export) -> list[str]:
     return lines
 
 
-def _correct(export: Export) -> str:
+def _correct(export: Export, name: str) -> str:
     """Function of a chain without memory."""
-    structure = export.chain.structure
+    structure = export.structure
     none = "@P_NO_NUMBER"
     before: list[str] = []
     if not export.program.format.fixed:
@@ -205,7 +217,7 @@ def _correct(export: Export) -> str:
         text = spoiled[0][1:-1] if len(spoiled) == 1 else "\n            + ".join(spoiled)
         before = [f"const {export.program.format.c_type} none = {text}; /* a NaN */", ""]
     lines = [
-        "uint32_t @p_correct(const @p_in *in, @p_out *out)",
+        _head("correct", name, "const @p_in *in, @p_out *out"),
         "{",
         "    uint32_t status = @P_OK;",
         "",
@@ -226,7 +238,7 @@ def _correct(export: Export) -> str:
 
 def _reset(export: Export) -> str:
     """Functions that set the state."""
-    structure, zero = export.chain.structure, c_steps.Body(export.program).zero
+    structure, zero = export.structure, c_steps.Body(export.program).zero
     last = "0" if export.program.format.fixed else zero
     lines = ["void @p_reset(@p_state *state)", "{"]
     if structure.slopes:
@@ -238,26 +250,26 @@ def _reset(export: Export) -> str:
     lines += ["    state->updates = 0U;"] if structure.counting else []
     lines += ["}", ""]
     if structure.summing:
-        places = export.program.word - export.program.format.bits
-        value = "drift_dph"
+        places, output = export.program.word - export.program.format.bits, structure.outputs[0]
+        value = output.name
         if export.program.format.fixed and places:
-            value = f"(int32_t)drift_dph * {1 << places}"
+            value = f"(int32_t){value} * {1 << places}"
         lines += [
-            f"void @p_anchor(@p_state *state, {export.program.format.c_type} drift_dph)",
+            f"void @p_anchor(@p_state *state, {export.program.format.c_type} {output.name})",
             "{",
-            f"    state->drift = {value};",
-            "    state->last.drift_dph = drift_dph;",
+            f"    state->{output.source} = {value};",
+            f"    state->last.{output.name} = {output.name};",
             "}",
             "",
         ]
     return "\n".join(lines)
 
 
-def _update(export: Export) -> str:
+def _update(export: Export, name: str) -> str:
     """Function of a chain with memory."""
-    structure = export.chain.structure
+    structure = export.structure
     lines = [
-        "uint32_t @p_update(@p_state *state, const @p_in *in, @p_out *out)",
+        _head("update", name, "@p_state *state, const @p_in *in, @p_out *out"),
         "{",
         "    uint32_t status = @P_OK;",
         "",
@@ -276,109 +288,3 @@ def _update(export: Export) -> str:
         "}",
     ]
     return "\n".join(lines) + "\n"
-
-
-def _selftest(export: Export) -> str:
-    """Vectors and the function that holds the chain against them."""
-    structure, rows = export.chain.structure, len(export.vectors.status)
-    memory, zero = structure.interval_s is not None, c_steps.Body(export.program).zero
-    lines = [
-        "#ifndef CAL_NO_SELFTEST",
-        f"#define @P_TESTS {rows}U",
-        "",
-        *([] if export.program.format.fixed else [c_helpers.NEAR]),
-        *_rows(export, "in", [entry.name for entry in structure.inputs]),
-        *_rows(export, "out", [output.name for output in structure.outputs]),
-        *([_words("updates", [f"{count}U" for count in export.vectors.updates])] if memory else []),
-        _words("status", [f"0x{status:x}U" for status in export.vectors.status]),
-        "",
-        "int32_t @p_selftest(void)",
-        "{",
-        "    int32_t failed = 0;",
-        "    uint32_t k;",
-        *(["    @p_state state;"] if memory else []),
-        *(["", "    @p_reset(&state);"] if memory and not structure.summing else [""]),
-        "    for (k = 0U; k < @P_TESTS; k++) {",
-        *(
-            ["        @p_out out = {" + ", ".join([zero] * len(structure.outputs)) + "};"]
-            if memory
-            else ["        @p_out out;"]
-        ),
-        *_calls(structure),
-        "",
-        "        if (" + "\n            || ".join(_differences(export)) + ") {",
-        "            failed = 1;",
-        "        }",
-        "    }",
-        "    return failed;",
-        "}",
-        "#endif",
-    ]
-    return "\n".join(lines) + "\n"
-
-
-def _calls(structure: Structure) -> list[str]:
-    """Lines that evaluate one vector, as often as it says where the chain has memory."""
-    if structure.interval_s is None:
-        return ["        const uint32_t status = @p_correct(&@p_test_in[k], &out);"]
-    return [
-        "        uint32_t status = @P_OK;",
-        "        uint32_t n;",
-        "",
-        *(["        @p_reset(&state);"] if structure.summing else []),
-        "        for (n = 0U; n < @p_test_updates[k]; n++) {",
-        "            status = @p_update(&state, &@p_test_in[k], &out);",
-        "        }",
-    ]
-
-
-def _differences(export: Export) -> list[str]:
-    """Conditions under which the results of a vector are not those that it states."""
-    number = export.program.format
-    checks = ["(status != @p_test_status[k])"]
-    for name in (output.name for output in export.chain.structure.outputs):
-        if number.fixed:
-            checks.append(f"(out.{name} != @p_test_out[k].{name})")
-        else:
-            tolerance = number.text(tolerance_of(export, name))
-            checks.append(f"(@p_near(out.{name}, @p_test_out[k].{name}, {tolerance}) == 0U)")
-    return checks
-
-
-def _words(name: str, texts: list[str]) -> str:
-    """Table of one word a vector."""
-    rows = (", ".join(texts[k : k + 12]) for k in range(0, len(texts), 12))
-    return (
-        f"static const uint32_t @p_test_{name}[@P_TESTS] = {{\n    " + ",\n    ".join(rows) + "\n};"
-    )
-
-
-def tolerance_of(export: Export, output: str) -> float:
-    """Difference that the self-test allows: both sides may be off by the bound, which a sum adds
-    up.
-    """
-    summed = vectors.SUMMED if export.chain.structure.summing else 1
-    jumps = (
-        2.0 if export.chain.condition else 1.0
-    )  # the test's temperatures jump, which the bound leaves out
-    return float(f"{2.0 * jumps * export.bounds[output] * summed:.2g}")
-
-
-def _rows(export: Export, side: str, names: list[str]) -> list[str]:
-    """Rows of a table of structs."""
-    table = export.vectors.inputs if side == "in" else export.vectors.outputs
-    text = export.program.format.text
-    rows = [
-        "    {" + ", ".join(text(table[name][k]) for name in names) + "}"
-        for k in range(len(export.vectors.status))
-    ]
-    return [f"static const @p_{side} @p_test_{side}[@P_TESTS] = {{", ",\n".join(rows), "};"]
-
-
-def _listing(export: Export) -> str:
-    """The steps in a form that is read back."""
-    lines = [
-        "The steps above as `calibkit verify` reads them again:",
-        *layout.lines(export.program),
-    ]
-    return "\n".join(["/*", *(f" * {line}" for line in lines), " */"]) + "\n"

@@ -36,7 +36,7 @@ class Body:
 
     def input(self, entry: Input) -> str:
         """Input brought into its range."""
-        flag = f"@P_{entry.flag}" if entry.flag else "0U"
+        flag = self._flag(entry.flag)
         call = f"@p_limited(in->{entry.name}, @p_{entry.table}, {flag}, &status)"
         return f"const {self.type} {entry.name} = {call};"
 
@@ -47,23 +47,25 @@ class Body:
         else:
             yield f"const {self.type} {step.name} = {self._value(step)};"
 
-    def _value(self, step: Step) -> str:
-        """Expression of a step that is one."""
-        if isinstance(step, Map):
-            flag, status = self._flag(step.flag), f"status_{step.group}" if step.group else "status"
-            return f"@p_mapped({step.source}, &@p_{step.table}, {flag}, &{status})"
-        if isinstance(step, Limit):
-            return f"@p_limited({step.source}, @p_{step.table}, {self._flag(step.flag)}, &status)"
-        if isinstance(step, Sum):
-            return self._sum(step)
-        if isinstance(step, Quotient):
-            return self._quotient(step)
-        if isinstance(step, Memory):
-            kept = f"state->{step.source}"
-            return (
-                f"(state->updates == 0U) ? {step.source} : {kept}" if step.start == "same" else kept
-            )
-        return self._slope(step) if isinstance(step, Slope) else ""
+    def _value(self, step: Map | Sum | Limit | Quotient | Memory | Slope) -> str:
+        """Expression of a step."""
+        match step:
+            case Map():
+                status = f"status_{step.group}" if step.group else "status"
+                return f"@p_mapped({step.source}, &@p_{step.table}, {self._flag(step.flag)}, &{status})"
+            case Limit():
+                flag = self._flag(step.flag)
+                return f"@p_limited({step.source}, @p_{step.table}, {flag}, &status)"
+            case Sum():
+                return self._sum(step)
+            case Quotient():
+                return self._quotient(step)
+            case Memory():
+                kept = f"state->{step.source}"
+                first = f"(state->updates == 0U) ? {step.source} : {kept}"
+                return first if step.start == "same" else kept
+            case Slope():
+                return self._slope(step)
 
     def _flag(self, name: str) -> str:
         """Status bit of that name."""
@@ -72,12 +74,9 @@ class Body:
     def _sum(self, step: Sum) -> str:
         """Terms from left to right."""
         values = [self._term(step, number, entry) for number, entry in enumerate(step.terms)]
-        if len(values) == 1 and values[0].startswith("(") and step.terms[0].sign > 0:
-            return (
-                values[0][1:-1]
-                if values[0].count("(") == 1 or not values[0].startswith("(int")
-                else values[0]
-            )
+        product = values[0].startswith("(") and not values[0].startswith("(int32_t)")
+        if len(values) == 1 and product and step.terms[0].sign > 0:
+            return values[0][1:-1]
         signs = ["- " if entry.sign < 0 else "+ " for entry in step.terms]
         first = f"-{values[0]}" if step.terms[0].sign < 0 else values[0]
         parts = [first, *(sign + value for sign, value in zip(signs[1:], values[1:], strict=True))]
@@ -124,15 +123,12 @@ class Body:
         """Quotient of two values."""
         if not self.program.format.fixed:
             return f"{step.numerator} / {step.denominator}"
-        scales = self.program.scales
-        places = scales[step.name] + scales[step.denominator] - scales[step.numerator]
+        places = self.program.quotient_places(step)
         return f"@p_quotient({step.numerator}, {step.denominator}, {places}U)"
 
     def _slope(self, step: Slope) -> str:
         """Rate over a history that the state keeps."""
-        places, scales = "", self.program.scales
-        if self.program.format.fixed:
-            places = f" {scales[step.table] + scales[step.source] - scales[step.name]}U,"
+        places = f" {self.program.slope_places(step)}U," if self.program.format.fixed else ""
         return (
             f"@p_slope(state->{step.name}_history, {step.source}, state->updates,"
             f" @p_{step.table},{places}\n    {self._flag(step.flag)}, &status)"
@@ -158,8 +154,4 @@ class Body:
 
 def groups(program: Program) -> list[str]:
     """Sides that have a status of their own."""
-    return list(
-        dict.fromkeys(
-            step.group for step in program.structure.steps if isinstance(step, Map) and step.group
-        )
-    )
+    return list(dict.fromkeys(step.group for step in program.structure.maps if step.group))

@@ -27,14 +27,14 @@ CONTENT = "content digest (field sha256)"
 another.
 """
 REJECTED = "REJECTED"
-DIGEST = re.compile(r"/\* sha256 of all lines above: ([0-9a-f]{64}) \*/\n\Z")
+SEALED = re.compile(r"(?:/\*|#) sha256 of all lines above: ([0-9a-f]{64})(?: \*/)?\n\Z")
 
 
-def facts(export: Export) -> list[str]:
-    """What a reader must know, one fact a line: device, form, digests, number format, formula,
-    ranges, bounds.
+def facts(export: Export, *, bounds: bool = True) -> list[str]:
+    """What a reader must know, one fact per line: device, form, digests, number format, formula,
+    ranges, and unless left out the error bounds.
     """
-    identity, structure = export.identity, export.chain.structure
+    identity, structure = export.identity, export.structure
     number = export.program.format.name
     lines = [
         (
@@ -50,39 +50,30 @@ def facts(export: Export) -> list[str]:
         *export.sources,
         *(f"fitted over   {text}" for text in export.chain.ranges),
     ]
-    if structure.interval_s is not None:
+    if structure.has_memory:
         lines.append(f"interval      update every {structure.interval_s:g} s, with means over it")
     if not identity.accepted:
         lines.insert(
             0, f"{REJECTED}      this run failed its acceptance limits: not for use in a product"
         )
-    return [ascii_only(line) for line in lines + _bounds(export)]
+    return [ascii_only(line) for line in (*lines, *(_bounds(export) if bounds else []))]
 
 
 def _bounds(export: Export) -> list[str]:
-    """Worst-case evaluation error of each output."""
+    """Worst-case evaluation error of each output, one per line."""
+    each = " for each update" if export.structure.summing else ""
     lines = []
-    for output in export.chain.structure.outputs:
-        bound = f"{export.bounds[output.name]:.1e}"
+    for output in export.structure.outputs:
         unit = "" if output.unit == "1" else f" {output.unit}"
-        lines.append(f"error bound   {output.name}: {bound}{unit}{_each(export)}")
+        lines.append(f"error bound   {output.name}: {export.bounds[output.name]:.1e}{unit}{each}")
+    case = "evaluation against the exact chain, over all inputs in range"
     if export.chain.condition:
-        lines.append(f"              (worst case of evaluation, while {export.chain.condition})")
-    else:
-        lines.append(
-            "              (worst case of evaluation against the exact chain, over all inputs in"
-            " range)"
-        )
-    return lines
-
-
-def _each(export: Export) -> str:
-    """What the bound of a sum is per."""
-    return " for each update" if export.chain.structure.summing else ""
+        case = f"evaluation, while {export.chain.condition}"
+    return [*lines, f"              (worst case of {case})"]
 
 
 def mark(lines: Iterable[str]) -> str:
-    """What verify appends for a file whose facts, one a line, say that its run was rejected."""
+    """What verify appends for a file whose facts, one per line, state that its run was rejected."""
     return f", {REJECTED}" if any(line.startswith(f"{REJECTED} ") for line in lines) else ""
 
 
@@ -101,14 +92,23 @@ def comment(lines: Iterable[str]) -> str:
     return "\n".join(["/*", *(f" * {line}".rstrip() for line in broken), " */"]) + "\n"
 
 
-def sealed(text: str) -> str:
-    """Text with its digest as its last line."""
-    return f"{text}/* sha256 of all lines above: {hashlib.sha256(text.encode()).hexdigest()} */\n"
+def seal(text: str, *, comment: str = "/* {} */") -> str:
+    """Text with its digest as its last line, a comment."""
+    digest = hashlib.sha256(text.encode()).hexdigest()
+    return f"{text}{comment.format(f'sha256 of all lines above: {digest}')}\n"
 
 
-def unsealed(text: str, name: str) -> str:
-    """Text without its digest, or CoefficientError where that is not its own."""
-    found = DIGEST.search(text)
+def unseal(content: bytes, name: str) -> str:
+    """Text of a generated file without its digest; CoefficientError where it is not ASCII or the
+    digest is not its own. Line ends that an editor or git changed are not accepted.
+    """
+    try:
+        text = content.decode("ascii")
+    except UnicodeDecodeError:
+        raise CoefficientError(
+            f"{name}: not a text that calibkit wrote", hint="verify takes calibkit's own files"
+        ) from None
+    found = SEALED.search(text)
     if found is None:
         raise CoefficientError(
             f"{name}: no digest in its last line", hint="it is not an export, or its end is missing"
@@ -121,6 +121,6 @@ def unsealed(text: str, name: str) -> str:
     return body
 
 
-def named(text: str, prefix: str) -> str:
-    """Template with its prefix: @p and @P in lower and upper case."""
+def fill_prefix(text: str, prefix: str) -> str:
+    """Template with the prefix of its names: for @p in lower, for @P in upper case."""
     return text.replace("@p_", f"{prefix}_").replace("@P_", f"{prefix.upper()}_")

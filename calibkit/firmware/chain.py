@@ -172,18 +172,47 @@ class Structure:
         return tuple(dict.fromkeys(flag for flag in named if flag))
 
     @property
+    def has_memory(self) -> bool:
+        """Whether the chain is updated at an interval and keeps values from update to update."""
+        return self.interval_s is not None
+
+    @property
     def summing(self) -> bool:
-        """Whether the result is a sum of increments, whose error grows with every update."""
-        return "DRIFT_LIMITED" in self.flags
+        """Whether the result is a sum of increments, whose error grows with every update: a limited
+        value that is remembered.
+        """
+        remembered = {memory.source for memory in self.memories}
+        return any(isinstance(step, Limit) and step.name in remembered for step in self.steps)
 
     @property
     def counting(self) -> bool:
-        """Whether a result hangs on the number of updates since the reset."""
+        """Whether a result depends on the number of updates since the reset."""
         return bool(self.slopes) or any(memory.start == "same" for memory in self.memories)
 
     @property
+    def tables(self) -> tuple[str, ...]:
+        """Tables in the order in which a program meets them, each once."""
+        names = [entry.table for entry in self.inputs]
+        for step in self.steps:
+            match step:
+                case Map() | Limit() | Slope():
+                    names.append(step.table)
+                case Select():
+                    names += [case.table for case in step.cases]
+                case Sum():
+                    names += [term.table for term in step.terms if term.table]
+                case _:
+                    pass
+        return tuple(dict.fromkeys(names))
+
+    @property
+    def maps(self) -> tuple[Map, ...]:
+        """Maps, whose tables are structs."""
+        return tuple(step for step in self.steps if isinstance(step, Map))
+
+    @property
     def memories(self) -> tuple[Memory, ...]:
-        """What is kept from update to update, but for the values that slopes keep."""
+        """Values kept from update to update, except those that slopes keep."""
         return tuple(step for step in self.steps if isinstance(step, Memory))
 
     @property

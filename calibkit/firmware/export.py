@@ -1,5 +1,5 @@
-"""All that a target needs to know of one run: its chain in a number format, whose it is, its bounds
-and its test vectors.
+"""All that a target needs to know of one run: its chain in a number format, its identity, error
+bounds and test vectors.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ from calibkit.firmware import bounds, identifiers, program, vectors
 if TYPE_CHECKING:
     from collections.abc import Mapping
 
-    from calibkit.firmware.chain import Chain
+    from calibkit.firmware.chain import Chain, Structure
     from calibkit.firmware.formats import Format
     from calibkit.firmware.program import Program
     from calibkit.firmware.vectors import Vectors
@@ -50,21 +50,26 @@ class Export:
     """
     vectors: Vectors
     sources: tuple[str, ...] = ()
-    """What the inputs and indications were made of in calibration, one a line."""
+    """What the inputs and indications were made of in calibration, one per line."""
+
+    @property
+    def structure(self) -> Structure:
+        """What the chain does."""
+        return self.chain.structure
 
 
-def of(
+def prepare(
     chain: Chain, identity: Identity, number: Format, prefix: str, sources: tuple[str, ...] = ()
 ) -> Export:
     """Quantise a chain, bound its error and work out its self-test."""
     identifiers.check_prefix(prefix)
-    quantised = program.of(chain, number)
+    quantised = program.quantise(chain, number)
     return Export(
         prefix,
         identity,
         chain,
         quantised,
-        bounds.of(chain, quantised),
-        vectors.of(chain, quantised),
+        bounds.find_bounds(chain, quantised),
+        vectors.make_vectors(chain, quantised),
         sources,
     )

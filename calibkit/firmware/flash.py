@@ -4,27 +4,18 @@ Motorola S-records.
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from typing import Any
 
+from calibkit import extras
 from calibkit.errors import CalibkitError, CoefficientError, OutputError
 from calibkit.firmware import blob
-
-if TYPE_CHECKING:
-    from types import ModuleType
 
 LARGEST = 1 << 32
 
 
-def _bincopy() -> ModuleType:
-    """The library of both formats, or the command that installs it."""
-    try:
-        import bincopy
-    except ImportError:
-        raise OutputError(
-            "Intel HEX and S-records need bincopy", hint="pip install 'calibkit[hex]'"
-        ) from None
-    module: ModuleType = bincopy
-    return module
+def _bincopy() -> Any:  # noqa: ANN401 (a module of an optional library)
+    """The library of both formats."""
+    return extras.load_library("bincopy", "hex", "Intel HEX and S-records need bincopy")
 
 
 def intel_hex(content: bytes, address: int) -> bytes:

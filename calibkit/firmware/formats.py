@@ -18,6 +18,16 @@ class Format:
     """Significant bits of a float; width of a fixed-point word that is handed over."""
     fixed: bool
 
+    @property
+    def size(self) -> int:
+        """Bytes of a number of a floating format."""
+        return 4 if self.bits == 24 else 8
+
+    @property
+    def no_number(self) -> int:
+        """Word of a fixed-point format that stands for no number; the others are symmetric."""
+        return -(1 << (self.bits - 1))
+
     def nearest(self, x: Fraction) -> float:
         """Number of a floating format nearest to x, ties to even."""
         if x == 0:
@@ -47,7 +57,7 @@ FORMATS = {
 }
 
 
-def of(name: str) -> Format:
+def find_format(name: str) -> Format:
     """Number format of that name, or UsageError."""
     if name not in FORMATS:
         raise UsageError(

@@ -74,7 +74,7 @@ def program(texts: Sequence[str], tables: Mapping[str, tuple[float, ...]], name:
             tuple(outputs),
             head["interval_s"],
         )
-        return Program(structure, formats.of(head["number"]), dict(tables), head["scales"])
+        return Program(structure, formats.find_format(head["number"]), dict(tables), head["scales"])
     except (ValueError, KeyError, TypeError, IndexError) as error:
         raise CoefficientError(
             f"{name}: its steps cannot be read: {error}", hint="export it again"

@@ -2,12 +2,13 @@
 
 from __future__ import annotations
 
+import itertools
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from calibkit.firmware import exact, ranges
-from calibkit.firmware.chain import Limit, Map, Select, Slope, Sum
+from calibkit.firmware.chain import Limit, Map, Quotient, Select, Slope, Sum
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -28,8 +29,8 @@ have a handful of bits.
 class Program:
     """Steps and numbers of a firmware; everything that decides a result bit for bit.
 
-    In fixed point a stored word w stands for w · 2^−scale; scales hold one entry a value, a table,
-    a partial product ("sum.term.factor"), a map's reciprocal ("table.reciprocal") and an output
+    In fixed point a stored word w stands for w · 2^−scale; scales hold one entry per value, table,
+    partial product ("sum.term.factor"), map's reciprocal ("table.reciprocal") and output
     ("out.name").
     """
 
@@ -43,10 +44,26 @@ class Program:
         """Width of the words that are calculated with: a chain with memory never rounds to 16
         bits.
         """
-        return 32 if self.structure.interval_s is not None else self.format.bits
+        return 32 if self.structure.has_memory else self.format.bits
+
+    def map_places(self, step: Map) -> int:
+        """Places by which a fixed-point map shifts its product."""
+        return (
+            self.scales[step.source]
+            + self.scales[f"{step.table}.reciprocal"]
+            - self.scales[step.name]
+        )
+
+    def quotient_places(self, step: Quotient) -> int:
+        """Places by which a fixed-point quotient shifts its numerator up."""
+        return self.scales[step.name] + self.scales[step.denominator] - self.scales[step.numerator]
+
+    def slope_places(self, step: Slope) -> int:
+        """Places by which a fixed-point slope shifts each product."""
+        return self.scales[step.table] + self.scales[step.source] - self.scales[step.name]
 
 
-def of(chain: Chain, number: Format) -> Program:
+def quantise(chain: Chain, number: Format) -> Program:
     """Program of a chain in a number format; OutputError where a fixed-point format cannot hold
     it.
     """
@@ -74,7 +91,7 @@ def _scale(reach: Fraction, word: int) -> int:
 
 def _scales(chain: Chain, word: int, io: int) -> dict[str, int]:
     """Scale of every value, partial product, table, reciprocal and output."""
-    known = ranges.of(chain, usual=False)
+    known = ranges.find_ranges(chain, usual=False)
     scales = {e.name: _scale(ranges.magnitude(known[e.name]), io) for e in chain.structure.inputs}
     sloped = {step.source for step in chain.structure.slopes}
     for step in chain.structure.steps:
@@ -97,24 +114,27 @@ def _inner_scales(
 ) -> dict[str, int]:
     """Scales of a step's tables and partial products."""
     found: dict[str, int] = {}
-    if isinstance(step, Map):
-        reciprocal = chain.tables[step.table][1]
-        found[f"{step.table}.reciprocal"] = RECIPROCAL_BITS[word] - exact.power_of_two(reciprocal)
-    elif isinstance(step, Slope):
-        weights = _scale(max(map(abs, chain.tables[step.table])), word)
-        found[step.table] = min(weights, scales[step.name] - scales[step.source] + 2 * word - 4)
-    elif isinstance(step, Sum):
-        for number, entry in enumerate(step.terms):
-            parts = ranges.term(chain, entry, known)
-            last = scales[step.name]
-            for k, name in reversed(list(enumerate(entry.factors, start=1))):
-                found[f"{step.name}.{number}.{k}"] = last
-                last = min(
-                    _scale(_reach(chain, entry.table, parts[k - 1], known, entry.over), word),
-                    last - scales[name] + 2 * word - 4,
-                )
-            if entry.table:
-                found[entry.table] = last
+    match step:
+        case Map():
+            bits = exact.power_of_two(chain.tables[step.table][1])
+            found[f"{step.table}.reciprocal"] = RECIPROCAL_BITS[word] - bits
+        case Slope():
+            weights = _scale(max(map(abs, chain.tables[step.table])), word)
+            found[step.table] = min(weights, scales[step.name] - scales[step.source] + 2 * word - 4)
+        case Sum():
+            for number, entry in enumerate(step.terms):
+                parts = ranges.term(chain, entry, known)
+                last = scales[step.name]
+                for k, name in reversed(list(enumerate(entry.factors, start=1))):
+                    found[f"{step.name}.{number}.{k}"] = last
+                    last = min(
+                        _scale(_reach(chain, entry.table, parts[k - 1], known, entry.over), word),
+                        last - scales[name] + 2 * word - 4,
+                    )
+                if entry.table:
+                    found[entry.table] = last
+        case _:
+            pass
     return found
 
 
@@ -134,30 +154,26 @@ def _reach(
 
 def _fixed_tables(chain: Chain, scales: Mapping[str, int]) -> dict[str, tuple[int, ...]]:
     """Tables as words."""
-
-    def words(name: str, scale: int) -> tuple[int, ...]:
-        return tuple(_word(x, scale) for x in chain.tables[name])
-
-    found = {
-        entry.table: words(entry.table, scales[entry.name]) for entry in chain.structure.inputs
-    }
+    own = {entry.table: [scales[entry.name]] for entry in chain.structure.inputs}
     for step in chain.structure.steps:
-        if isinstance(step, Map):
-            middle, reciprocal, low, high = chain.tables[step.table]
-            limits = (_word(low, scales[step.name]), _word(high, scales[step.name]))
-            k = scales[f"{step.table}.reciprocal"]
-            found[step.table] = (_word(middle, scales[step.source]), _word(reciprocal, k), *limits)
-        elif isinstance(step, Limit):
-            found[step.table] = words(step.table, scales[step.name])
-        elif isinstance(step, Select):
-            found |= {case.table: words(case.table, scales[step.source]) for case in step.cases}
-        elif isinstance(step, Slope):
-            found[step.table] = words(step.table, scales[step.table])
-        elif isinstance(step, Sum):
-            found |= {t.table: words(t.table, scales[t.table]) for t in step.terms if t.table}
-    return found
-
-
-def _word(x: Fraction, scale: int) -> int:
-    """Nearest word."""
-    return round(x * Fraction(2) ** scale)
+        match step:
+            case Map():
+                reciprocal, u = scales[f"{step.table}.reciprocal"], scales[step.name]
+                own[step.table] = [scales[step.source], reciprocal, u, u]
+            case Limit():
+                own[step.table] = [scales[step.name]]
+            case Slope():
+                own[step.table] = [scales[step.table]]
+            case Select():
+                own |= {case.table: [scales[step.source]] for case in step.cases}
+            case Sum():
+                own |= {t.table: [scales[t.table]] for t in step.terms if t.table}
+            case _:
+                pass
+    return {
+        name: tuple(
+            round(x * Fraction(2) ** k)
+            for x, k in zip(chain.tables[name], itertools.cycle(places), strict=False)
+        )
+        for name, places in own.items()
+    }

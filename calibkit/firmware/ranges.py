@@ -1,5 +1,5 @@
-"""Range of every value of a chain, in exact interval arithmetic: what fixed-point words must hold,
-what errors scale with.
+"""Range of every value of a chain, in exact interval arithmetic: fixed-point words must hold it,
+and errors scale with it.
 """
 
 from __future__ import annotations
@@ -7,7 +7,7 @@ from __future__ import annotations
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Slope, Sum
+from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Select, Slope, Sum
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -36,6 +36,12 @@ def polynomial(c: Sequence[Fraction], over: Range) -> Range:
     return c[0] - spread, c[0] + spread
 
 
+def total(parts: Sequence[Range]) -> Range:
+    """Range of a sum."""
+    low, high = (sum((part[end] for part in parts), Fraction(0)) for end in (0, 1))
+    return low, high
+
+
 def term(chain: Chain, entry: Term, known: Mapping[str, Range]) -> list[Range]:
     """Ranges of a term: of its polynomial, then of each product with one more factor."""
     c = chain.tables[entry.table] if entry.table else ()
@@ -47,7 +53,7 @@ def term(chain: Chain, entry: Term, known: Mapping[str, Range]) -> list[Range]:
     return found
 
 
-def of(chain: Chain, *, usual: bool) -> dict[str, Range]:
+def find_ranges(chain: Chain, *, usual: bool) -> dict[str, Range]:
     """Range of every input and step; remembered values have the chain's limits, or the tighter ones
     of usual use.
     """
@@ -64,31 +70,28 @@ def of(chain: Chain, *, usual: bool) -> dict[str, Range]:
     return known
 
 
-def _step(  # noqa: PLR0911 (one return a kind of step)
+def _step(  # noqa: PLR0911 (one return per kind of step)
     chain: Chain, step: Step, known: Mapping[str, Range], bounds: Mapping[str, Fraction]
 ) -> Range:
     """Range of one step."""
-    if isinstance(step, Map):
-        return chain.tables[step.table][2], chain.tables[step.table][3]
-    if isinstance(step, Limit):
-        return chain.tables[step.table][0], chain.tables[step.table][1]
-    if isinstance(step, Memory):  # what it remembers is mapped or limited, or has bounds of its own
-        return known[step.source]
-    if isinstance(step, Sum):
-        parts = [term(chain, entry, known)[-1] for entry in step.terms]
-        return sum((low for low, _ in parts), Fraction(0)), sum(
-            (high for _, high in parts), Fraction(0)
-        )
-    if isinstance(step, Quotient):
-        low, high = known[step.denominator]
-        return times(known[step.numerator], (1 / high, 1 / low))
-    if isinstance(step, Slope):
-        reach = heaviest(chain, step) * difference(step, known, bounds)
-        return -reach, reach
-    parts = [known[case.value] for case in step.cases]
-    return min(Fraction(0), *(low for low, _ in parts)), max(
-        Fraction(0), *(high for _, high in parts)
-    )
+    match step:
+        case Map():
+            return chain.tables[step.table][2], chain.tables[step.table][3]
+        case Limit():
+            return chain.tables[step.table][0], chain.tables[step.table][1]
+        case Memory():  # what it remembers is mapped or limited, or has bounds of its own
+            return known[step.source]
+        case Sum():
+            return total([term(chain, entry, known)[-1] for entry in step.terms])
+        case Quotient():
+            low, high = known[step.denominator]
+            return times(known[step.numerator], (1 / high, 1 / low))
+        case Slope():
+            reach = heaviest(chain, step) * difference(step, known, bounds)
+            return -reach, reach
+        case Select():  # 0 where no case holds
+            ends = [end for case in step.cases for end in known[case.value]]
+            return min(Fraction(0), *ends), max(Fraction(0), *ends)
 
 
 def difference(step: Slope, known: Mapping[str, Range], bounds: Mapping[str, Fraction]) -> Fraction:
@@ -97,12 +100,9 @@ def difference(step: Slope, known: Mapping[str, Range], bounds: Mapping[str, Fra
     return min(high - low, bounds.get(f"{step.name}.difference", high - low))
 
 
-def rows(step: Slope, table: Sequence[Fraction]) -> list[Sequence[Fraction]]:
-    """Weights of a slope for each number of values."""
-    width = step.length - 1
-    return [table[k : k + width] for k in range(0, len(table), width)]
-
-
 def heaviest(chain: Chain, step: Slope) -> Fraction:
-    """Largest sum of magnitudes of the weights of one row."""
-    return max(sum(map(abs, row), Fraction(0)) for row in rows(step, chain.tables[step.table]))
+    """Largest sum of magnitudes of the weights for one number of values."""
+    weights, width = chain.tables[step.table], step.length - 1
+    return max(
+        sum(map(abs, weights[k : k + width]), Fraction(0)) for k in range(0, len(weights), width)
+    )

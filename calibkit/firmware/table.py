@@ -11,7 +11,7 @@ import json
 from typing import TYPE_CHECKING
 
 from calibkit.errors import CoefficientError, OutputError
-from calibkit.firmware import blob, c_text, layout, vectors
+from calibkit.firmware import c_text, layout, vectors
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -69,7 +69,7 @@ def _row(export: Export) -> dict[str, str]:
         f"bound_{output.name} [{output.unit}]": f"{export.bounds[output.name]:.1e}"
         for output in structure.outputs
     }
-    for name in blob.table_names(structure):
+    for name in structure.tables:
         numbers = program.tables[name]
         row |= {f"{name}[{k}]": program.format.text(x).rstrip("F") for k, x in enumerate(numbers)}
     row |= {f"scale {name}": str(scale) for name, scale in program.scales.items()}
@@ -126,21 +126,17 @@ def _recomputed(row: Mapping[str, str], place: str) -> None:
     lines = row["program"].splitlines()
     bare = layout.program(lines, {}, place)
     tables = {}
-    for table in blob.table_names(bare.structure):
+    for table in bare.structure.tables:
         texts = [text for column, text in row.items() if column.startswith(f"{table}[")]
         tables[table] = tuple(int(text) if bare.format.fixed else float(text) for text in texts)
     program = layout.program(lines, tables, place)
     try:
         stated = json.loads(row["vectors"])
         inputs = {key: tuple(column) for key, column in stated["inputs"].items()}
-        again = vectors.recomputed(program, inputs, tuple(stated["updates"]))
         outputs = {key: tuple(column) for key, column in stated["outputs"].items()}
-        same = (dict(again.outputs), again.status) == (outputs, tuple(stated["status"]))
+        rows = vectors.Vectors(inputs, tuple(stated["updates"]), outputs, tuple(stated["status"]))
+        vectors.require_recomputed(program, rows, place)
     except (ValueError, KeyError, TypeError) as error:
         raise CoefficientError(
             f"{place}: its vectors cannot be read: {error}", hint="export it again"
         ) from None
-    if not same:
-        raise CoefficientError(
-            f"{place}: its vectors are not those of its numbers", hint="export it again"
-        )

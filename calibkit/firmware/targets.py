@@ -132,7 +132,7 @@ READERS: Mapping[str, Callable[[str, bytes], str]] = {
 """
 
 
-def of(name: str, number: str) -> Target:
+def find_target(name: str, number: str) -> Target:
     """Target of that name, or UsageError where there is none or it has no such number format."""
     if name not in TARGETS:
         raise UsageError(

@@ -3,7 +3,7 @@ same order.
 
 Bit for bit holds for C that is compiled without contraction to fused multiply-add
 (`-ffp-contract=off`); fixed point has none. Every value is an array over lanes, so that one call
-runs many instants of a chain without memory, or many units.
+runs many instants of a chain without memory, or many devices.
 """
 
 from __future__ import annotations
@@ -28,7 +28,7 @@ Words: TypeAlias = "NDArray[Any]"
 """Floats of the program's format, or words of a fixed-point format as int64."""
 
 INVALID = 1 << 15
-"""Status of an input that is not a number, or the word that stands for none."""
+"""Status of an input that is no number."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -52,30 +52,29 @@ class Result:
     state: State | None
 
 
-def encoded(program: Program, name: str, physical: Array) -> Words:
-    """Words that an application hands over for physical values; what does not fit becomes the
-    nearest word that does.
+def encode(program: Program, name: str, physical: Array) -> Words:
+    """Words that an application hands over for physical values of an input; what does not fit
+    becomes the nearest word that does.
     """
     if not program.format.fixed:
         return np.asarray(physical, dtype=dtype(program))
-    most = (1 << (program.format.bits - 1)) - 1
+    none = program.format.no_number
+    most = -none - 1
     scaled = np.rint(np.asarray(physical, dtype=np.float64) * 2.0 ** program.scales[name])
-    words = np.clip(np.nan_to_num(scaled, nan=0.0, posinf=most, neginf=-most), -most, most).astype(
-        np.int64
-    )
-    return np.where(np.isnan(scaled), -most - 1, words)
+    finite = np.nan_to_num(scaled, nan=0.0, posinf=most, neginf=-most)
+    return np.where(np.isnan(scaled), none, np.clip(finite, -most, most).astype(np.int64))
 
 
-def decoded(program: Program, name: str, words: Words) -> Array:
-    """Physical values of an output; NaN for the word that stands for none."""
+def decode(program: Program, name: str, words: Words) -> Array:
+    """Physical values of an output; NaN for the word that stands for no number."""
     if not program.format.fixed:
         return np.asarray(words, dtype=np.float64)
     physical = words.astype(np.float64) * 2.0 ** -program.scales[f"out.{name}"]
-    return np.where(words == -(1 << (program.format.bits - 1)), np.nan, physical)
+    return np.where(words == program.format.no_number, np.nan, physical)
 
 
 def reset(program: Program, lanes: int) -> State:
-    """State of a unit that has just been switched on."""
+    """State of a device that has just been switched on."""
     zero = np.zeros(lanes, dtype=dtype(program))
     return State(
         {memory.name: zero for memory in program.structure.memories},
@@ -92,22 +91,20 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
     """One call of the firmware's function on lanes of inputs [n]; a chain with memory needs its
     state.
     """
-    bad = np.any([_invalid(program, words) for words in inputs.values()], axis=0)
-    safe = {
-        name: np.where(_invalid(program, words), 0, words).astype(dtype(program))
-        for name, words in inputs.items()
-    }
+    invalid = {name: _invalid(program, words) for name, words in inputs.items()}
+    bad = np.any(list(invalid.values()), axis=0)
     with np.errstate(all="ignore"):
         run = _Run(program, state, np.zeros(bad.size, dtype=np.int64))
         for entry in program.structure.inputs:
             low, high = run.numbers(entry.table)
-            run.values[entry.name] = run.limited(safe[entry.name], low, high, entry.flag, "")
+            safe = np.where(invalid[entry.name], 0, inputs[entry.name]).astype(dtype(program))
+            run.values[entry.name] = run.limited(safe, low, high, entry.flag, "")
         for step in program.structure.steps:
             run.values[step.name] = run.step(step)
     fresh = {o.name: run.out(o.name, o.source) for o in program.structure.outputs}
     status = np.where(bad, INVALID, run.status)
     if state is None:
-        none = -(1 << (program.format.bits - 1)) if program.format.fixed else np.nan
+        none = program.format.no_number if program.format.fixed else np.nan
         outputs = {
             name: np.where(bad, none, words).astype(words.dtype) for name, words in fresh.items()
         }
@@ -127,19 +124,15 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
 
 def dtype(program: Program) -> Any:  # noqa: ANN401 (a numpy type)
     """Type that lanes are kept in."""
-    return (
-        np.int64
-        if program.format.fixed
-        else np.float32
-        if program.format.bits == 24
-        else np.float64
-    )
+    if program.format.fixed:
+        return np.int64
+    return np.float32 if program.format.bits == 24 else np.float64
 
 
 def _invalid(program: Program, words: Words) -> Mask:
     """Inputs that are no number."""
     if program.format.fixed:
-        return np.asarray(words == -(1 << (program.format.bits - 1)))
+        return np.asarray(words == program.format.no_number)
     return np.asarray(~np.isfinite(words))
 
 
@@ -175,33 +168,31 @@ class _Run:
         self.flag(flag, (x < low) | (x > high), group)
         return np.where(x < low, low, np.where(x > high, high, x))
 
-    def step(self, step: Step) -> Words:  # noqa: PLR0911 (one return a kind of step)
+    def step(self, step: Step) -> Words:  # noqa: PLR0911 (one return per kind of step)
         """Value of one step."""
-        if isinstance(step, Map):
-            return self.map(step)
-        if isinstance(step, Sum):
-            return self.sum(step)
-        if isinstance(step, Limit):
-            low, high = self.numbers(step.table)
-            return self.limited(self.values[step.source], low, high, step.flag, "")
-        if isinstance(step, Quotient):
-            return self.quotient(step)
-        if isinstance(step, Memory):
-            return self.memory(step)
-        if isinstance(step, Slope):
-            return self.slope(step)
-        return self.select(step)
+        match step:
+            case Map():
+                return self.map(step)
+            case Sum():
+                return self.sum(step)
+            case Limit():
+                low, high = self.numbers(step.table)
+                return self.limited(self.values[step.source], low, high, step.flag, "")
+            case Quotient():
+                return self.quotient(step)
+            case Memory():
+                return self.memory(step)
+            case Slope():
+                return self.slope(step)
+            case Select():
+                return self.select(step)
 
     def map(self, step: Map) -> Words:
         """Driver on [−1, 1]."""
         middle, reciprocal, low, high = self.numbers(step.table)
-        x = self.values[step.source] - middle
+        u = (self.values[step.source] - middle) * reciprocal
         if self.fixed:
-            scales = self.program.scales
-            places = scales[step.source] + scales[f"{step.table}.reciprocal"] - scales[step.name]
-            u = _rounded(x * reciprocal, places)
-        else:
-            u = x * reciprocal
+            u = _rounded(u, self.program.map_places(step))
         return self.limited(u, low, high, step.flag, step.group)
 
     def sum(self, step: Sum) -> Words:
@@ -240,10 +231,10 @@ class _Run:
         x = self.values[entry.over]
         total = np.full(x.shape, total)
         for c in reversed(lower):
-            product = (
-                _rounded(total * x, self.program.scales[entry.over]) if self.fixed else total * x
-            )
-            total = product + c
+            total = total * x
+            if self.fixed:
+                total = _rounded(total, self.program.scales[entry.over])
+            total = total + c
         return np.asarray(total)
 
     def quotient(self, step: Quotient) -> Words:
@@ -251,8 +242,7 @@ class _Run:
         n, d = self.values[step.numerator], self.values[step.denominator]
         if not self.fixed:
             return np.asarray(n / d)
-        scales = self.program.scales
-        places = scales[step.name] + scales[step.denominator] - scales[step.numerator]
+        places = self.program.quotient_places(step)
         return np.asarray(np.sign(n) * np.sign(d) * ((np.abs(n) << places) // np.abs(d)))
 
     def memory(self, step: Memory) -> Words:
@@ -272,28 +262,21 @@ class _Run:
         self.histories[step.name] = kept
         count = np.minimum(self.state.updates + 1, step.length)
         self.flag(step.flag, count < step.least, "")
-        weights = np.array(self.program.tables[step.table], dtype=dtype(self.program)).reshape(
-            -1, step.length - 1
-        )
+        weights = np.array(self.numbers(step.table)).reshape(-1, step.length - 1)
         row = weights[np.maximum(count - step.least, 0)]
         total = np.zeros_like(kept[0])
         for i in range(1, step.length):
             product = row[:, i - 1] * (kept[i] - kept[0])
             if self.fixed:
-                scales = self.program.scales
-                product = _rounded(
-                    product, scales[step.table] + scales[step.source] - scales[step.name]
-                )
+                product = _rounded(product, self.program.slope_places(step))
             total = np.where(i < count, total + product, total)
         return np.asarray(np.where(count < step.least, np.zeros_like(total), total))
 
     def select(self, step: Select) -> Words:
         """Value of the first side that holds."""
         source = self.values[step.source]
-        total, open_ = (
-            np.zeros_like(self.values[step.cases[0].value]),
-            np.ones(source.shape, dtype=bool),
-        )
+        total = np.zeros_like(self.values[step.cases[0].value])
+        open_ = np.ones(source.shape, dtype=bool)
         for case in step.cases:
             here = open_ & self.holds(case, source)
             value = self.values[case.value]
@@ -318,7 +301,7 @@ class _Run:
         """An output at its own scale."""
         if not self.fixed:
             return self.values[source]
-        most = (1 << (self.program.format.bits - 1)) - 1
+        most = -self.program.format.no_number - 1
         places = self.program.scales[source] - self.program.scales[f"out.{name}"]
         return np.clip(_rounded(self.values[source], places), -most, most)
 

@@ -8,8 +8,8 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.errors import CoefficientError
 from calibkit.firmware import ranges, twin
-from calibkit.firmware.chain import Map
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
@@ -67,16 +67,16 @@ class Vectors:
     status: tuple[int, ...]
 
 
-def of(chain: Chain, program: Program) -> Vectors:
+def make_vectors(chain: Chain, program: Program) -> Vectors:
     """Vectors that reach both ends of every range and the clamping beyond, and in which every
     coefficient counts.
     """
-    memory = program.structure.interval_s is not None
+    memory = program.structure.has_memory
     physical, updates = _in_turn(chain) if memory else (_apart(chain), (1,) * COUNT)
-    words = {name: twin.encoded(program, name, values) for name, values in physical.items()}
+    words = {name: twin.encode(program, name, values) for name, values in physical.items()}
     if program.format.fixed and not memory:  # the word that stands for no number
         name = program.structure.inputs[0].name
-        words[name] = np.concatenate([words[name][:-1], [-(1 << (program.format.bits - 1))]])
+        words[name] = np.concatenate([words[name][:-1], [program.format.no_number]])
     return recomputed(
         program, {name: tuple(column.tolist()) for name, column in words.items()}, updates
     )
@@ -85,22 +85,25 @@ def of(chain: Chain, program: Program) -> Vectors:
 def recomputed(
     program: Program, inputs: Mapping[str, tuple[float, ...]], updates: tuple[int, ...]
 ) -> Vectors:
-    """Outputs and statuses of the twin for rows of inputs, in turn where the chain has a memory."""
+    """Outputs and statuses of the twin for rows of inputs, in turn where the chain has memory."""
     columns = {name: np.array(words, dtype=twin.dtype(program)) for name, words in inputs.items()}
-    memory = program.structure.interval_s is not None
+    memory = program.structure.has_memory
     found = list(_updated(program, columns, updates)) if memory else [twin.call(program, columns)]
     outputs = {
-        output.name: tuple(
-            np.concatenate([result.outputs[output.name] for result in found]).tolist()
-        )
+        output.name: tuple(np.concatenate([r.outputs[output.name] for r in found]).tolist())
         for output in program.structure.outputs
     }
-    return Vectors(
-        dict(inputs),
-        updates,
-        outputs,
-        tuple(np.concatenate([result.status for result in found]).tolist()),
-    )
+    status = tuple(np.concatenate([result.status for result in found]).tolist())
+    return Vectors(dict(inputs), updates, outputs, status)
+
+
+def require_recomputed(program: Program, stated: Vectors, name: str, of: str = "numbers") -> None:
+    """CoefficientError for a file whose vectors are not those that its numbers give."""
+    again = recomputed(program, stated.inputs, stated.updates)
+    if (again.outputs, again.status) != (stated.outputs, stated.status):
+        raise CoefficientError(
+            f"{name}: its vectors are not those of its {of}", hint="export it again"
+        )
 
 
 def _updated(
@@ -122,7 +125,7 @@ def _apart(chain: Chain) -> dict[str, Array]:
     """Inputs over their ranges, each in its own order so that none goes with another, the last ones
     beyond.
     """
-    known, found = ranges.of(chain, usual=False), {}
+    known, found = ranges.find_ranges(chain, usual=False), {}
     inside = COUNT - 4
     steps = (np.arange(inside) * 2 + 1) / inside - 1.0
     for number, entry in enumerate(chain.structure.inputs):
@@ -144,7 +147,7 @@ def _apart(chain: Chain) -> dict[str, Array]:
 
 def _in_turn(chain: Chain) -> tuple[dict[str, Array], tuple[int, ...]]:
     """Inputs of one thermal history, and the updates of each of its rows."""
-    known = ranges.of(chain, usual=False)
+    known = ranges.find_ranges(chain, usual=False)
     low, high = (float(limit) for limit in known["temp_case_degc"])
     half = (high - low) / 2.0
     if "x_map" in chain.tables:
@@ -161,9 +164,7 @@ def _in_turn(chain: Chain) -> tuple[dict[str, Array], tuple[int, ...]]:
 
 def _largest_gradient(chain: Chain) -> float:
     """Largest fitted difference [K] between case and air; 0 where the air does not enter."""
-    maps = [
-        step for step in chain.structure.steps if isinstance(step, Map) and step.source == "apart"
-    ]
+    maps = [step for step in chain.structure.maps if step.source == "apart"]
     reach = [abs(chain.tables[step.table][0]) + 1 / chain.tables[step.table][1] for step in maps]
     return float(max(reach, default=0))
 

@@ -435,7 +435,7 @@ def apply(spec: FogThermalRecipe, quantised: Program, data: Path) -> Applied:
 
 def _updates(quantised: Program, heard: Mapping[str, Array]) -> tuple[Array, Integers]:
     """Drift [n, °/h] and status [n] update by update from a reset."""
-    words = {name: twin.encoded(quantised, name, column) for name, column in heard.items()}
+    words = {name: twin.encode(quantised, name, column) for name, column in heard.items()}
     state, level, status = twin.reset(quantised, 1), [], []
     for k in range(next(iter(heard.values())).size):
         result = twin.call(
@@ -443,7 +443,7 @@ def _updates(quantised: Program, heard: Mapping[str, Array]) -> tuple[Array, Int
         )
         assert result.state is not None  # noqa: S101 (it was called with one)
         state = result.state
-        level.append(float(twin.decoded(quantised, "drift_dph", result.outputs["drift_dph"])[0]))
+        level.append(float(twin.decode(quantised, "drift_dph", result.outputs["drift_dph"])[0]))
         status.append(int(result.status[0]))
     return np.array(level), np.array(status, dtype=np.int64)
 

@@ -1,0 +1,143 @@
+"""The self-test of a source: vectors, and the function that compares the chain with them."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+from calibkit.firmware import c_helpers, c_steps, vectors
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibkit.firmware.chain import Structure
+    from calibkit.firmware.export import Export
+
+
+def render(export: Export) -> str:
+    """Tables of the vectors and the function of the self-test."""
+    structure, rows = export.structure, export.vectors
+    out = "@p_out out;"
+    call = ["const uint32_t status = @p_correct(&@p_test_in[k], &out);"]
+    if structure.has_memory:
+        zero = c_steps.Body(export.program).zero
+        out = f"@p_out out = {{{', '.join([zero] * len(structure.outputs))}}};"
+        update = "@p_update(&state, &@p_test_in[k], &out)"
+        call = [
+            "uint32_t status = @P_OK;",
+            "uint32_t n;",
+            "",
+            *updating_lines(structure, "@p_test_updates[k]", update),
+        ]
+    lines = [
+        "#ifndef CAL_NO_SELFTEST",
+        f"#define @P_TESTS {len(rows.status)}U",
+        "",
+        *([] if export.program.format.fixed else [c_helpers.NEAR]),
+        *_structs(export, "in", [entry.name for entry in structure.inputs]),
+        *_structs(export, "out", [output.name for output in structure.outputs]),
+        *(
+            [_words("updates", [f"{count}U" for count in rows.updates])]
+            if structure.has_memory
+            else []
+        ),
+        _words("status", [f"0x{status:x}U" for status in rows.status]),
+        "",
+        *comparing_function(
+            structure,
+            "int32_t @p_selftest(void)",
+            ("int32_t failed", "0", "1"),
+            "@P_TESTS",
+            [out, *call, ""],
+            _differences(export),
+        ),
+        "#endif",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def comparing_function(
+    structure: Structure,
+    head: str,
+    result: tuple[str, str, str],
+    count: str,
+    body: Sequence[str],
+    differences: Sequence[str],
+) -> list[str]:
+    """Lines of a function that evaluates every vector; its result (declaration, value) becomes
+    another value where a vector differs.
+    """
+    declaration, value, otherwise = result
+    state = ["    @p_state state;"] if structure.has_memory else []
+    reset = ["    @p_reset(&state);"] if structure.has_memory and not structure.summing else []
+    name = declaration.split()[-1]
+    return [
+        head,
+        "{",
+        f"    {declaration} = {value};",
+        "    uint32_t k;",
+        *state,
+        *(["", *reset] if reset else [""]),
+        f"    for (k = 0U; k < {count}; k++) {{",
+        *(f"        {line}".rstrip() for line in body),
+        "        if (" + "\n            || ".join(differences) + ") {",
+        f"            {name} = {otherwise};",
+        "        }",
+        "    }",
+        f"    return {name};",
+        "}",
+    ]
+
+
+def updating_lines(structure: Structure, count: str, update: str) -> list[str]:
+    """Lines that evaluate one vector of a chain with memory: as many updates as it states, from a
+    reset where the chain sums.
+    """
+    return [
+        *(["@p_reset(&state);"] if structure.summing else []),
+        f"for (n = 0U; n < {count}; n++) {{",
+        f"    status = {update};",
+        "}",
+    ]
+
+
+def _differences(export: Export) -> list[str]:
+    """Conditions under which the results of a vector are not those that it states."""
+    number = export.program.format
+    checks = ["(status != @p_test_status[k])"]
+    for name in (output.name for output in export.structure.outputs):
+        if number.fixed:
+            checks.append(f"(out.{name} != @p_test_out[k].{name})")
+        else:
+            tolerance = number.text(tolerance_of(export, name))
+            checks.append(f"(@p_near(out.{name}, @p_test_out[k].{name}, {tolerance}) == 0U)")
+    return checks
+
+
+def _words(name: str, texts: Sequence[str]) -> str:
+    """Table of one word per vector."""
+    rows = (", ".join(texts[k : k + 12]) for k in range(0, len(texts), 12))
+    return (
+        f"static const uint32_t @p_test_{name}[@P_TESTS] = {{\n    " + ",\n    ".join(rows) + "\n};"
+    )
+
+
+def _structs(export: Export, side: str, names: Sequence[str]) -> list[str]:
+    """Table of one struct per vector."""
+    table = export.vectors.inputs if side == "in" else export.vectors.outputs
+    text = export.program.format.text
+    rows = [
+        "    {" + ", ".join(text(table[name][k]) for name in names) + "}"
+        for k in range(len(export.vectors.status))
+    ]
+    return [f"static const @p_{side} @p_test_{side}[@P_TESTS] = {{", ",\n".join(rows), "};"]
+
+
+def tolerance_of(export: Export, output: str) -> float:
+    """Difference that the self-test allows: both sides may be off by the bound, which a sum adds
+    up.
+    """
+    summed = vectors.SUMMED if export.structure.summing else 1
+    jumps = (
+        2.0 if export.chain.condition else 1.0
+    )  # the test's temperatures jump, which the bound leaves out
+    return float(f"{2.0 * jumps * export.bounds[output] * summed:.2g}")
