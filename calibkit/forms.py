@@ -28,9 +28,11 @@ class Form:
     name: str
     """As it stands in coefficient files."""
     gradient: Callable[[Model, Inputs], Array]
-    """Derivatives [n, p] of the result by the coefficients, in their order in the model."""
+    """Derivatives [n, p] of the result by the coefficients, in their order in the model; [n, m, p]
+    of a result with m components.
+    """
     function: Callable[[Model, Inputs], Array] | None = None
-    """Result [n] where it is not the gradient times the coefficients."""
+    """Result [n] or [n, m] where it is not the gradient times the coefficients."""
     meaning: tuple[str, ...] = ()
     """Parameters without which the coefficients are other quantities."""
     measured: Mapping[str, float] = field(default_factory=dict)
@@ -55,7 +57,7 @@ class Form:
         """Model of this form from (name, value, unit) of each coefficient and their covariance
         [p, p]; standard uncertainties are the roots of its diagonal.
         """
-        uncertainty = np.sqrt(np.diag(covariance)).tolist()
+        uncertainty = np.sqrt(np.maximum(np.diag(covariance), 0.0)).tolist()
         return Model(
             name=name,
             form=self.name,
@@ -80,16 +82,16 @@ class Form:
         return np.array([coefficient.value for coefficient in model.coefficients])
 
     def evaluate(self, model: Model, at: Inputs) -> Array:
-        """Result [n] at inputs [n], which may lie outside the valid ranges."""
+        """Result [n] or [n, m] at inputs [n], which may lie outside the valid ranges."""
         values = self.read(model)
         return (
             self.gradient(model, at) @ values if self.function is None else self.function(model, at)
         )
 
     def standard_uncertainty(self, model: Model, at: Inputs) -> Array:
-        """Type A standard uncertainty [n] of the result: √(J C Jᵀ), C the covariance."""
+        """Type A standard uncertainty [n] or [n, m] of the result: √(J C Jᵀ), C the covariance."""
         gradient, covariance = self.gradient(model, at), np.array(model.covariance)
-        variance = np.sum((gradient @ covariance) * gradient, axis=1)
+        variance = np.sum((gradient @ covariance) * gradient, axis=-1)
         return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
 
 

@@ -12,11 +12,13 @@ import numpy as np
 import pytest
 from scipy import stats
 
-from calibkit import store
+from calibkit import instruments, store
 from calibkit.errors import CoefficientError, UsageError
 from calibkit.history import difference, difference_tables, figure, timeline
 from calibkit.numeric import change
 from kept import keep, model
+
+FORMS = instruments.forms()
 
 
 def runs_of(tmp_path, *units):
@@ -27,7 +29,7 @@ def runs_of(tmp_path, *units):
 def between(tmp_path, old, new, **unit):
     """Difference of two runs of one model each."""
     return difference.compare_runs(
-        *runs_of(tmp_path, {"models": [old], **unit}, {"models": [new], **unit})
+        *runs_of(tmp_path, {"models": [old], **unit}, {"models": [new], **unit}), FORMS
     )
 
 
@@ -50,7 +52,7 @@ def test_the_other_way_round_only_the_sign_changes(tmp_path):
         {"models": [model({"K": (10.0, "1/deg", 0.3), "F0": (1.0, "1/s", 0.3)})]},
         {"models": [model({"K": (10.9, "1/deg", 0.4), "F0": (2.1, "1/s", 0.4)})]},
     )
-    there, back = difference.compare_runs(a, b), difference.compare_runs(b, a)
+    there, back = difference.compare_runs(a, b, FORMS), difference.compare_runs(b, a, FORMS)
     pairs = zip(there.models[0].changes, back.models[0].changes, strict=True)
     assert all((x.difference, x.verdict) == (-y.difference, y.verdict) for x, y in pairs)
 
@@ -66,12 +68,14 @@ def test_the_verdict_names_models_that_are_in_one_run_only(tmp_path):
         {"models": [more, model(K, name="lost")]},
         {"models": [kept, model(K, name="new")]},
     )
-    verdict = difference_tables.state_verdict(difference.compare_runs(old, new))
+    verdict = difference_tables.state_verdict(difference.compare_runs(old, new, FORMS))
     assert verdict.startswith(
         f"model lost only in {old.name}; 1 coefficient more only in {old.name}; model new only in "
     )
     assert "0 of 1 coefficients moved" in verdict
-    assert difference_tables.state_verdict(difference.compare_runs(old, old)).startswith("0 of 3")
+    assert difference_tables.state_verdict(difference.compare_runs(old, old, FORMS)).startswith(
+        "0 of 3"
+    )
 
 
 def test_what_cannot_be_judged_is_not_judged(tmp_path):
@@ -138,9 +142,9 @@ def test_a_scale_factor_at_another_temperature_says_so(tmp_path):
     first, second, third = runs_of(tmp_path, *({"models": [entry]} for entry in at))
     assert (
         "measured at temp_case 25 and 25.5"
-        in difference.compare_runs(first, second).models[0].notes[0]
+        in difference.compare_runs(first, second, FORMS).models[0].notes[0]
     )
-    assert difference.compare_runs(second, third).models[0].notes == ()
+    assert difference.compare_runs(second, third, FORMS).models[0].notes == ()
 
 
 def test_coefficients_that_hold_one_by_one_can_have_moved_together(tmp_path):
@@ -232,10 +236,10 @@ def test_shared_logs_two_instruments_and_a_rejected_run_are_flagged(tmp_path):
         keep(tmp_path, model({"K": (1.0, "1", 0.1)}), logs=("bb", "cc"), accepted=False)
     )
     other = store.load(keep(tmp_path, model({"K": (1.0, "1", 0.1)}), serial="S-2"))
-    flags = difference.compare_runs(first, second).flags
+    flags = difference.compare_runs(first, second, FORMS).flags
     assert flags[0].startswith("1 of 3 logs are in both runs")
     assert flags[1] == "S-1@r002 was not accepted"
-    assert difference.compare_runs(first, other).flags == ("two instruments: S-1 and S-2",)
+    assert difference.compare_runs(first, other, FORMS).flags == ("two instruments: S-1 and S-2",)
 
 
 def test_recipes_that_differ_are_shown_line_by_line(tmp_path):
@@ -246,7 +250,7 @@ def test_recipes_that_differ_are_shown_line_by_line(tmp_path):
         {"models": [values], "recipe": "# one\norder = 2\nsame = 1\n"},
         {"models": [values], "recipe": "# two\norder = 3\nsame = 1\n"},
     )
-    settings = difference.compare_runs(old, new).settings
+    settings = difference.compare_runs(old, new, FORMS).settings
     assert [(s.what, s.before, s.after) for s in settings] == [
         ("recipe", "order = 2", ""),
         ("recipe", "", "order = 3"),
@@ -301,7 +305,7 @@ def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replac
     for date, accepted in (("2022-01-01", True), ("2022-01-01", True), ("2023-01-01", False)):
         keep(tmp_path, values, date=date, accepted=accepted)
     assert store.find("S-1", tmp_path, "2024-01-01").name == "r002"
-    found = timeline.read_timeline("S-1", tmp_path)
+    found = timeline.read_timeline("S-1", tmp_path, FORMS)
     assert [found.holds[n].since for n in (1, 2, 3)] == ["", "2022-01-01", ""]
     assert "S-1@r003 was not accepted: it is never in force by date" in found.flags
 
@@ -314,13 +318,13 @@ def test_a_revision_that_holds_from_before_the_one_it_supersedes_is_flagged(tmp_
     assert store.find("S-1", tmp_path, "2024-06-01").name == "r001"
     assert any(
         "S-1@r002 holds from 2023-01-01, before" in flag
-        for flag in timeline.read_timeline("S-1", tmp_path).flags
+        for flag in timeline.read_timeline("S-1", tmp_path, FORMS).flags
     )
 
 
 def test_a_whole_chain_is_sound(three_years):
     """Three fits in a row supersede each other, and each holds until the next."""
-    found = timeline.read_timeline("S-1", three_years)
+    found = timeline.read_timeline("S-1", three_years, FORMS)
     assert found.sound
     assert [(found.holds[n].since, found.holds[n].until) for n in (1, 2, 3)] == [
         ("2022-01-01", "2023-01-01"),
@@ -334,7 +338,7 @@ def test_a_missing_revision_breaks_the_chain(three_years, calibkit):
     is 4.
     """
     shutil.rmtree(three_years / "S-1" / "r002")
-    found = timeline.read_timeline("S-1", three_years)
+    found = timeline.read_timeline("S-1", three_years, FORMS)
     assert not found.sound
     assert found.breaks[0] == "r002 is missing"
     assert found.breaks[1].startswith("r003: what it supersedes cannot be checked")
@@ -352,7 +356,7 @@ def test_an_exchanged_revision_breaks_the_chain(three_years, tmp_path_factory):
     )
     shutil.rmtree(three_years / "S-1" / "r001")
     shutil.copytree(other, three_years / "S-1" / "r001")
-    (fault,) = timeline.read_timeline("S-1", three_years).breaks
+    (fault,) = timeline.read_timeline("S-1", three_years, FORMS).breaks
     assert fault.startswith("r002: gyro_scale supersedes")
     assert "of r001" in fault
 
@@ -381,24 +385,24 @@ def test_the_run_of_another_unit_under_a_serial_is_refused(three_years, calibkit
     with pytest.raises(CoefficientError, match="says S-2 r1, expected S-1 r004"):
         store.find("S-1", three_years)
     assert calibkit("show", "S-1", "--runs", three_years).code == 4
-    assert not timeline.read_timeline("S-1", three_years).sound
+    assert not timeline.read_timeline("S-1", three_years, FORMS).sound
     with pytest.raises(CoefficientError, match="says S-2"):
         keep(three_years, model({"K": (5.0, "1/deg", 0.02)}))
 
 
 def test_a_series_follows_a_quantity_with_its_slope(three_years):
     """K falls by 0.1 a year: −0.1 within the length of a leap year, −0.2 in all, which is 7.1 u."""
-    found = timeline.read_timeline("S-1", three_years)
+    found = timeline.read_timeline("S-1", three_years, FORMS)
     K = next(series for series in found.series if series.quantity.name == "K")
     assert [point.value for point in K.points] == [10.0, 9.9, 9.8]
     assert K.trend.slope == pytest.approx(-0.1, abs=2e-4)
     assert K.overall.in_u == pytest.approx(-0.2 / math.hypot(0.02, 0.02), rel=1e-9)
     assert K.largest_step == pytest.approx(0.1 / math.hypot(0.02, 0.02), rel=1e-9)
     assert {series.quantity.name for series in found.series} == {"K", "F0"}
-    only = timeline.read_timeline("S-1", three_years, "gyro_scale.N").series
+    only = timeline.read_timeline("S-1", three_years, FORMS, "gyro_scale.N").series
     assert [series.quantity.name for series in only] == ["N"]
     with pytest.raises(UsageError, match="no coefficient or figure of S-1 matches"):
-        timeline.read_timeline("S-1", three_years, "nothing.*")
+        timeline.read_timeline("S-1", three_years, FORMS, "nothing.*")
 
 
 def test_the_slope_is_that_of_weighted_least_squares():
@@ -434,7 +438,7 @@ def test_runs_that_share_logs_are_one_determination(tmp_path):
     for revision, K in enumerate((10.0, 5.0, 9.8, 9.7), start=1):
         logs = ("same",) if revision in (2, 3) else (f"log{revision}",)
         keep(tmp_path, model({"K": (K, "1/deg", 0.02)}), date=f"202{revision}-01-01", logs=logs)
-    found = timeline.read_timeline("S-1", tmp_path)
+    found = timeline.read_timeline("S-1", tmp_path, FORMS)
     assert found.flags == (
         (
             "S-1@r003 was fitted to logs of S-1@r002 as well: one determination, not two; slopes"
@@ -450,7 +454,7 @@ def test_the_figure_is_a_picture_and_the_same_bytes_twice(three_years, calibkit,
     """The figure of `history` is a PDF or PNG, the same for the same runs, and never over another
     file.
     """
-    found = timeline.read_timeline("S-1", three_years)
+    found = timeline.read_timeline("S-1", three_years, FORMS)
     assert figure.render(found, ".png").startswith(b"\x89PNG")
     assert figure.render(found, ".pdf") == figure.render(found, ".pdf")
     out = tmp_path / "drift.pdf"
@@ -475,7 +479,7 @@ def test_a_single_run_has_a_history_without_series(tmp_path, calibkit):
 def test_a_serial_whose_runs_were_all_rejected_has_a_history(tmp_path):
     """Nothing is in force when nothing was accepted, and the runs are listed all the same."""
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}), accepted=False)
-    found = timeline.read_timeline("S-1", tmp_path)
+    found = timeline.read_timeline("S-1", tmp_path, FORMS)
     assert found.sound
     assert found.holds[1].since == ""
     with pytest.raises(UsageError, match="none was accepted"):

@@ -124,13 +124,13 @@ def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) ->
     A coefficient has moved when it differs by more than two standard uncertainties (type A) of the
     difference.
     """
-    from calibkit import store
+    from calibkit import instruments, store
     from calibkit.history import difference_tables as tables
     from calibkit.history.difference import compare_runs
 
     _one_format(as_csv=as_csv, as_json=as_json)
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
-    found = compare_runs(old, new)
+    found = compare_runs(old, new, instruments.forms())
     if as_json:
         print_json({"ok": True, **tables.difference_document(found)})
     elif as_csv:
@@ -167,13 +167,13 @@ def history(
     Exit code 4 where a revision is missing, cannot be trusted, or does not supersede the one
     before.
     """
-    from calibkit import store
+    from calibkit import instruments, store
     from calibkit.history import figure as drawing
     from calibkit.history import timeline_tables as tables
     from calibkit.history.timeline import read_timeline
 
     _one_format(as_csv=as_csv, as_json=as_json)
-    found = read_timeline(serial, runs, only)
+    found = read_timeline(serial, runs, instruments.forms(), only)
     if figure is not None:
         store.write_new(figure, drawing.render(found, figure.suffix))
     broken = None

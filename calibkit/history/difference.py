@@ -19,6 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from calibkit.coefficients import Coefficient, Model, Record
+    from calibkit.forms import Form
     from calibkit.numeric.change import Joint
     from calibkit.store import Run
 
@@ -29,7 +30,6 @@ MEANING = {
     "fog-drift-rate/1": ("interval",),
     "fog-drift-level/1": ("interval",),
     "fog-drift-lagged/1": ("interval",),
-    "accel-q/1": ("temperature",),
 }
 """Form → parameters that say what its coefficients mean: with another value of one they are other
 quantities.
@@ -120,8 +120,10 @@ class Difference:
         return sum(entry.verdict in verdicts for model in self.models for entry in model.changes)
 
 
-def compare_runs(before: Run, after: Run) -> Difference:
-    """What changed from one run to another; raises UsageError for runs of different procedures."""
+def compare_runs(before: Run, after: Run, forms: Mapping[str, Form]) -> Difference:
+    """What changed from one run to another, with the model forms by name; raises UsageError for
+    runs of different procedures.
+    """
     procedures = before.document["procedure"], after.document["procedure"]
     if procedures[0] != procedures[1]:
         raise UsageError(
@@ -132,7 +134,7 @@ def compare_runs(before: Run, after: Run) -> Difference:
     figures: list[ModelChange] = []
     for file in dict.fromkeys([*before.records, *after.records]):
         old, new = before.records.get(file), after.records.get(file)
-        models += _models(old, new)
+        models += _models(old, new, forms)
         figures += _figures(old, new)
     return Difference(
         before,
@@ -144,7 +146,9 @@ def compare_runs(before: Run, after: Run) -> Difference:
     )
 
 
-def _models(old: Record | None, new: Record | None) -> Iterator[ModelChange]:
+def _models(
+    old: Record | None, new: Record | None, forms: Mapping[str, Form]
+) -> Iterator[ModelChange]:
     """Models of one stage, in the order of the older run; those of one run only have nothing to be
     held against.
     """
@@ -162,46 +166,50 @@ def _models(old: Record | None, new: Record | None) -> Iterator[ModelChange]:
                 new.stage, name, model.form, compare_numbers((), model.coefficients), None, ()
             )
         elif new:
-            yield _model(new.stage, olds[name], news[name])
+            yield _model(new.stage, olds[name], news[name], forms.get(olds[name].form))
 
 
-def _model(stage: str, old: Model, new: Model) -> ModelChange:
+def _model(stage: str, old: Model, new: Model, form: Form | None) -> ModelChange:
     """One model in two runs; where its equation or a chosen parameter changed nothing is judged."""
-    obstacles, notes = _obstacles(old, new), _measured(old, new)
+    obstacles, notes = _obstacles(old, new, form), _measured(old, new, form)
     changes = compare_numbers(old.coefficients, new.coefficients, comparable=not obstacles)
     together = None if obstacles else _joint(old, new, changes)
     return ModelChange(stage, old.name, new.form, changes, together, (*obstacles, *notes))
 
 
-def _obstacles(old: Model, new: Model) -> tuple[str, ...]:
+def _obstacles(old: Model, new: Model, form: Form | None) -> tuple[str, ...]:
     """Reasons why the coefficients of two models are different quantities."""
     if old.form != new.form:
         return (f"form {old.form} became {new.form}: the coefficients are other quantities",)
     return tuple(
         f"{name} {a:g} became {b:g}: the coefficients are other quantities"
-        for name, a, b in _parameters(old, new, MEANING)
+        for name, a, b in _parameters(old, new, meaning_of(old.form, form))
         if a != b
     )
 
 
-def _measured(old: Model, new: Model) -> tuple[str, ...]:
+def _measured(old: Model, new: Model, form: Form | None) -> tuple[str, ...]:
     """Where the two were measured, when that differs."""
+    matters = form.measured if form and form.measured else MEASURED.get(old.form, {})
     return tuple(
         f"measured at {name} {a:.4g} and {b:.4g}: part of a difference may be that"
-        for name, a, b in _parameters(old, new, MEASURED)
-        if not abs(a - b) <= MEASURED[old.form][name]
+        for name, a, b in _parameters(old, new, matters)
+        if not abs(a - b) <= matters[name]
     )
 
 
-def _parameters(
-    old: Model, new: Model, table: Mapping[str, Iterable[str]]
-) -> Iterator[tuple[str, float, float]]:
-    """Name and both values of the parameters that a table lists for a form; NaN where a model has
+def meaning_of(name: str, form: Form | None) -> tuple[str, ...]:
+    """Parameters that say what the coefficients of a form are."""
+    return form.meaning if form and form.meaning else MEANING.get(name, ())
+
+
+def _parameters(old: Model, new: Model, names: Iterable[str]) -> Iterator[tuple[str, float, float]]:
+    """Name and both values of parameters that one of two models has; NaN where the other has
     none.
     """
     olds = {parameter.name: parameter.value for parameter in old.parameters}
     news = {parameter.name: parameter.value for parameter in new.parameters}
-    for name in table.get(old.form, ()):
+    for name in names:
         if name in olds or name in news:
             yield name, olds.get(name, math.nan), news.get(name, math.nan)
 

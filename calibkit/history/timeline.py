@@ -23,7 +23,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
     from pathlib import Path
 
-    from calibkit.coefficients import Model, Record
+    from calibkit.coefficients import Record
+    from calibkit.forms import Form
     from calibkit.history.difference import Change
     from calibkit.numeric.change import Trend
     from calibkit.store import Run
@@ -113,9 +114,11 @@ class Timeline:
         return not self.refused and not self.breaks
 
 
-def read_timeline(serial: str, runs_folder: Path, pattern: str = "") -> Timeline:
-    """Timeline of a serial under a folder of runs; UsageError where there is none, or no number
-    matches the pattern.
+def read_timeline(
+    serial: str, runs_folder: Path, forms: Mapping[str, Form], pattern: str = ""
+) -> Timeline:
+    """Timeline of a serial under a folder of runs, with the model forms by name; UsageError where
+    there is none, or no number matches the pattern.
 
     Without a pattern the coefficients of models are followed; with one, every coefficient and
     figure whose stage.model.name matches it.
@@ -131,7 +134,7 @@ def read_timeline(serial: str, runs_folder: Path, pattern: str = "") -> Timeline
             runs.append(store.load_revision(runs_folder, serial, number))
         except CoefficientError as error:
             refused.append(Refused(number, str(error)))
-    series = tuple(entry for entry in _series(runs) if _wanted(entry.quantity, pattern))
+    series = tuple(entry for entry in _series(runs, forms) if _wanted(entry.quantity, pattern))
     if runs and not series and pattern:
         raise UsageError(
             f"--only {pattern}: no coefficient or figure of {serial} matches", hint="try --only '*'"
@@ -239,7 +242,7 @@ def _independent(runs: Sequence[Run]) -> set[int]:
     return kept
 
 
-def _series(runs: Sequence[Run]) -> Iterator[Series]:
+def _series(runs: Sequence[Run], forms: Mapping[str, Form]) -> Iterator[Series]:
     """Quantities with an uncertainty that two runs or more determined, alike in form, unit and
     meaning.
     """
@@ -248,7 +251,7 @@ def _series(runs: Sequence[Run]) -> Iterator[Series]:
         runs, key=lambda run: (run.document["effective_from"], run.document["revision"])
     ):
         when = (run.document["revision"], run.document["effective_from"])
-        for quantity, number in _numbers(run):
+        for quantity, number in _numbers(run, forms):
             if number.standard_uncertainty > 0.0:
                 point = Point(
                     *when, number.value, number.standard_uncertainty, bool(run.document["accepted"])
@@ -260,26 +263,21 @@ def _series(runs: Sequence[Run]) -> Iterator[Series]:
             yield _one(quantity, tuple(found), independent)
 
 
-def _numbers(run: Run) -> Iterator[tuple[Quantity, Coefficient]]:
+def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[Quantity, Coefficient]]:
     """Every coefficient and figure of a run that belongs to the unit and not to one log."""
     for record in run.records.values():
         for model in record.models:
-            if model.form != PER_RAMP:
-                for c in model.coefficients:
-                    yield (
-                        Quantity(
-                            record.stage, model.name, model.form, _meaning(model), c.name, c.unit
-                        ),
-                        c,
-                    )
+            form = forms.get(model.form)
+            if model.form == PER_RAMP or (form is not None and form.per_log):
+                continue
+            names = difference.meaning_of(model.form, form)
+            meaning = ", ".join(
+                f"{p.name} {p.value:g} {p.unit}" for p in model.parameters if p.name in names
+            )
+            for c in model.coefficients:
+                yield Quantity(record.stage, model.name, model.form, meaning, c.name, c.unit), c
         for figure in record.figures:
             yield Quantity(record.stage, "", "", "", figure.name, figure.unit), figure
-
-
-def _meaning(model: Model) -> str:
-    """Chosen parameters that say what a model's coefficients are."""
-    names = difference.MEANING.get(model.form, ())
-    return ", ".join(f"{p.name} {p.value:g} {p.unit}" for p in model.parameters if p.name in names)
 
 
 def _one(quantity: Quantity, points: tuple[Point, ...], independent: set[int]) -> Series:

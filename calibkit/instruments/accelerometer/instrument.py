@@ -13,7 +13,7 @@ from calibkit.ingest import logs as ingest
 from calibkit.ingest import write_back
 from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.accelerometer import attitude as accel_attitude
-from calibkit.instruments.accelerometer import coefficient_files
+from calibkit.instruments.accelerometer import coefficient_files, forms
 from calibkit.instruments.accelerometer import dwells as accel_dwells
 from calibkit.instruments.accelerometer import figures as pages
 from calibkit.instruments.accelerometer import fit as accel_fit
@@ -207,6 +207,7 @@ INSTRUMENT = Instrument(
     validate=validate,
     apply=apply,
     certificate=_certificate,
+    forms=lambda: forms.FORMS,
     firmware=_firmware,
     key_figures=(
         r"accel_k\.accel_\w\.(K\d|residual_rms)",

@@ -20,8 +20,6 @@ if TYPE_CHECKING:
 AXES = "xyz"
 TILT = ("tilt_north_rad", "tilt_east_rad")
 FIXTURE = ("fixture_x_rad", "fixture_y_rad", "fixture_z_rad")
-HIGHEST_POWER = 9
-"""Of temperature that a name can carry."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -82,6 +80,17 @@ def entries_of(terms: AffineTerms, *, triangular: bool) -> tuple[Entry, ...]:
     return tuple(listed)
 
 
+_KNOWN = {
+    entry.name: entry
+    for entry in entries_of(
+        # of temperature, one digit of a name
+        AffineTerms(9, 9, 9, second_order=True, third_order=True, tilt=True, fixture=True),
+        triangular=False,
+    )
+}
+"""Every parameter that a coefficient file can hold, by its name."""
+
+
 def evaluate(
     entries: Sequence[Entry], values: Array, indication: Array, temperature: Array
 ) -> tuple[Array, Array]:
@@ -120,17 +129,12 @@ def entry_of(name: str) -> Entry:
         For a name that the form accel-affine/1 does not have.
 
     """
-    high = HIGHEST_POWER
-    whole = AffineTerms(
-        high, high, high, second_order=True, third_order=True, tilt=True, fixture=True
-    )
-    known = {entry.name: entry for entry in entries_of(whole, triangular=False)}
-    if name not in known:
+    if name not in _KNOWN:
         raise FitError(
             f"accel-affine has no parameter {name!r}",
             hint="names are m_xx0, b_x0, n_x_xx with axes x, y, z",
         )
-    return known[name]
+    return _KNOWN[name]
 
 
 def correct(coefficients: Mapping[str, float], indication: Array, temperature: Array) -> Array:

@@ -1,0 +1,97 @@
+"""Model forms of a triad: K-factor of one axis, Q-factor, and the affine triad over temperature."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.forms import Form
+from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
+
+if TYPE_CHECKING:
+    from calibkit.arrays import Array
+    from calibkit.coefficients import Model
+    from calibkit.forms import Inputs
+
+COMPONENTS = ("accel_x_g", "accel_y_g", "accel_z_g")
+TEMPERATURE = "temp_case_degc"
+K_MODELS = ("accel_x", "accel_y", "accel_z")
+"""Names of the K models, one per axis."""
+Q_UNIT = "rad"
+
+
+def _over_temperature(unit: str, power: int) -> str:
+    """Unit of the coefficient of a power of the temperature."""
+    return unit if power == 0 else f"{unit}/degC{power if power > 1 else ''}"
+
+
+SCALE_FACTOR, ZERO_OFFSET, CROSS = k_factor.NAMES[:4], k_factor.NAMES[4:8], k_factor.NAMES[8:]
+"""K of the scale factor and of the zero offset in ascending powers of the temperature, and K of the
+two other axes.
+"""
+K_UNITS = (*(_over_temperature(unit, k) for unit in ("1", "g") for k in range(4)), "1", "1")
+
+
+def affine_unit(name: str) -> str:
+    """Unit of an affine parameter; FitError for a name that is none."""
+    entry = affine_model.entry_of(name)
+    if entry.kind in ("tilt", "fixture"):
+        return "rad"
+    unit = {"m": "1", "b": "g", "n": "1/g" if len(entry.factors) == 2 else "1/g2"}[entry.kind]
+    return _over_temperature(unit, entry.power)
+
+
+def inputs(indication: Array, temperature: Array) -> Inputs:
+    """Inputs of a form from indications [n, 3, g] and temperatures [n, °C]."""
+    return {**dict(zip(COMPONENTS, indication.T, strict=True)), TEMPERATURE: temperature}
+
+
+def _indication(at: Inputs) -> Array:
+    """Indications [n, 3, g] beside each other."""
+    return np.column_stack([at[component] for component in COMPONENTS])
+
+
+def _k_gradient(model: Model, at: Inputs) -> Array:
+    """Derivatives [n, 10] of one corrected component by K0 … K9."""
+    axis = K_MODELS.index(model.name)
+    return k_factor.columns(_indication(at), at[TEMPERATURE], axis)
+
+
+def _q_matrix(coefficients: Array) -> Array:
+    """Exact matrix [3, 3] of Q1, Q2, Q3 [3, rad]."""
+    return q_factor.exact(q_factor.axes_of(coefficients))
+
+
+def _q_correct(model: Model, at: Inputs) -> Array:
+    """Orthogonal components [n, 3, g] by the exact matrix."""
+    return _indication(at) @ _q_matrix(Q.read(model)).T
+
+
+def _q_gradient(model: Model, at: Inputs) -> Array:
+    """Derivatives [n, 3, 3] of the orthogonal components by Q1, Q2, Q3."""
+    slopes = q_factor.derivative(lambda q: _q_matrix(q).ravel(), Q.read(model), scale=np.ones(3))
+    return np.asarray(
+        np.einsum("nj,ijk->nik", _indication(at), slopes.reshape(3, 3, 3)), dtype=np.float64
+    )
+
+
+def _affine(model: Model, at: Inputs) -> tuple[Array, Array]:
+    """Corrected components [n, 3, g] and their derivatives [n, 3, p] by the parameters."""
+    entries = [affine_model.entry_of(c.name) for c in model.coefficients]
+    return affine_model.evaluate(entries, AFFINE.read(model), _indication(at), at[TEMPERATURE])
+
+
+K = Form("accel-k/1", _k_gradient)
+"""One corrected component [n, g]: G (K0 + K1 t + K2 t² + K3 t³) − (K4 + K5 t + K6 t² + K7 t³)
+− K8 G′ − K9 G″, G′ and G″ the indications of the two other axes.
+"""
+Q = Form("accel-q/1", _q_gradient, _q_correct, meaning=("temperature",))
+"""Orthogonal components [n, 3, g] by the exact matrix of the small angles Q1, Q2, Q3 [rad]."""
+AFFINE = Form(
+    "accel-affine/1",
+    lambda model, at: _affine(model, at)[1],
+    lambda model, at: _affine(model, at)[0],
+)
+"""Corrected components [n, 3, g]: M(t) (G − b(t)) with higher orders of the indications."""
+FORMS = (K, Q, AFFINE)

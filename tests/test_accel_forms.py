@@ -1,0 +1,151 @@
+"""Model forms of a triad: what is written is read back, and derivatives are those of the result."""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibkit.errors import CoefficientError
+from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
+
+RNG = np.random.default_rng(17)
+INDICATION = RNG.uniform(-1.0, 1.0, (7, 3))
+TEMPERATURE = RNG.uniform(-20.0, 125.0, 7)
+AT = forms.inputs(INDICATION, TEMPERATURE)
+K_OF_AXES = RNG.normal(0.0, 1.0, (3, 10)) * [
+    1,
+    1e-4,
+    1e-7,
+    1e-9,
+    1e-2,
+    1e-5,
+    1e-7,
+    1e-9,
+    1e-2,
+    1e-2,
+]
+SMALL_ANGLES = np.array([0.011, -0.007, 0.004])
+AFFINE_NAMES = (
+    *("m_xx0", "m_xx1", "m_yy0", "m_zz0", "m_xy0", "m_zx2", "b_x0", "b_y1", "b_z3"),
+    *("n_x_xx", "n_y_yz", "n_z_zzz"),
+)
+AFFINE_VALUES = np.array([1.01, 2e-5, 0.99, 1.0, 3e-3, 1e-8, 1e-3, 2e-5, 1e-9, 1e-5, -2e-5, 3e-5])
+
+
+def written(form, name, names, values, units):
+    """Model of a form with a covariance of random correlations."""
+    root = np.random.default_rng(3).normal(0.0, 1e-5, (len(values), len(values)))
+    return form.write(
+        name,
+        list(zip(names, np.asarray(values).tolist(), units, strict=True)),
+        root @ root.T,
+        dof=20,
+        residual_rms=2e-5,
+        residual_unit="g",
+        valid={forms.TEMPERATURE: (-20.0, 125.0)},
+    )
+
+
+MODELS = {
+    **{
+        name: (forms.K, written(forms.K, name, k_factor.NAMES, values, forms.K_UNITS))
+        for name, values in zip(forms.K_MODELS, K_OF_AXES, strict=True)
+    },
+    "q": (forms.Q, written(forms.Q, "triad", q_factor.NAMES, SMALL_ANGLES, ["rad"] * 3)),
+    "affine": (
+        forms.AFFINE,
+        written(
+            forms.AFFINE,
+            "triad",
+            AFFINE_NAMES,
+            AFFINE_VALUES,
+            [forms.affine_unit(name) for name in AFFINE_NAMES],
+        ),
+    ),
+}
+
+
+def test_k_of_an_axis_is_the_published_equation():
+    """Each axis with the two others that its K8 and K9 multiply, written out."""
+    t = TEMPERATURE
+    for axis, (second, third) in enumerate(((1, 2), (2, 0), (0, 1))):
+        k = K_OF_AXES[axis]
+        form, model = MODELS[forms.K_MODELS[axis]]
+        expected = (
+            INDICATION[:, axis] * (k[0] + k[1] * t + k[2] * t**2 + k[3] * t**3)
+            - (k[4] + k[5] * t + k[6] * t**2 + k[7] * t**3)
+            - k[8] * INDICATION[:, second]
+            - k[9] * INDICATION[:, third]
+        )
+        np.testing.assert_allclose(form.evaluate(model, AT), expected, rtol=1e-12, atol=1e-12)
+
+
+def test_q_and_affine_are_what_their_equations_give():
+    """The exact matrix of the axes, and the affine triad of the numeric model."""
+    form, model = MODELS["q"]
+    exact = np.linalg.inv(q_factor.axes_of(SMALL_ANGLES))
+    np.testing.assert_allclose(form.evaluate(model, AT), INDICATION @ exact.T, atol=1e-14)
+    form, model = MODELS["affine"]
+    entries = [affine_model.entry_of(name) for name in AFFINE_NAMES]
+    expected, _ = affine_model.evaluate(entries, AFFINE_VALUES, INDICATION, TEMPERATURE)
+    np.testing.assert_array_equal(form.evaluate(model, AT), expected)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_gradient_is_the_derivative_of_the_result(name):
+    """Every coefficient a little larger and smaller, by central differences."""
+    form, model = MODELS[name]
+    gradient = form.gradient(model, AT)
+    for column, coefficient in enumerate(model.coefficients):
+        step = 1e-6 * max(abs(coefficient.value), 1e-3)
+        moved = []
+        for value in (coefficient.value + step, coefficient.value - step):
+            others = list(model.coefficients)
+            others[column] = replace(coefficient, value=value)
+            moved.append(form.evaluate(replace(model, coefficients=tuple(others)), AT))
+        slope = (moved[0] - moved[1]) / (2.0 * step)
+        scale = np.abs(slope).max()
+        np.testing.assert_allclose(gradient[..., column], slope, atol=1e-6 * scale + 1e-9)
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_uncertainty_of_the_result_is_that_of_drawn_coefficients(name):
+    """Spread of results of coefficients that are drawn from the covariance, within 10 %."""
+    form, model = MODELS[name]
+    drawn = np.random.default_rng(5).multivariate_normal(
+        form.read(model), np.array(model.covariance), 2000, method="cholesky"
+    )
+    results = []
+    for values in drawn:
+        entries = [
+            replace(c, value=float(v)) for c, v in zip(model.coefficients, values, strict=True)
+        ]
+        results.append(form.evaluate(replace(model, coefficients=tuple(entries)), AT))
+    stated = form.standard_uncertainty(model, AT)
+    np.testing.assert_allclose(stated, np.std(results, axis=0), rtol=0.1, atol=1e-12)
+
+
+def test_units_follow_from_the_power_of_the_temperature():
+    """1/°C to a power for scale factors, g per that for zero offsets, 1/g for second orders."""
+    assert (
+        *("1", "1/degC", "1/degC2", "1/degC3"),
+        *("g", "g/degC", "g/degC2", "g/degC3"),
+        *("1", "1"),
+    ) == forms.K_UNITS
+    units = {
+        "m_xy0": "1",
+        "m_zz1": "1/degC",
+        "b_x2": "g/degC2",
+        "n_x_xy": "1/g",
+        "n_z_zzz": "1/g2",
+        "tilt_north_rad": "rad",
+        "fixture_x_rad": "rad",
+    }
+    assert {name: forms.affine_unit(name) for name in units} == units
+
+
+def test_a_model_of_another_form_is_refused():
+    """K is not read as Q, whatever its coefficients are called."""
+    with pytest.raises(CoefficientError, match="is of form accel-k/1, expected accel-q/1"):
+        forms.Q.read(MODELS["accel_x"][1])
