@@ -75,6 +75,8 @@ class Input:
     """
     plugins: tuple[Plugin, ...] = ()
     """Plugins that read the log; kept in run.json, not in coefficient files."""
+    second_logger_sha256: str = ""
+    """Digest of a second logger's file that was joined; kept in run.json."""
     content: frozenset[bytes] = field(default=frozenset(), compare=False, repr=False)
     """First rows of its values, by which copies are seen; run.json keeps their fingerprint."""
 
@@ -88,6 +90,7 @@ class Input:
             log.reading,
             log.clock,
             log.plugins,
+            log.second_logger_sha256,
             content=log.first_rows(),
         )
 

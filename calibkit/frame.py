@@ -76,6 +76,8 @@ class Log:
     """Offset of a second logger's clock [s] and the largest standard uncertainty of its times [s],
     where one was joined.
     """
+    second_logger_sha256: str = ""
+    """Digest of the second logger's file that was joined."""
     plugins: tuple[Plugin, ...] = ()
     """Plugins that read it."""
     room: Callable[[int], Array] = np.empty

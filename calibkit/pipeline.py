@@ -23,6 +23,7 @@ from calibkit.errors import (
 )
 from calibkit.history import dates
 from calibkit.ingest import logs as ingest
+from calibkit.readers.table import Guess
 from calibkit.recipe import type_b
 from calibkit.report import budget, documents, figures, html
 from calibkit.version import __version__
@@ -126,7 +127,7 @@ def guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
     made: dict[str, list[str]] = {}
     for entry in inputs:
         for said in entry.reading:
-            if "guessed" in said:
+            if isinstance(said, Guess):
                 made.setdefault(said, []).append(entry.name)
     return tuple(
         f"{names[0] if len(names) == 1 else f'{len(names)} logs'}: {said}; pin it in the recipe"

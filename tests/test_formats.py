@@ -626,7 +626,9 @@ gyro_dph = { from = "Drehrate", sign = -1 }
     inputs = json.loads(
         (tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8")
     )["inputs"]
-    assert all("encoding = 'cp1252' (guessed)" in entry["reading"] for entry in inputs)
+    for part in ("reading", "guesses"):
+        assert all("encoding = 'cp1252' (guessed)" in entry[part] for entry in inputs)
+    assert all("(guessed)" in line for entry in inputs for line in entry["guesses"])
     assert "4804 lines: 2 above the header, 1 of header, 4801 rows" in inputs[1]["reading"]
     data, out = tmp_path / "logs" / "ramp_heating_05.csv", tmp_path / "out.csv"
     assert (

@@ -2,6 +2,7 @@
 them.
 """
 
+import hashlib
 import json
 
 import numpy as np
@@ -9,6 +10,7 @@ import pytest
 
 import calibkit as calibkit_api
 from calibkit import coefficients, instruments, recipe
+from calibkit.fleet import unit
 from calibkit.instruments.fog_thermal import simulate
 
 OFFSET_S = 17.3
@@ -102,6 +104,9 @@ def test_a_fit_records_the_clock(tmp_path, columns, log_writer, calibkit):
         (tmp_path / "runs" / "S" / "r001" / "run.json").read_text(encoding="utf-8")
     )
     assert "clock of chamber" in json.dumps(document["inputs"])
+    chamber = (tmp_path / "logs" / f"chamber_{LOG}.csv").read_bytes()
+    digest = hashlib.sha256(chamber).hexdigest()
+    assert document["inputs"][0]["second_logger_sha256"] == digest
     clock = next(line for line in document["inputs"][0]["reading"] if line.startswith("clock of"))
     paths = sorted((tmp_path / "runs" / "S" / "r001").glob("d*.json"))
     assert "drift_rate.json" in [path.name for path in paths]
@@ -138,6 +143,24 @@ def test_a_stated_clock_is_a_condition_and_one_clock_is_none(
     found = [(c.name, c.value, c.unit, c.standard_uncertainty) for c in made.conditions]
     name = f"second_logger_clock_offset.{LOG}.csv"
     assert found == ([] if expected is None else [(name, OFFSET_S, "s", 0.5)])
+
+
+def test_a_fleet_fits_again_when_a_chamber_log_has_changed(tmp_path, columns, log_writer):
+    """A run stands for the second logger's file that its run.json names by digest, not for
+    another of the same name.
+    """
+    write(tmp_path / "units" / "S", columns, log_writer)
+    source = recipe.Source("r.toml", text(ESTIMATE))
+    (tmp_path / "runs").mkdir()
+    plan = unit.Plan(source, tmp_path / "units", tmp_path / "runs", "2026-11-21")
+    assert unit.outcome(plan, "S").before is False
+    assert unit.outcome(plan, "S").before is True
+    (tmp_path / "units" / "S" / f"chamber_{LOG}.csv").unlink()
+    write(tmp_path / "again", columns, log_writer, keep=slice(None, None, 10))
+    (tmp_path / "again" / f"chamber_{LOG}.csv").rename(
+        tmp_path / "units" / "S" / f"chamber_{LOG}.csv"
+    )
+    assert unit.outcome(plan, "S").run == "r002"
 
 
 def test_a_gap_of_the_chamber_log_stays_a_gap(tmp_path, columns, log_writer):

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING
 
 from calibkit.errors import FrameError
 from calibkit.frame import KEPT_DIGITS, KEPT_ROWS, fingerprint
+from calibkit.readers.table import Guess
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -108,15 +109,16 @@ def same_entry(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
 
 
 def entry(log: Input) -> dict[str, object]:
-    """A log as run.json lists it: what identifies it, a fingerprint of its values, how it was
-    read.
+    """A log as run.json lists it: what identifies it, a fingerprint of its values, how it was read,
+    what of that was guessed, the digest of a second logger's file.
     """
-    values = fingerprint(log.content)
-    return {
-        **log.identity(),
-        **({FINGERPRINT: values} if values else {}),
-        **({"reading": list(log.reading)} if log.reading else {}),
+    stated = {
+        FINGERPRINT: fingerprint(log.content),
+        "reading": list(log.reading),
+        "guesses": [line for line in log.reading if isinstance(line, Guess)],
+        "second_logger_sha256": log.second_logger_sha256,
     }
+    return log.identity() | {key: value for key, value in stated.items() if value}
 
 
 def marks(one: Mapping[str, object]) -> frozenset[str]:

@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import contextlib
 import hashlib
-import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -162,22 +161,14 @@ def already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
     beside = _second_loggers(plan.data / serial, spec)
     for run in candidates:
         inputs = {entry["name"]: entry["sha256"] for entry in run.document["inputs"]}
-        joined = _joined(run.document)
+        joined = {
+            entry["second_logger_sha256"]
+            for entry in run.document["inputs"]
+            if "second_logger_sha256" in entry
+        }
         if inputs == logs and joined <= beside and bool(joined) == (spec.chamber is not None):
             return run
     return None
-
-
-def _joined(document: Mapping[str, Any]) -> set[str]:
-    """Digests of the second loggers' files that a run's logs were joined with, from what it says of
-    their reading.
-    """
-    return {
-        digest
-        for entry in document["inputs"]
-        for said in entry.get("reading", ())
-        for digest in re.findall(r"\(sha256 ([0-9a-f]{64})", said)
-    }
 
 
 def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
@@ -220,10 +211,7 @@ def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
         ),
         guesses=tuple(
             dict.fromkeys(
-                said
-                for entry in document["inputs"]
-                for said in entry.get("reading", ())
-                if "guessed" in said
+                guess for entry in document["inputs"] for guess in entry.get("guesses", ())
             )
         ),
         flags=len(document["flags"]),

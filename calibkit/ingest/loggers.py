@@ -93,6 +93,7 @@ def joined(
     return replace(
         first,
         clock=_uncertain(chamber, clock, second),
+        second_logger_sha256=second.sha256,
         frame=frame,
         notes=(
             *first.notes,

@@ -8,7 +8,7 @@ import numpy as np
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited
-from calibkit.readers.table import FIRST_ROW
+from calibkit.readers.table import FIRST_ROW, Guess
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Mapping
@@ -81,7 +81,7 @@ def _inside(
         raise LogFormatError(f"{file}: no numeric arrays", hint=f"there are: {_listed(arrays)}")
     group = next(iter(groups))
     inside = {name.removeprefix(group).lstrip("/"): array for name, array in numeric.items()}
-    return inside, ((f"table = '{group}' (guessed)",) if group else ())
+    return inside, ((Guess(f"table = '{group}' (guessed)"),) if group else ())
 
 
 def _matrix(matrix: NDArray[np.generic], name: str, file: str, logs: Logs) -> pd.DataFrame:

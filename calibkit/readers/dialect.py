@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+from calibkit.readers.table import Guess
+
 
 @dataclass(frozen=True, slots=True)
 class TextColumn:
@@ -63,14 +65,16 @@ class Dialect:
         return pinned | ({"widths": list(self.widths)} if self.widths else {})
 
     def describe(self) -> tuple[str, ...]:
-        """How the log is written, one fact per text, guesses named as such."""
+        """How the log is written, one fact per text, each guess a `Guess`."""
         pinned = (
-            f"{key} = {value!r} ({'guessed' if key in self.guessed else 'from the recipe'})"
+            Guess(f"{key} = {value!r} (guessed)")
+            if key in self.guessed
+            else f"{key} = {value!r} (from the recipe)"
             for key, value in self.recipe_keys().items()
         )
         renamed = ["the recipe's names stand in place of the header's"] if self.renamed else []
         times = (
-            f"column '{column.name}': time_format = '{column.time_format}' (guessed)"
+            Guess(f"column '{column.name}': time_format = '{column.time_format}' (guessed)")
             for column in self.columns
             if column.kind == "time"
         )

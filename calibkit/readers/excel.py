@@ -18,6 +18,7 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited, optional, sniff, text
+from calibkit.readers.table import Guess
 from calibkit.recipe.logs import TextSpec
 
 if TYPE_CHECKING:
@@ -81,7 +82,7 @@ def _sheet(
             f"{file}: {len(filled)} sheets hold cells: {', '.join(filled)}",
             hint="name one in [logs] table of the recipe",
         )
-    return filled[0], (f"table = '{filled[0]}' (guessed)",)
+    return filled[0], (Guess(f"table = '{filled[0]}' (guessed)"),)
 
 
 def _text(cell: Any) -> str:  # noqa: ANN401 (a cell holds a number, a text, an instant or nothing)

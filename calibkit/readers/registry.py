@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Protocol, cast
 from calibkit import plugins, units
 from calibkit.errors import LogFormatError, UsageError
 from calibkit.readers import clean, delimited, optional
+from calibkit.readers.table import Guess
 from calibkit.recipe.formats import AUTO, FORMATS
 from calibkit.recipe.logs import TextSpec
 
@@ -120,7 +121,7 @@ def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> T
             if not found:
                 raise
     table = _read_as(found, path, file, logs, needed)
-    return replace(table, reading=(f"format = '{found}' (guessed)", *table.reading))
+    return replace(table, reading=(Guess(f"format = '{found}' (guessed)"), *table.reading))
 
 
 def _text(data: bytes, file: str, logs: Logs, needed: Collection[str], *, described: bool) -> Table:
@@ -139,4 +140,4 @@ def _text(data: bytes, file: str, logs: Logs, needed: Collection[str], *, descri
                 raise strict from None
     else:
         table = text.parse(data, file, logs, needed)
-    return replace(table, reading=("format = 'text' (guessed)", *table.reading))
+    return replace(table, reading=(Guess("format = 'text' (guessed)"), *table.reading))

@@ -18,6 +18,12 @@ counts from there.
 """
 
 
+class Guess(str):
+    """A sentence on how a log was read that states what was guessed, not what a recipe says."""
+
+    __slots__ = ()
+
+
 @dataclass(frozen=True, slots=True)
 class Table:
     """A log before any mapping: the SHA-256 of its bytes, its columns, notes on its content, and
@@ -25,7 +31,7 @@ class Table:
 
     The frame's index is the line (or record) of the file minus 2, so that every row can be found
     again; `units` holds the unit that the log itself states of a column; `reading` is how the file
-    was read, guesses named as such; `parts` are the files of a split log, each with the number that
+    was read, each guess a `Guess`; `parts` are the files of a split log, each with the number that
     was added to its index; `plugins` are those that read it.
     """
 

@@ -20,7 +20,7 @@ import numpy as np
 from calibkit import units
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited, optional
-from calibkit.readers.table import Table
+from calibkit.readers.table import Guess, Table
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -72,7 +72,7 @@ def _group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str
             f" {'no group ' + repr(table) if table else f'{len(filled)} groups with channels'}",
             hint=f"name one in [logs] table of the recipe; there are: {there}",
         )
-    return named[0], (() if table else (f"table = '{named[0].name}' (guessed)",))
+    return named[0], (() if table else (Guess(f"table = '{named[0].name}' (guessed)"),))
 
 
 def _numbers(values: NDArray[Any]) -> Array | None:

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import LogFormatError
+from calibkit.readers.table import Guess
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -224,7 +225,7 @@ def _day_or_month(texts: pd.Series, missing: Mask, form: str, place: str) -> Tim
             refused = error
             continue
         clocks[name] = _since_first(
-            nanoseconds, missing, (f"dates read {name} (time_format guessed)",)
+            nanoseconds, missing, (Guess(f"dates read {name} (time_format guessed)"),)
         )
     if not clocks:
         raise refused

@@ -19,7 +19,7 @@ import numpy as np
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited, optional
-from calibkit.readers.table import Table
+from calibkit.readers.table import Guess, Table
 
 if TYPE_CHECKING:
     from collections.abc import Collection, Sequence
@@ -108,4 +108,4 @@ def _topic(topics: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str
             f"{file}: {f'no single topic {table!r}' if table else f'{len(topics)} topics'}",
             hint=f"name one in [logs] table of the recipe; there are: {there}",
         )
-    return named[0], (() if table else (f"table = '{named[0].name}' (guessed)",))
+    return named[0], (() if table else (Guess(f"table = '{named[0].name}' (guessed)"),))
