@@ -29,14 +29,13 @@ SEEN = 4.0
 
 @dataclass(frozen=True, slots=True)
 class Figure:
-    """A value, its uncertainty (type A), its unit, whose term it is and how it is defined."""
+    """A value, its uncertainty (type A), its unit and the standard that defines it."""
 
     name: str
     value: float
     standard_uncertainty: float
     unit: str
     standard: str
-    definition: str
 
 
 def nonlinearity_full_scale(scale: ScaleFactor) -> float:
@@ -176,15 +175,8 @@ def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[Figure, ..
     u_K = float(scale.standard_uncertainty[0])
     pulse = ARCSECONDS_PER_DEGREE / abs(scale.K)
     return (
-        Figure("scale_factor_gjb", scale.K, u_K, "1/deg", gjb, "output per input rate"),
-        Figure(
-            "scale_factor_ieee",
-            pulse,
-            pulse * u_K / abs(scale.K),
-            "arcsec",
-            ieee,
-            "angle per pulse, 1/K",
-        ),
+        Figure("scale_factor_gjb", scale.K, u_K, "1/deg", gjb),
+        Figure("scale_factor_ieee", pulse, pulse * u_K / abs(scale.K), "arcsec", ieee),
         *_nonlinearities(scale, standard_uncertainty),
         *_asymmetries(scale, standard_uncertainty),
         *_limits(scale, standard_uncertainty),
@@ -208,23 +200,9 @@ def _nonlinearities(scale: ScaleFactor, standard_uncertainty: Array) -> list[Fig
         scale.K
     )
     return [
-        Figure(
-            "nonlinearity_full_scale",
-            nonlinearity_full_scale(scale),
-            u_full,
-            "ppm",
-            gjb,
-            "max|F - F_fit|/max|F|",
-        ),
-        Figure(
-            "nonlinearity_per_point",
-            float(per_point[point]),
-            u_point,
-            "ppm",
-            gjb,
-            "max|F - F_fit|/|K*rate|",
-        ),
-        Figure("linearity_error_rms", rms, u_rms, "deg/s", ieee, "rms of residuals as input rate"),
+        Figure("nonlinearity_full_scale", nonlinearity_full_scale(scale), u_full, "ppm", gjb),
+        Figure("nonlinearity_per_point", float(per_point[point]), u_point, "ppm", gjb),
+        Figure("linearity_error_rms", rms, u_rms, "deg/s", ieee),
     ]
 
 
@@ -238,22 +216,8 @@ def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure
         for rows in (_slopes_of_sides(rate), _slopes_about_intercept(rate))
     )
     return [
-        Figure(
-            "asymmetry_gjb",
-            asymmetry_gjb(scale),
-            gjb,
-            "ppm",
-            "GJB 2426A",
-            "|K+ - K-|/mean, a line on each side",
-        ),
-        Figure(
-            "asymmetry_ieee",
-            asymmetry_ieee(scale),
-            ieee,
-            "ppm",
-            "IEEE Std 952",
-            "|K+ - K-|/K, one intercept",
-        ),
+        Figure("asymmetry_gjb", asymmetry_gjb(scale), gjb, "ppm", "GJB 2426A"),
+        Figure("asymmetry_ieee", asymmetry_ieee(scale), ieee, "ppm", "IEEE Std 952"),
     ]
 
 
@@ -262,20 +226,12 @@ def _limits(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
     uncertainty.
     """
     found = (
-        (
-            "threshold",
-            threshold_dps(scale, standard_uncertainty),
-            "smallest tested rate with half the expected output",
-        ),
-        (
-            "resolution",
-            resolution_dps(scale, standard_uncertainty),
-            "smallest tested step with half the change",
-        ),
+        ("threshold", threshold_dps(scale, standard_uncertainty)),
+        ("resolution", resolution_dps(scale, standard_uncertainty)),
     )
     return [
-        Figure(name, value, 0.0, "deg/s", "GJB 2426A", text)
-        for name, value, text in found
+        Figure(name, value, 0.0, "deg/s", "GJB 2426A")
+        for name, value in found
         if np.isfinite(value)
     ]
 

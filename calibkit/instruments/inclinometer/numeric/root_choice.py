@@ -92,8 +92,6 @@ class Solution:
     """In [0, 360)."""
     uncorrected_deg: Array
     """Azimuth with s = 1 [n] [°]."""
-    toolface_plus_azimuth_deg: Array
-    """[n] [°]; all that a vertical tool shows."""
     s: Array
     """Used [n]."""
     s_root: Array
@@ -402,7 +400,6 @@ def _solution(
         toolface_deg=kept(np.degrees(found.attitude.toolface)),
         azimuth_deg=kept(np.degrees(psi)),
         uncorrected_deg=kept(np.degrees(plain)),
-        toolface_plus_azimuth_deg=np.degrees(published.toolface_plus_azimuth(x, y)),
         s=kept(s),
         s_root=kept(s_root),
         s_root_uncertainty=kept(u_root),
