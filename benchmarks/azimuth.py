@@ -44,7 +44,7 @@ class Errors:
 def closed(readings: np.ndarray) -> float:
     """Noise of a reading, from how the four positions [n, 4] close."""
     squares = published.closures(readings) ** 2
-    return closure.noise(squares, np.ones(squares.size, dtype=np.int64))
+    return closure.estimate_noise(squares, np.ones(squares.size, dtype=np.int64))
 
 
 def components(logs: Campaign, axis: str) -> published.Components:
@@ -78,16 +78,18 @@ def solved(
     for axis in "xy":
         parts = components(logs, axis)
         hours = logs.logs["stations.csv"]["time_s"][::4] / 3600.0
-        by_history = scale_prior.in_sequence(parts, latitude, hours)
+        by_history = scale_prior.predict_in_sequence(parts, latitude, hours)
         if way == "history":
             solutions.append(by_history)
         elif way == "s(T), same stations":
-            over = scale_prior.over_temperature(by_history, temperatures(logs))
+            over = scale_prior.fit_over_temperature(by_history, temperatures(logs))
             solutions.append(root_choice.solve(parts, latitude, over.left_out))
         else:
             other = components(calibration, axis)
-            first = scale_prior.in_sequence(other, LATITUDE_DEG, hours[: other.accel_x.size])
-            over = scale_prior.over_temperature(first, temperatures(calibration))
+            first = scale_prior.predict_in_sequence(
+                other, LATITUDE_DEG, hours[: other.accel_x.size]
+            )
+            over = scale_prior.fit_over_temperature(first, temperatures(calibration))
             solutions.append(root_choice.solve(parts, latitude, over.prior(temperatures(logs))))
     return solutions
 

@@ -21,7 +21,7 @@ from calibkit.instruments.gyro_scale.recipe import (
     RateTableAcceptance,
     TriadAcceptance,
 )
-from calibkit.instruments.inclinometer import errors_and_tables
+from calibkit.instruments.inclinometer import errors as angle_limits
 from calibkit.instruments.inclinometer.recipe import InclinometerAcceptance
 from calibkit.numeric.attitude import AttitudeErrors
 
@@ -116,8 +116,8 @@ def station(*, unseen=False, angle="after", value=0.1, **limits):
     columns = {name: np.array([0.1, 0.1, np.nan]) for name in ("inclination", "toolface", "before")}
     columns |= {"after": np.array([0.1, 0.1, np.nan]), "standard_uncertainty": np.full(3, 0.1)}
     columns[angle] = np.array([columns[angle][0], -value, np.nan])
-    return errors_and_tables.criteria(
-        errors_and_tables.Errors(**columns),
+    return angle_limits.criteria(
+        angle_limits.AngleErrors(**columns),
         SimpleNamespace(acceptance=InclinometerAcceptance(**limits)),
         unseen=unseen,
     )
@@ -127,8 +127,8 @@ def azimuth_rms(value, **limits):
     """Criteria of three stations whose azimuths are off by 0.7 and 0.1 times the rms."""
     found = np.array([1.4 * value, 0.2 * value, np.nan])
     same = np.array([0.0, 0.0, np.nan])
-    return errors_and_tables.criteria(
-        errors_and_tables.Errors(same, same, same, found, np.ones(3)),
+    return angle_limits.criteria(
+        angle_limits.AngleErrors(same, same, same, found, np.ones(3)),
         SimpleNamespace(acceptance=InclinometerAcceptance(**limits)),
         unseen=False,
     )

@@ -64,7 +64,7 @@ def model_of(name, this):
 
         return corrected
     if name == "scale":
-        models = inclinometer_results.models(records, spec)
+        models = inclinometer_results.read_models(records, spec)
         return lambda columns: {
             f"scale_{axis}": model.prior(columns["temp_case_degc"]).s
             for axis, model in models.items()

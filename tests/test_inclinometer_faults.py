@@ -105,11 +105,11 @@ def test_noise_alone_is_seldom_wild_and_a_wild_station_does_not_move_the_usual(s
     """
     rng = np.random.default_rng(seed)
     squares, dofs = rng.chisquare(dof, count), np.full(count, dof)
-    clean = closure.wild(squares, dofs, 0.0)
+    clean = closure.find_outliers(squares, dofs, 0.0)
     assert clean.sum() <= 1
     wild = squares.copy()
-    wild[0] = dof * 1e4 * closure.usual(squares, dofs)
-    found = closure.wild(wild, dofs, 0.0)
+    wild[0] = dof * 1e4 * closure.usual_square(squares, dofs)
+    found = closure.find_outliers(wild, dofs, 0.0)
     assert found[0]
     assert found[1:].sum() <= clean[1:].sum() + 1
 
@@ -117,7 +117,7 @@ def test_noise_alone_is_seldom_wild_and_a_wild_station_does_not_move_the_usual(s
 def test_few_stations_and_the_last_digit_make_nobody_wild():
     """Seven stations have no majority; closures of a last digit or two are the last digit's."""
     squares = np.array([1.0] * 6 + [1e6])
-    assert not closure.wild(squares, np.ones(7, dtype=np.int64), 0.0).any()
+    assert not closure.find_outliers(squares, np.ones(7, dtype=np.int64), 0.0).any()
     digits = np.array([0.0] * 11 + [1.0])
-    assert not closure.wild(digits, np.ones(12, dtype=np.int64), 1.0 / 12.0 * 1.2).any()
-    assert np.isnan(closure.usual(digits, np.zeros(12, dtype=np.int64)))
+    assert not closure.find_outliers(digits, np.ones(12, dtype=np.int64), 1.0 / 12.0 * 1.2).any()
+    assert np.isnan(closure.usual_square(digits, np.zeros(12, dtype=np.int64)))

@@ -68,7 +68,7 @@ def test_the_worked_examples_come_out_by_either_sensor(station, sensor):
     assert (roots.plus[0], roots.minus[0]) == pytest.approx(
         (expected["root_plus"], expected["root_minus"]), abs=1e-9
     )
-    assert published.label(found.inclination, psi, latitude)[0] == pytest.approx(
+    assert published.root_label(found.inclination, psi, latitude)[0] == pytest.approx(
         expected["C"], abs=1e-9
     )
     assert (min(roots.plus[0], roots.minus[0]) > 0.0) == expected["both_roots_positive"]
@@ -95,7 +95,7 @@ def test_any_attitude_comes_back_through_the_root_that_c_labels(attitude):
     found = published.attitude(x, y)
     assert np.degrees(found.inclination[0]) == pytest.approx(theta, abs=1e-6)
     assert abs(wrapped(np.degrees(found.toolface[0]) - phi)) < 1e-6
-    C = published.label(np.radians([theta]), np.radians([psi]), latitude)[0]
+    C = published.root_label(np.radians([theta]), np.radians([psi]), latitude)[0]
     if abs(C) < 0.01:
         return
     roots = published.scale_roots(rate[:1], rate[1:2], found, latitude)
@@ -118,7 +118,7 @@ def test_a_computed_azimuth_agrees_with_the_root_it_came_from(attitude):
         if roots.half_difference[0] < 1e-3 or root[0] <= 0.0:
             continue
         own = published.azimuth(x, y, root * rate[:1], root * rate[1:2], latitude)
-        assert sign * published.label(found.inclination, own, latitude)[0] > -1e-9
+        assert sign * published.root_label(found.inclination, own, latitude)[0] > -1e-9
 
 
 @given(ATTITUDES)
@@ -220,8 +220,10 @@ def test_the_closure_of_four_positions_tells_the_noise():
     x, y, bias = rng.normal(size=(3, 5000))
     readings = np.column_stack((x, y, -x, -y)) + bias[:, None] + 0.01 * rng.normal(size=(5000, 4))
     squares = published.closures(readings) ** 2
-    assert closure.noise(squares, np.ones(5000, dtype=np.int64)) == pytest.approx(0.01, rel=0.03)
-    assert closure.noise(np.zeros(2), np.zeros(2, dtype=np.int64)) == 0.0
+    assert closure.estimate_noise(squares, np.ones(5000, dtype=np.int64)) == pytest.approx(
+        0.01, rel=0.03
+    )
+    assert closure.estimate_noise(np.zeros(2), np.zeros(2, dtype=np.int64)) == 0.0
 
 
 def test_accelerations_beyond_gravity_are_clamped_and_marked():

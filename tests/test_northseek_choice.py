@@ -14,6 +14,7 @@ from calibkit.instruments.inclinometer import simulate
 from calibkit.instruments.inclinometer.numeric import (
     closure,
     published,
+    refusals,
     root_choice,
     scale_prior,
     sensor_pairs,
@@ -40,7 +41,7 @@ def parts_of(theta, phi, psi, latitude, s=1.0, noise=NOISE):
 def closed(readings):
     """Noise of a reading, from how the four positions [n, 4] close."""
     squares = published.closures(readings) ** 2
-    return closure.noise(squares, np.ones(squares.size, dtype=np.int64))
+    return closure.estimate_noise(squares, np.ones(squares.size, dtype=np.int64))
 
 
 def shaken(parts, rng):
@@ -133,7 +134,7 @@ def test_the_uncertainty_of_s_grows_as_one_over_c():
     latitude, theta = 34.2, 50.0
     psi = np.linspace(0.0, 150.0, 16)
     found = root_choice.estimates(parts_of(theta, 10.0, psi, latitude), latitude)
-    C = published.label(np.radians(np.full(psi.size, theta)), np.radians(psi), latitude)
+    C = published.root_label(np.radians(np.full(psi.size, theta)), np.radians(psi), latitude)
     product = found.uncertainty[C > 0.1, 0] * C[C > 0.1]
     assert product.max() / product.min() < 2.0
 
@@ -161,7 +162,7 @@ def test_the_covariance_is_that_of_drawn_readings(used):
     """
     rng = np.random.default_rng(3)
     latitude = 34.2
-    limits = root_choice.Limits() if used else root_choice.Limits(s_uncertainty=0.0)
+    limits = refusals.Limits() if used else refusals.Limits(s_uncertainty=0.0)
     for theta, phi, psi in (
         (10.0, 20.0, 50.0),
         (30.0, -120.0, 200.0),
@@ -282,7 +283,7 @@ def test_noise_beyond_gravity_and_negative_discriminants_are_flagged():
     flag for each clamp.
     """
     rng = np.random.default_rng(5)
-    limits = root_choice.Limits(horizontal_deg=89.9)
+    limits = refusals.Limits(horizontal_deg=89.9)
     loud = np.diag([1e-3, 1e-3, 2.0, 2.0]) ** 2
     parts = shaken(parts_of(np.full(500, 88.0), 30.0, 85.0, 34.2, noise=loud), rng)
     found = root_choice.solve(parts, 34.2, prior_of(500), limits=limits)
@@ -347,8 +348,8 @@ def test_history_decides_where_both_roots_are_positive():
     psi, theta = rng.uniform(0.0, 360.0, count), rng.uniform(35.0, 70.0, count)
     parts = shaken(parts_of(theta, rng.uniform(-180.0, 180.0, count), psi, latitude, s), rng)
     start = scale_prior.History(rate_uncertainty=5e-3, rate_walk=5e-3)
-    found = scale_prior.in_sequence(parts, latitude, np.arange(count) / 6.0, start=start)
-    C = published.label(np.radians(theta), np.radians(psi), latitude)
+    found = scale_prior.predict_in_sequence(parts, latitude, np.arange(count) / 6.0, start=start)
+    C = published.root_label(np.radians(theta), np.radians(psi), latitude)
     trusted = found.weight > 0.0
     assert trusted.sum() > 40
     assert (found.root[trusted] == np.sign(C[trusted])).all()
@@ -423,7 +424,9 @@ def fitted(seed, **options):
         accel_noise_g=2e-5,
         gyro_noise_dph=options.get("noise", 0.01),
     )
-    found = scale_prior.in_sequence(parts, logs.truth["latitude_deg"], log["time_s"][::4] / 3600.0)
+    found = scale_prior.predict_in_sequence(
+        parts, logs.truth["latitude_deg"], log["time_s"][::4] / 3600.0
+    )
     return parts, found, log["temp_case_degc"][::4], logs.truth["stations"]
 
 
@@ -432,7 +435,7 @@ def test_s_over_temperature_follows_the_truth():
     polynomial.
     """
     _, found, temperature, truth = fitted(4, count=120)
-    over = scale_prior.over_temperature(found, temperature)
+    over = scale_prior.fit_over_temperature(found, temperature)
     prior = over.prior(temperature)
     error = prior.s - np.array(truth["s_x"])
     assert np.abs(error).max() < 4e-4
@@ -448,7 +451,7 @@ def test_s_over_temperature_has_honest_uncertainty():
     z = []
     for seed in range(60):
         _, found, temperature, truth = fitted(seed, ideal=True)
-        over = scale_prior.over_temperature(found, temperature, order=1)
+        over = scale_prior.fit_over_temperature(found, temperature, order=1)
         prior = over.prior(60.0)
         z.append((prior.s[0] - truth["s_x"][0]) / prior.standard_uncertainty[0])
     assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
@@ -472,14 +475,14 @@ def test_a_slope_of_s_must_lower_the_left_out_sum_of_squares_by_four_mean_square
         s_root=1.0 + 1e-4 * (slope * temperature + residuals),
         s_root_uncertainty=np.full(8, 1e-5),
     )
-    over = scale_prior.over_temperature(solution, temperature)
+    over = scale_prior.fit_over_temperature(solution, temperature)
     assert over.coefficients.size == order + 1
 
 
 def test_a_station_is_left_out_of_its_own_prior():
     """The closed form of s(T) without station k equals a refit without it, to 1e-9."""
     _, found, temperature, _ = fitted(8, ideal=True, count=12)
-    over = scale_prior.over_temperature(found, temperature, order=1)
+    over = scale_prior.fit_over_temperature(found, temperature, order=1)
     # with another scatter the refit would have other weights
     assert over.scatter == 0.0
     u = found.s_root_uncertainty
@@ -502,7 +505,7 @@ def test_scatter_beyond_noise_is_in_the_prior():
         np.full(80, 20.0), 40.0, rng.uniform(0.0, 360.0, 80), 34.2, s, noise=NOISE * 1e-2
     )
     found = root_choice.solve(parts, 34.2, prior_of(80))
-    over = scale_prior.over_temperature(found, np.linspace(20.0, 120.0, 80))
+    over = scale_prior.fit_over_temperature(found, np.linspace(20.0, 120.0, 80))
     assert over.scatter == pytest.approx(1e-3, rel=0.3)
     assert over.prior(60.0).standard_uncertainty[0] > over.scatter
 
@@ -512,7 +515,9 @@ def test_beyond_its_temperatures_the_prior_is_clamped_and_less_sure():
     3e-3.
     """
     inside, edge, outside = (
-        scale_prior.prior_of(np.array([1.0, 1e-4]), np.diag([1e-8, 0.0]), 2e-4, (20.0, 120.0), degc)
+        scale_prior.predict_scale(
+            np.array([1.0, 1e-4]), np.diag([1e-8, 0.0]), 2e-4, (20.0, 120.0), degc
+        )
         for degc in (70.0, 120.0, 150.0)
     )
     assert inside.s[0] == pytest.approx(1.007)
@@ -525,11 +530,11 @@ def test_s_over_temperature_needs_stations_and_temperatures():
     """One usable station, or one temperature for a slope, are refused."""
     found = root_choice.solve(parts_of([30.0, 0.1], 40.0, 70.0, 34.2), 34.2, prior_of(2))
     with pytest.raises(FitError, match="1 usable"):
-        scale_prior.over_temperature(found, np.array([20.0, 30.0]))
+        scale_prior.fit_over_temperature(found, np.array([20.0, 30.0]))
     found = root_choice.solve(parts_of([30.0, 20.0, 25.0], 40.0, 70.0, 34.2), 34.2, prior_of(3))
     with pytest.raises(FitError, match="one temperature"):
-        scale_prior.over_temperature(found, np.full(3, 20.0), order=1)
-    assert scale_prior.over_temperature(found, np.full(3, 20.0)).coefficients.size == 1
+        scale_prior.fit_over_temperature(found, np.full(3, 20.0), order=1)
+    assert scale_prior.fit_over_temperature(found, np.full(3, 20.0)).coefficients.size == 1
 
 
 def test_two_sensor_pairs_are_combined_by_inverse_variance_around_the_circle():
@@ -599,9 +604,9 @@ def test_the_azimuth_of_random_stations_is_within_five_hundredths_of_a_degree(wa
                 accel_noise_g=closed(accel),
                 gyro_noise_dph=closed(gyro),
             )
-            found = scale_prior.in_sequence(parts, 34.2, log["time_s"][::4] / 3600.0)
+            found = scale_prior.predict_in_sequence(parts, 34.2, log["time_s"][::4] / 3600.0)
             if way == "other run":
-                over = scale_prior.over_temperature(found, log["temp_case_degc"][::4])
+                over = scale_prior.fit_over_temperature(found, log["temp_case_degc"][::4])
                 found = root_choice.solve(parts, 34.2, over.left_out)
             solutions.append(found)
         both = sensor_pairs.combine(*solutions)

@@ -37,7 +37,7 @@ class BiasReport:
     curves: tuple[BiasCurve, ...]
 
 
-def binned(abscissa: Array, indication: Array) -> tuple[Array, Array]:
+def bin_means(abscissa: Array, indication: Array) -> tuple[Array, Array]:
     """Means of abscissa and indication [bins] over equal steps of the abscissa; empty steps are
     left out.
     """

@@ -125,7 +125,7 @@ def apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path
     """Take each channel's polynomial, zero at the reference, out of every row."""
     log = read(spec, data.parent, data.name)
     refuse(_findings(spec, log))
-    columns, flags = polynomials.compensated(log, records["bias.json"], spec)
+    columns, flags = polynomials.compensate(log, records["bias.json"], spec)
     return write_back.replaced(spec, data, columns), flags
 
 

@@ -13,7 +13,7 @@ from calibkit import units
 from calibkit.coefficients import StageResult
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import values
-from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport, binned
+from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport, bin_means
 from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fit as core
 from calibkit.numeric.least_squares import fold, hac
@@ -91,7 +91,7 @@ def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Ro
     raw, covariance = core.in_raw_powers(
         found.coefficients, hac.covariance(design, found.residuals), to_raw
     )
-    shown = binned(abscissa, indication)
+    shown = bin_means(abscissa, indication)
     curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
     return BiasFit(
         entry.indication,
@@ -151,7 +151,7 @@ def drawing(title: str, fits: Sequence[BiasFit]) -> BiasReport:  # noqa: ARG001 
     return BiasReport(fits[0].abscissa, tuple(found.curve for found in fits))
 
 
-def compensated(
+def compensate(
     log: Log, record: Record, spec: BiasTemperatureRecipe
 ) -> tuple[dict[str, Array], tuple[str, ...]]:
     """Channels [rows] without their drift, which is zero at the reference; clamped to the fitted
@@ -184,7 +184,7 @@ def compensated(
 
 def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> dict[str, object]:
     """JSON object of one validated log: standard deviation of every channel before and after."""
-    columns, flags = compensated(log, record, spec)
+    columns, flags = compensate(log, record, spec)
     channels = [
         {
             "name": name,

@@ -61,7 +61,7 @@ class NoiseFigures:
     flags: tuple[str, ...]
 
 
-def findings(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
+def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
     """What is wrong with a log; missing rates and gaps in time are gaps and no faults."""
     spec = recipe.noise
     early = [*check.rows(log, spec.min_rows), *check.finite(log, ["time_s"])]
@@ -122,7 +122,7 @@ def _steady(log: Log) -> list[Finding]:
     ]
 
 
-def records(log: Log, columns: Sequence[str]) -> list[Record]:
+def read_records(log: Log, columns: Sequence[str]) -> list[Record]:
     """Rates of a log on an even grid; raises FitError where the samples do not lie on one."""
     time = values(log.frame, "time_s")
     step = np.diff(time)
@@ -146,7 +146,7 @@ def records(log: Log, columns: Sequence[str]) -> list[Record]:
     return found
 
 
-def figures_of(record: Record, recipe: GyroNoiseRecipe) -> NoiseFigures:
+def estimate_noise(record: Record, recipe: GyroNoiseRecipe) -> NoiseFigures:
     """Curves, terms and bias stability of one record; what a record is too short for is flagged and
     left out.
     """

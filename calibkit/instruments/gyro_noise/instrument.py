@@ -41,10 +41,10 @@ def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.r
 
 def examine(spec: GyroNoiseRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
-    found = deviations.findings(log, spec)
+    found = deviations.find_faults(log, spec)
     if not any(finding.refused for finding in found):
         try:
-            deviations.records(log, spec.noise.columns)
+            deviations.read_records(log, spec.noise.columns)
         except FitError as error:
             found.append(Finding.of(error))
     return Examined(tuple(found))
@@ -52,14 +52,14 @@ def examine(spec: GyroNoiseRecipe, log: Log) -> Examined:
 
 def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[str]]:
     """Figures of every record in a log, and what was noted on the way."""
-    found = deviations.findings(log, spec)
+    found = deviations.find_faults(log, spec)
     refuse(found)
     flags = [f"{log.file}: {note}" for note in log.notes] + [
         str(finding) for finding in found if finding.flagged
     ]
     return [
-        deviations.figures_of(record, spec)
-        for record in deviations.records(log, spec.noise.columns)
+        deviations.estimate_noise(record, spec)
+        for record in deviations.read_records(log, spec.noise.columns)
     ], flags
 
 
@@ -111,7 +111,7 @@ def validate(
                 "name": log.file,
                 "sha256": log.sha256,
                 "rows": log.rows,
-                "records": [tables.entry(one) for one in found],
+                "records": [tables.validation_entry(one) for one in found],
             }
         )
         figures += found

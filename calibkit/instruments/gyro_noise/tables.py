@@ -126,7 +126,7 @@ def _curve_table(one: NoiseFigures) -> Table:
     return Table(title, ("τ [s]", "deviation", "lower", "upper", "dof", "wavelet"), rows)
 
 
-def entry(one: NoiseFigures) -> dict[str, object]:
+def validation_entry(one: NoiseFigures) -> dict[str, object]:
     """JSON object of one record's figures."""
     curves = {
         key: {

@@ -17,6 +17,8 @@ from calibkit.certificate.results import (
 )
 from calibkit.certificate.stated import powers, range_words, residual_words
 from calibkit.certificate.words import Words
+from calibkit.instruments.inclinometer.forms import SCALE as SCALE_FORM
+from calibkit.instruments.inclinometer.forms import TEMPERATURE
 
 if TYPE_CHECKING:
     from collections.abc import Callable
@@ -25,7 +27,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Model, Record
 
 SCALE = Equation(
-    "inclinometer-scale/1",
+    SCALE_FORM.name,
     r"\omega' = s(T)\,\omega, \quad s(T) = \sum_k s_k T^k",
     Words(
         "ω indicated rate, ω' corrected rate, T case temperature [°C].",
@@ -68,18 +70,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
         )
         tables.append(table)
         figures.append(_plot(table))
-    results = tuple(
-        stated.figure(
-            record,
-            figure,
-            FIGURES.get(figure.name, Words(figure.name)),
-            record.models[0].dof,
-            sensitivities=_latitude(record, figure.value) if figure.name.startswith("s_") else None,
-        )
-        for figure in record.figures
-        if figure.name in FIGURES
-    )
-    tables.append(ListTable(Words("Stations", "测站"), results))
+    tables.append(_stations(stated, record))
     notes = [*(residual_words(m) for m in record.models), *map(range_words, record.models[:1])]
     notes += [note for m in record.models[:1] for note in stated.left_out(m)]
     title = Words("In-situ scale factor of the north-seeking gyros", "寻北陀螺原位标度因数")
@@ -94,6 +85,22 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
             tuple(notes),
         ),
     )
+
+
+def _stations(stated: Stated, record: Record) -> ListTable:
+    """S at the reference temperature, and the numbers of stations."""
+    results = tuple(
+        stated.figure(
+            record,
+            figure,
+            FIGURES.get(figure.name, Words(figure.name)),
+            record.models[0].dof,
+            sensitivities=_latitude(record, figure.value) if figure.name.startswith("s_") else None,
+        )
+        for figure in record.figures
+        if figure.name in FIGURES
+    )
+    return ListTable(Words("Stations", "测站"), results)
 
 
 def _latitude(record: Record, value: float) -> dict[str, tuple[float, float]]:
@@ -117,7 +124,7 @@ def _column(
     """s(T) of one gyro."""
 
     def at(t: float) -> Result | None:
-        low, high = model.valid.get("temp_case_degc", (t, t))
+        low, high = model.valid.get(TEMPERATURE, (t, t))
         if not low <= t <= high:
             return None
         weights, slope = powers("s", model, t)

@@ -7,12 +7,11 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import Coefficient, Condition, Figure, Model, Parameter, StageResult
+from calibkit.coefficients import Condition, Figure, StageResult
 from calibkit.errors import CoefficientError
-from calibkit.instruments.inclinometer.errors_and_tables import azimuth_rms
-from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.solve import WRONG, ScaleModel
-from calibkit.instruments.inclinometer.stations import TEMPERATURE
+from calibkit.instruments.inclinometer.errors import azimuth_rms
+from calibkit.instruments.inclinometer.forms import read_scale, write_scale
+from calibkit.instruments.inclinometer.solve import WRONG
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
@@ -20,11 +19,11 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Record
     from calibkit.instruments.inclinometer.numeric.published import Sensor
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.instruments.inclinometer.solve import ScaleFit, Seen
+    from calibkit.instruments.inclinometer.scale_model import ScaleFit, ScaleModel
+    from calibkit.instruments.inclinometer.solve import SolvedStations
     from calibkit.instruments.inclinometer.stations import Stations
 
 FILE = "inclinometer_scale.json"
-FORM = "inclinometer-scale/1"
 FEW = 5
 """Degrees of freedom below which a noise or a scatter is hardly known."""
 
@@ -32,7 +31,7 @@ FEW = 5
 def result(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
-    seen: Seen,
+    seen: SolvedStations,
     notes: Iterable[str],
     spec: InclinometerRecipe,
     gravity_mps2: float | None,
@@ -45,45 +44,18 @@ def result(
         site.append(Condition("local_gravity", gravity_mps2, "m/s^2"))
     return StageResult(
         "inclinometer_scale",
-        tuple(_model(axis, scale) for axis, scale in fits.items()),
+        tuple(write_scale(axis, scale) for axis, scale in fits.items()),
         _figures(fits, stations, seen, spec),
         (*notes, *_hardly_known(fits), *station_flags(stations, seen)),
         tuple(site),
     )
 
 
-def _model(axis: Sensor, scale: ScaleFit) -> Model:
-    """inclinometer-scale/1 model of one gyro."""
-    model = scale.model
-    uncertainty = np.sqrt(np.clip(np.diag(model.covariance), 0.0, None))
-    return Model(
-        name=axis,
-        form=FORM,
-        coefficients=tuple(
-            Coefficient(f"s{k}", float(value), _unit(k), float(u))
-            for k, (value, u) in enumerate(zip(model.coefficients, uncertainty, strict=True))
-        ),
-        covariance=tuple(map(tuple, model.covariance.tolist())),
-        dof=scale.dof,
-        residual_rms=scale.residual_rms,
-        residual_unit="1",
-        valid={} if model.valid is None else {TEMPERATURE: model.valid},
-        parameters=(
-            Parameter("scatter", model.scatter, "1"),
-            Parameter("gyro_noise", model.noise.gyro_dph, "deg/h"),
-            Parameter("accel_noise", model.noise.accel_g, "g"),
-            Parameter("noise_dof", float(model.noise.dof), "1"),
-        ),
-    )
-
-
-def _unit(power: int) -> str:
-    """Unit of s0, s1, …."""
-    return "1" if power == 0 else "1/degC" + ("" if power == 1 else str(power))
-
-
 def _figures(
-    fits: Mapping[Sensor, ScaleFit], stations: Stations, seen: Seen, spec: InclinometerRecipe
+    fits: Mapping[Sensor, ScaleFit],
+    stations: Stations,
+    seen: SolvedStations,
+    spec: InclinometerRecipe,
 ) -> tuple[Figure, ...]:
     """Scale factors at the reference temperature, how many stations carried it, and the azimuth
     before and after.
@@ -132,7 +104,7 @@ def _hardly_known(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
     return flags
 
 
-def station_flags(stations: Stations, seen: Seen) -> tuple[str, ...]:
+def station_flags(stations: Stations, seen: SolvedStations) -> tuple[str, ...]:
     """Flags of the stations, the refused ones first; stations of one flag share a line."""
     contradicted = int(seen.contradicted.sum())
     lines = []
@@ -184,29 +156,12 @@ def temperature_flags(
     return tuple(flags)
 
 
-def models(records: Mapping[str, Record], spec: InclinometerRecipe) -> dict[Sensor, ScaleModel]:
+def read_models(
+    records: Mapping[str, Record], spec: InclinometerRecipe
+) -> dict[Sensor, ScaleModel]:
     """s(T) of each gyro that the recipe reads, from a run's file; raises CoefficientError where it
     holds none.
     """
     if FILE not in records:
         raise CoefficientError(f"the run holds no {FILE}", hint="it is not a run of inclinometer")
-    found: dict[Sensor, ScaleModel] = {}
-    for axis in spec.axes:
-        model = records[FILE].model(axis)
-        if model.form != FORM:
-            raise CoefficientError(
-                f"{FILE}: model '{axis}' is {model.form}, expected {FORM}",
-                hint="use a newer calibkit",
-            )
-        found[axis] = ScaleModel(
-            np.array([coefficient.value for coefficient in model.coefficients]),
-            np.array(model.covariance),
-            model.value("scatter"),
-            model.valid.get(TEMPERATURE),
-            Noise(
-                model.value("accel_noise"),
-                model.value("gyro_noise"),
-                round(model.value("noise_dof")),
-            ),
-        )
-    return found
+    return {axis: read_scale(records[FILE].model(axis)) for axis in spec.axes}

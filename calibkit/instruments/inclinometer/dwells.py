@@ -40,7 +40,7 @@ CERTAIN = 10.0
 
 
 @dataclass(frozen=True, slots=True)
-class Dwelt:
+class DwellLog:
     """A log with one row a position, and the rows start … stop − 1 of the log as it was read that
     each row stands for.
     """
@@ -81,7 +81,7 @@ class Dwelt:
         )
 
 
-def of(log: Log, spec: InclinometerRecipe) -> Dwelt:
+def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     """One row a position: a log that has several rows in a position is averaged over each dwell,
     another is left as it is.
 
@@ -96,7 +96,7 @@ def of(log: Log, spec: InclinometerRecipe) -> Dwelt:
     if "time_s" not in frame.columns or 2 * standing <= len(frame):
         require(log.file, frame.columns, ("station",))
         rows = np.arange(len(frame))
-        return Dwelt(log, rows, rows + 1)
+        return DwellLog(log, rows, rows + 1)
     if "station" not in frame.columns and spec.stations.method != "four_differences":
         # any number of positions makes a station then: nothing says where the next one begins
         require(log.file, frame.columns, ("station",))
@@ -109,9 +109,9 @@ def of(log: Log, spec: InclinometerRecipe) -> Dwelt:
         )
     means, errors = _averages(log, start, stop)
     if "station" in means.columns:
-        return Dwelt(replace(log, frame=means), start, stop, (), continuous=True)
+        return DwellLog(replace(log, frame=means), start, stop, (), continuous=True)
     reduced = replace(log, frame=means.assign(station=_numbered(values(means, "position_deg"))))
-    return Dwelt(reduced, start, stop, tuple(_open(reduced, errors, spec)), continuous=True)
+    return DwellLog(reduced, start, stop, tuple(_open(reduced, errors, spec)), continuous=True)
 
 
 def _runs(log: Log) -> tuple[Integers, Integers]:

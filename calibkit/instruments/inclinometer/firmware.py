@@ -9,6 +9,7 @@ from calibkit.firmware.chain import Output
 from calibkit.firmware.draft import Draft, powers
 from calibkit.firmware.sources import Correction, required_record
 from calibkit.instruments import Firmware
+from calibkit.instruments.inclinometer.forms import TEMPERATURE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -21,7 +22,6 @@ if TYPE_CHECKING:
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 FILE = "inclinometer_scale.json"
-TEMPERATURE = "temp_case_degc"
 
 
 def corrections(structure: Structure) -> tuple[Correction, ...]:

@@ -17,12 +17,15 @@ from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.inclinometer import (
     coefficient_files,
     dwells,
-    errors_and_tables,
+    errors,
     latitude,
     solve,
+    tables,
 )
 from calibkit.instruments.inclinometer import figures as pages
+from calibkit.instruments.inclinometer import rows as inclinometer_rows
 from calibkit.instruments.inclinometer import stations as inclinometer_stations
+from calibkit.instruments.inclinometer.forms import SCALE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
@@ -44,7 +47,7 @@ if TYPE_CHECKING:
 
 def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
-    columns, optional = inclinometer_stations.needed(spec)
+    columns, optional = inclinometer_stations.needed_columns(spec)
     return reader(spec.on_site(), data / file, file, columns, optional)
 
 
@@ -62,32 +65,32 @@ def fit(
             ingest.ahead(progress(files, "reading"), lambda file: read(spec, data, file))
         )
     )
-    admitted, found = inclinometer_stations.admitted(logs, spec)
-    rows = inclinometer_stations.gather(admitted, spec.on_site())
-    stations = inclinometer_stations.stations(rows, spec)
-    fits, seen = solve.fit(stations, spec)
+    admitted, found = inclinometer_stations.admit_logs(logs, spec)
+    rows = inclinometer_rows.gather_rows(admitted, spec.on_site())
+    stations = inclinometer_stations.solve_components(rows, spec)
+    fits, seen = solve.fit_scale(stations, spec)
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in found if finding.flagged]
-    notes += latitude.flags(fits, stations, seen, spec)
+    notes += latitude.flag_latitude(fits, stations, seen, spec)
     result = coefficient_files.result(fits, stations, seen, notes, spec, spec.site.local_gravity())
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        errors_and_tables.summary(fits, stations, seen, result.flags, spec),
-        errors_and_tables.drawing(fits, stations, seen, spec),
+        tables.summary(fits, stations, seen, result.flags, spec),
+        tables.drawing(fits, stations, seen, spec),
     )
 
 
 def _seek(
     spec: InclinometerRecipe, records: Mapping[str, Record], log: Log
-) -> tuple[inclinometer_stations.Stations, solve.Seen, tuple[str, ...]]:
+) -> tuple[inclinometer_stations.Stations, solve.SolvedStations, tuple[str, ...]]:
     """Stations of one log with a row a position, solved with a run's s(T), and the flags."""
-    models = coefficient_files.models(records, spec)
-    rows = inclinometer_stations.gather([log], spec.on_site())
-    stations = inclinometer_stations.stations(
+    models = coefficient_files.read_models(records, spec)
+    rows = inclinometer_rows.gather_rows([log], spec.on_site())
+    stations = inclinometer_stations.solve_components(
         rows, spec, {axis: model.noise for axis, model in models.items()}
     )
-    seen = solve.seek(stations, models, spec)
+    seen = solve.seek_north(stations, models, spec)
     solve.require_consistent(seen, log.file)
     flags = (*coefficient_files.temperature_flags(log.file, stations, models),)
     return stations, seen, (*flags, *coefficient_files.station_flags(stations, seen))
@@ -98,8 +101,8 @@ def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -
     rows.
     """
     log = read(spec, data.parent, data.name)
-    refuse(inclinometer_stations.unusable(log, spec))
-    dwelt = dwells.of(log, spec)
+    refuse(inclinometer_stations.find_unusable(log, spec))
+    dwelt = dwells.find_dwells(log, spec)
     refuse(dwelt.findings)
     stations, seen, flags = _seek(spec, records, dwelt.log)
     rows = len(log.frame)
@@ -134,26 +137,24 @@ def validate(
     spec: InclinometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Angle errors before and after on stations that were not fitted."""
-    entries, flags, tables, parts = [], [], [], []
+    entries, flags, shown, parts = [], [], [], []
     for log in logs:
         file = log.file
-        (admitted,), _ = inclinometer_stations.admitted([log], spec)
+        (admitted,), _ = inclinometer_stations.admit_logs([log], spec)
         stations, seen, found = _seek(spec, records, admitted)
-        errors = errors_and_tables.errors(stations, seen)
-        if not errors.known.any():
+        angles = errors.angle_errors(stations, seen)
+        if not angles.known.any():
             raise FrameError(
                 f"{file}: no station has both a reference azimuth and a result",
                 hint="add a column azimuth_deg, or map one under [columns.azimuth_deg]",
             )
-        entries.append(errors_and_tables.entry(file, log.sha256, log.rows, stations, seen, errors))
-        tables.append(
-            errors_and_tables.error_table(errors, f"{file}: errors against the reference")
-        )
+        entries.append(tables.validation_entry(file, log.sha256, log.rows, stations, seen, angles))
+        shown.append(tables.error_table(angles, f"{file}: errors against the reference"))
         flags += [f"{file}: {note}" for note in log.notes] + list(found)
-        flags += errors_and_tables.worse(file, errors)
-        parts.append(errors)
-    criteria = errors_and_tables.criteria(errors_and_tables.pooled(parts), spec, unseen=True)
-    return {"logs": entries}, Summary("", tuple(tables), tuple(flags), criteria)
+        flags += errors.flag_worse(file, angles)
+        parts.append(angles)
+    criteria = errors.criteria(errors.pool_errors(parts), spec, unseen=True)
+    return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
 
 
 def draw(title: str, fitted: Fitted[pages.SeekingReport]) -> Drawn:
@@ -201,6 +202,7 @@ INSTRUMENT = Instrument(
     validate=validate,
     apply=apply,
     certificate=_certificate,
+    forms=lambda: (SCALE,),
     firmware=_firmware,
     key_figures=(r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)"),
     campaigns={"inclinometer": _simulate},

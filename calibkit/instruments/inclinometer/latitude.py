@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.inclinometer.numeric import root_choice
+from calibkit.instruments.inclinometer.numeric import refusals, root_choice
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -17,7 +17,8 @@ if TYPE_CHECKING:
 
     from calibkit.instruments.inclinometer.numeric.published import Sensor
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.instruments.inclinometer.solve import ScaleFit, Seen
+    from calibkit.instruments.inclinometer.scale_model import ScaleFit
+    from calibkit.instruments.inclinometer.solve import SolvedStations
     from calibkit.instruments.inclinometer.stations import Stations
 
     Array = NDArray[np.float64]
@@ -34,8 +35,11 @@ FEWEST = 5
 """Stations beyond the coefficients of s(T) from which a latitude is looked for."""
 
 
-def flags(
-    fits: Mapping[Sensor, ScaleFit], stations: Stations, seen: Seen, spec: InclinometerRecipe
+def flag_latitude(
+    fits: Mapping[Sensor, ScaleFit],
+    stations: Stations,
+    seen: SolvedStations,
+    spec: InclinometerRecipe,
 ) -> list[str]:
     """What is to be known of each gyro whose s scatters by more than its readings explain."""
     said = []
@@ -56,7 +60,7 @@ def flags(
 
 
 def _reason(
-    axis: Sensor, fit: ScaleFit, stations: Stations, seen: Seen, spec: InclinometerRecipe
+    axis: Sensor, fit: ScaleFit, stations: Stations, seen: SolvedStations, spec: InclinometerRecipe
 ) -> str:
     """The latitude that would explain the scatter, or what else may."""
     offset, u = _offset(axis, fit, stations, seen, spec)
@@ -73,7 +77,7 @@ def _reason(
 
 
 def _offset(
-    axis: Sensor, fit: ScaleFit, stations: Stations, seen: Seen, spec: InclinometerRecipe
+    axis: Sensor, fit: ScaleFit, stations: Stations, seen: SolvedStations, spec: InclinometerRecipe
 ) -> tuple[float, float]:
     """Latitude that the stations fit less that of the recipe, and its standard uncertainty [°]; 0
     where they tell none.
@@ -82,7 +86,7 @@ def _offset(
     higher, lower = (
         root_choice.solve(
             stations.components[axis], at, fit.left_out, refused=stations.status[axis],
-            limits=root_choice.Limits(**spec.limits.model_dump()),
+            limits=refusals.Limits(**spec.limits.model_dump()),
         )
         for at in (latitude + STEP_DEG, latitude - STEP_DEG)
     )  # fmt: skip

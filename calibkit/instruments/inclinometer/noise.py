@@ -60,7 +60,7 @@ class Closed:
     wild: tuple[str, ...]
 
 
-def least(
+def least_noise(
     known: Noise | None, last_digit: tuple[float, float], spec: InclinometerRecipe
 ) -> tuple[float, float]:
     """Least noise of (accelerometer [g], gyro [°/h]): the recipe's, a calibration's, that of the
@@ -77,15 +77,15 @@ def least(
     return accel, gyro
 
 
-def judged(closing: Closing, least: tuple[float, float]) -> Closed:
+def judge_closures(closing: Closing, least: tuple[float, float]) -> Closed:
     """Stations that do not close by far more than the others are refused: one wild reading is no
     noise of all.
     """
     reasons = [""] * len(closing.squares)
     for column, (kind, _, unit) in enumerate(KINDS):
         squares, dofs = closing.squares[:, column], closing.dofs[:, column]
-        variance = max(closure.usual(squares, dofs), least[column] ** 2)
-        for k in np.flatnonzero(closure.wild(squares, dofs, least[column] ** 2)).tolist():
+        variance = max(closure.usual_square(squares, dofs), least[column] ** 2)
+        for k in np.flatnonzero(closure.find_outliers(squares, dofs, least[column] ** 2)).tolist():
             size = float(np.sqrt(squares[k] / dofs[k]))
             times = f"{size / np.sqrt(variance):.0f} times the noise of the others"
             reasons[k] = (
@@ -94,11 +94,13 @@ def judged(closing: Closing, least: tuple[float, float]) -> Closed:
             )
     kept = np.array([not reason for reason in reasons])[:, None]
     squares, dofs = np.where(kept, closing.squares, 0.0), np.where(kept, closing.dofs, 0)
-    accel, gyro = (closure.noise(squares[:, column], dofs[:, column]) for column in range(2))
+    accel, gyro = (
+        closure.estimate_noise(squares[:, column], dofs[:, column]) for column in range(2)
+    )
     return Closed(Noise(accel, gyro, int(dofs[:, 1].sum())), tuple(reasons))
 
 
-def decided(
+def decide_noise(
     own: Noise,
     known: Noise | None,
     last_digit: tuple[float, float],
@@ -132,7 +134,7 @@ def decided(
     return Noise(float(found[0]), float(found[1]), own.dof + before.dof)
 
 
-def widened(noise: Noise, spec: InclinometerRecipe) -> Noise:
+def widen_noise(noise: Noise, spec: InclinometerRecipe) -> Noise:
     """Noise for propagation: one known from few degrees of freedom is raised by Student's t, so
     that k = 2 still means 95 %.
     """

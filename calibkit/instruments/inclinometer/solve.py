@@ -8,9 +8,15 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer.numeric import root_choice, scale_prior, sensor_pairs
+from calibkit.instruments.inclinometer.numeric import (
+    refusals,
+    root_choice,
+    scale_prior,
+    sensor_pairs,
+)
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior
 from calibkit.instruments.inclinometer.numeric.scale_prior import History
+from calibkit.instruments.inclinometer.scale_model import ScaleFit, ScaleModel
 from calibkit.numeric.attitude import wrapped
 
 if TYPE_CHECKING:
@@ -31,61 +37,6 @@ CLAMPED = "negative discriminant clamped to zero"
 """Flag of a station whose roots have merged."""
 
 
-@dataclass(frozen=True, slots=True)
-class ScaleModel:
-    """s(T) of one gyro as it leaves a file: powers of °C, their covariance, scatter, range [°C]
-    (None: no temperature).
-    """
-
-    coefficients: Array
-    covariance: Array
-    scatter: float
-    valid: tuple[float, float] | None
-    noise: Noise
-
-    def prior(self, temperature: Array) -> Prior:
-        """Prior at temperatures [n] [°C]; where one is not known, the whole range is possible."""
-        if self.valid is None:
-            known = scale_prior.prior_of(
-                self.coefficients, self.covariance, self.scatter, (0.0, 0.0), [0.0]
-            )
-            return Prior(
-                *(
-                    np.repeat(part, temperature.size)
-                    for part in (known.s, known.standard_uncertainty)
-                )
-            )
-        low, high = self.valid
-        there = np.isfinite(temperature)
-        at = scale_prior.prior_of(
-            self.coefficients,
-            self.covariance,
-            self.scatter,
-            self.valid,
-            np.where(there, temperature, low),
-        )
-        span = scale_prior.prior_of(
-            self.coefficients, self.covariance, self.scatter, self.valid, np.linspace(low, high, 41)
-        )
-        # an unknown temperature may be any of the range: a rectangular distribution
-        spread = np.hypot(span.standard_uncertainty.max(), np.ptp(span.s) / np.sqrt(12.0))
-        middle = (span.s.min() + span.s.max()) / 2.0
-        return Prior(
-            np.where(there, at.s, middle), np.where(there, at.standard_uncertainty, spread)
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class ScaleFit:
-    """s(T) of one gyro, how well it fits, and which stations [n] carried it."""
-
-    model: ScaleModel
-    dof: int
-    residual_rms: float
-    used: Mask
-    left_out: Prior
-
-
 SHARP = 0.1
 """Relative standard uncertainty of a root below which it counts as measured."""
 IMPLAUSIBLE = 0.05
@@ -97,7 +48,7 @@ APART_DEG = 5.0
 
 
 @dataclass(frozen=True, slots=True)
-class Seen:
+class SolvedStations:
     """Stations as both sensor pairs, or the one that is read, see them."""
 
     solutions: Mapping[Sensor, Solution]
@@ -123,7 +74,7 @@ class Seen:
         return found
 
 
-def require_consistent(seen: Seen, where: str) -> None:
+def require_consistent(seen: SolvedStations, where: str) -> None:
     """Refuse a log most of whose stations cannot have been read like this; one odd station is
     refused by itself.
 
@@ -155,7 +106,9 @@ def require_consistent(seen: Seen, where: str) -> None:
             )
 
 
-def fit(stations: Stations, spec: InclinometerRecipe) -> tuple[dict[Sensor, ScaleFit], Seen]:
+def fit_scale(
+    stations: Stations, spec: InclinometerRecipe
+) -> tuple[dict[Sensor, ScaleFit], SolvedStations]:
     """s(T) of each gyro from all stations, and every station solved with the s(T) of all the
     others.
 
@@ -176,7 +129,9 @@ def fit(stations: Stations, spec: InclinometerRecipe) -> tuple[dict[Sensor, Scal
     return fits, seen
 
 
-def seek(stations: Stations, models: Mapping[Sensor, ScaleModel], spec: InclinometerRecipe) -> Seen:
+def seek_north(
+    stations: Stations, models: Mapping[Sensor, ScaleModel], spec: InclinometerRecipe
+) -> SolvedStations:
     """Every station solved with the s(T) of a calibration and the departure from it that the
     stations before show.
 
@@ -195,7 +150,7 @@ def seek(stations: Stations, models: Mapping[Sensor, ScaleModel], spec: Inclinom
 
 def _in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
     """Stations of one sensor pair in their order, before any s(T) is known."""
-    return scale_prior.in_sequence(
+    return scale_prior.predict_in_sequence(
         stations.components[axis],
         spec.site.latitude_deg,
         stations.elapsed,
@@ -242,9 +197,9 @@ def _history(spec: InclinometerRecipe) -> History:
     )
 
 
-def _limits(spec: InclinometerRecipe) -> root_choice.Limits:
+def _limits(spec: InclinometerRecipe) -> refusals.Limits:
     """The recipe's limits."""
-    return root_choice.Limits(**spec.limits.model_dump())
+    return refusals.Limits(**spec.limits.model_dump())
 
 
 def _heading(stations: Stations, spec: InclinometerRecipe) -> Array | None:
@@ -267,7 +222,7 @@ def _over_temperature(
     order = 0 if not timed else None if spec.scale.order == "auto" else spec.scale.order
     if usable.sum() == 1:
         return _of_one(first, usable, temperature, spec, noise, timed=timed)
-    over = scale_prior.over_temperature(first, temperature, order=order)
+    over = scale_prior.fit_over_temperature(first, temperature, order=order)
     # without degrees of freedom nothing tells how s scatters: what was known before the calibration
     # stays possible
     scatter = over.scatter if over.dof else spec.history.standard_uncertainty
@@ -379,7 +334,9 @@ def _departed(
     )
 
 
-def _solved(stations: Stations, priors: Mapping[Sensor, Prior], spec: InclinometerRecipe) -> Seen:
+def _solved(
+    stations: Stations, priors: Mapping[Sensor, Prior], spec: InclinometerRecipe
+) -> SolvedStations:
     """Every station solved with its priors, both pairs combined where both are read."""
     solutions = {
         axis: root_choice.solve(
@@ -395,7 +352,7 @@ def _solved(stations: Stations, priors: Mapping[Sensor, Prior], spec: Inclinomet
     }
     pairs = tuple(solutions.values())
     joined = sensor_pairs.combine(*pairs) if len(pairs) == 2 else _alone(pairs[0])
-    return Seen(solutions, priors, joined)
+    return SolvedStations(solutions, priors, joined)
 
 
 def _alone(pair: Solution) -> Combined:

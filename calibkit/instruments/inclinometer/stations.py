@@ -12,49 +12,26 @@ import numpy as np
 from calibkit import check
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Examined, Finding, Log, refuse, values
-from calibkit.ingest.logs import unmapped
 from calibkit.instruments.inclinometer import dwells as inclinometer_dwells
 from calibkit.instruments.inclinometer import noise as inclinometer_noise
+from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.noise import Closing, Noise
 from calibkit.instruments.inclinometer.numeric import published, sinusoid_fit
+from calibkit.instruments.inclinometer.rows import REFERENCE, Rows
 from calibkit.numeric import attitude
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from calibkit.arrays import Array, Integers
-    from calibkit.instruments.inclinometer.dwells import Dwelt
+    from calibkit.instruments.inclinometer.dwells import DwellLog
     from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
     from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 
 PLAIN = ("position_deg",)
-TEMPERATURE = "temp_case_degc"
-REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
 """Largest indication of a tool at rest, bias included: beyond it the log's unit is another."""
-
-
-@dataclass(frozen=True, slots=True)
-class Rows:
-    """Rows of all logs: number of each one's station [r], counted from 0 over the logs, and what
-    was read there.
-
-    `accel` [g, positive along gravity] and `gyro` [°/h] are by axis; `resolution` is the last digit
-    of (accel, gyro).
-    """
-
-    station: Integers
-    names: tuple[str, ...]
-    places: tuple[str, ...]
-    position: Array
-    accel: Mapping[Sensor, Array]
-    gyro: Mapping[Sensor, Array]
-    resolution: Mapping[Sensor, tuple[float, float]]
-    time: Array
-    temperature: Array
-    reference: Array
-    """[r, 3] of inclination, toolface, azimuth [°]; NaN where a log has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -75,7 +52,7 @@ class Stations:
     """[n, 3] of inclination, toolface, azimuth [°]; NaN where there is none."""
 
 
-def needed(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def needed_columns(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Columns that the recipe needs, and columns that it uses where they are."""
     wanted = [
         *PLAIN,
@@ -95,22 +72,22 @@ def examine(log: Log, spec: InclinometerRecipe) -> Examined:
     """Findings of a log, and its stations: the rows of one station number that follow each other,
     or its dwells.
     """
-    dwelt, found = dwells(log, spec)
+    dwelt, found = examine_dwells(log, spec)
     held = () if dwelt is None else (*dwelt.held("station"), *dwelt.held("dwell"))
     return Examined(tuple(found), held)
 
 
-def admitted(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log], list[Finding]]:
+def admit_logs(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log], list[Finding]]:
     """Logs of one row a position and the findings of all; raises FrameError with all that are
     refused.
     """
-    looked = [dwells(log, spec) for log in logs]
+    looked = [examine_dwells(log, spec) for log in logs]
     found = [finding for _, findings in looked for finding in findings]
     refuse(found)
     return [dwelt.log for dwelt, _ in looked if dwelt is not None], found
 
 
-def dwells(log: Log, spec: InclinometerRecipe) -> tuple[Dwelt | None, list[Finding]]:
+def examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None, list[Finding]]:
     """Dwells of a log, none where it is refused as a whole, and everything that is wrong with it
     and its stations.
     """
@@ -118,10 +95,10 @@ def dwells(log: Log, spec: InclinometerRecipe) -> tuple[Dwelt | None, list[Findi
     found = [*check.rows(log, 3), *check.finite(log, columns)]
     if any(finding.refused for finding in found):
         return None, found
-    found += unusable(log, spec)
+    found += find_unusable(log, spec)
     if any(finding.refused for finding in found):
         return None, found
-    dwelt = inclinometer_dwells.of(log, spec)
+    dwelt = inclinometer_dwells.find_dwells(log, spec)
     found += dwelt.findings
     if spec.stations.method == "four_differences":
         found += _positions(dwelt.log)
@@ -132,7 +109,7 @@ def dwells(log: Log, spec: InclinometerRecipe) -> tuple[Dwelt | None, list[Findi
     return dwelt, found
 
 
-def unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
+def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
     """What is wrong with a log as a whole; nothing of it can be used."""
     timed = "time_s" in log.frame.columns
     found = check.finite(log, [name for name in ("station", "time_s") if name in log.frame.columns])
@@ -209,96 +186,7 @@ def position_fault(position: Array) -> tuple[int, str] | None:
     return (position.size - 1, f"no row at position {', '.join(missing)}") if missing else None
 
 
-def gather(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
-    """Rows of all logs, their stations counted from 0 in the order in which they appear."""
-    station, names, places, offset = [], [], [], 0
-    for log in logs:
-        unique, first, inverse = np.unique(
-            values(log.frame, "station"), return_index=True, return_inverse=True
-        )
-        rank = np.empty_like(first)
-        rank[np.argsort(first)] = np.arange(first.size)
-        station.append(rank[inverse] + offset)
-        offset += first.size
-        prefix = f"{log.name}:" if len(logs) > 1 else ""
-        names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
-        places += [f"{log.file}:{check.line(log, int(row))}" for row in np.sort(first)]
-    accel = {axis: _joined(logs, f"accel_{axis}_g") for axis in spec.axes}
-    gyro = {axis: _joined(logs, f"gyro_{axis}_dph") for axis in spec.axes}
-    return Rows(
-        np.concatenate(station),
-        tuple(names),
-        tuple(places),
-        _joined(logs, "position_deg"),
-        {
-            axis: published.along_gravity(column, spec.reference.convention)
-            for axis, column in accel.items()
-        },
-        gyro,
-        {
-            axis: (
-                resolution(accel[axis], f"accel_{axis}_g", spec),
-                resolution(gyro[axis], f"gyro_{axis}_dph", spec),
-            )
-            for axis in spec.axes
-        },
-        _times(logs),
-        _joined(logs, TEMPERATURE),
-        np.column_stack([_joined(logs, column) for column in REFERENCE]),
-    )
-
-
-def _joined(logs: Sequence[Log], column: str) -> Array:
-    """A column of all logs [r], NaN where a log does not have it."""
-    return np.concatenate(
-        [
-            (
-                values(log.frame, column)
-                if column in log.frame.columns
-                else np.full(len(log.frame), np.nan)
-            )
-            for log in logs
-        ]
-    )
-
-
-def _times(logs: Sequence[Log]) -> Array:
-    """Times [r] [s] of all logs, each beginning an hour after the one before; NaN where any log has
-    none.
-    """
-    parts, start = [], 0.0
-    for log in logs:
-        if "time_s" not in log.frame.columns:
-            return np.full(sum(len(entry.frame) for entry in logs), np.nan)
-        time = values(log.frame, "time_s")
-        parts.append(time - time[0] + start)
-        start = float(parts[-1][-1]) + SECONDS_PER_HOUR
-    return np.concatenate(parts)
-
-
-def resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
-    """Size of the last digit [unit of the column] that a log's own numbers are written with."""
-    known = data[np.isfinite(data)]
-    step = 1.0
-    if column in spec.columns:
-        ends = unmapped(np.array([0.0, 1.0]), spec.columns[column], column, spec)
-        step, known = (
-            1.0 / abs(float(ends[1] - ends[0])),
-            unmapped(known, spec.columns[column], column, spec),
-        )
-    decimals = [
-        len(f"{value:.12g}".partition("e")[0].partition(".")[2]) - _exponent(value)
-        for value in known.tolist()
-    ]
-    return step * 10.0 ** -max(decimals, default=12)
-
-
-def _exponent(value: float) -> int:
-    """Exponent of ten that a number is written with, 0 where it is written without."""
-    return int(f"{value:.12g}".partition("e")[2] or 0)
-
-
-def stations(
+def solve_components(
     rows: Rows, spec: InclinometerRecipe, known: Mapping[Sensor, Noise] | None = None
 ) -> Stations:
     """Components of every station (step B), with the noise that the recipe states or the readings
@@ -314,18 +202,19 @@ def stations(
     for axis in spec.axes:
         closing = _differences_close(rows, axis) if differences else _fits_close(rows, axis, spec)
         before = None if known is None else known[axis]
-        closed = inclinometer_noise.judged(
-            closing, inclinometer_noise.least(before, rows.resolution[axis], spec)
+        closed = inclinometer_noise.judge_closures(
+            closing, inclinometer_noise.least_noise(before, rows.resolution[axis], spec)
         )
-        noises[axis] = inclinometer_noise.decided(
+        noises[axis] = inclinometer_noise.decide_noise(
             closed.noise, before, rows.resolution[axis], spec, axis
         )
         parts[axis], own = pair(
-            _without(rows, closed.wild), axis, spec, inclinometer_noise.widened(noises[axis], spec)
+            _without(rows, closed.wild),
+            axis,
+            spec,
+            inclinometer_noise.widen_noise(noises[axis], spec),
         )
         status[axis] = tuple(wild or reason for wild, reason in zip(closed.wild, own, strict=True))
-    first = np.unique(rows.station, return_index=True)[1]
-    time = rows.time[first]
     reference = [
         _directions(column, rows.station, count) if k else _means(column, rows.station, count)
         for k, column in enumerate(rows.reference.T)
@@ -337,13 +226,17 @@ def stations(
         noises,
         status,
         _means(rows.temperature, rows.station, count),
-        (
-            (time - time[0]) / SECONDS_PER_HOUR
-            if np.isfinite(time).all()
-            else np.arange(count, dtype=np.float64)
-        ),
+        _elapsed(rows),
         np.column_stack(reference),
     )
+
+
+def _elapsed(rows: Rows) -> Array:
+    """Hours of each station since the first; its number where a log has no times."""
+    time = rows.time[np.unique(rows.station, return_index=True)[1]]
+    if np.isfinite(time).all():
+        return np.asarray((time - time[0]) / SECONDS_PER_HOUR, dtype=np.float64)
+    return np.arange(time.size, dtype=np.float64)
 
 
 def _without(rows: Rows, wild: tuple[str, ...]) -> Rows:
@@ -407,7 +300,7 @@ def _fitted(
     rows: Rows, axis: Sensor, spec: InclinometerRecipe, accel_g: float, gyro_dph: float
 ) -> sinusoid_fit.Fitted:
     """Every station by least squares, with the noise of a reading."""
-    return sinusoid_fit.stations(
+    return sinusoid_fit.fit_stations(
         rows.station,
         rows.position,
         rows.accel[axis],

@@ -23,7 +23,7 @@ twelve 0.02 %: the median of few is uncertain itself.
 """
 
 
-def usual(squares: Array, dof: Integers) -> float:
+def usual_square(squares: Array, dof: Integers) -> float:
     """Variance of one reading from sums of squares [n] with degrees of freedom [n], by their
     median: none alone moves it.
 
@@ -40,7 +40,7 @@ def usual(squares: Array, dof: Integers) -> float:
     return float(np.median(squares[known] / dof[known])) / median
 
 
-def wild(squares: Array, dof: Integers, least: float) -> Mask:
+def find_outliers(squares: Array, dof: Integers, least: float) -> Mask:
     """Which stations [n] do not close by far more than the usual variance, or the `least` that it
     can be.
     """
@@ -50,12 +50,12 @@ def wild(squares: Array, dof: Integers, least: float) -> Mask:
         return found
     from scipy.special import chdtri
 
-    variance = max(usual(squares, dof), least)
+    variance = max(usual_square(squares, dof), least)
     found[known] = squares[known] > variance * chdtri(dof[known], IMPROBABLE)
     return found
 
 
-def noise(squares: Array, dof: Integers) -> float:
+def estimate_noise(squares: Array, dof: Integers) -> float:
     """Standard deviation of one reading from sums of squares [n] with degrees of freedom [n]; 0
     where there are none.
     """

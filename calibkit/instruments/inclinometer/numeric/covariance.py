@@ -18,7 +18,7 @@ def _inner_jacobian(parts: Components, found: Attitude) -> tuple[Array, Array, A
     """A, B [n] and the derivatives [n, 5, 5] of θ, φ, A, B, α by g_x, g_y [g], ω_x, ω_y [°/h], α
     [rad].
     """
-    A, B = published.levelled(parts.gyro_x, parts.gyro_y, found.toolface)
+    A, B = published.level_rates(parts.gyro_x, parts.gyro_y, found.toolface)
     cosine, sine = np.cos(found.toolface), np.sin(found.toolface)
     level = np.hypot(parts.accel_x, parts.accel_y)
     jacobian = np.zeros((level.size, 5, 5))

@@ -183,7 +183,7 @@ def attitude(accel_x: Array, accel_y: Array) -> Attitude:
     )
 
 
-def levelled(gyro_x: Array, gyro_y: Array, toolface: Array) -> tuple[Array, Array]:
+def level_rates(gyro_x: Array, gyro_y: Array, toolface: Array) -> tuple[Array, Array]:
     """Rates A, B [n] in units of the earth's rate, turned back by the toolface [rad] (step D)."""
     cosine, sine = np.cos(toolface), np.sin(toolface)
     x, y = gyro_x / EARTH_RATE_DPH, gyro_y / EARTH_RATE_DPH
@@ -196,7 +196,7 @@ def scale_roots(gyro_x: Array, gyro_y: Array, found: Attitude, latitude_deg: Arr
 
     gyro_x, gyro_y : [n] [°/h]; latitude_deg : α [°], one or [n].
     """
-    A, B = levelled(gyro_x, gyro_y, found.toolface)
+    A, B = level_rates(gyro_x, gyro_y, found.toolface)
     latitude = np.radians(latitude_deg)
     sine, cosine = np.sin(found.inclination), np.cos(found.inclination)
     discriminant = (A**2 + B**2) * np.cos(latitude) ** 2 - (sine * B) ** 2
@@ -229,7 +229,7 @@ def azimuth(
     return _full_circle(_atan2(east, north))
 
 
-def label(inclination: Array, psi: Array, latitude_deg: ArrayLike) -> Array:
+def root_label(inclination: Array, psi: Array, latitude_deg: ArrayLike) -> Array:
     """C = cos α cos θ + sin α sin θ cos ψ [n]: positive for an azimuth of the + root; near zero, s
     is useless.
 

@@ -12,6 +12,7 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric import published
 from calibkit.instruments.inclinometer.numeric.covariance import covariance, root_gradient
+from calibkit.instruments.inclinometer.numeric.refusals import Limits, _joined, _refusals
 from calibkit.numeric.attitude import wrapped
 
 if TYPE_CHECKING:
@@ -25,26 +26,6 @@ LIKELIER = 3.0
 """Difference of log-likelihood, odds of 20 to 1, by which one of two positive roots must win."""
 DISAGREES = 5.0
 """Standard uncertainties by which a root may differ from its prior."""
-
-
-@dataclass(frozen=True, slots=True)
-class Limits:
-    """Where a station is refused, and where its s is not used."""
-
-    latitude_deg: float = 80.0
-    """|latitude| above which the earth's horizontal rate is too small for an azimuth."""
-    vertical_deg: float = 0.5
-    """Inclination below which toolface and azimuth are not separable."""
-    horizontal_deg: float = 85.0
-    """Inclination above which neither inclination nor azimuth can be had from the sensors across
-    the tool.
-    """
-    s_uncertainty: float = 0.02
-    """Standard uncertainty of a root above which s is its prior."""
-    separation: float = 6.0
-    """Standard uncertainties from the middle of both roots, twice those of the discriminant from
-    zero, below which noise alone could have parted the roots.
-    """
 
 
 DEFAULT_LIMITS = Limits()
@@ -156,59 +137,6 @@ def estimates(
     )
 
 
-def _joined(before: Sequence[str], own: tuple[str, ...]) -> tuple[str, ...]:
-    """Reasons known before, and the stations' own where there are none."""
-    if not before:
-        return own
-    if len(before) != len(own):
-        raise FitError(f"{len(before)} reasons for {len(own)} stations")
-    return tuple(first or second for first, second in zip(before, own, strict=True))
-
-
-def _refusals(
-    parts: Components, found: Attitude, latitude: Array, limits: Limits
-) -> tuple[str, ...]:
-    """Why each station is refused; empty where it is not."""
-    inclination = np.degrees(found.inclination)
-    total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
-    inputs = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude))
-    finite = [bool(np.isfinite(row).all()) for row in inputs]
-    silent = (parts.gyro_x == 0.0) & (parts.gyro_y == 0.0)
-    rows = zip(finite, silent, latitude, inclination, total, strict=True)
-    return tuple(
-        _refusal(a, bool(b), float(c), float(d), float(e), limits) for a, b, c, d, e in rows
-    )
-
-
-def _refusal(
-    finite: bool,  # noqa: FBT001 - one row of the table of facts above
-    silent: bool,  # noqa: FBT001 - the same
-    latitude: float,
-    inclination: float,
-    total: float,
-    limits: Limits,
-) -> str:
-    """Reason to refuse one station, or nothing."""
-    if not finite:
-        return "an indication or the latitude is not finite"
-    if abs(latitude) > limits.latitude_deg:
-        return (
-            f"latitude {latitude:g}° is beyond {limits.latitude_deg:g}°: the earth's horizontal"
-            " rate is too small for an azimuth"
-        )
-    if inclination > limits.horizontal_deg:
-        return (
-            f"inclination {inclination:.2f}° is above {limits.horizontal_deg:g}°: sensors across"
-            " the tool give no azimuth there"
-        )
-    if inclination < limits.vertical_deg:
-        return (
-            f"inclination {inclination:.3f}° is below {limits.vertical_deg:g}°: toolface and"
-            f" azimuth are not separable, their sum is {total:.2f}°"
-        )
-    return "the gyros show no rate at all" if silent else ""
-
-
 def log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
     """Log-likelihood [n, 2] of roots [n, 2] given their priors; −inf for a root that cannot be."""
     variance = uncertainty**2 + prior.standard_uncertainty[:, None] ** 2
@@ -219,7 +147,7 @@ def log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
     return np.where(s > 0.0, score, -np.inf)
 
 
-def by_heading(found: Estimates, heading_deg: Array) -> Integers:
+def choose_by_heading(found: Estimates, heading_deg: Array) -> Integers:
     """Column [n] of the root whose azimuth is nearer a heading [n] [°]; −1 without heading or
     positive root.
     """
@@ -270,17 +198,15 @@ def solve(
     latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
     found = estimates(parts, latitude, refused=refused, limits=limits)
     score = log_likelihood(found.s, found.uncertainty, prior)
-    forced = by_heading(
-        found, np.full(latitude.shape, np.nan) if heading_deg is None else heading_deg
-    )
+    heading = np.full(latitude.shape, np.nan) if heading_deg is None else heading_deg
+    forced = choose_by_heading(found, heading)
     column = np.where(forced >= 0, forced, np.argmax(score, axis=1))
     rows = np.arange(column.size)
-    possible = found.s[rows, column] > 0.0
     s_root, u_root = found.s[rows, column], found.uncertainty[rows, column]
+    possible = s_root > 0.0
     with np.errstate(invalid="ignore"):
-        ambiguous = (
-            (forced < 0) & found.usable.all(axis=1) & (np.abs(score[:, 0] - score[:, 1]) < LIKELIER)
-        )
+        alike = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
+    ambiguous = (forced < 0) & found.usable.all(axis=1) & alike
     trusted = found.usable[rows, column] & ~ambiguous
     weight = _weight(u_root, prior.standard_uncertainty, trusted)
     s = np.where(trusted, weight * s_root + (1.0 - weight) * prior.s, prior.s)
@@ -342,36 +268,32 @@ def _flags(
             np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty),
             dtype=np.float64,
         )
-    lines: list[tuple[str, ...]] = []
+    clamped = "accelerations across the tool exceed gravity: clamped"
+    lines = []
     for k, refused in enumerate(found.status):
-        flags = (
-            ["accelerations across the tool exceed gravity: clamped"]
-            if found.attitude.clamped[k]
-            else []
-        )
-        if refused:
-            lines.append(tuple(flags))
-            continue
-        if found.roots.clamped[k]:
-            flags.append("negative discriminant clamped to zero")
-        if not possible[k]:
-            flags.append("no positive root of s: s is its prior")
-        elif ambiguous[k]:
-            flags.append("both roots of s are about as likely: s is its prior")
-        elif not trusted[k]:
-            flags.append(
-                f"s is its prior: the root {s_root[k]:.4g} has a standard uncertainty of"
-                f" {u_root[k]:.2g}, C is near 0"
-            )
-        elif off[k] > DISAGREES:
-            flags.append(
-                f"the root {s_root[k]:.5g} is {off[k]:.0f} standard uncertainties from its prior"
-                f" {prior.s[k]:.5g}"
-            )
-        if both[k]:
-            flags.append("both roots of s are positive")
+        flags = [clamped] if found.attitude.clamped[k] else []
+        if not refused:
+            if found.roots.clamped[k]:
+                flags.append("negative discriminant clamped to zero")
+            if not possible[k]:
+                flags.append("no positive root of s: s is its prior")
+            elif ambiguous[k]:
+                flags.append("both roots of s are about as likely: s is its prior")
+            elif not trusted[k] or off[k] > DISAGREES:
+                flags.append(_root_flag(s_root[k], u_root[k], prior.s[k], off[k], trusted[k]))
+            if both[k]:
+                flags.append("both roots of s are positive")
         lines.append(tuple(flags))
     return tuple(lines)
+
+
+def _root_flag(s: float, u: float, prior: float, off: float, trusted: np.bool_) -> str:
+    """Why the root of a station is not used, or how far it is from its prior."""
+    if not trusted:
+        return (
+            f"s is its prior: the root {s:.4g} has a standard uncertainty of {u:.2g}, C is near 0"
+        )
+    return f"the root {s:.5g} is {off:.0f} standard uncertainties from its prior {prior:.5g}"
 
 
 def _solution(
@@ -405,7 +327,7 @@ def _solution(
         s_root_uncertainty=kept(u_root),
         root=np.where(solved, root, 0),
         weight=kept(weight),
-        C=kept(published.label(found.attitude.inclination, psi, latitude)),
+        C=kept(published.root_label(found.attitude.inclination, psi, latitude)),
         gyro_x_dph=kept(x),
         gyro_y_dph=kept(y),
         covariance=np.where(solved[:, None, None], spread, np.nan),

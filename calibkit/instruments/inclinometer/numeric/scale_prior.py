@@ -14,10 +14,9 @@ from calibkit.instruments.inclinometer.numeric.root_choice import (
     DEFAULT_LIMITS,
     LIKELIER,
     Estimates,
-    Limits,
     Prior,
     Solution,
-    by_heading,
+    choose_by_heading,
     estimates,
     log_likelihood,
     solve,
@@ -31,6 +30,7 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array, Mask
     from calibkit.instruments.inclinometer.numeric.published import Components
+    from calibkit.instruments.inclinometer.numeric.refusals import Limits
 
 
 GAIN = 4.0
@@ -84,12 +84,12 @@ class ScaleOverTemperature:
 
     def prior(self, temp_degc: ArrayLike) -> Prior:
         """Prior at temperatures [°C]; see `prior_of`."""
-        return prior_of(
+        return predict_scale(
             self.coefficients, self.covariance, self.scatter, self.valid_degc, temp_degc
         )
 
 
-def prior_of(
+def predict_scale(
     coefficients: Array,
     covariance: Array,
     scatter: float,
@@ -141,7 +141,7 @@ def history_prior(
         raise FitError(
             "the stations' times decrease or are not finite", hint="sort the stations by time"
         )
-    forced = by_heading(
+    forced = choose_by_heading(
         found, np.full(elapsed.size, np.nan) if heading_deg is None else heading_deg
     )
     state = np.array([start.s, start.rate])
@@ -190,7 +190,7 @@ def _chosen(found: Estimates, k: int, prior: Prior, forced: int) -> int | None:
     return column if found.usable[k, column] and not ambiguous else None
 
 
-def in_sequence(
+def predict_in_sequence(
     parts: Components,
     latitude_deg: ArrayLike,
     elapsed: Array,
@@ -217,7 +217,7 @@ def in_sequence(
     )
 
 
-def over_temperature(
+def fit_over_temperature(
     solution: Solution, temp_degc: Array, *, order: int | None = None
 ) -> ScaleOverTemperature:
     """Fit the chosen roots of n stations as s(T), weighted by their uncertainty and their common

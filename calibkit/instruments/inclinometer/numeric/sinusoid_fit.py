@@ -66,7 +66,7 @@ class Fitted:
     """Degrees of freedom of each of them [n, 2]."""
 
 
-def harmonics(
+def fit_harmonics(
     position_deg: Array,
     indication: Array,
     sensor: Sensor,
@@ -137,7 +137,7 @@ def _square(fit: LinearFit) -> float:
     return float(np.sum(fit.residuals**2)) if fit.dof else 0.0
 
 
-def stations(
+def fit_stations(
     station: ArrayLike,
     position_deg: Array,
     accel: Array,
@@ -188,8 +188,10 @@ def stations(
         if reason:
             pairs.append(None)
             continue
-        of_gyro = harmonics(position_deg[rows], gyro[rows], sensor, time_s=clock, ramp=gyro_ramp)
-        pairs.append((harmonics(position_deg[rows], accel[rows], sensor), of_gyro))
+        of_gyro = fit_harmonics(
+            position_deg[rows], gyro[rows], sensor, time_s=clock, ramp=gyro_ramp
+        )
+        pairs.append((fit_harmonics(position_deg[rows], accel[rows], sensor), of_gyro))
     fitted = [pair for pair in pairs if pair is not None]
     if not fitted:
         raise FitError(f"none of {len(order)} stations can be fitted: {status[0]}")

@@ -1,0 +1,140 @@
+"""Angle errors of solved stations before and after, and the acceptance limits on them."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.coefficients import at_most
+from calibkit.numeric import dispersion
+from calibkit.numeric.attitude import wrapped
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibkit.arrays import Array, Mask
+    from calibkit.coefficients import Criterion
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+    from calibkit.instruments.inclinometer.solve import SolvedStations
+    from calibkit.instruments.inclinometer.stations import Stations
+
+
+@dataclass(frozen=True, slots=True)
+class AngleErrors:
+    """Errors [n] [°] against the reference, NaN where there is none or no result; before is with s
+    = 1.
+    """
+
+    inclination: Array
+    toolface: Array
+    before: Array
+    after: Array
+    standard_uncertainty: Array
+    """Of the azimuth after."""
+
+    @property
+    def known(self) -> Mask:
+        """Stations with a reference azimuth and a result."""
+        return np.isfinite(self.after) & np.isfinite(self.before)
+
+    @property
+    def excess(self) -> Array:
+        """By how many of its standard uncertainties the azimuth came out worse than uncorrected."""
+        known = self.known
+        worse = np.abs(self.after[known]) - np.abs(self.before[known])
+        return np.asarray(worse / self.standard_uncertainty[known], dtype=np.float64)
+
+
+def angle_errors(stations: Stations, seen: SolvedStations) -> AngleErrors:
+    """Errors of all stations."""
+    reference, joined = stations.reference, seen.joined
+    with np.errstate(invalid="ignore"):
+        return AngleErrors(
+            np.where(seen.refused, np.nan, joined.inclination_deg - reference[:, 0]),
+            wrapped(joined.toolface_deg - reference[:, 1]),
+            wrapped(joined.uncorrected_deg - reference[:, 2]),
+            wrapped(joined.azimuth_deg - reference[:, 2]),
+            joined.standard_uncertainty[:, 2],
+        )
+
+
+def rms(values: Array) -> float:
+    """Root mean square of the finite values, NaN where there is none."""
+    return dispersion.rms(values[np.isfinite(values)])
+
+
+def azimuth_rms(stations: Stations, seen: SolvedStations) -> tuple[int, float, float]:
+    """Number of stations with a reference azimuth and a result, rms of their error [°] before and
+    after.
+    """
+    found = angle_errors(stations, seen)
+    return int(found.known.sum()), rms(found.before[found.known]), rms(found.after[found.known])
+
+
+def criteria(
+    found: AngleErrors, spec: InclinometerRecipe, *, unseen: bool
+) -> tuple[Criterion, ...]:
+    """Acceptance limits of the recipe; on unseen stations also that none came out worse than it
+    was.
+    """
+    limits, known = spec.acceptance, found.known
+    tests = [
+        ("azimuth rms", rms(found.after[known]), limits.max_azimuth_rms_deg),
+        ("largest azimuth error", largest(found.after), limits.max_azimuth_error_deg),
+        (
+            "largest inclination error",
+            largest(found.inclination),
+            limits.max_inclination_error_deg,
+        ),
+        ("largest toolface error", largest(found.toolface), limits.max_toolface_error_deg),
+    ]
+    made = [
+        at_most(name, value, limit, "deg")
+        for name, value, limit in tests
+        if limit is not None and np.isfinite(value)
+    ]
+    if unseen and found.excess.size:
+        worst, limit = float(found.excess.max()), simultaneous_factor(found.excess.size)
+        made.append(at_most("azimuth worse than uncorrected, over its u", worst, limit, "1"))
+    return tuple(made)
+
+
+def flag_worse(file: str, found: AngleErrors) -> list[str]:
+    """Flag of a log whose azimuths the correction made worse as a whole."""
+    before, after = rms(found.before[found.known]), rms(found.after[found.known])
+    if not after > before:
+        return []
+    said = f"{file}: the azimuth's rms error is {after:.3g}° corrected, {before:.3g}° uncorrected"
+    return [
+        (
+            f"{said}: s(T) does not hold here; see site.latitude_deg, the gyros, and the reference"
+            " azimuths"
+        )
+    ]
+
+
+def simultaneous_factor(count: int) -> float:
+    """Coverage factor that the largest of so many normal errors keeps in 95 % of cases
+    (Bonferroni).
+    """
+    from scipy.special import ndtri
+
+    return float(ndtri(1.0 - 0.05 / (2.0 * count)))
+
+
+def largest(values: Array) -> float:
+    """Largest magnitude of the finite values, NaN where there is none."""
+    finite = np.abs(values[np.isfinite(values)])
+    return float(finite.max()) if finite.size else float("nan")
+
+
+def pool_errors(parts: Sequence[AngleErrors]) -> AngleErrors:
+    """Errors of all logs together."""
+    return AngleErrors(
+        *(
+            np.concatenate([getattr(part, name) for part in parts])
+            for name in ("inclination", "toolface", "before", "after", "standard_uncertainty")
+        )
+    )

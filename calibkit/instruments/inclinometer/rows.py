@@ -1,0 +1,136 @@
+"""Logs of one row per position → the rows of all logs, numbered by station."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.constants import SECONDS_PER_HOUR
+from calibkit.frame import Log, values
+from calibkit.ingest.logs import unmapped
+from calibkit.instruments.inclinometer.forms import TEMPERATURE
+from calibkit.instruments.inclinometer.numeric import published
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
+    from calibkit.arrays import Array, Integers
+    from calibkit.instruments.inclinometer.numeric.published import Sensor
+    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+
+
+REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
+
+
+@dataclass(frozen=True, slots=True)
+class Rows:
+    """Rows of all logs: number of each one's station [r], counted from 0 over the logs, and what
+    was read there.
+
+    `accel` [g, positive along gravity] and `gyro` [°/h] are by axis; `resolution` is the last digit
+    of (accel, gyro).
+    """
+
+    station: Integers
+    names: tuple[str, ...]
+    places: tuple[str, ...]
+    position: Array
+    accel: Mapping[Sensor, Array]
+    gyro: Mapping[Sensor, Array]
+    resolution: Mapping[Sensor, tuple[float, float]]
+    time: Array
+    temperature: Array
+    reference: Array
+    """[r, 3] of inclination, toolface, azimuth [°]; NaN where a log has none."""
+
+
+def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
+    """Rows of all logs, their stations counted from 0 in the order in which they appear."""
+    station, names, places, offset = [], [], [], 0
+    for log in logs:
+        unique, first, inverse = np.unique(
+            values(log.frame, "station"), return_index=True, return_inverse=True
+        )
+        rank = np.empty_like(first)
+        rank[np.argsort(first)] = np.arange(first.size)
+        station.append(rank[inverse] + offset)
+        offset += first.size
+        prefix = f"{log.name}:" if len(logs) > 1 else ""
+        names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
+        places += [f"{log.file}:{check.line(log, int(row))}" for row in np.sort(first)]
+    accel = {axis: _joined(logs, f"accel_{axis}_g") for axis in spec.axes}
+    gyro = {axis: _joined(logs, f"gyro_{axis}_dph") for axis in spec.axes}
+    return Rows(
+        np.concatenate(station),
+        tuple(names),
+        tuple(places),
+        _joined(logs, "position_deg"),
+        {
+            axis: published.along_gravity(column, spec.reference.convention)
+            for axis, column in accel.items()
+        },
+        gyro,
+        {
+            axis: (
+                resolution(accel[axis], f"accel_{axis}_g", spec),
+                resolution(gyro[axis], f"gyro_{axis}_dph", spec),
+            )
+            for axis in spec.axes
+        },
+        _times(logs),
+        _joined(logs, TEMPERATURE),
+        np.column_stack([_joined(logs, column) for column in REFERENCE]),
+    )
+
+
+def _joined(logs: Sequence[Log], column: str) -> Array:
+    """A column of all logs [r], NaN where a log does not have it."""
+    return np.concatenate(
+        [
+            (
+                values(log.frame, column)
+                if column in log.frame.columns
+                else np.full(len(log.frame), np.nan)
+            )
+            for log in logs
+        ]
+    )
+
+
+def _times(logs: Sequence[Log]) -> Array:
+    """Times [r] [s] of all logs, each beginning an hour after the one before; NaN where any log has
+    none.
+    """
+    parts, start = [], 0.0
+    for log in logs:
+        if "time_s" not in log.frame.columns:
+            return np.full(sum(len(entry.frame) for entry in logs), np.nan)
+        time = values(log.frame, "time_s")
+        parts.append(time - time[0] + start)
+        start = float(parts[-1][-1]) + SECONDS_PER_HOUR
+    return np.concatenate(parts)
+
+
+def resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
+    """Size of the last digit [unit of the column] that a log's own numbers are written with."""
+    known = data[np.isfinite(data)]
+    step = 1.0
+    if column in spec.columns:
+        ends = unmapped(np.array([0.0, 1.0]), spec.columns[column], column, spec)
+        step, known = (
+            1.0 / abs(float(ends[1] - ends[0])),
+            unmapped(known, spec.columns[column], column, spec),
+        )
+    decimals = [
+        len(f"{value:.12g}".partition("e")[0].partition(".")[2]) - _exponent(value)
+        for value in known.tolist()
+    ]
+    return step * 10.0 ** -max(decimals, default=12)
+
+
+def _exponent(value: float) -> int:
+    """Exponent of ten that a number is written with, 0 where it is written without."""
+    return int(f"{value:.12g}".partition("e")[2] or 0)
