@@ -6,7 +6,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric.least_squares import fit, hac
+from calibkit.numeric.least_squares import fit, hac, polynomial
 from naive import newey_west
 
 
@@ -101,7 +101,7 @@ def test_a_fit_that_makes_no_sense_is_refused(design, target, message):
 def test_raw_powers_convert_a_mapped_polynomial():
     """The polynomial in u = (x − middle)/half and the one in x agree to 1e-12 of their range."""
     u_coefficients = np.array([1.0, -2.0, 0.5, 0.25])
-    raw = np.asarray(fit.raw_powers(52.5, 72.5, 3) @ u_coefficients, dtype=float)
+    raw = np.asarray(polynomial.to_raw_powers(52.5, 72.5, 3) @ u_coefficients, dtype=float)
     x = np.linspace(-20.0, 125.0, 50)
     expected = np.polynomial.polynomial.polyval((x - 52.5) / 72.5, u_coefficients)
     assert np.polynomial.polynomial.polyval(x, raw) == pytest.approx(expected, abs=1e-12)
@@ -112,7 +112,7 @@ def test_a_polynomial_fit_equals_numpy():
     rng = np.random.default_rng(4)
     x = rng.uniform(-20.0, 125.0, 400)
     y = 1.0 + 1e-3 * x - 1e-5 * x**2 + 1e-8 * x**3 + rng.normal(0.0, 1e-3, 400)
-    _, raw, covariance = fit.polynomial(x, y, 3)
+    _, raw, covariance = polynomial.fit_polynomial(x, y, 3)
     assert raw == pytest.approx(np.polynomial.Polynomial.fit(x, y, 3).convert().coef, rel=1e-9)
     assert (np.diag(covariance) > 0.0).all()
 
@@ -120,7 +120,7 @@ def test_a_polynomial_fit_equals_numpy():
 def test_a_polynomial_needs_an_abscissa_that_varies():
     """A constant abscissa is refused."""
     with pytest.raises(FitError, match="constant at 5"):
-        fit.polynomial(np.full(9, 5.0), np.arange(9.0), 1)
+        polynomial.fit_polynomial(np.full(9, 5.0), np.arange(9.0), 1)
 
 
 def test_hac_equals_its_double_sum():

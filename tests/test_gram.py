@@ -10,7 +10,7 @@ import pytest
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import determination, k_factor
 from calibkit.numeric import attitude
-from calibkit.numeric.least_squares import fit, fold, gram
+from calibkit.numeric.least_squares import fit, fold, gram, polynomial
 from conftest import NIST
 
 ROWS = 30_000
@@ -44,6 +44,13 @@ def drifting(rows=ROWS, seed=0):
     return t, np.round(8_000_000.0 + 30.0 * t - 2e-4 * t**2 + noise)
 
 
+def folded_polynomial(abscissa, indication, order):
+    """Fit a polynomial in the memory of a block; its fit, raw coefficients and their covariance."""
+    design, to_raw = polynomial.mapped_powers(abscissa, order)
+    fit = fold.reduced(design, indication, names=[f"p{k}" for k in range(order + 1)])
+    return fit, *polynomial.in_raw_powers(fit.coefficients, fit.covariance, to_raw)
+
+
 def test_blocks_cover_the_rows_once():
     """Slices follow one another to the last row."""
     assert [(part.start, part.stop) for part in gram.blocks(10, 4)] == [(0, 4), (4, 8), (8, 10)]
@@ -56,8 +63,8 @@ def test_a_polynomial_has_twelve_digits_of_the_exact_one():
     """
     t, y = drifting()
     expected = exact(t, y, 2)
-    assert fold.polynomial(t, y, 2)[1] == pytest.approx(expected, rel=1e-12)
-    assert fit.polynomial(t, y, 2)[1] == pytest.approx(expected, rel=1e-12)
+    assert folded_polynomial(t, y, 2)[1] == pytest.approx(expected, rel=1e-12)
+    assert polynomial.fit_polynomial(t, y, 2)[1] == pytest.approx(expected, rel=1e-12)
 
 
 def test_blocks_give_what_a_whole_factorisation_gives():
@@ -115,9 +122,9 @@ def test_nist_sets_repeated_until_they_are_tall_keep_their_digits(name, order, d
     if order == 0:
         raw = fold.reduced(lambda part: x[part, None], y).coefficients
     else:
-        found, raw, _ = fold.polynomial(x, y, order)
-        middle, half = fit.mapping(x)
-        mapped = fit.raw_powers(-middle / half, 1.0 / half, order) @ expected
+        found, raw, _ = folded_polynomial(x, y, order)
+        middle, half = polynomial.middle_and_half(x)
+        mapped = polynomial.to_raw_powers(-middle / half, 1.0 / half, order) @ expected
         np.testing.assert_allclose(
             found.coefficients, np.asarray(mapped, dtype=np.float64), rtol=1e-12
         )
@@ -132,7 +139,7 @@ def test_a_term_that_lstsq_drops_without_a_word_is_kept():
     y = 5.0 + 1e-3 * counts - 2e-10 * counts**2
     _, _, rank, _ = np.linalg.lstsq(X, y, rcond=None)
     assert rank == 2
-    _, raw, _ = fold.polynomial(counts, y, 2)
+    _, raw, _ = folded_polynomial(counts, y, 2)
     assert raw == pytest.approx([5.0, 1e-3, -2e-10], rel=1e-9)
     assert fit.linear(X, y).coefficients == pytest.approx([5.0, 1e-3, -2e-10], rel=1e-9)
 
@@ -151,7 +158,7 @@ def test_normal_equations_of_a_static_record_are_refused():
         with pytest.raises(FitError, match=r"cannot determine b0, b1, b2: rank 1 of 3"):
             refused()
     with pytest.raises(FitError, match=r"the abscissa is constant at 25\.3"):
-        fold.polynomial(temperature, y, 2)
+        folded_polynomial(temperature, y, 2)
 
 
 def test_columns_dependent_to_rounding_are_refused_not_guessed():
@@ -186,8 +193,8 @@ def test_small_residuals_under_a_large_mean_are_not_cancelled():
     rng = np.random.default_rng(5)
     t = np.linspace(-1.0, 1.0, ROWS)
     noise = rng.normal(0.0, 1e-3, ROWS)
-    found, _, _ = fold.polynomial(t, 1e9 + noise, 1)
-    clean, _, _ = fold.polynomial(t, noise, 1)
+    found, _, _ = folded_polynomial(t, 1e9 + noise, 1)
+    clean, _, _ = folded_polynomial(t, noise, 1)
     assert found.residual_rms == pytest.approx(clean.residual_rms, rel=1e-4)
     assert np.sqrt(found.covariance[1, 1]) == pytest.approx(
         np.sqrt(clean.covariance[1, 1]), rel=1e-4
@@ -227,13 +234,13 @@ def test_a_sample_of_nothing_leaves_the_residuals_their_digits():
 def test_read_only_arrays_serve():
     """Arrays of pandas 3 are read-only; nothing is written into them, and the fit is the same."""
     t, y = drifting()
-    expected = fold.polynomial(t, y, 2)[1]
+    expected = folded_polynomial(t, y, 2)[1]
     for array in (t, y):
         array.flags.writeable = False
-    assert (fold.polynomial(t, y, 2)[1] == expected).all()
+    assert (folded_polynomial(t, y, 2)[1] == expected).all()
     assert (
-        fit.linear(gram.powers(t, 2), y).coefficients
-        == fit.linear(gram.powers(t.copy(), 2), y).coefficients
+        fit.linear(polynomial.powers(t, 2), y).coefficients
+        == fit.linear(polynomial.powers(t.copy(), 2), y).coefficients
     ).all()
 
 
@@ -244,7 +251,7 @@ def test_a_value_that_is_not_finite_is_refused_wherever_it_stands(place):
     for spoiled, value in ((t, np.nan), (y, np.inf)):
         spoiled = spoiled.copy()  # noqa: PLW2901 (the other stays whole)
         spoiled[place] = value
-        X = gram.powers(t if spoiled[place] == np.inf else spoiled, 2)
+        X = polynomial.powers(t if spoiled[place] == np.inf else spoiled, 2)
         with pytest.raises(FitError, match="not finite"):
             fold.reduced(lambda part, X=X: X[part], y if np.isnan(value) else spoiled)
 
@@ -254,9 +261,9 @@ def test_memory_is_that_of_a_block():
     columns.
     """
     t, y = drifting(1_000_000)
-    fold.polynomial(t[:ROWS], y[:ROWS], 2)
+    folded_polynomial(t[:ROWS], y[:ROWS], 2)
     tracemalloc.start()
-    fold.polynomial(t, y, 2)
+    folded_polynomial(t, y, 2)
     _, peak = tracemalloc.get_traced_memory()
     tracemalloc.stop()
     assert peak < 4 << 20

@@ -54,7 +54,7 @@ def test_the_impedance_of_the_gum_has_its_published_covariance():
     """JCGM 100 table H.3: 0.071, 0.295, 0.236 Ω, correlated −0.588, −0.485 and 0.993."""
     estimate, uncertainty, correlation = impedance_inputs()
     jacobian = gum.sensitivities(impedance, estimate, uncertainty)
-    covariance = gum.propagate(correlation * np.outer(uncertainty, uncertainty), jacobian)
+    covariance = gum.propagate(jacobian, correlation * np.outer(uncertainty, uncertainty))
     u = np.sqrt(np.diag(covariance))
     np.testing.assert_allclose(
         u, [0.071, 0.295, 0.236], atol=1.1e-3
@@ -71,7 +71,7 @@ def test_linear_propagation_and_monte_carlo_agree_on_the_impedance():
     """
     estimate, uncertainty, correlation = impedance_inputs()
     covariance = correlation * np.outer(uncertainty, uncertainty)
-    linear = gum.propagate(covariance, gum.sensitivities(impedance, estimate, uncertainty))
+    linear = gum.propagate(gum.sensitivities(impedance, estimate, uncertainty), covariance)
     draws = np.random.default_rng(3).multivariate_normal(
         estimate, covariance, 200_000, method="eigh"
     )
@@ -279,8 +279,8 @@ def test_uncertainty_along_a_log_is_the_diagonal_of_the_full_propagation():
     generator = np.random.default_rng(41)
     root = generator.standard_normal((4, 4))
     jacobian = generator.standard_normal((60, 4))
-    expected = np.sqrt(np.diag(gum.propagate(root @ root.T, jacobian)))
-    np.testing.assert_allclose(gum.along(root @ root.T, jacobian), expected, rtol=1e-12)
+    expected = np.sqrt(np.diag(gum.propagate(jacobian, root @ root.T)))
+    np.testing.assert_allclose(gum.uncertainty_along(jacobian, root @ root.T), expected, rtol=1e-12)
 
 
 @pytest.mark.parametrize(

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.numeric.least_squares import fit, robust
+from calibkit.numeric.least_squares import fit, leave_out, robust
 
 
 def problem(seed, rows=150, columns=6):
@@ -179,7 +179,7 @@ def test_jackknife_of_single_rows_is_the_loop_that_leaves_them_out():
         for k in range(14)
     ]
     twin = 13.0 / 14.0 * np.sum([np.outer(s, s) for s in shifts], axis=0)
-    found = robust.jackknife_covariance(design, whole.residuals, groups, weights=weights)
+    found = leave_out.jackknife_covariance(design, whole.residuals, groups, weights=weights)
     np.testing.assert_allclose(found, twin, rtol=1e-9, atol=1e-15)
 
 
@@ -189,4 +189,4 @@ def test_a_group_that_alone_determines_a_coefficient_is_refused():
     alone = np.column_stack([design, (np.arange(30) < 5).astype(float)])
     residuals = fit.linear(alone, indication).residuals
     with pytest.raises(FitError, match="group 0 alone"):
-        robust.jackknife_covariance(alone, residuals, np.arange(30) // 5)
+        leave_out.jackknife_covariance(alone, residuals, np.arange(30) // 5)

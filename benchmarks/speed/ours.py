@@ -72,11 +72,14 @@ def denoise(signal: Array, *, levels: int, inside: list[list[int]]) -> Prepared:
 
 def linear(gradient: Array, increment: Array) -> Prepared:
     """a0 + a1 G + a2 G², with rank, condition and covariance, in the memory of a block."""
-    from calibkit.numeric.least_squares import fold
+    from calibkit.numeric.least_squares import fold, polynomial
 
-    return (lambda: fold.polynomial(gradient, increment, 2)), lambda found: {
-        "coefficients": found[1]
-    }
+    def run() -> tuple[Array, Array]:
+        design, to_raw = polynomial.mapped_powers(gradient, 2)
+        fit = fold.reduced(design, increment)
+        return polynomial.in_raw_powers(fit.coefficients, fit.covariance, to_raw)
+
+    return run, lambda found: {"coefficients": found[0]}
 
 
 def accelerometer_k(indication: Array, temperature: Array, reference: Array) -> Prepared:

@@ -11,7 +11,7 @@ import numpy as np
 from speed import pairs, peers
 from speed.page import table
 
-from calibkit.numeric.least_squares import fit
+from calibkit.numeric.least_squares import polynomial
 from truth.product import DATE, run
 
 
@@ -51,7 +51,7 @@ def _rank() -> list[str]:
     coefficients, _, rank, _ = np.linalg.lstsq(
         np.column_stack([np.ones_like(t), t, t * t]), values, rcond=None
     )
-    ours = fit.polynomial(t, values, 2)[1]
+    ours = polynomial.fit_polynomial(t, values, 2)[1]
     worst = float(np.max(np.abs(ours / np.array([1.0, 2e-3, -1e-10]) - 1.0)))
     return [
         "a quadratic in time, 10 M seconds, no noise",

@@ -239,19 +239,32 @@ def expand_along(
     return standard, effective, np.asarray(factors[number] * standard, dtype=np.float64)
 
 
-def propagate(covariance: Array, jacobian: Array) -> Array:
-    """Covariance [m, m] of m results from the covariance [n, n] of n inputs: J C Jᵀ (JCGM 102
-    6.2.1.3), J [m, n].
+def propagate(jacobian: Array, covariance: Array) -> Array:
+    """Covariance [..., m, m] of m results from the covariance [..., n, n] of n inputs: J C Jᵀ
+    (JCGM 102 6.2.1.3), J [..., m, n].
     """
-    return np.asarray(jacobian @ covariance @ jacobian.T, dtype=np.float64)
+    return np.asarray(jacobian @ covariance @ np.swapaxes(jacobian, -1, -2), dtype=np.float64)
 
 
-def along(covariance: Array, jacobian: Array) -> Array:
-    """Standard uncertainties [m] of results along a log: roots of the diagonal of J C Jᵀ without
-    the m × m matrix.
+def variance_along(jacobian: Array, covariance: Array) -> Array:
+    """Variances [n] of results along a log: the diagonal of J C Jᵀ without the n × n matrix, J
+    [n, p] and C [p, p] or, one per result, [n, p, p].
     """
-    variance = np.einsum("ij,ij->i", jacobian @ covariance, jacobian)
-    return np.asarray(np.sqrt(np.maximum(variance, 0.0)), dtype=np.float64)
+    if covariance.ndim == 2:
+        return np.asarray(np.einsum("ij,ij->i", jacobian @ covariance, jacobian))
+    return np.asarray(np.einsum("ni,nij,nj->n", jacobian, covariance, jacobian))
+
+
+def uncertainty_along(jacobian: Array, covariance: Array) -> Array:
+    """Standard uncertainties [n] of results along a log: roots of `variance_along`."""
+    return np.sqrt(np.maximum(variance_along(jacobian, covariance), 0.0))
+
+
+def standard_uncertainty(gradient: Array, covariance: Array) -> float:
+    """Standard uncertainty of one result from its gradient [p] and the covariance [p, p] of its
+    inputs (JCGM 100 eq. 13).
+    """
+    return float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
 
 
 def sensitivities(

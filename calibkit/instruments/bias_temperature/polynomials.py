@@ -15,8 +15,7 @@ from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import values
 from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport, bin_means
 from calibkit.numeric import chunks
-from calibkit.numeric.least_squares import fit as core
-from calibkit.numeric.least_squares import fold, hac
+from calibkit.numeric.least_squares import fold, hac, polynomial
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
@@ -85,10 +84,10 @@ def _joined(logs: Sequence[Log], column: str) -> tuple[Array, Room]:
 
 def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Room) -> BiasFit:
     """One channel's polynomial over the abscissa of that name."""
-    design, to_raw = core.mapped_powers(abscissa, entry.order)
+    design, to_raw = polynomial.mapped_powers(abscissa, entry.order)
     names = [f"p{k}" for k in range(entry.order + 1)]
     found = fold.linear(design, indication, names=names, room=room)
-    raw, covariance = core.in_raw_powers(
+    raw, covariance = polynomial.in_raw_powers(
         found.coefficients, hac.covariance(design, found.residuals), to_raw
     )
     shown = bin_means(abscissa, indication)

@@ -21,10 +21,11 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from calibkit.arrays import Array
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleOverTemperature
+    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
     from calibkit.instruments.gyro_scale.numeric.triad import Triad, TriadOverTemperature
     from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
     from calibkit.instruments.gyro_scale.runs import TableRun
+    from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 
 AXES = ("x", "y", "z")
@@ -62,7 +63,7 @@ class AxesFit:
     sets: tuple[AxesSet, ...]
     reference: int
     over: TriadOverTemperature | None
-    bias_over: tuple[ScaleOverTemperature, ...]
+    bias_over: tuple[TemperaturePolynomial, ...]
     flags: tuple[str, ...]
 
     def main_axis(self, gyro: str) -> str:
@@ -249,7 +250,7 @@ def _bias(runs: Sequence[TableRun], spec: GyroTriadRecipe) -> tuple[Array, Array
     return values.mean(axis=0), np.sqrt(np.maximum(noise.mean(axis=0) / len(runs), scatter))
 
 
-def _bias_over(sets: Sequence[AxesSet], temperature: Array) -> tuple[ScaleOverTemperature, ...]:
+def _bias_over(sets: Sequence[AxesSet], temperature: Array) -> tuple[TemperaturePolynomial, ...]:
     """Bias of each gyro over temperature, where the latitude is known."""
     values = np.array([one.bias for one in sets])
     if not np.isfinite(values).all():

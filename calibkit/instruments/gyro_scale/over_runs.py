@@ -34,12 +34,10 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.numeric.response import Response
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import (
-        ScaleFactor,
-        ScaleOverTemperature,
-    )
+    from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleFactor
     from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
     from calibkit.instruments.gyro_scale.runs import TableRun
+    from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 
 ROOM_DEGC = 5.0
@@ -59,8 +57,8 @@ class GyroOverRuns:
     at_room: tuple[TableRun, ...]
     K: tuple[float, float]
     F0: tuple[float, float]
-    K_over_temperature: ScaleOverTemperature | None
-    F0_over_temperature: ScaleOverTemperature | None
+    K_over_temperature: TemperaturePolynomial | None
+    F0_over_temperature: TemperaturePolynomial | None
     response: Response | None
 
 
@@ -92,7 +90,7 @@ def over_runs(gyro: str, runs: Sequence[TableRun], spec: OwnAxisRecipe) -> GyroO
 
 def _over_temperature(
     lines: Sequence[ScaleFactor], temperature: Array
-) -> tuple[ScaleOverTemperature | None, ScaleOverTemperature | None]:
+) -> tuple[TemperaturePolynomial | None, TemperaturePolynomial | None]:
     """K and F0 as polynomials of temperature, or none where it was not logged or hardly varies."""
     if not np.isfinite(temperature).all() or np.ptp(temperature) < VARIES_DEGC:
         return None, None

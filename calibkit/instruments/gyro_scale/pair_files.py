@@ -23,12 +23,10 @@ if TYPE_CHECKING:
     from numpy.typing import NDArray
 
     from calibkit.instruments.gyro_scale.numeric.pair import GyroPair
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import (
-        ScaleFactor,
-        ScaleOverTemperature,
-    )
+    from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleFactor
     from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
     from calibkit.instruments.gyro_scale.runs import TableRun
+    from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
     Array = NDArray[np.float64]
 
@@ -228,7 +226,7 @@ def valid_of(runs: Sequence[TableRun]) -> dict[str, tuple[float, float]]:
 
 
 def polynomial_model(
-    name: str, unit: str, fit: ScaleOverTemperature, runs: Sequence[TableRun]
+    name: str, unit: str, fit: TemperaturePolynomial, runs: Sequence[TableRun]
 ) -> Model:
     """polynomial/1 model of one quantity over case temperature, which holds over all that the runs
     covered.

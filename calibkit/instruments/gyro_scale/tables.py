@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibkit.coefficients import Criterion, Figure, Model, StageResult
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleOverTemperature
     from calibkit.instruments.gyro_scale.over_runs import GyroOverRuns
     from calibkit.instruments.gyro_scale.pair_files import PairFit
     from calibkit.instruments.gyro_scale.recipe import (
@@ -34,6 +33,7 @@ if TYPE_CHECKING:
         TriadAcceptance,
     )
     from calibkit.instruments.gyro_scale.runs import TableRun
+    from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 PPM = 1e6
 
@@ -206,7 +206,7 @@ def _temperature_curve(one: GyroOverRuns) -> list[TemperatureCurve]:
 
 
 def temperature_curve(
-    gyro: str, runs: Sequence[TableRun], fit: ScaleOverTemperature, reference: float
+    gyro: str, runs: Sequence[TableRun], fit: TemperaturePolynomial, reference: float
 ) -> TemperatureCurve:
     """K of one gyro in every run and as a polynomial, in ppm from a reference K."""
     grid = np.linspace(*fit.valid_degc, 101)

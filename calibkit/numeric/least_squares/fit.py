@@ -10,13 +10,10 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import gram
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
-
-    from numpy.typing import NDArray
 
     from calibkit.arrays import Array
 
@@ -105,7 +102,7 @@ def linear(
     """
     rows, columns = design.shape
     names = tuple(names) or tuple(f"column {j}" for j in range(columns))
-    found = _tall(lambda part: design[part], indication, weights)
+    found = tall_with_residuals(lambda part: design[part], indication, weights)
     if found is not None:
         return found
     if rows < columns:
@@ -163,10 +160,10 @@ def tall(
     )
 
 
-def _tall(
+def tall_with_residuals(
     design: Callable[[slice], Array], indication: Array, weights: Array | None
 ) -> LinearFit | None:
-    """The same with residuals."""
+    """The same fit as `tall` with its residuals."""
     found = tall(design, indication, weights)
     if found is None:
         return None
@@ -233,80 +230,3 @@ def _refined(design: Array, target: Array, q: Array, r: Array, solution: Array) 
         x = x + step
         residual = residual + (f - q @ (q.T @ f) + q @ half)
     return np.asarray(x, dtype=np.float64)
-
-
-def polynomial(
-    abscissa: Array, indication: Array, order: int, *, weights: Array | None = None
-) -> tuple[LinearFit, Array, Array]:
-    """Fit a polynomial of the given order on the abscissa mapped to [−1, 1] and report it in raw
-    powers too.
-
-    Returns
-    -------
-    The fit in mapped powers, the raw coefficients [order + 1] (ascending powers of the abscissa in
-    its own unit) and their covariance [order + 1, order + 1]. `fold.polynomial` is the same without
-    residuals, in the memory of a block.
-    """
-    design, to_raw = mapped_powers(abscissa, order)
-    names = [f"p{k}" for k in range(order + 1)]
-    fit = _tall(design, indication, weights) or linear(
-        design(slice(None)), indication, weights=weights, names=names
-    )
-    return (fit, *in_raw_powers(fit.coefficients, fit.covariance, to_raw))
-
-
-def mapped_powers(
-    abscissa: Array, order: int
-) -> tuple[Callable[[slice], Array], NDArray[np.longdouble]]:
-    """Columns [m, order + 1] of a slice of an abscissa [n] mapped to [−1, 1], and the way back as
-    `raw_powers`.
-
-    Raises
-    ------
-    FitError : the abscissa is constant, as that of a static record.
-    """
-    middle, half = mapping(abscissa)
-    if half == 0.0 and order > 0:
-        raise FitError(
-            f"the abscissa is constant at {middle:g}", hint="a polynomial needs it to vary"
-        )
-    half = half or 1.0
-
-    def columns(part: slice) -> Array:
-        made = gram.powers(chunks.take_slice(abscissa, part), order, middle=middle, half=half)
-        chunks.release(abscissa)
-        return made
-
-    return columns, raw_powers(middle, half, order)
-
-
-def in_raw_powers(
-    coefficients: Array, covariance: Array, to_raw: NDArray[np.longdouble]
-) -> tuple[Array, Array]:
-    """Coefficients [p] and covariance [p, p] of mapped powers put into raw powers, the former in
-    extended precision.
-    """
-    matrix = np.asarray(to_raw, dtype=np.float64)
-    raw = np.asarray(to_raw @ coefficients.astype(np.longdouble), dtype=np.float64)
-    return raw, matrix @ covariance @ matrix.T
-
-
-def mapping(abscissa: Array) -> tuple[float, float]:
-    """Middle and half-width of an abscissa [n], which map it to u = (x − middle)/half in [−1,
-    1].
-    """
-    low, high = chunks.extremes(abscissa)
-    return (low + high) / 2.0, (high - low) / 2.0
-
-
-def raw_powers(middle: float, half: float, order: int) -> NDArray[np.longdouble]:
-    """Matrix [order + 1, order + 1] from coefficients of u = (x − middle)/half to coefficients of
-    x, ascending powers.
-    """
-    step = np.array([-middle / np.longdouble(half), 1.0 / np.longdouble(half)], dtype=np.longdouble)
-    matrix = np.zeros((order + 1, order + 1), dtype=np.longdouble)
-    power = np.ones(1, dtype=np.longdouble)
-    for k in range(order + 1):
-        matrix[: k + 1, k] = power
-        power = np.convolve(power, step)
-    return matrix

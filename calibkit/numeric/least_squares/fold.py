@@ -108,36 +108,6 @@ def linear(
     return found.having(gram.residuals(design, indication, found.coefficients, room=room))
 
 
-def polynomial(
-    abscissa: Array, indication: Array, order: int, *, weights: Array | None = None
-) -> tuple[least_squares.Reduced, Array, Array]:
-    """Fit a polynomial of any number of rows as `fit.polynomial` does, in the memory of a block.
-
-    Parameters
-    ----------
-    abscissa, indication
-        [n], in any unit; mapped files and read-only arrays serve as they are.
-    order
-        Highest power.
-    weights
-        [n], proportional to 1/variance of each row; equal when absent.
-
-    Returns
-    -------
-    The fit in powers of the abscissa mapped to [−1, 1], the raw coefficients [order + 1] (ascending
-    powers of the abscissa in its own unit) and their covariance [order + 1, order + 1].
-
-    Raises
-    ------
-    FitError
-        As `fit.linear`, and for a constant abscissa.
-
-    """
-    design, to_raw = least_squares.mapped_powers(abscissa, order)
-    found = reduced(design, indication, weights=weights, names=[f"p{k}" for k in range(order + 1)])
-    return (found, *least_squares.in_raw_powers(found.coefficients, found.covariance, to_raw))
-
-
 def _corrected(
     design: Callable[[slice], Array],
     indication: Array,

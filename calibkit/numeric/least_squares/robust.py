@@ -21,7 +21,7 @@ from calibkit.numeric.least_squares import fit as least_squares
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterator, Sequence
 
-    from calibkit.arrays import Array, Integers
+    from calibkit.arrays import Array
 
 
 HUBER = 1.345
@@ -180,50 +180,6 @@ def nonlinear(
     raise FitError(
         "the robust fit does not come to rest", hint="use the plain fit and look at its residuals"
     )
-
-
-def jackknife_covariance(
-    design: Array, residuals: Array, groups: Integers, *, weights: Array | None = None
-) -> Array:
-    """Covariance [p, p] of linear coefficients from leaving out one group of rows at a time.
-
-    It holds where rows of one group share an error (one table position at every temperature;
-    neighbouring rows of a sweep) and where the noise differs between groups, which the ordinary
-    covariance does not see. With every row its own group it is HC3 (MacKinnon & White 1985).
-
-    Parameters
-    ----------
-    design
-        [n, p].
-    residuals
-        [n], of the least-squares fit with the same weights.
-    groups
-        [n], label of the group of each row.
-    weights
-        [n], as given to the fit.
-
-    Raises
-    ------
-    FitError
-        When a group cannot be left out because it alone determines a coefficient.
-
-    """
-    root = np.ones(len(residuals)) if weights is None else np.sqrt(weights)
-    q, r = np.linalg.qr(design * root[:, None])
-    labels = np.unique(groups)
-    shifts = []
-    for label in labels:
-        own = groups == label
-        left = np.eye(int(own.sum())) - q[own] @ q[own].T
-        if np.linalg.cond(left) > 1e10:
-            raise FitError(
-                f"group {label} alone determines a coefficient",
-                hint="add attitudes or lower the orders",
-            )
-        shifts.append(q[own].T @ np.linalg.solve(left, (root * residuals)[own]))
-    moved = np.linalg.solve(r, np.array(shifts).T)
-    count = len(labels)
-    return np.asarray((count - 1) / count * (moved @ moved.T), dtype=np.float64)
 
 
 def _start(basis: Array, target: Array, floor: float) -> tuple[Array, Array]:

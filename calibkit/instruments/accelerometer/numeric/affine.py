@@ -30,7 +30,7 @@ from calibkit.instruments.accelerometer.numeric.affine_model import (
     tilted_gravity,
 )
 from calibkit.numeric.least_squares import fit as least_squares
-from calibkit.numeric.least_squares import gauss_newton, robust
+from calibkit.numeric.least_squares import gauss_newton, polynomial, robust
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray
@@ -146,7 +146,7 @@ def fit(
             hint="give inclination_deg and toolface_deg of the dwells",
         )
     _require_determined(entries, reference, temperature, temperature_step)
-    middle, half = least_squares.mapping(temperature)
+    middle, half = polynomial.middle_and_half(temperature)
     root = (
         np.ones(indication.shape)
         if weights is None
@@ -209,7 +209,7 @@ def fit_magnitude(
             f"{levels} distinct temperatures do not determine order {order}",
             hint="lower the orders",
         )
-    middle, half = least_squares.mapping(temperature)
+    middle, half = polynomial.middle_and_half(temperature)
     root = np.ones((len(indication), 1)) if weights is None else np.sqrt(weights)[:, None]
     begin = np.zeros(len(entries))
     sphere = magnitude.start(indication, gravity)
@@ -420,7 +420,7 @@ def _solve(
 def _to_raw(entries: tuple[Entry, ...], middle: float, half: float) -> NDArray[np.longdouble]:
     """Matrix [p, p] from parameters in mapped temperature to parameters in °C."""
     matrix = np.eye(len(entries), dtype=np.longdouble)
-    powers = least_squares.raw_powers(middle, half, max(entry.power for entry in entries))
+    powers = polynomial.to_raw_powers(middle, half, max(entry.power for entry in entries))
     for row, this in enumerate(entries):
         for column, other in enumerate(entries):
             if (this.kind, this.row, this.factors) == (other.kind, other.row, other.factors):

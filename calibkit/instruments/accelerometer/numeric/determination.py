@@ -15,8 +15,7 @@ import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.numeric import attitude
-from calibkit.numeric.least_squares import fit as least_squares
-from calibkit.numeric.least_squares import fold, gram
+from calibkit.numeric.least_squares import fold, gram, polynomial
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence
@@ -84,7 +83,7 @@ def require(
 
     """
     levels, level = distinct_temperatures(temperature, temperature_step)
-    middle, half = least_squares.mapping(levels)
+    middle, half = polynomial.middle_and_half(levels)
     half = half or 1.0
     mapped = (level - middle) / half
     if len(temperature) >= gram.TALL and not any(

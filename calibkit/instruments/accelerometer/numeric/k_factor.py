@@ -21,7 +21,7 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import determination
 from calibkit.numeric.least_squares import fit as least_squares
-from calibkit.numeric.least_squares import fold, gram, robust
+from calibkit.numeric.least_squares import fold, gram, leave_out, polynomial, robust
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -138,7 +138,7 @@ def columns(indication: Array, temperature: Array, axis: int, terms: KTerms = KT
 
 def _columns(indication: Array, temperature: Array, axis: int, numbers: Sequence[int]) -> Array:
     """Columns [n, p] that the K of the given numbers multiply, in their order, each contiguous."""
-    powers = gram.powers(temperature, 3).T
+    powers = polynomial.powers(temperature, 3).T
     whole = np.empty((len(numbers), temperature.size))
     for row, k in zip(whole, numbers, strict=True):
         if k < 4:
@@ -189,7 +189,7 @@ def fit(
         add.
 
     """
-    middle, half = least_squares.mapping(temperature)
+    middle, half = polynomial.middle_and_half(temperature)
     half = half or 1.0
     if len(temperature) <= max(len(part.fitted) for part in terms):
         raise FitError(
@@ -205,7 +205,8 @@ def fit(
         for i in range(3)
     ]
     powers = gram.matrix(
-        lambda rows: gram.powers(temperature[rows], 3, middle=middle, half=half), len(temperature)
+        lambda rows: polynomial.powers(temperature[rows], 3, middle=middle, half=half),
+        len(temperature),
     )
     x, y, z = (_reported(fits[i], i, terms[i], (powers, middle, half)) for i in range(3))
     return x, y, z
@@ -302,7 +303,9 @@ def _fit_axis(
         studentised, suspects = _plain_studentised(result, weight), ()
     if groups is None:
         return _Fitted(result, result.covariance, studentised, suspects, result.dof)
-    covariance = robust.jackknife_covariance(design, result.residuals, groups, weights=row_weights)
+    covariance = leave_out.jackknife_covariance(
+        design, result.residuals, groups, weights=row_weights
+    )
     # a group is one attitude, or a part of one: four coefficients are what attitudes have to
     # determine
     dof = min(result.dof, max(len(np.unique(groups)) - 4, 1))
@@ -325,7 +328,7 @@ def _reported(fitted: _Fitted, axis: int, terms: KTerms, held: tuple[Array, floa
     mapped[list(terms.fitted)] = result.coefficients
     mapped_covariance[place], plain[place] = fitted.covariance, result.covariance
     to_raw = np.eye(10, dtype=np.longdouble)
-    to_raw[:4, :4] = to_raw[4:8, 4:8] = least_squares.raw_powers(middle, half, 3)
+    to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(middle, half, 3)
     matrix = np.asarray(to_raw, dtype=np.float64)
     covariance = matrix @ mapped_covariance @ matrix.T
     shift = matrix @ _attenuation_shift(mapped, plain, powers)

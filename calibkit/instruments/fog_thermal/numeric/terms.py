@@ -17,7 +17,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric.least_squares import fit
+from calibkit.numeric.least_squares import polynomial
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -187,7 +187,7 @@ def scaled_design(drivers: Drivers, scales: Scales) -> Array:
 def to_raw(scales: Scales) -> Array:
     """Matrix [9, 9] from coefficients of the scaled design to those in raw units."""
     matrix = np.zeros((9, 9))
-    matrix[:4, :4] = fit.raw_powers(scales.middle, scales.half, 3)
+    matrix[:4, :4] = polynomial.to_raw_powers(scales.middle, scales.half, 3)
     product = scales.half * scales.rate
     matrix[4, 4], matrix[4, 7] = 1.0 / scales.rate, -scales.middle / product
     matrix[5, 5], matrix[6, 6] = 1.0 / scales.gradient, 1.0 / scales.gradient**2

@@ -123,7 +123,7 @@ def contributions(model: ThermalModel, evaluation: Evaluation) -> Contributions:
     noise may be (thermal_noise.estimated), so that k = 2 covers 95 %: its degrees of freedom count
     as infinite (Kacker & Jones 2003, Metrologia 40:235).
     """
-    type_a = gum.along(model.covariance, evaluation.sensitivities)
+    type_a = gum.uncertainty_along(evaluation.sensitivities, model.covariance)
     missed = np.full(type_a.size, model.model_error)
     beyond = np.abs(evaluation.beyond) / np.sqrt(3.0)
     return Contributions(

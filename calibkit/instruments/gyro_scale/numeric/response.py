@@ -11,6 +11,7 @@ import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import rms
+from calibkit.numeric.least_squares import leave_out
 from calibkit.numeric.least_squares.fit import linear
 
 if TYPE_CHECKING:
@@ -77,17 +78,8 @@ def odd_polynomial(rate_dps: Array, indication: Array, order: int) -> Response:
         covariance=fit.covariance * np.outer(to_raw, to_raw),
         dof=fit.dof,
         residuals=fit.residuals,
-        left_out_rms=rms(_left_out_linear(design, fit.residuals)),
+        left_out_rms=rms(leave_out.left_out_errors(design, fit.residuals)),
     )
-
-
-def _left_out_linear(design: Array, residuals: Array) -> Array:
-    """Error of each row when it is left out of a linear fit, e/(1 − h) (Allen 1974); inf where it
-    decides alone.
-    """
-    q, _ = np.linalg.qr(design)
-    free = 1.0 - np.sum(q**2, axis=1)
-    return np.where(free > 1e-9, residuals / np.maximum(free, 1e-9), np.inf)
 
 
 def sine(rate_dps: Array, indication: Array) -> Response:
@@ -204,8 +196,6 @@ def choose(
         fitted.append(sine(rate_dps, indication))
     if not fitted:
         raise FitError(f"{distinct} rates cannot show the shape of a response", hint="add rates")
-    chosen = fitted[0]
-    for candidate in sorted(fitted[1:], key=lambda response: response.coefficients.size):
-        if candidate.left_out_rms < 0.9 * chosen.left_out_rms:
-            chosen = candidate
-    return chosen, tuple(fitted)
+    simplest_first = sorted(fitted, key=lambda response: response.coefficients.size)
+    errors = [response.left_out_rms for response in simplest_first]
+    return simplest_first[leave_out.choose_simplest(errors)], tuple(fitted)

@@ -10,21 +10,24 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
+from calibkit.numeric import gum
 from calibkit.numeric.dispersion import rms
-from calibkit.numeric.least_squares.fit import linear, polynomial
+from calibkit.numeric.least_squares import polynomial
+from calibkit.numeric.least_squares.fit import linear
+from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from numpy.typing import ArrayLike
-
-    from calibkit.arrays import Array, Mask
+    from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
     from calibkit.numeric.least_squares.fit import LinearFit
 
 
 TERMS = ("K", "F0", "K_temp", "F0_temp")
 """Scale factor [1/s/(°/s)], zero intercept [1/s], and their changes with temperature [per °C]."""
+HIGHEST_ORDER = 3
+"""Of the polynomials of temperature that are compared."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -78,24 +81,6 @@ class RunScales:
     """[m]."""
     covariance: Array
     """Of the m scale factors [m, m]."""
-
-
-@dataclass(frozen=True, slots=True)
-class ScaleOverTemperature:
-    """K(T) = p0 + p1 T + …, T in °C."""
-
-    coefficients: Array
-    covariance: Array
-    dof: int
-    residual_rms: float
-    valid_degc: tuple[float, float]
-
-    def at(self, temp_degc: ArrayLike) -> tuple[Array, Array]:
-        """K and its standard uncertainty at temperatures, which are clamped to the fitted range."""
-        clamped = np.clip(np.asarray(temp_degc, dtype=np.float64), *self.valid_degc)
-        powers = np.vander(np.atleast_1d(clamped), self.coefficients.size, increasing=True)
-        spread = np.einsum("ti,ij,tj->t", powers, self.covariance, powers)
-        return powers @ self.coefficients, np.sqrt(np.maximum(spread, 0.0))
 
 
 def scale_factor(
@@ -256,12 +241,12 @@ def bias_dps(
     value = (scale.F0 - scale.K * vertical_rate_dps) / divisor
     slope = -scale.F0 / divisor**2 if own_K is None else -vertical_rate_dps / divisor
     gradient = np.array([slope, 1.0 / divisor])
-    return value, float(np.sqrt(gradient @ scale.covariance[:2, :2] @ gradient))
+    return value, gum.standard_uncertainty(gradient, scale.covariance[:2, :2])
 
 
 def over_temperature(
     K: Array, standard_uncertainty: Array, temp_degc: Array, *, order: int | None = None
-) -> ScaleOverTemperature:
+) -> TemperaturePolynomial:
     """Fit the scale factors of q runs as a polynomial of temperature.
 
     Parameters
@@ -277,55 +262,34 @@ def over_temperature(
 
     """
     chosen = _least_error_order(K, temp_degc) if order is None else order
-    fit, raw, covariance = polynomial(temp_degc, K, chosen)
+    fit, raw, covariance = polynomial.fit_polynomial(temp_degc, K, chosen)
     noise = _raw_noise(standard_uncertainty, temp_degc, chosen)
     # runs repeat less well than their noise: the larger of both covariances, by the trace in K over
     # the range
-    powers = np.vander(temp_degc, chosen + 1, increasing=True)
-    scatter, stated = (
-        float(np.einsum("ti,ij,tj->", powers, c, powers)) for c in (covariance, noise)
-    )
+    columns = polynomial.powers(temp_degc, chosen)
+    scatter, stated = (np.sum(gum.variance_along(columns, c)) for c in (covariance, noise))
     larger = np.array(covariance if scatter > stated else noise)
     # what the runs share does not average: nowhere is the curve better known than a run of its own
     # would tell it
-    least = float(np.min(np.einsum("ti,ij,tj->t", powers, larger, powers)))
+    least = float(np.min(gum.variance_along(columns, larger)))
     larger[0, 0] += max(float(np.mean(standard_uncertainty**2)) - least, 0.0)
     limits = (float(np.min(temp_degc)), float(np.max(temp_degc)))
-    return ScaleOverTemperature(raw, larger, fit.dof, fit.residual_rms, limits)
+    return TemperaturePolynomial(raw, larger, fit.dof, fit.residual_rms, limits)
+
+
+def _least_error_order(K: Array, temp_degc: Array) -> int:
+    """Order of least error at temperatures left out, all runs at a temperature together."""
+    level = np.round(temp_degc)
+    highest = min(HIGHEST_ORDER, np.unique(level).size - 2)
+    return polynomial.choose_order(temp_degc, K, highest, groups=level)
 
 
 def _raw_noise(standard_uncertainty: Array, temp_degc: Array, order: int) -> Array:
     """Covariance of raw polynomial coefficients from the uncertainty of the points alone."""
-    solver = np.array([polynomial(temp_degc, row, order)[1] for row in np.eye(temp_degc.size)]).T
+    solver = np.array(
+        [polynomial.fit_polynomial(temp_degc, row, order)[1] for row in np.eye(temp_degc.size)]
+    ).T
     return np.asarray((solver * standard_uncertainty**2) @ solver.T, dtype=np.float64)
-
-
-def _least_error_order(K: Array, temp_degc: Array) -> int:
-    """Order of least leave-one-temperature-out error: all runs at a temperature are left out
-    together.
-    """
-    levels = np.unique(np.round(temp_degc))
-    errors = []
-    for order in range(min(4, levels.size - 1)):
-        left = [_left_out(K, temp_degc, np.round(temp_degc) == level, order) for level in levels]
-        errors.append(rms(np.concatenate(left)))
-    best = 0
-    for order, error in enumerate(errors):
-        # chance alone lets a superfluous term win by a little
-        if error < 0.9 * errors[best]:
-            best = order
-    return best
-
-
-def _left_out(K: Array, temp_degc: Array, out: Mask, order: int) -> Array:
-    """Errors at the points left out of a polynomial fit to the others."""
-    inside = temp_degc[~out]
-    if np.unique(np.round(inside)).size <= order:
-        return np.full(int(np.sum(out)), np.inf)
-    _, raw, _ = polynomial(inside, K[~out], order)
-    return np.asarray(
-        K[out] - np.vander(temp_degc[out], order + 1, increasing=True) @ raw, dtype=np.float64
-    )
 
 
 def mean_of_runs(K: Sequence[float], standard_uncertainty: Sequence[float]) -> tuple[float, float]:

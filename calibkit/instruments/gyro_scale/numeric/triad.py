@@ -16,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibkit.arrays import Array
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleOverTemperature
+    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
+    from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 
 COLLINEAR = 4.0
@@ -57,7 +58,7 @@ class Triad:
 class TriadOverTemperature:
     """Each sensitivity a polynomial of temperature in °C, of an order of its own."""
 
-    curves: tuple[tuple[ScaleOverTemperature, ...], ...]
+    curves: tuple[tuple[TemperaturePolynomial, ...], ...]
     """[g][3]."""
 
     @property
@@ -176,7 +177,7 @@ def over_temperature(
     for fewer temperatures than coefficients. The covariance is the larger of scatter and noise.
     """
 
-    def curve(g: int, axis: int) -> ScaleOverTemperature:
+    def curve(g: int, axis: int) -> TemperaturePolynomial:
         values = np.array([entry.sensitivity[g, axis] for entry in triads])
         noise = np.sqrt([entry.covariance[g, axis, g, axis] for entry in triads])
         return scale_factor.over_temperature(values, noise, temp_degc, order=order)

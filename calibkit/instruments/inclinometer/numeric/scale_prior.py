@@ -21,7 +21,10 @@ from calibkit.instruments.inclinometer.numeric.root_choice import (
     log_likelihood,
     solve,
 )
-from calibkit.numeric.least_squares.fit import linear, mapping, raw_powers
+from calibkit.numeric import gum
+from calibkit.numeric.least_squares import polynomial
+from calibkit.numeric.least_squares.fit import linear
+from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -60,21 +63,13 @@ DEFAULT_HISTORY = History()
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleOverTemperature:
-    """s(T) = s0 + s1 T + …, T in °C."""
+class ScaleOverTemperature(TemperaturePolynomial):
+    """s(T) = s0 + s1 T + …, T in °C; its residual rms is weighted, dimensionless."""
 
-    coefficients: Array
-    """s0 … sn in raw powers of °C."""
-    covariance: Array
-    """[n + 1, n + 1], type A."""
     scatter: float
     """Standard deviation of s about the polynomial beyond the stations' own noise; part of every
     prior.
     """
-    dof: int
-    residual_rms: float
-    """Weighted, dimensionless."""
-    valid_degc: tuple[float, float]
     used: Mask
     """Which stations [n] entered the fit."""
     left_out: Prior
@@ -103,8 +98,8 @@ def predict_scale(
     """
     degc = np.atleast_1d(np.asarray(temp_degc, dtype=np.float64))
     clamped = np.clip(degc, *valid_degc)
-    powers = np.vander(clamped, coefficients.size, increasing=True)
-    variance = np.einsum("ti,ij,tj->t", powers, covariance, powers)
+    powers = polynomial.powers(clamped, coefficients.size - 1)
+    variance = gum.variance_along(powers, covariance)
     slope = powers[:, :-1] @ (coefficients[1:] * np.arange(1, coefficients.size))
     beyond = slope * (degc - clamped)
     return Prior(powers @ coefficients, np.sqrt(np.maximum(variance, 0.0) + scatter**2 + beyond**2))
@@ -165,7 +160,7 @@ def _predicted(state: Array, covariance: Array, step: float, walk: float) -> tup
     """State and covariance a step later."""
     move = np.array([[1.0, step], [0.0, 1.0]])
     added = walk**2 * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
-    return move @ state, move @ covariance @ move.T + added
+    return move @ state, gum.propagate(move, covariance) + added
 
 
 def _updated(state: Array, covariance: Array, s: float, uncertainty: float) -> tuple[Array, Array]:
@@ -254,35 +249,33 @@ def fit_over_temperature(
     s, u, temperature = solution.s_root[used], solution.s_root_uncertainty[used], temp_degc[used]
     u = np.maximum(u, 1e-3 * float(np.median(u)) if np.median(u) > 0.0 else 1.0)
     chosen = _least_error_order(s, u, temperature) if order is None else order
-    middle, half = mapping(temperature)
+    middle, half = polynomial.middle_and_half(temperature)
     if chosen > 0 and half == 0.0:
         raise FitError(
             f"one temperature, {middle:g} °C, for s(T) of order {chosen}",
             hint="add other temperatures",
         )
+    limits = (float(temperature.min()), float(temperature.max()))
     half = half or 1.0
-    scatter = _scatter(s, u, temperature, chosen)
+    every = polynomial.powers(np.clip(temp_degc, *limits), chosen, middle=middle, half=half)
+    design = every[used]
+    scatter = _scatter(s, u, design)
     variance = np.asarray(u**2 + scatter**2, dtype=np.float64)
-    design = np.vander((temperature - middle) / half, chosen + 1, increasing=True)
     fit = linear(design, s, weights=1.0 / variance, names=[f"s{k}" for k in range(chosen + 1)])
     inverse = np.asarray(np.linalg.inv((design / variance[:, None]).T @ design), dtype=np.float64)
-    to_raw = np.asarray(raw_powers(middle, half, chosen), dtype=np.float64)
-    limits = (float(temperature.min()), float(temperature.max()))
-    every = np.vander((np.clip(temp_degc, *limits) - middle) / half, chosen + 1, increasing=True)
+    to_raw = np.asarray(polynomial.to_raw_powers(middle, half, chosen), dtype=np.float64)
     own = np.zeros(used.size)
     own[used] = 1.0 / variance
-    left_out = _left_out(
-        every, fit.coefficients, inverse, own, np.where(used, solution.s_root, 0.0), scatter
-    )
+    roots = np.where(used, solution.s_root, 0.0)
     return ScaleOverTemperature(
         coefficients=to_raw @ fit.coefficients,
-        covariance=to_raw @ inverse @ to_raw.T,
+        covariance=gum.propagate(to_raw, inverse),
         scatter=scatter,
         dof=fit.dof,
         residual_rms=fit.residual_rms,
         valid_degc=limits,
         used=used,
-        left_out=left_out,
+        left_out=_left_out(every, fit.coefficients, inverse, own, roots, scatter),
     )
 
 
@@ -292,25 +285,26 @@ def _left_out(
     """s(T) at each station without its own root: ŷ_(i) = (ŷ − h y)/(1 − h), its variance x P x/(1 −
     h).
     """
-    power = np.einsum("ni,ij,nj->n", design, inverse, design)
+    power = gum.variance_along(design, inverse)
     leverage = np.minimum(power * own_weight, 1.0 - 1e-6)
     value = (design @ factors - leverage * s) / (1.0 - leverage)
     return Prior(value, np.sqrt(power / (1.0 - leverage) + scatter**2))
 
 
-def _scatter(s: Array, u: Array, temperature: Array, order: int) -> float:
+def _scatter(s: Array, u: Array, design: Array) -> float:
     """Standard deviation beyond noise for which the weighted sum of squared residuals is its
     degrees of freedom.
     """
     from scipy.optimize import brentq
 
-    dof = s.size - order - 1
+    dof = s.size - int(design.shape[1])
     if dof < 1:
         return 0.0
 
     def excess(scatter: float) -> float:
         variance = u**2 + scatter**2
-        return float(np.sum(_residuals(s, variance, temperature, order) ** 2 / variance)) - dof
+        residuals = linear(design, s, weights=1.0 / variance).residuals
+        return float(np.sum(residuals**2 / variance)) - dof
 
     if excess(0.0) <= 0.0:
         return 0.0
@@ -320,30 +314,14 @@ def _scatter(s: Array, u: Array, temperature: Array, order: int) -> float:
     return float(brentq(excess, 0.0, upper, xtol=1e-12))
 
 
-def _residuals(s: Array, variance: Array, temperature: Array, order: int) -> Array:
-    """Residuals of a weighted polynomial."""
-    middle, half = mapping(temperature)
-    design = np.vander((temperature - middle) / (half or 1.0), order + 1, increasing=True)
-    return linear(design, s, weights=1.0 / variance).residuals
-
-
 def _least_error_order(s: Array, u: Array, temperature: Array) -> int:
     """Order of least weighted leave-one-out error that the temperatures carry; a higher one must
     gain beyond chance.
     """
-    middle, half = mapping(temperature)
-    best, least = 0, 0.0
-    for order in range(
-        min(HIGHEST_ORDER, np.unique(np.round(temperature)).size - 1, s.size - 2) + 1
-    ):
-        design = np.vander((temperature - middle) / (half or 1.0), order + 1, increasing=True)
-        variance = u**2 + _scatter(s, u, temperature, 0) ** 2
-        residuals = _residuals(s, variance, temperature, order)
-        inverse = np.linalg.inv((design / variance[:, None]).T @ design)
-        leverage = np.einsum("ni,ij,nj->n", design, inverse, design) / variance
-        error = float(
-            np.sqrt(np.mean((residuals / np.maximum(1.0 - leverage, 1e-9)) ** 2 / variance))
-        )
-        if order == 0 or error < least * np.sqrt(max(1.0 - GAIN / s.size, 0.0)):
-            best, least = order, error
-    return best
+    return polynomial.choose_order(
+        temperature,
+        s,
+        min(HIGHEST_ORDER, np.unique(np.round(temperature)).size - 1, s.size - 2),
+        margin=float(np.sqrt(max(1.0 - GAIN / s.size, 0.0))),
+        weights=1.0 / (u**2 + _scatter(s, u, np.ones((s.size, 1))) ** 2),
+    )

@@ -1,0 +1,124 @@
+"""What a linear fit says of rows that it leaves out: their errors, the jackknife, and the choice of
+a model by them.
+"""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.errors import FitError
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+
+    from calibkit.arrays import Array, Integers
+
+
+MARGIN = 0.9
+"""Factor by which a model with more coefficients must lower the left-out error: by chance alone a
+superfluous term often wins by a few per cent.
+"""
+ALONE = 1e10
+"""Condition number above which a group of rows alone determines a coefficient."""
+FREE = 1e-9
+"""What is left of 1 by the leverage of a row that alone determines a coefficient."""
+
+
+def left_out_errors(
+    design: Array, residuals: Array, *, weights: Array | None = None, groups: Array | None = None
+) -> Array:
+    """Errors [n] at rows that are left out of a linear least-squares fit, without fitting again
+    (Allen 1974).
+
+    Parameters
+    ----------
+    design
+        [n, p].
+    residuals
+        [n], of the fit with the same weights.
+    weights
+        [n], as given to the fit; equal when absent.
+    groups
+        [n], label of the group that each row is left out with; each row by itself when absent.
+
+    Returns
+    -------
+    [n], in the unit of the residuals; inf where the rows left out alone determine a coefficient.
+    """
+    root = np.ones(len(residuals)) if weights is None else np.sqrt(weights)
+    q, _ = np.linalg.qr(design * root[:, None])
+    if groups is not None:
+        errors = np.empty(len(residuals))
+        for label in np.unique(groups):
+            own = groups == label
+            errors[own] = _left_out(q[own], (root * residuals)[own]) / root[own]
+        return errors
+    free = 1.0 - np.sum(q**2, axis=1)
+    return np.where(free > FREE, residuals / np.maximum(free, FREE), np.inf)
+
+
+def jackknife_covariance(
+    design: Array, residuals: Array, groups: Integers, *, weights: Array | None = None
+) -> Array:
+    """Covariance [p, p] of linear coefficients from leaving out one group of rows at a time.
+
+    It holds where rows of one group share an error (one table position at every temperature;
+    neighbouring rows of a sweep) and where the noise differs between groups, which the ordinary
+    covariance does not see. With every row its own group it is HC3 (MacKinnon & White 1985).
+
+    Parameters
+    ----------
+    design
+        [n, p].
+    residuals
+        [n], of the least-squares fit with the same weights.
+    groups
+        [n], label of the group of each row.
+    weights
+        [n], as given to the fit.
+
+    Raises
+    ------
+    FitError
+        When a group cannot be left out because it alone determines a coefficient.
+
+    """
+    root = np.ones(len(residuals)) if weights is None else np.sqrt(weights)
+    q, r = np.linalg.qr(design * root[:, None])
+    labels = np.unique(groups)
+    shifts = []
+    for label in labels:
+        own = groups == label
+        errors = _left_out(q[own], (root * residuals)[own])
+        if not np.isfinite(errors).all():
+            raise FitError(
+                f"group {label} alone determines a coefficient",
+                hint="add attitudes or lower the orders",
+            )
+        shifts.append(q[own].T @ errors)
+    moved = np.linalg.solve(r, np.array(shifts).T)
+    count = len(labels)
+    return np.asarray((count - 1) / count * (moved @ moved.T), dtype=np.float64)
+
+
+def choose_simplest(errors: Sequence[float], margin: float = MARGIN) -> int:
+    """Index of the chosen one of several models, the simplest first, by their left-out errors: a
+    model with more coefficients must come below `margin` times the error of the best so far.
+    """
+    best = 0
+    for k, error in enumerate(errors):
+        if error < margin * errors[best]:
+            best = k
+    return best
+
+
+def _left_out(q: Array, residuals: Array) -> Array:
+    """Errors [m] of a group left out, from its rows [m, p] of Q and its residuals [m]; inf where
+    the group alone determines a coefficient.
+    """
+    rest = np.eye(len(residuals)) - q @ q.T
+    if np.linalg.cond(rest) > ALONE:
+        return np.full(len(residuals), np.inf)
+    return np.asarray(np.linalg.solve(rest, residuals), dtype=np.float64)

@@ -1,0 +1,79 @@
+"""Rows that a linear fit leaves out: their errors are those of fits without them, and a model with
+more coefficients must be clearly better there.
+"""
+
+import numpy as np
+import pytest
+
+from calibkit.numeric.least_squares import fit, leave_out, polynomial
+
+
+@pytest.fixture
+def campaign():
+    """Cubic with noise at seven temperatures, three values each, of unequal weight."""
+    rng = np.random.default_rng(7)
+    temperature = np.repeat(np.linspace(-40.0, 80.0, 7), 3) + rng.normal(0.0, 0.1, 21)
+    mapped = (temperature - 20.0) / 60.0
+    values = 1.0 + 0.3 * mapped - 0.2 * mapped**3 + rng.normal(0.0, 1e-3, 21)
+    return temperature, values, rng.uniform(0.5, 4.0, 21)
+
+
+@pytest.mark.parametrize("weighted", [False, True])
+@pytest.mark.parametrize("grouped", [False, True])
+def test_errors_at_left_out_rows_are_those_of_fits_without_them(campaign, weighted, grouped):
+    """The closed form is the loop that fits again, row by row and group by group."""
+    temperature, values, weights = campaign
+    weights = weights if weighted else None
+    groups = np.round(temperature / 20.0) if grouped else None
+    design = np.vander(temperature / 60.0, 3, increasing=True)
+    residuals = fit.linear(design, values, weights=weights).residuals
+    found = leave_out.left_out_errors(design, residuals, weights=weights, groups=groups)
+    for label in np.unique(groups) if grouped else range(21):
+        out = groups == label if grouped else np.arange(21) == label
+        kept = None if weights is None else weights[~out]
+        other = fit.linear(design[~out], values[~out], weights=kept)
+        np.testing.assert_allclose(
+            found[out], values[out] - design[out] @ other.coefficients, rtol=1e-8, atol=1e-12
+        )
+
+
+def test_a_row_that_alone_determines_a_coefficient_has_an_infinite_error():
+    """Nothing tells the value there without it."""
+    design = np.column_stack([np.ones(6), [0.0, 0.0, 0.0, 0.0, 0.0, 1.0]])
+    residuals = np.array([1.0, -1.0, 1.0, -1.0, 0.0, 0.0])
+    for groups in (None, np.arange(6)):
+        found = leave_out.left_out_errors(design, residuals, groups=groups)
+        assert np.isfinite(found[:5]).all()
+        assert np.isinf(found[5])
+
+
+def test_a_model_with_more_coefficients_must_be_a_tenth_better_than_the_best_so_far():
+    """On the margin it is not chosen, below it is; a chain of small gains adds up."""
+    assert leave_out.choose_simplest([1.0, 0.9]) == 0
+    assert leave_out.choose_simplest([1.0, np.nextafter(0.9, 0.0)]) == 1
+    assert leave_out.choose_simplest([1.0, 0.95, 0.85]) == 2
+    assert leave_out.choose_simplest([1.0, 0.8, 0.75]) == 1
+    assert leave_out.choose_simplest([1.0, 0.95], margin=0.96) == 1
+    assert leave_out.choose_simplest([]) == 0
+
+
+def test_the_order_is_that_of_the_curve_however_much_a_higher_one_fits(campaign):
+    """A cubic is found from the temperatures left out, a line of pure noise stays a constant."""
+    temperature, values, weights = campaign
+    level = np.round(temperature / 20.0)
+    assert polynomial.choose_order(temperature, values, 4, groups=level) == 3
+    assert polynomial.choose_order(temperature, values, 4, weights=weights) == 3
+    noise = np.random.default_rng(8).normal(size=(40, 21))
+    orders = [polynomial.choose_order(temperature, row, 3, groups=level) for row in noise]
+    assert orders.count(0) > 34
+    assert polynomial.choose_order(temperature, values, -1) == 0
+
+
+def test_a_polynomial_of_temperature_is_clamped_to_its_range():
+    """Beyond the fitted range value and uncertainty are those at its end."""
+    curve = polynomial.TemperaturePolynomial(
+        np.array([1.0, 0.5]), np.diag([0.01, 0.0004]), 3, 0.1, (-10.0, 30.0)
+    )
+    value, u = curve.at([-50.0, 30.0, 90.0])
+    np.testing.assert_allclose(value, [-4.0, 16.0, 16.0])
+    np.testing.assert_allclose(u, np.sqrt([0.05, 0.37, 0.37]))
