@@ -299,10 +299,9 @@ def apply(
             from calibkit.firmware import formats, program
 
             firmware = _firmware(spec)
-            quantised = program.quantise(
-                firmware.chain(spec, run.records), formats.find_format(as_firmware)
-            )
-            content, flags = firmware.apply(spec.on_site(), quantised, data)
+            chain = firmware.chain(spec, run.records)
+            quantised = program.quantise(chain, formats.find_format(as_firmware))
+            content, flags = firmware.apply(spec.on_site(), chain, quantised, data)
     except MissingColumnError as error:
         mapped = " ".join(f"--set columns.{name}.from=…" for name in error.columns)
         raise FrameError(
@@ -404,9 +403,7 @@ def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected:
         SOFTWARE,
         accepted,
     )
-    lines = sources.lines(
-        spec, chain.structure, firmware.corrections(chain.structure), firmware.conventions(spec)
-    )
+    lines = sources.lines(spec, chain, firmware.conventions(spec))
     return export.prepare(chain, identity, formats.find_format(number), prefix, lines)
 
 

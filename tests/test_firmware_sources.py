@@ -9,17 +9,18 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.firmware import c_text, sources
+from calibkit.firmware.chain import Correction
 from conftest import ROOT
 from firmware_runs import cached
 
 NASTY = "a*/b\\ /* ??/ @p_ \n° 陀 {x}'"
 
 
-def lines(spec, structure):
-    """Lines of a structure under a recipe, with what its instrument corrects and states."""
+def lines(spec, structure, *corrections):
+    """Lines of a chain under a recipe, with what its instrument states."""
     firmware = instruments.find(spec.procedure).firmware()
-    corrections = firmware.corrections(structure)
-    return sources.lines(spec, structure, corrections, firmware.conventions(spec))
+    chain = SimpleNamespace(structure=structure, corrections=corrections)
+    return sources.lines(spec, chain, firmware.conventions(spec))
 
 
 def drift(overrides):
@@ -28,7 +29,7 @@ def drift(overrides):
     taken = SimpleNamespace(
         inputs=[SimpleNamespace(name="temp_case_degc")], outputs=[SimpleNamespace(name="drift_dph")]
     )
-    return lines(spec, taken)
+    return lines(spec, taken, Correction("drift_dph", "gyro_dph"))
 
 
 def test_a_sign_and_a_unit_of_the_recipe_become_the_factor_of_the_logged_column():

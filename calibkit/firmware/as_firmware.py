@@ -1,5 +1,5 @@
-"""A log corrected as the exported firmware would: by the bit-exact twin, without what a target
-cannot know.
+"""A log corrected as the exported firmware would: by the bit-exact twin, without anything that a
+target cannot know.
 """
 
 from __future__ import annotations
@@ -18,8 +18,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.arrays import Array, Integers
+    from calibkit.firmware.chain import Chain, Correction
     from calibkit.firmware.program import Program
-    from calibkit.firmware.sources import Correction
     from calibkit.frame import Log
     from calibkit.ingest.write_back import Applied
     from calibkit.recipe import Recipe
@@ -27,17 +27,16 @@ if TYPE_CHECKING:
 
 def apply(
     spec: Recipe,
+    chain: Chain,
     quantised: Program,
     data: Path,
-    corrections: Sequence[Correction] = (),
     derive: Callable[[Mapping[str, Array]], Mapping[str, Array]] = lambda _: {},
 ) -> Applied:
-    """Correct every row of a log by a chain without memory; statuses come back as flags.
+    """Correct every row of a log by a chain without memory; statuses are returned as flags.
 
-    corrections : outputs that the application applies to indications itself.
-    derive : further columns from the outputs, by name.
+    `derive` gives further columns from the outputs, by name.
     """
-    structure = quantised.structure
+    structure, corrections = quantised.structure, chain.corrections
     names = [*(entry.name for entry in structure.inputs), *(entry.column for entry in corrections)]
     log = logs.read_log(spec, data, data.name, list(dict.fromkeys(names)))
     refuse(check.rows(log, 1))

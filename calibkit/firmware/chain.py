@@ -1,9 +1,9 @@
 """The correction chain of a run as a short list of steps on normalised variables, with exact
 coefficients.
 
-A step names the values it takes and the table its numbers stand in; the same steps are evaluated by
-the numpy twin, bounded by the error analysis and printed as C. Temperatures and other drivers enter
-as u = (x − middle)/half, within [−1, 1] over the fitted range.
+A step names the values that it takes and the table with its numbers; the same steps are evaluated
+by the numpy twin, bounded by the error analysis and printed as C. Temperatures and other drivers
+enter as u = (x − middle)/half, within [−1, 1] over the fitted range.
 """
 
 from __future__ import annotations
@@ -148,6 +148,17 @@ class Output:
 
 
 @dataclass(frozen=True, slots=True)
+class Correction:
+    """An output that the application itself applies to an indication."""
+
+    output: str
+    column: str
+    """Canonical column of the indication."""
+    product: bool = False
+    """Whether the output multiplies the indication; otherwise it is subtracted from it."""
+
+
+@dataclass(frozen=True, slots=True)
 class Structure:
     """What a chain does, without its numbers."""
 
@@ -239,3 +250,4 @@ class Chain:
     condition: str = ""
     ranges: tuple[str, ...] = ()
     """Ranges in which the models were fitted, in words."""
+    corrections: tuple[Correction, ...] = ()

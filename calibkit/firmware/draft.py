@@ -1,4 +1,4 @@
-"""A chain while it is being put together."""
+"""A chain in the making: inputs, steps and outputs are added one after the other."""
 
 from __future__ import annotations
 
@@ -7,13 +7,25 @@ from fractions import Fraction
 from typing import TYPE_CHECKING
 
 from calibkit.firmware import exact
-from calibkit.firmware.chain import Chain, Input, Limit, Map, Quotient, Select, Structure, Sum, Term
+from calibkit.firmware.chain import (
+    Chain,
+    Correction,
+    Input,
+    Limit,
+    Map,
+    Output,
+    Quotient,
+    Select,
+    Structure,
+    Sum,
+    Term,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Sequence
 
     from calibkit.coefficients import Model
-    from calibkit.firmware.chain import Output, Step
+    from calibkit.firmware.chain import Step
 
 BEYOND = Fraction(5, 4)
 """How far [u] an input may leave the fitted range before a chain with memory refuses to follow it.
@@ -32,6 +44,7 @@ class Draft:
     usual: dict[str, Fraction] = field(default_factory=dict)
     gains: dict[str, Fraction] = field(default_factory=dict)
     ranges: list[str] = field(default_factory=list)
+    corrections: list[Correction] = field(default_factory=list)
 
     def table(self, name: str, numbers: Iterable[Fraction]) -> str:
         """Store a table and return its name."""
@@ -100,6 +113,23 @@ class Draft:
         self.table(table, found)
         return [Term(table, over if len(found) > 1 else "", factors, sign)]
 
+    def output(
+        self,
+        name: str,
+        unit: str,
+        source: str,
+        meaning: str,
+        *,
+        corrects: str = "",
+        product: bool = False,
+    ) -> None:
+        """Add a result, and the indication that the application subtracts it from or, for a
+        product, multiplies by it.
+        """
+        self.outputs.append(Output(name, unit, source, meaning))
+        if corrects:
+            self.corrections.append(Correction(name, corrects, product))
+
     def sum(self, name: str, *terms: Sequence[Term]) -> str:
         """Add a sum of terms."""
         self.steps.append(Sum(name, tuple(term for part in terms for term in part)))
@@ -131,6 +161,7 @@ class Draft:
             self.gains,
             condition,
             tuple(self.ranges),
+            tuple(self.corrections),
         )
 
 

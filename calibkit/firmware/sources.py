@@ -5,7 +5,6 @@ run's recipe maps them.
 from __future__ import annotations
 
 import re
-from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -17,20 +16,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from calibkit.coefficients import Record
-    from calibkit.firmware.chain import Structure
+    from calibkit.firmware.chain import Chain
     from calibkit.recipe import Recipe
     from calibkit.recipe.tables import Column
-
-
-@dataclass(frozen=True, slots=True)
-class Correction:
-    """A firmware output that the application itself applies to an indication."""
-
-    output: str
-    column: str
-    """Canonical column of the indication."""
-    product: bool = False
-    """Whether the output multiplies the indication; otherwise it is subtracted from it."""
 
 
 UNSAFE = re.compile(r"[^ !-~]|[\\*?@{}']")
@@ -55,17 +43,12 @@ def _escaped(code: int) -> str:
     )
 
 
-def lines(
-    spec: Recipe,
-    structure: Structure,
-    corrections: Sequence[Correction],
-    conventions: Sequence[str],
-) -> tuple[str, ...]:
+def lines(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> tuple[str, ...]:
     """One line per quantity that a chain takes or corrects: its unit, and how the recipe made it
     from a column of the logs.
     """
-    taken = [entry.name for entry in structure.inputs]
-    corrected = [entry.column for entry in corrections if entry.column not in taken]
+    taken = [entry.name for entry in chain.structure.inputs]
+    corrected = [entry.column for entry in chain.corrections if entry.column not in taken]
     return (
         *(
             f"input         {name} [{units.column_unit(name)}] = {_made(spec, name)}"

@@ -19,9 +19,8 @@ if TYPE_CHECKING:
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Input, Record, StageResult
-    from calibkit.firmware.chain import Chain, Structure
+    from calibkit.firmware.chain import Chain
     from calibkit.firmware.program import Program
-    from calibkit.firmware.sources import Correction
     from calibkit.forms import Form
     from calibkit.frame import Examined, Log
     from calibkit.ingest.logs import Reader
@@ -85,10 +84,8 @@ class Firmware(Generic[Spec]):
     """Coefficient files that the chain takes its numbers from."""
     chain: Callable[[Spec, Mapping[str, Record]], Chain]
     """Correction chain of a run's files; raises OutputError where there is none."""
-    apply: Callable[[Spec, Program, Path], Applied]
+    apply: Callable[[Spec, Chain, Program, Path], Applied]
     """Correct a log as the exported firmware would."""
-    corrections: Callable[[Structure], tuple[Correction, ...]] = lambda _: ()
-    """Outputs that the application applies to indications itself."""
     conventions: Callable[[Spec], tuple[str, ...]] = lambda _: ()
     """Conventions of inputs and outputs, one line each."""
 

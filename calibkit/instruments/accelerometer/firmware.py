@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.firmware import as_firmware, exact
-from calibkit.firmware.chain import Output
 from calibkit.firmware.draft import Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
@@ -67,7 +66,7 @@ def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     last = "q" if compensation == "kq" else "k"
     for axis in AXES:
         meaning = f"corrected component along {axis}, {SENSE[convention]}"
-        draft.outputs.append(Output(f"accel_{axis}_g", "g", f"{last}_{axis}", meaning))
+        draft.output(f"accel_{axis}_g", "g", f"{last}_{axis}", meaning)
     formula = {
         "affine": f"corrected = M(T) (indication - b(T)){_higher(draft)}, in local g",
         "k": "corrected = S(T) indication - Z(T) - cross-axis terms (K-factor), in local g",
@@ -159,7 +158,7 @@ def _q(draft: Draft, model: Model) -> str:
     return model.form
 
 
-def apply(spec: AccelerometerRecipe, quantised: Program, data: Path) -> Applied:
+def apply(spec: AccelerometerRecipe, chain: Chain, quantised: Program, data: Path) -> Applied:
     """Correct every row of a log as the exported firmware would, and add inclination and
     toolface.
     """
@@ -172,7 +171,7 @@ def apply(spec: AccelerometerRecipe, quantised: Program, data: Path) -> Applied:
             "toolface_deg": attitude.toolface(vector),
         }
 
-    return as_firmware.apply(spec, quantised, data, derive=angles)
+    return as_firmware.apply(spec, chain, quantised, data, angles)
 
 
 FIRMWARE = Firmware(

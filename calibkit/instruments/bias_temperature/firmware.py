@@ -9,19 +9,15 @@ from typing import TYPE_CHECKING
 from calibkit import units
 from calibkit.errors import OutputError
 from calibkit.firmware import as_firmware, exact
-from calibkit.firmware.chain import Output
 from calibkit.firmware.draft import BEYOND, Draft, powers
-from calibkit.firmware.sources import Correction, required_record
+from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
-    from pathlib import Path
 
     from calibkit.coefficients import Record
-    from calibkit.firmware.chain import Chain, Structure
-    from calibkit.firmware.program import Program
-    from calibkit.ingest.write_back import Applied
+    from calibkit.firmware.chain import Chain
     from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 
 
@@ -32,25 +28,7 @@ def chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
     """Bias of each channel, zero at the reference temperature; of an abscissa that is no
     temperature at the middle of its range.
     """
-    return _chain(required_record(records, FILE, spec), spec.reference_temp_degc)
-
-
-def corrections(structure: Structure) -> tuple[Correction, ...]:
-    """The bias of each channel is subtracted from it."""
-    return tuple(
-        Correction(output.name, output.name.removeprefix("bias_")) for output in structure.outputs
-    )
-
-
-def apply(spec: BiasTemperatureRecipe, quantised: Program, data: Path) -> Applied:
-    """Correct every row of a log as the exported firmware would."""
-    return as_firmware.apply(spec, quantised, data, corrections(quantised.structure))
-
-
-def _chain(record: Record, reference_degc: float) -> Chain:
-    """Bias of each channel, zero at the reference temperature (the middle of an abscissa that is
-    none).
-    """
+    record = required_record(records, FILE, spec)
     draft = Draft()
     for number, model in enumerate(record.models):
         (column, valid), name = next(iter(model.valid.items())), model.name
@@ -68,7 +46,9 @@ def _chain(record: Record, reference_degc: float) -> Chain:
             draft.ranges.append(f"{column} {valid[0]:.6g} to {valid[1]:.6g} {unit}")
             draft.map("u", column, valid, flag="TEMP_CLAMPED")
         low, high = (Fraction(limit) for limit in valid)
-        reference = Fraction(reference_degc) if column.endswith("_degc") else (low + high) / 2
+        reference = (
+            Fraction(spec.reference_temp_degc) if column.endswith("_degc") else (low + high) / 2
+        )
         found = exact.mapped(powers(model, "p"), middle, half)
         at_rest = exact.value(found, (min(max(reference, low), high) - middle) / half)
         terms = draft.polynomial(f"p_{name}", exact.add(found, (-at_rest,)), "u")
@@ -78,11 +58,11 @@ def _chain(record: Record, reference_degc: float) -> Chain:
             )
         source = draft.sum(f"bias_{name}", terms)
         meaning = f"bias of {name}, to be subtracted from it"
-        draft.outputs.append(Output(f"bias_{name}", units.column_unit(name), source, meaning))
+        draft.output(f"bias_{name}", units.column_unit(name), source, meaning, corrects=name)
     return draft.chain(
         [model.form for model in record.models],
         "corrected = indication - bias, each channel in its unit",
     )
 
 
-FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=apply, corrections=corrections)
+FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=as_firmware.apply)

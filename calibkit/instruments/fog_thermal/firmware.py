@@ -13,9 +13,9 @@ import numpy as np
 from calibkit import check
 from calibkit.errors import OutputError
 from calibkit.firmware import as_firmware, exact, twin
-from calibkit.firmware.chain import Case, Map, Memory, Output, Select, Slope, Term
+from calibkit.firmware.chain import Case, Map, Memory, Select, Slope, Term
 from calibkit.firmware.draft import BEYOND, Draft, factor, numbers, powers
-from calibkit.firmware.sources import Correction, required_record
+from calibkit.firmware.sources import required_record
 from calibkit.frame import refuse, values
 from calibkit.ingest import logs, write_back
 from calibkit.instruments import Firmware
@@ -81,9 +81,8 @@ def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
 
 def _output(draft: Draft, source: str) -> None:
     """The drift as the only result."""
-    draft.outputs.append(
-        Output("drift_dph", "deg/h", source, "drift, to be subtracted from the indication")
-    )
+    meaning = "drift, to be subtracted from the indication"
+    draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
 
 
 def _case(draft: Draft, model: Model) -> tuple[Fraction, Fraction]:
@@ -408,7 +407,12 @@ def _side(draft: Draft, model: Model) -> list[Case]:
     return [Case(value, 1 if low > 0 else -1 if high < 0 else 0, table, name)]
 
 
-def apply(spec: FogThermalRecipe, quantised: Program, data: Path) -> Applied:
+def apply(
+    spec: FogThermalRecipe,
+    chain: Chain,  # noqa: ARG001 (the protocol's shape)
+    quantised: Program,
+    data: Path,
+) -> Applied:
     """Drift updated once an interval with means over it, and taken off the rows of the interval
     after.
     """
@@ -448,9 +452,4 @@ def _updates(quantised: Program, heard: Mapping[str, Array]) -> tuple[Array, Int
     return np.array(level), np.array(status, dtype=np.int64)
 
 
-FIRMWARE = Firmware(
-    files=lambda _: (FILE,),
-    chain=chain,
-    apply=apply,
-    corrections=lambda _: (Correction("drift_dph", "gyro_dph"),),
-)
+FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=apply)

@@ -9,12 +9,12 @@ from math import ceil
 from typing import TYPE_CHECKING
 
 from calibkit.errors import OutputError
-from calibkit.firmware import exact
-from calibkit.firmware.chain import Output, Quotient
+from calibkit.firmware import as_firmware, exact
+from calibkit.firmware.chain import Quotient
 from calibkit.firmware.draft import Draft, factor, numbers, powers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
-from calibkit.instruments.gyro_scale.firmware import FILES, apply
+from calibkit.instruments.gyro_scale.firmware import FILES
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -53,10 +53,8 @@ def chain(spec: GyroTriadRecipe, records: Mapping[str, Record]) -> Chain:
     _indications(draft, triad, gyros, S, B)
     _inverse(draft, S, gyros)
     for axis in AXES:
-        draft.outputs.append(
-            Output(
-                f"rate_{axis}_dps", "deg/s", f"rate_{axis}", f"rate about axis {axis} of the base"
-            )
+        draft.output(
+            f"rate_{axis}_dps", "deg/s", f"rate_{axis}", f"rate about axis {axis} of the base"
         )
     return draft.chain(
         [triad.form], "rate = S(T)^-1 (indication - B(T)), in deg/s about the axes of the base"
@@ -148,4 +146,4 @@ def _cofactor(S: Matrix, row: int, column: int) -> exact.Poly:
     return exact.scale(minor, Fraction((-1) ** (row + column)))
 
 
-FIRMWARE = Firmware(files=lambda _: FILES, chain=chain, apply=apply)
+FIRMWARE = Firmware(files=lambda _: FILES, chain=chain, apply=as_firmware.apply)

@@ -10,22 +10,18 @@ from typing import TYPE_CHECKING
 
 from calibkit.errors import OutputError
 from calibkit.firmware import as_firmware, exact
-from calibkit.firmware.chain import Output, Quotient
+from calibkit.firmware.chain import Quotient
 from calibkit.firmware.draft import Draft, factor, numbers, powers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
     from calibkit.coefficients import Model, Record
     from calibkit.firmware.chain import Chain
-    from calibkit.firmware.program import Program
-    from calibkit.ingest.write_back import Applied
     from calibkit.instruments.gyro_scale.recipe import (
         GyroPairRecipe,
-        GyroRecipe,
         OwnAxisRecipe,
         RateTableRecipe,
     )
@@ -137,9 +133,7 @@ def _rate(
     if added_dps:
         earth = draft.polynomial("earth_rate", (Fraction(added_dps),), "")
         source = draft.sum(f"inertial_{column}", earth, factor(source))
-    draft.outputs.append(
-        Output(f"gyro_{column}_dps", "deg/s", source, f"rate about the axis of gyro {column}")
-    )
+    draft.output(f"gyro_{column}_dps", "deg/s", source, f"rate about the axis of gyro {column}")
 
 
 def _across(draft: Draft, pair: Model, columns: Sequence[str]) -> str:
@@ -156,14 +150,9 @@ def _across(draft: Draft, pair: Model, columns: Sequence[str]) -> str:
             draft.polynomial("misalignment_second", (1 / sine,), "", second),
         )
         meaning = f"rate about the axis at right angles to gyro {columns[0]} in the plane of both"
-        draft.outputs.append(Output(f"gyro_{columns[1]}_orthogonal_dps", "deg/s", source, meaning))
+        draft.output(f"gyro_{columns[1]}_orthogonal_dps", "deg/s", source, meaning)
     return pair.form
 
 
-def apply(spec: GyroRecipe, quantised: Program, data: Path) -> Applied:
-    """Add the rates to every row of a log as the exported firmware would."""
-    return as_firmware.apply(spec, quantised, data)
-
-
-PAIR = Firmware(files=lambda _: FILES, chain=pair_chain, apply=apply)
-RATE_TABLE = Firmware(files=lambda _: FILES[:1], chain=rate_table_chain, apply=apply)
+PAIR = Firmware(files=lambda _: FILES, chain=pair_chain, apply=as_firmware.apply)
+RATE_TABLE = Firmware(files=lambda _: FILES[:1], chain=rate_table_chain, apply=as_firmware.apply)
