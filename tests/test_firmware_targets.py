@@ -191,9 +191,9 @@ def test_a_degree_that_an_autopilot_cannot_hold_is_refused():
     from calibkit.errors import OutputError
 
     with pytest.raises(OutputError, match="gyro_x_dph has degree 4, at most 3"):
-        parameters._channel("bias_gyro_x_dph", (Fraction(1),) * 5, "PX4")
+        parameters._channel("gyro_x_dph", (Fraction(1),) * 5, "PX4")
     with pytest.raises(OutputError, match="no gyro or accelerometer of an axis"):
-        parameters._channel("bias_gyro_dph", (Fraction(1),) * 2, "PX4")
+        parameters._channel("gyro_dph", (Fraction(1),) * 2, "PX4")
 
 
 def test_a_table_has_one_row_a_unit_and_numbers_that_read_back(calibkit, runs, tmp_path):

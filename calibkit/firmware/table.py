@@ -1,5 +1,5 @@
-"""One row a unit, for factory flashing: every number under a name of its own, what it means, and
-enough to prove the row.
+"""One row per device, for factory flashing: every number under a name of its own, its meaning, and
+what the row can be verified by.
 """
 
 from __future__ import annotations
@@ -8,10 +8,12 @@ import csv
 import hashlib
 import io
 import json
+from dataclasses import asdict
 from typing import TYPE_CHECKING
 
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_text, layout, vectors
+from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -42,18 +44,15 @@ def render(exports: Sequence[Export]) -> bytes:
                 " their models differ in form or degree",
                 hint="pin models and orders in the recipe, or export them apart",
             )
-    buffer = io.StringIO()
-    writer = csv.writer(buffer, lineterminator="\n")
-    writer.writerow([*heads, PROOF[-1]])
-    writer.writerows([*row.values(), _digest(row)] for row in rows)
-    return buffer.getvalue().encode()
+    cells = tuple((*row.values(), _digest(row)) for row in rows)
+    return Table("", (*heads, PROOF[-1]), cells).to_csv().encode()
 
 
 def _row(export: Export) -> dict[str, str]:
-    """Column → text of one unit; a table's number k stands under table[k], index = power where it
+    """Column → text of one device; a table's number k stands under table[k], index = power where it
     is a polynomial.
     """
-    identity, program, structure = export.identity, export.program, export.chain.structure
+    identity, program, structure = export.identity, export.program, export.structure
     row = {
         "serial": identity.serial,
         "revision": str(identity.revision),
@@ -73,17 +72,8 @@ def _row(export: Export) -> dict[str, str]:
         numbers = program.tables[name]
         row |= {f"{name}[{k}]": program.format.text(x).rstrip("F") for k, x in enumerate(numbers)}
     row |= {f"scale {name}": str(scale) for name, scale in program.scales.items()}
-    stated = export.vectors
     row["program"] = "\n".join(layout.lines(program))
-    row["vectors"] = json.dumps(
-        {
-            "inputs": stated.inputs,
-            "updates": stated.updates,
-            "outputs": stated.outputs,
-            "status": stated.status,
-        },
-        separators=(",", ":"),
-    )
+    row["vectors"] = json.dumps(asdict(export.vectors), separators=(",", ":"))
     return row
 
 
@@ -122,7 +112,7 @@ def verify(name: str, content: bytes) -> str:
 
 
 def _recomputed(row: Mapping[str, str], place: str) -> None:
-    """Hold a row's vectors against what its numbers give."""
+    """Compare a row's vectors with what its numbers give."""
     lines = row["program"].splitlines()
     bare = layout.program(lines, {}, place)
     tables = {}
@@ -132,8 +122,10 @@ def _recomputed(row: Mapping[str, str], place: str) -> None:
     program = layout.program(lines, tables, place)
     try:
         stated = json.loads(row["vectors"])
-        inputs = {key: tuple(column) for key, column in stated["inputs"].items()}
-        outputs = {key: tuple(column) for key, column in stated["outputs"].items()}
+        inputs, outputs = (
+            {key: tuple(column) for key, column in stated[side].items()}
+            for side in ("inputs", "outputs")
+        )
         rows = vectors.Vectors(inputs, tuple(stated["updates"]), outputs, tuple(stated["status"]))
         vectors.require_recomputed(program, rows, place)
     except (ValueError, KeyError, TypeError) as error:

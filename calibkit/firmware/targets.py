@@ -1,4 +1,4 @@
-"""Targets of `calibkit export`: what each writes of one run or of a fleet's, and how a written file
+"""Targets of `calibkit export`: what each writes of one run or of several, and how a written file
 is verified again.
 """
 
@@ -34,44 +34,31 @@ FLOATS = ("f32", "f64")
 
 @dataclass(frozen=True, slots=True)
 class Target:
-    """A kind of export: its number formats, the files of one unit (by a stem of their names), the
-    files of all units.
-    """
+    """A kind of export: its number formats, the files of one device, the files of all devices."""
 
     numbers: tuple[str, ...]
-    unit: Callable[[Export, str, int], dict[str, bytes]]
-    """Export, stem and address → files."""
+    own: Callable[[Export, int], dict[str, bytes]]
+    """Export and address → ending of a file's name and its content."""
     shared: Callable[[Sequence[Export]], dict[str, bytes]]
+    """Exports → name of a file and its content."""
     several: bool = True
 
 
-def _c(export: Export, stem: str, address: int) -> dict[str, bytes]:
+def _none(*_: object) -> dict[str, bytes]:
+    """No files."""
+    return {}
+
+
+def _c(export: Export, _: int) -> dict[str, bytes]:
     """C99 header and source."""
-    del address
     return {
-        f"{stem}.h": c_header.render(export).encode("ascii"),
-        f"{stem}.c": c_source.render(export).encode("ascii"),
+        ".h": c_header.render(export).encode("ascii"),
+        ".c": c_source.render(export).encode("ascii"),
     }
 
 
-def _blob(export: Export, stem: str, address: int) -> dict[str, bytes]:
-    """Numbers of one unit."""
-    del address
-    return {f"{stem}.bin": blob.render(export)}
-
-
-def _hex(export: Export, stem: str, address: int) -> dict[str, bytes]:
-    """The blob as Intel HEX."""
-    return {f"{stem}.hex": flash.intel_hex(blob.render(export), address)}
-
-
-def _srec(export: Export, stem: str, address: int) -> dict[str, bytes]:
-    """The blob as Motorola S-records."""
-    return {f"{stem}.srec": flash.s_records(blob.render(export), address)}
-
-
 def _loader(exports: Sequence[Export]) -> dict[str, bytes]:
-    """The C99 that takes every unit's numbers; OutputError where they need different ones."""
+    """The C99 that takes every device's numbers; OutputError where they need different ones."""
     first = exports[0]
     for other in exports[1:]:
         if blob.shape(other.program).digest != blob.shape(first.program).digest:
@@ -86,36 +73,32 @@ def _loader(exports: Sequence[Export]) -> dict[str, bytes]:
     }
 
 
-def _table(exports: Sequence[Export]) -> dict[str, bytes]:
-    """One row a unit."""
-    return {f"{exports[0].prefix}.csv": table.render(exports)}
-
-
-def _px4(export: Export, stem: str, address: int) -> dict[str, bytes]:
-    """Parameters of PX4's thermal compensation."""
-    del address
-    return {f"{stem}.params": parameters.px4(export)}
-
-
-def _ardupilot(export: Export, stem: str, address: int) -> dict[str, bytes]:
-    """Parameters of ArduPilot's temperature calibration."""
-    del address
-    return {f"{stem}.param": parameters.ardupilot(export)}
-
-
-def _none(*_: object) -> dict[str, bytes]:
-    """No files."""
-    return {}
-
-
 TARGETS: Mapping[str, Target] = {
     "c": Target((*FLOATS, "q31", "q15"), _c, _none, several=False),
-    "blob": Target(FLOATS, _blob, _loader),
-    "hex": Target(FLOATS, _hex, _loader),
-    "srec": Target(FLOATS, _srec, _loader),
-    "px4": Target(("f32",), _px4, _none),
-    "ardupilot": Target(("f32",), _ardupilot, _none),
-    "csv": Target((*FLOATS, "q31", "q15"), _none, _table),
+    "blob": Target(FLOATS, lambda export, _: {".bin": blob.render(export)}, _loader),
+    "hex": Target(
+        FLOATS,
+        lambda export, address: {".hex": flash.intel_hex(blob.render(export), address)},
+        _loader,
+    ),
+    "srec": Target(
+        FLOATS,
+        lambda export, address: {".srec": flash.s_records(blob.render(export), address)},
+        _loader,
+    ),
+    "px4": Target(
+        ("f32",), lambda export, _: {".params": parameters.render(export, parameters.PX4)}, _none
+    ),
+    "ardupilot": Target(
+        ("f32",),
+        lambda export, _: {".param": parameters.render(export, parameters.ARDUPILOT)},
+        _none,
+    ),
+    "csv": Target(
+        (*FLOATS, "q31", "q15"),
+        _none,
+        lambda exports: {f"{exports[0].prefix}.csv": table.render(exports)},
+    ),
 }
 
 READERS: Mapping[str, Callable[[str, bytes], str]] = {
@@ -128,7 +111,8 @@ READERS: Mapping[str, Callable[[str, bytes], str]] = {
     ".params": parameters.verify,
     ".param": parameters.verify,
 }
-"""Suffix → function that checks a file's content and says what it is, or raises CoefficientError.
+"""Suffix → function that checks a file's content and returns what it is, or raises
+CoefficientError.
 """
 
 
@@ -148,7 +132,7 @@ def find_target(name: str, number: str) -> Target:
 
 
 def files(target: Target, exports: Sequence[Export], address: int) -> dict[str, bytes]:
-    """Files of one run, or of several with a manifest; raises OutputError for what one set of files
+    """Files of one run, or of several with a manifest; OutputError for runs that one set of files
     cannot hold.
     """
     if len(exports) > 1 and not target.several:
@@ -162,20 +146,21 @@ def files(target: Target, exports: Sequence[Export], address: int) -> dict[str, 
             f"{twice} stands twice among the runs", hint="name one revision of each unit"
         )
     prefix, shared = exports[0].prefix, target.shared(exports)
-    if len(exports) == 1:
-        return shared | target.unit(exports[0], prefix, address)
-    own = {
-        serial: target.unit(export, f"{prefix}_{serial}", address)
-        for serial, export in zip(serials, exports, strict=True)
-    }
-    everything = shared | {name: content for part in own.values() for name, content in part.items()}
-    return everything | {f"{prefix}_manifest.json": _manifest(exports, own, shared)}
+    stems = [prefix] if len(exports) == 1 else [f"{prefix}_{serial}" for serial in serials]
+    own = [
+        {f"{stem}{ending}": content for ending, content in target.own(export, address).items()}
+        for stem, export in zip(stems, exports, strict=True)
+    ]
+    files = shared | {name: content for part in own for name, content in part.items()}
+    if len(exports) > 1:
+        files[f"{prefix}_manifest.json"] = _manifest(exports, own, shared)
+    return files
 
 
 def _manifest(
-    exports: Sequence[Export], own: Mapping[str, Mapping[str, bytes]], shared: Mapping[str, bytes]
+    exports: Sequence[Export], own: Sequence[Mapping[str, bytes]], shared: Mapping[str, bytes]
 ) -> bytes:
-    """What was delivered: every unit with its run and its files, every file with its digest."""
+    """What was delivered: every device with its run and its files, every file with its digest."""
 
     def listed(content: Mapping[str, bytes]) -> list[dict[str, str]]:
         return [
@@ -194,9 +179,9 @@ def _manifest(
                 "effective_from": export.identity.effective_from,
                 "run_sha256": export.identity.run_sha256,
                 "accepted": export.identity.accepted,
-                "files": listed(own[export.identity.serial]),
+                "files": listed(files),
             }
-            for export in exports
+            for export, files in zip(exports, own, strict=True)
         ],
     }
     return coefficients.seal(document).encode()
