@@ -7,6 +7,8 @@ from __future__ import annotations
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+
 from calibkit import coefficients, frame, instruments, pipeline, store
 from calibkit import recipe as recipes
 from calibkit.certificate import certify as certificates
@@ -25,7 +27,9 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
 
     import pandas as pd
+    from numpy.typing import ArrayLike
 
+    from calibkit.arrays import Array
     from calibkit.certificate.certify import Issued
     from calibkit.certificate.words import Lang
     from calibkit.check.report import LogReport
@@ -43,6 +47,7 @@ __all__ = [
     "combine_uncertainty",
     "compensate",
     "denoise",
+    "evaluate",
     "examine",
     "export_firmware",
     "find_run",
@@ -212,6 +217,44 @@ def load_coefficients(path: AnyPath) -> Record:
             f"{file}: cannot be read: {error}", hint="name a coefficient file"
         ) from None
     return coefficients.loads(text, str(file))
+
+
+def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Array]:
+    """Result of a run's model at inputs, and its type A standard uncertainty.
+
+    Parameters
+    ----------
+    run : from `fit` or `find_run`, or its folder.
+    model : name of the model in the run's coefficient files; ``stage.model`` where several files
+        have one of that name.
+    at : canonical column = values [n] in its unit, one per input of the model's form. Ranges are
+        those of `valid` in the file; beyond them the form is extrapolated.
+
+    Returns
+    -------
+    Result [n] ([n, m] of m components) and its standard uncertainty, of the same shape.
+
+    Raises
+    ------
+    CalibkitError : no such model, or one whose form has no result by itself.
+
+    """
+    records = _run(run).records.values()
+    models = {f"{record.stage}.{one.name}": one for record in records for one in record.models}
+    found = [one for name, one in models.items() if model in (name, one.name)]
+    if len(found) != 1:
+        raise CoefficientError(
+            f"{len(found)} models are called '{model}'", hint=f"there are: {', '.join(models)}"
+        )
+    forms = {form.name: form for form in instruments.find(_run(run).document["procedure"]).forms()}
+    if found[0].form not in forms:
+        raise CoefficientError(
+            f"model '{model}': form {found[0].form} is not known", hint="use a newer calibkit"
+        )
+    inputs = dict(zip(at, np.broadcast_arrays(*map(np.atleast_1d, at.values())), strict=True))
+    values = {name: np.asarray(column, dtype=np.float64) for name, column in inputs.items()}
+    form = forms[found[0].form]
+    return form.evaluate(found[0], values), form.standard_uncertainty(found[0], values)
 
 
 def read_log(recipe: Source | AnyPath, log: AnyPath) -> pd.DataFrame:

@@ -1,4 +1,4 @@
-"""The public interface: seventeen names that do what the commands do, loaded when they are asked
+"""The public interface: eighteen names that do what the commands do, loaded when they are asked
 for.
 """
 
@@ -24,8 +24,8 @@ def run(tmp_path_factory):
 
 
 def test_every_public_name_is_there_with_a_docstring():
-    """Seventeen names, each documented, and dir() lists them."""
-    assert len(calibkit.__all__) == 17
+    """Eighteen names, each documented, and dir() lists them."""
+    assert len(calibkit.__all__) == 18
     assert set(calibkit.__all__) < set(dir(calibkit))
     for name in calibkit.__all__:
         assert getattr(calibkit, name).__doc__, name
@@ -135,3 +135,22 @@ def test_the_numeric_core_s_functions_are_the_core_s(tmp_path):
     assert calibkit.allan_deviation(noisy, 1.0).deviation_dph.size > 5
     with pytest.raises(calibkit.CalibkitError, match="cannot be read"):
         calibkit.load_coefficients(tmp_path / "none.json")
+
+
+def test_a_model_of_a_run_is_evaluated_with_its_uncertainty(tmp_path):
+    """s(T) of the sample inclinometer at two temperatures is the polynomial of its coefficients."""
+    run = calibkit.fit(
+        "inclinometer",
+        ROOT / "datasets" / "inclinometer",
+        date="2026-11-21",
+        serial="I-1",
+        runs=tmp_path,
+    )
+    value, u = calibkit.evaluate(run, "x", temp_case_degc=[30.0, 60.0])
+    model = run.records["inclinometer_scale.json"].model("x")
+    powers = np.vander([30.0, 60.0], len(model.coefficients), increasing=True)
+    np.testing.assert_allclose(value, powers @ [c.value for c in model.coefficients], rtol=1e-14)
+    expected = np.sqrt(np.diag(powers @ np.array(model.covariance) @ powers.T))
+    np.testing.assert_allclose(u, expected, rtol=1e-9)
+    with pytest.raises(calibkit.CalibkitError, match="0 models are called 'z'; there are: "):
+        calibkit.evaluate(run, "z", temp_case_degc=30.0)
