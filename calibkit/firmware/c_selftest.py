@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from calibkit.firmware import c_helpers, c_steps, vectors
+from calibkit.firmware import c_helpers, c_steps
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -136,7 +136,7 @@ def tolerance_of(export: Export, output: str) -> float:
     """Difference that the self-test allows: both sides may be off by the bound, which a sum adds
     up.
     """
-    summed = vectors.SUMMED if export.structure.summing else 1
+    summed = max(export.vectors.updates) if export.structure.summing else 1
     jumps = (
         2.0 if export.chain.condition else 1.0
     )  # the test's temperatures jump, which the bound leaves out

@@ -15,6 +15,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping
     from fractions import Fraction
 
+    from calibkit.arrays import Array
     from calibkit.firmware.exact import Poly
 
 
@@ -233,6 +234,16 @@ class Structure:
 
 
 @dataclass(frozen=True, slots=True)
+class Trials:
+    """Inputs of the self-test of a chain with memory, in turn from a reset: one row per call, and
+    how many updates each row lasts.
+    """
+
+    inputs: Mapping[str, Array]
+    updates: tuple[int, ...]
+
+
+@dataclass(frozen=True, slots=True)
 class Chain:
     """A structure with its exact numbers: table → numbers.
 
@@ -251,3 +262,5 @@ class Chain:
     ranges: tuple[str, ...] = ()
     """Ranges in which the models were fitted, in words."""
     corrections: tuple[Correction, ...] = ()
+    trials: Trials | None = None
+    """None of a chain without memory, which is tested at any inputs within their ranges."""

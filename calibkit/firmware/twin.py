@@ -16,7 +16,7 @@ import numpy as np
 from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Select, Slope, Sum
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping
+    from collections.abc import Iterator, Mapping, Sequence
 
     from numpy.typing import NDArray
 
@@ -120,6 +120,23 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
         outputs,
     )
     return Result(outputs, status, after)
+
+
+def run_in_turn(
+    program: Program, inputs: Mapping[str, Words], updates: Sequence[int], *, anew: bool = False
+) -> Iterator[Result]:
+    """Last result of each row of inputs [n] of a chain with memory, which lasts as many updates as
+    stated; from a reset on, or `anew` from a reset in each row.
+    """
+    state: State | None = reset(program, 1)
+    for k, count in enumerate(updates):
+        if anew:
+            state = reset(program, 1)
+        row = {name: words[k : k + 1] for name, words in inputs.items()}
+        for _ in range(count):
+            result = call(program, row, state)
+            state = result.state
+        yield result
 
 
 def dtype(program: Program) -> Any:  # noqa: ANN401 (a numpy type)

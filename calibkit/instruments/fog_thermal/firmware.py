@@ -4,34 +4,24 @@ recursive gradient form.
 
 from __future__ import annotations
 
+from dataclasses import replace
 from fractions import Fraction
 from math import comb
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from calibkit import check
 from calibkit.errors import OutputError
-from calibkit.firmware import as_firmware, exact, twin
+from calibkit.firmware import exact
 from calibkit.firmware.chain import Case, Map, Memory, Select, Slope, Term
 from calibkit.firmware.draft import BEYOND, Draft, factor, numbers, powers
 from calibkit.firmware.sources import required_record
-from calibkit.frame import refuse, values
-from calibkit.ingest import logs, write_back
 from calibkit.instruments import Firmware
-from calibkit.instruments.fog_thermal import ramps
-from calibkit.instruments.fog_thermal.numeric import gradient
-from calibkit.numeric import segments
+from calibkit.instruments.fog_thermal import firmware_updates
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
-    from calibkit.arrays import Array, Integers
     from calibkit.coefficients import Model, Record
     from calibkit.firmware.chain import Chain
-    from calibkit.firmware.program import Program
-    from calibkit.ingest.write_back import Applied
     from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 FILE = "drift_rate.json"
@@ -57,9 +47,15 @@ RECURSIVE = (
 
 
 def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
-    """Chain of the drift term that a run exports; OutputError where it has none, or one that
-    removes the true rate.
+    """Chain of the drift term that a run exports, with the trials of its self-test; OutputError
+    where it has none, or one that removes the true rate.
     """
+    found = _chain(spec, records)
+    return replace(found, trials=firmware_updates.thermal_history(found))
+
+
+def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
+    """Chain of the drift term."""
     models = required_record(records, FILE, spec).models
     reference_degc, window_s = spec.reference_temp_degc, spec.segments.slope_window_s
     if not models:
@@ -407,49 +403,4 @@ def _side(draft: Draft, model: Model) -> list[Case]:
     return [Case(value, 1 if low > 0 else -1 if high < 0 else 0, table, name)]
 
 
-def apply(
-    spec: FogThermalRecipe,
-    chain: Chain,  # noqa: ARG001 (the protocol's shape)
-    quantised: Program,
-    data: Path,
-) -> Applied:
-    """Drift updated once an interval with means over it, and taken off the rows of the interval
-    after.
-    """
-    log = logs.read_log(spec, data, data.name, ramps.COLUMNS)
-    refuse(ramps.usable(log))
-    time, case, env, gyro = (values(log.frame, column) for column in ramps.COLUMNS)
-    slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
-    interval = spec.drift.interval_s
-    blocks = gradient.blocks(time, case, env, gyro, slope, interval)
-    heard = {
-        "temp_case_degc": blocks.case,
-        "temp_env_degc": blocks.case - blocks.gradient,
-        "temp_env_rate_degc_min": blocks.rate,
-    }
-    level, status = _updates(quantised, {e.name: heard[e.name] for e in quantised.structure.inputs})
-    known = level[np.maximum(gradient.block_index(time, interval) - 1, 0)]
-    note = (
-        f"{log.file}: each interval of {interval:g} s is corrected by the drift of the one before,"
-        " the first by its own"
-    )
-    flags = (*check.bridged(log), note, *as_firmware.status_flags(log.file, quantised, status))
-    return write_back.replaced(spec, data, {"gyro_dph": gyro - known}), flags
-
-
-def _updates(quantised: Program, heard: Mapping[str, Array]) -> tuple[Array, Integers]:
-    """Drift [n, °/h] and status [n] update by update from a reset."""
-    words = {name: twin.encode(quantised, name, column) for name, column in heard.items()}
-    state, level, status = twin.reset(quantised, 1), [], []
-    for k in range(next(iter(heard.values())).size):
-        result = twin.call(
-            quantised, {name: column[k : k + 1] for name, column in words.items()}, state
-        )
-        assert result.state is not None  # noqa: S101 (it was called with one)
-        state = result.state
-        level.append(float(twin.decode(quantised, "drift_dph", result.outputs["drift_dph"])[0]))
-        status.append(int(result.status[0]))
-    return np.array(level), np.array(status, dtype=np.int64)
-
-
-FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=apply)
+FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=firmware_updates.apply)

@@ -1,0 +1,119 @@
+"""A drift chain update by update: over a log, and over the thermal history of its self-test."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit import check
+from calibkit.firmware import as_firmware, twin, vectors
+from calibkit.firmware.chain import Trials
+from calibkit.frame import refuse, values
+from calibkit.ingest import logs, write_back
+from calibkit.instruments.fog_thermal import ramps
+from calibkit.instruments.fog_thermal.numeric import gradient
+from calibkit.numeric import segments
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from calibkit.firmware.chain import Chain
+    from calibkit.firmware.program import Program
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+
+SUMMED = 3
+"""Updates of each row of a chain that sums increments: the error bound grows with them."""
+IN_TURN = (
+    (0.0, 0.0, 0.0, 1),
+    (0.03, 0.1, 0.3, 1),
+    (0.05, 0.3, 0.6, 1),
+    (0.04, 0.5, 0.9, 1),
+    (0.07, -0.3, 0.5, 1),
+    (0.06, 0.4, 0.08, 1),
+    (0.1, -0.2, -0.4, 1),
+    (0.08, -0.5, -0.7, 1),
+    (0.02, -0.8, -0.9, 1),
+    (0.09, 0.05, -0.5, 1),
+    (0.055, -0.3, -0.08, 1),
+    (0.01, 0.05, 0.02, 1),
+    (0.1, 0.9, 0.5, 3),
+    (0.5, 1.2, 1.4, 3),
+    (1.02, 1.2, 4.5, 1),
+    (0.96, 2.6, 0.8, 8),
+    (0.96, 0.5, 0.2, 160),
+    (0.2, -0.4, -0.3, 3),
+    (-0.5, -1.2, -1.4, 3),
+    (-1.02, -2.6, -4.5, 2),
+    (-0.96, -0.7, -0.8, 8),
+    (-0.96, 0.3, 0.1, 160),
+    (-0.2, 0.2, 0.5, 6),
+    (0.1, -0.3, -0.2, 12),
+)
+"""A chain with memory, from its reset on: case temperature over the range of its input, how far the
+air is ahead over the largest gradient, rate of the air over the largest fitted one, and how many
+updates that lasts; both ends of every range.
+"""
+
+
+def apply(
+    spec: FogThermalRecipe,
+    chain: Chain,  # noqa: ARG001 (the protocol's shape)
+    quantised: Program,
+    data: Path,
+) -> Applied:
+    """Correct every row of a log by the drift of the interval before, which is updated once per
+    interval with means over it.
+    """
+    log = logs.read_log(spec, data, data.name, ramps.COLUMNS)
+    refuse(ramps.usable(log))
+    time, case, env, gyro = (values(log.frame, column) for column in ramps.COLUMNS)
+    slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
+    interval = spec.drift.interval_s
+    blocks = gradient.blocks(time, case, env, gyro, slope, interval)
+    heard = {
+        "temp_case_degc": blocks.case,
+        "temp_env_degc": blocks.case - blocks.gradient,
+        "temp_env_rate_degc_min": blocks.rate,
+    }
+    words = {
+        entry.name: twin.encode(quantised, entry.name, heard[entry.name])
+        for entry in quantised.structure.inputs
+    }
+    results = list(twin.run_in_turn(quantised, words, [1] * blocks.case.size))
+    (output,) = quantised.structure.outputs
+    drifts = [twin.decode(quantised, output.name, one.outputs[output.name]) for one in results]
+    level, status = np.concatenate(drifts), np.concatenate([one.status for one in results])
+    known = level[np.maximum(gradient.block_index(time, interval) - 1, 0)]
+    note = (
+        f"{log.file}: each interval of {interval:g} s is corrected by the drift of the one before,"
+        " the first by its own"
+    )
+    flags = (*check.bridged(log), note, *as_firmware.status_flags(log.file, quantised, status))
+    return write_back.replaced(spec, data, {"gyro_dph": gyro - known}), flags
+
+
+def thermal_history(chain: Chain) -> Trials:
+    """Trials of a drift chain: one thermal history that reaches both ends of every range."""
+    ranges = {entry.name: chain.tables[entry.table] for entry in chain.structure.inputs}
+    low, high = (float(limit) for limit in ranges["temp_case_degc"])
+    half = (high - low) / 2.0
+    if "x_map" in chain.tables:  # the case is followed beyond the fitted range
+        half = float(chain.tables["x_map"][3] / chain.tables["x_map"][1])
+    gradients = [
+        abs(chain.tables[step.table][0]) + 1 / chain.tables[step.table][1]
+        for step in chain.structure.maps
+        if step.source == "apart"
+    ]
+    case, ahead, pace, updates = (np.array(column) for column in zip(*IN_TURN, strict=True))
+    physical = {"temp_case_degc": (low + high) / 2.0 + half * case}
+    physical["temp_env_degc"] = (
+        physical["temp_case_degc"] + float(max(gradients, default=0)) * ahead
+    )
+    if chain.structure.summing:
+        fastest = float(ranges["temp_env_rate_degc_min"][1])
+        physical["temp_env_rate_degc_min"] = fastest / 4.0 * pace
+        updates = np.full_like(updates, SUMMED)
+    columns = {name: vectors.coarsen(physical[name], half) for name in ranges}
+    return Trials(columns, tuple(updates.tolist()))
