@@ -246,7 +246,7 @@ def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Ar
         raise CoefficientError(
             f"{len(found)} models are called '{model}'", hint=f"there are: {', '.join(models)}"
         )
-    forms = {form.name: form for form in instruments.find(_run(run).document["procedure"]).forms()}
+    forms = instruments.model_forms(_run(run).document["procedure"])
     if found[0].form not in forms:
         raise CoefficientError(
             f"model '{model}': form {found[0].form} is not known", hint="use a newer calibkit"

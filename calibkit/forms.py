@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 Inputs: TypeAlias = "Mapping[str, Array]"
 """Canonical column → values [n] in its unit."""
+FormsOf: TypeAlias = "Callable[[str], Mapping[str, Form]]"
+"""Procedure → its model forms by name."""
 
 
 @dataclass(frozen=True, slots=True)

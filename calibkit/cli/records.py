@@ -130,7 +130,7 @@ def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) ->
 
     _one_format(as_csv=as_csv, as_json=as_json)
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
-    found = compare_runs(old, new, instruments.forms())
+    found = compare_runs(old, new, instruments.model_forms)
     if as_json:
         print_json({"ok": True, **tables.difference_document(found)})
     elif as_csv:
@@ -173,7 +173,7 @@ def history(
     from calibkit.history.timeline import read_timeline
 
     _one_format(as_csv=as_csv, as_json=as_json)
-    found = read_timeline(serial, runs, instruments.forms(), only)
+    found = read_timeline(serial, runs, instruments.model_forms, only)
     if figure is not None:
         store.write_new(figure, drawing.render(found, figure.suffix))
     broken = None

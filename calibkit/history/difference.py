@@ -19,7 +19,7 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
     from calibkit.coefficients import Coefficient, Model, Record
-    from calibkit.forms import Form
+    from calibkit.forms import Form, FormsOf
     from calibkit.numeric.change import Joint
     from calibkit.store import Run
 
@@ -120,10 +120,8 @@ class Difference:
         return sum(entry.verdict in verdicts for model in self.models for entry in model.changes)
 
 
-def compare_runs(before: Run, after: Run, forms: Mapping[str, Form]) -> Difference:
-    """What changed from one run to another, with the model forms by name; raises UsageError for
-    runs of different procedures.
-    """
+def compare_runs(before: Run, after: Run, forms_of: FormsOf) -> Difference:
+    """What changed from one run to another; raises UsageError for runs of different procedures."""
     procedures = before.document["procedure"], after.document["procedure"]
     if procedures[0] != procedures[1]:
         raise UsageError(
@@ -134,7 +132,7 @@ def compare_runs(before: Run, after: Run, forms: Mapping[str, Form]) -> Differen
     figures: list[ModelChange] = []
     for file in dict.fromkeys([*before.records, *after.records]):
         old, new = before.records.get(file), after.records.get(file)
-        models += _models(old, new, forms)
+        models += _models(old, new, forms_of(procedures[0]))
         figures += _figures(old, new)
     return Difference(
         before,

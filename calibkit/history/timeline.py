@@ -24,7 +24,7 @@ if TYPE_CHECKING:
     from pathlib import Path
 
     from calibkit.coefficients import Record
-    from calibkit.forms import Form
+    from calibkit.forms import Form, FormsOf
     from calibkit.history.difference import Change
     from calibkit.numeric.change import Trend
     from calibkit.store import Run
@@ -114,11 +114,9 @@ class Timeline:
         return not self.refused and not self.breaks
 
 
-def read_timeline(
-    serial: str, runs_folder: Path, forms: Mapping[str, Form], pattern: str = ""
-) -> Timeline:
-    """Timeline of a serial under a folder of runs, with the model forms by name; UsageError where
-    there is none, or no number matches the pattern.
+def read_timeline(serial: str, runs_folder: Path, forms_of: FormsOf, pattern: str = "") -> Timeline:
+    """Timeline of a serial under a folder of runs; UsageError where there is none, or no number
+    matches the pattern.
 
     Without a pattern the coefficients of models are followed; with one, every coefficient and
     figure whose stage.model.name matches it.
@@ -134,7 +132,7 @@ def read_timeline(
             runs.append(store.load_revision(runs_folder, serial, number))
         except CoefficientError as error:
             refused.append(Refused(number, str(error)))
-    series = tuple(entry for entry in _series(runs, forms) if _wanted(entry.quantity, pattern))
+    series = tuple(entry for entry in _series(runs, forms_of) if _wanted(entry.quantity, pattern))
     if runs and not series and pattern:
         raise UsageError(
             f"--only {pattern}: no coefficient or figure of {serial} matches", hint="try --only '*'"
@@ -242,7 +240,7 @@ def _independent(runs: Sequence[Run]) -> set[int]:
     return kept
 
 
-def _series(runs: Sequence[Run], forms: Mapping[str, Form]) -> Iterator[Series]:
+def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[Series]:
     """Quantities with an uncertainty that two runs or more determined, alike in form, unit and
     meaning.
     """
@@ -251,7 +249,7 @@ def _series(runs: Sequence[Run], forms: Mapping[str, Form]) -> Iterator[Series]:
         runs, key=lambda run: (run.document["effective_from"], run.document["revision"])
     ):
         when = (run.document["revision"], run.document["effective_from"])
-        for quantity, number in _numbers(run, forms):
+        for quantity, number in _numbers(run, forms_of(run.document["procedure"])):
             if number.standard_uncertainty > 0.0:
                 point = Point(
                     *when, number.value, number.standard_uncertainty, bool(run.document["accepted"])

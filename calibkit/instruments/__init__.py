@@ -197,9 +197,10 @@ def fitted_recipe(document: Mapping[str, Any], *overrides: str) -> Recipe:
     return parse_recipe(recipe.Source(text["name"], text["text"], (*text["overrides"], *overrides)))
 
 
-def forms() -> dict[str, Form]:
-    """Name → model form, of every instrument."""
-    return {form.name: form for one in REGISTRY.values() for form in one.forms()}
+def model_forms(procedure: str) -> dict[str, Form]:
+    """Name → model form of a procedure; empty for an unknown one."""
+    found = REGISTRY[procedure].forms() if procedure in REGISTRY else ()
+    return {form.name: form for form in found}
 
 
 def campaigns() -> dict[str, Callable[[int], Campaign]]:
