@@ -165,7 +165,7 @@ def test_the_stand_ins_are_ascii_and_cover_what_the_package_prints():
     """Each stand-in is ASCII, and every letter or sign in calibkit's own texts has one, Chinese and
     box lines aside.
     """
-    assert all(text.isascii() for text in console.READABLE.values())
+    assert all(text.isascii() for text in console._STAND_INS.values())
     printed = set()
     for path in (ROOT / "calibkit").rglob("*.py"):
         if "certificate" in path.parts:  # typeset, not printed
@@ -183,7 +183,7 @@ def test_the_stand_ins_are_ascii_and_cover_what_the_package_prints():
                     if ord(char) > 127
                 }
     lacking = {
-        char for char in printed if char not in console.READABLE and not "⺀" <= char <= "\uffef"
+        char for char in printed if char not in console._STAND_INS and not "⺀" <= char <= "\uffef"
     }
     assert lacking == set()
 
@@ -204,7 +204,7 @@ def test_output_ends_lines_with_lf_only(tmp_path, monkeypatch):
     monkeypatch.delenv("PYTHONIOENCODING", raising=False)
     monkeypatch.setattr(sys, "stdout", Stream())
     monkeypatch.setattr(sys, "stderr", None)  # as under pythonw
-    console.prepare([])
+    console.prepare_streams([])
     assert calls == [{"encoding": "utf-8", "errors": "calibkit", "newline": "\n"}]
 
 
@@ -489,11 +489,11 @@ def test_a_log_file_that_cannot_be_written_is_exit_code_4(tmp_path, calibkit):
 
 def test_a_log_file_that_fails_later_does_not_fail_the_command(tmp_path, calibkit, monkeypatch):
     """When the disk fills up under the log, the command says so once and goes on."""
-    from calibkit.cli import log
+    from calibkit.cli import log_file
     from calibkit.errors import OutputError
 
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
-    own, calls = log.write, []
+    own, calls = log_file.append, []
 
     def fails_after_the_first(*arguments):
         calls.append(arguments)
@@ -501,7 +501,7 @@ def test_a_log_file_that_fails_later_does_not_fail_the_command(tmp_path, calibki
             raise OutputError("--log-file: No space left on device")
         own(*arguments)
 
-    monkeypatch.setattr(log, "write", fails_after_the_first)
+    monkeypatch.setattr(log_file, "append", fails_after_the_first)
     outcome = calibkit("show", "S-1", "--runs", tmp_path, "--log-file", tmp_path / "x.log")
     assert outcome.code == 0
     assert outcome.err.count("no more is logged") == 1
@@ -727,7 +727,7 @@ def test_a_reader_that_has_seen_enough_is_no_error(tmp_path):
 
 def test_the_error_handler_is_for_encoding_only():
     """The stand-ins are for output; a text that cannot be decoded stays an error."""
-    console.prepare([])
+    console.prepare_streams([])
     with pytest.raises(UnicodeDecodeError):
         b"\xff".decode("utf-8", "calibkit")
     assert "5 °C ± 1 温".encode("ascii", "calibkit") == b"5 degC +- 1 ?"

@@ -15,7 +15,7 @@ def resident():
         return int(file.read().split()[1]) * 4096 / 1e6
 
 memory.COLUMN = int(sys.argv[1])
-memory.settle()
+memory.tune_memory()
 before = resident()
 for _ in range(2):  # the second time the C library knows arrays of this size
     columns, between = [], []

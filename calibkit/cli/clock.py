@@ -9,7 +9,7 @@ import datetime as dt
 from calibkit.errors import UsageError
 
 
-def day_of(text: str | None) -> str:
+def date_or_today(text: str | None) -> str:
     """Date as given, or today's; UsageError for what is not a date."""
     if text is None:
         return dt.datetime.now().astimezone().date().isoformat()

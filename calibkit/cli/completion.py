@@ -15,10 +15,11 @@ from calibkit.errors import UsageError
 if TYPE_CHECKING:
     import click
 
+Items = list[CompletionItem]
 SHELLS = ("bash", "zsh", "fish")
 
 
-def recipes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG001
+def complete_recipe(ctx: click.Context, param: click.Parameter, incomplete: str) -> Items:  # noqa: ARG001 (click's signature)
     """Shipped recipes and files."""
     package = Path(__file__).resolve().parents[1]
     folders = (package / "recipes", package.parent / "recipes")
@@ -27,7 +28,7 @@ def recipes(ctx: click.Context, param: click.Parameter, incomplete: str) -> list
     return [*found, CompletionItem(incomplete, type="file")]
 
 
-def runs(ctx: click.Context, param: click.Parameter, incomplete: str) -> list[CompletionItem]:  # noqa: ARG001
+def complete_run(ctx: click.Context, param: click.Parameter, incomplete: str) -> Items:  # noqa: ARG001 (click's signature)
     """Serials under --runs, behind an @ their revisions, and folders."""
     root = Path(ctx.params.get("runs") or "runs")
     serial, at, _ = incomplete.partition("@")
@@ -46,7 +47,7 @@ def _folders(root: Path) -> list[str]:
         return []
 
 
-def script(shell: str, program: click.Command) -> str:
+def completion_script(shell: str, program: click.Command) -> str:
     """Text that a shell's start-up file runs; UsageError for a shell that is not known."""
     kind = get_completion_class(shell)
     if kind is None or shell not in SHELLS:

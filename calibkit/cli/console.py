@@ -1,4 +1,4 @@
-"""What a command prints: data on stdout, talk and progress on stderr, both also on consoles of
+"""What a command prints: data on stdout, messages and progress on stderr, also on consoles of
 another encoding.
 """
 
@@ -8,7 +8,7 @@ import codecs
 import json
 import os
 import sys
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import click
@@ -16,7 +16,7 @@ import click
 from calibkit.errors import OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
+    from collections.abc import Iterable, Iterator, Mapping, Sequence
     from pathlib import Path
 
     from rich.console import Console
@@ -24,9 +24,9 @@ if TYPE_CHECKING:
     from calibkit.errors import CalibkitError
     from calibkit.report.summary import Summary
 
-WIDTH = 110
+_WIDTH = 110
 """Columns of a table that is not printed on a terminal."""
-READABLE = {
+_STAND_INS = {
     "°": "deg",
     "µ": "u",
     "μ": "u",
@@ -62,24 +62,25 @@ READABLE = {
 
 
 @dataclass(slots=True)
-class Talk:
-    """How much a command says, and the log file that keeps it."""
+class Settings:
+    """What the running command prints beside its result, and where that is kept."""
 
     quiet: bool = False
     verbose: bool = False
-    log: list[Path] = field(default_factory=list)
-    """The log file, if there is one."""
-    called: list[str] = field(default_factory=list)
+    log: Path | None = None
+    """Log file."""
+    arguments: tuple[str, ...] = ()
     """Arguments of the command line."""
 
 
-TALK = Talk()
-"""Of the command that is running; `main` starts each with a new one."""
+SETTINGS = Settings()
+"""Settings of the command that is running; `main` sets them for each."""
+DRY_RUN = " (dry run: not written)"
 
 
-def prepare(arguments: Sequence[str]) -> None:
+def prepare_streams(arguments: Sequence[str]) -> None:
     """Make the streams print anything: LF, UTF-8 where redirected, stand-ins where a console lacks
-    a character.
+    a character. Settings are those of a new command.
     """
     codecs.register_error("calibkit", _readable)
     for stream in (sys.stdout, sys.stderr):
@@ -87,9 +88,8 @@ def prepare(arguments: Sequence[str]) -> None:
             redirected = not stream.isatty() and not os.environ.get("PYTHONIOENCODING")
             encoding = "utf-8" if redirected else stream.encoding
             stream.reconfigure(encoding=encoding, errors="calibkit", newline="\n")
-    TALK.quiet, TALK.verbose = False, False
-    TALK.log.clear()
-    TALK.called[:] = arguments
+    SETTINGS.quiet, SETTINGS.verbose, SETTINGS.log = False, False, None
+    SETTINGS.arguments = tuple(arguments)
 
 
 def _readable(error: UnicodeError) -> tuple[str, int]:
@@ -98,46 +98,58 @@ def _readable(error: UnicodeError) -> tuple[str, int]:
         raise error
     return (
         "".join(
-            READABLE.get(character, "?") for character in error.object[error.start : error.end]
+            _STAND_INS.get(character, "?") for character in error.object[error.start : error.end]
         ),
         error.end,
     )
 
 
-def note(level: str, text: str) -> None:
+def log_line(level: str, text: str) -> None:
     """Write lines into the log file, if there is one."""
-    if TALK.log:
-        from calibkit.cli.log import write
+    if SETTINGS.log:
+        from calibkit.cli import log_file
 
         try:
-            write(TALK.log[0], level, text)
+            log_file.append(SETTINGS.log, level, text)
         except OutputError as error:  # the command itself has not failed
-            TALK.log.clear()
+            SETTINGS.log = None
             click.echo(f"! no more is logged: {error}", err=True)
 
 
-def log_to(path: Path, command_line: str) -> None:
+def begin_log(path: Path, command_line: str) -> None:
     """Begin to log into a file; raises OutputError where that is not possible."""
-    from calibkit.cli.log import write
+    from calibkit.cli import log_file
 
-    write(path, "called", command_line)
-    TALK.log[:] = [path]
+    log_file.append(path, "called", command_line)
+    SETTINGS.log = path
 
 
-def say(text: str) -> None:
-    """Say something that matters whatever was asked for: a flag, a guess, a failure."""
-    note("say", text)
+def print_message(text: str) -> None:
+    """Print on stderr what matters in every mode: a flag, a guess, a failure."""
+    log_line("say", text)
     click.echo(text, err=True)
 
 
-def tell(text: str) -> None:
-    """Say on stderr what only --verbose asks for."""
-    note("verbose", text)
-    if TALK.verbose:
+def print_flags(flags: Iterable[str]) -> None:
+    """Print what must be known before a result is used."""
+    for flag in flags:
+        print_message(f"! {flag}")
+
+
+def print_guesses(guesses: Iterable[str]) -> None:
+    """Print what calibkit guessed, so that it can be pinned."""
+    for guess in guesses:
+        print_message(f"? {guess}")
+
+
+def print_detail(text: str) -> None:
+    """Print on stderr what only --verbose asks for."""
+    log_line("verbose", text)
+    if SETTINGS.verbose:
         click.echo(text, err=True)
 
 
-def console(*, err: bool = False) -> Console:
+def _console(*, err: bool = False) -> Console:
     """Rich console on stdout or stderr, without any escape sequence where NO_COLOR is set."""
     from rich.console import Console
 
@@ -146,23 +158,23 @@ def console(*, err: bool = False) -> Console:
     return (
         wide
         if wide.is_terminal
-        else Console(highlight=False, stderr=err, width=WIDTH, color_system=None)
+        else Console(highlight=False, stderr=err, width=_WIDTH, color_system=None)
     )
 
 
 def progress(items: Sequence[str], what: str) -> Iterable[str]:
-    """Items, each said with --verbose, otherwise with a progress bar on stderr on a terminal."""
-    if TALK.quiet or TALK.verbose or TALK.log or not sys.stderr.isatty():
-        return _told(items, what)
+    """Items, each printed with --verbose, otherwise with a progress bar on stderr on a terminal."""
+    if SETTINGS.quiet or SETTINGS.verbose or SETTINGS.log or not sys.stderr.isatty():
+        return _announced(items, what)
     from rich.progress import track
 
-    return track(items, description=what, console=console(err=True), transient=True)
+    return track(items, description=what, console=_console(err=True), transient=True)
 
 
-def _told(items: Sequence[str], what: str) -> Iterator[str]:
-    """Items, each said as it is reached."""
+def _announced(items: Sequence[str], what: str) -> Iterator[str]:
+    """Items, each printed with --verbose as it is reached."""
     for number, item in enumerate(items, start=1):
-        tell(f"{what}: {item} ({number} of {len(items)})")
+        print_detail(f"{what}: {item} ({number} of {len(items)})")
         yield item
 
 
@@ -170,22 +182,21 @@ def print_summary(summary: Summary) -> None:
     """Print a summary on stdout."""
     from calibkit.report.summary import show, text
 
-    if TALK.log:
-        note("summary", text(summary))
-    show(summary, console())
+    if SETTINGS.log:
+        log_line("summary", text(summary))
+    show(summary, _console())
 
 
 def print_verdict(summary: Summary) -> None:
     """Print the summary of a command that writes something else; --quiet leaves only what is
     flagged or was rejected.
     """
-    if not TALK.quiet:
+    if not SETTINGS.quiet:
         print_summary(summary)
         return
-    for flag in summary.flags:
-        say(f"! {flag}")
+    print_flags(summary.flags)
     if not summary.accepted:
-        say(summary.verdict)
+        print_message(summary.verdict)
 
 
 def print_json(document: dict[str, Any]) -> None:
@@ -196,14 +207,21 @@ def print_json(document: dict[str, Any]) -> None:
     click.echo(json.dumps(document, ensure_ascii=not unicode, indent=1))
 
 
-def as_document(error: CalibkitError) -> dict[str, str]:
-    """An error as --json says it."""
+def error_document(error: CalibkitError) -> dict[str, str]:
+    """An error as --json prints it."""
     return {"code": error.code, "message": error.message, "hint": error.hint}
 
 
-def print_written(names: Iterable[object], *, dry_run: bool) -> None:
-    """Print what was written, one name a line, or would have been."""
-    click.echo("\n".join(f"{name}{' (dry run: not written)' if dry_run else ''}" for name in names))
+def print_result(
+    document: Mapping[str, Any], written: Iterable[object], *, as_json: bool, dry_run: bool
+) -> None:
+    """Print what a command did as JSON, or what it wrote (or would have written), one name per
+    line.
+    """
+    if as_json:
+        print_json({"ok": True, **document, **({"dry_run": True} if dry_run else {})})
+    else:
+        click.echo("\n".join(f"{name}{DRY_RUN if dry_run else ''}" for name in written))
 
 
 def print_data(text: str) -> None:

@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
-from pathlib import Path
+from typing import TYPE_CHECKING
 
 import click
 
-from calibkit.cli.clock import day_of
-from calibkit.cli.console import print_json, progress, say
-from calibkit.cli.options import DRY, JSON, RECIPE, SET, command, rehearsed
+from calibkit.cli.clock import date_or_today
+from calibkit.cli.console import print_guesses, print_json, progress
+from calibkit.cli.options import DRY, JSON, KEEP, PATH, RECIPE, SET, SINCE, command
 from calibkit.errors import UsageError
+
+if TYPE_CHECKING:
+    from pathlib import Path
 
 
 @command()
@@ -17,22 +20,11 @@ from calibkit.errors import UsageError
 @click.option(
     "--data",
     required=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="folder with one sub-folder a unit",
 )
-@click.option(
-    "--out",
-    default="runs",
-    show_default=True,
-    type=click.Path(path_type=Path),
-    help="where runs are kept",
-)
-@click.option(
-    "--date",
-    default=None,
-    metavar="YYYY-MM-DD",
-    help="date from which the coefficients hold (default: today)",
-)
+@KEEP
+@SINCE
 @click.option(
     "--jobs",
     default=None,
@@ -72,14 +64,12 @@ def fleet(
     calibkit fleet my_recipe.toml --data units --cluster tcp://10.0.0.5:8786 --keep-going --json
     """
     if jobs and cluster:
-        raise UsageError(
-            "--jobs and --cluster: one or the other", hint="a cluster has as many workers as it has"
-        )
-    day = day_of(date)
+        hint = "a cluster has as many workers as it has"
+        raise UsageError("--jobs and --cluster: one or the other", hint=hint)
     if jobs != 1 and not cluster and data.is_dir():
-        from calibkit.fleet import server
+        from calibkit.fleet.server import import_ahead
 
-        server.ahead()
+        import_ahead()
     from calibkit.fleet import run, summary
     from calibkit.recipe import find
 
@@ -87,17 +77,16 @@ def fleet(
         find(recipe, overrides),
         data,
         out,
-        day,
+        date_or_today(date),
         progress,
         jobs=jobs or 0,
         address=cluster,
         keep_going=keep_going,
         dry_run=dry_run,
     )
-    for guess in done.guesses:
-        say(f"? {guess}")
+    print_guesses(done.guesses)
     if as_json:
-        print_json(summary.summary_document(done) | rehearsed(dry_run=dry_run))
+        print_json(summary.summary_document(done) | ({"dry_run": True} if dry_run else {}))
     else:
         click.echo("\n".join(summary.summary_lines(done, dry_run=dry_run)))
     return done.exit_code

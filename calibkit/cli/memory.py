@@ -1,5 +1,5 @@
-"""What the process of a command does with its memory: a library leaves that to the program that
-uses it.
+"""How the process of a command handles its memory: a library leaves that to the program that uses
+it.
 """
 
 from __future__ import annotations
@@ -8,32 +8,32 @@ import contextlib
 import gc
 import sys
 
-TRIM, MAPPED = -1, -3
+_TRIM, _MAPPED = -1, -3
 """M_TRIM_THRESHOLD and M_MMAP_THRESHOLD of glibc's mallopt."""
 COLUMN = 1 << 24
-"""Bytes from which an array is a column of a long log: the system has it back as soon as it is let
-go.
+"""Bytes from which an array is a column of a long log: the system has it back as soon as it is
+released.
 """
-COLLECTED = (50_000, 20, 20)
-"""Objects made, and collections, after which the three generations of objects are looked through
-for cycles.
+_COLLECTED = (50_000, 20, 20)
+"""Thresholds of Python's garbage collector: objects made, and collections of a younger generation.
 """
 
 
-def settle() -> None:
-    """Settle the memory of a command that reads logs, before it imports what it needs for that.
+def tune_memory() -> None:
+    """Set how the process of a command that reads logs handles memory, before it imports its
+    libraries.
 
     Python's own thresholds make it look for cycles among all that was imported dozens of times, and
     find next to none: a tenth of a small fit. glibc, left alone, holds columns in its heaps once
     one of their size was let go, several logs of them; told where columns begin, it would give back
     the top of a heap after every smaller array without the other bound.
     """
-    gc.set_threshold(*COLLECTED)
+    gc.set_threshold(*_COLLECTED)
     if sys.platform != "linux":
         return
     import ctypes
 
     with contextlib.suppress(OSError, AttributeError):  # another C library than glibc
         mallopt = ctypes.CDLL(None).mallopt
-        mallopt(MAPPED, COLUMN)
-        mallopt(TRIM, 2 * COLUMN)
+        mallopt(_MAPPED, COLUMN)
+        mallopt(_TRIM, 2 * COLUMN)

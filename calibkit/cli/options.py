@@ -13,19 +13,27 @@ from calibkit.cli import completion, console
 from calibkit.errors import UsageError
 from calibkit.version import __version__
 
-EXAMPLE = "calibkit "
+_EXAMPLE = "calibkit "
 """Start of an example's line in the help of a command."""
 
-RECIPE = click.argument("recipe", shell_complete=completion.recipes)
-RUN = click.argument("run", shell_complete=completion.runs)
-DATA = click.option(
-    "--data", required=True, type=click.Path(path_type=Path), help="folder with the logs"
+PATH = click.Path(path_type=Path)
+RECIPE = click.argument("recipe", shell_complete=completion.complete_recipe)
+RUN = click.argument("run", shell_complete=completion.complete_run)
+DATA = click.option("--data", required=True, type=PATH, help="folder with the logs")
+KEEP = click.option(
+    "--out", default="runs", show_default=True, type=PATH, help="where runs are kept"
+)
+SINCE = click.option(
+    "--date",
+    default=None,
+    metavar="YYYY-MM-DD",
+    help="date from which the coefficients hold (default: today)",
 )
 RUNS = click.option(
     "--runs",
     default="runs",
     show_default=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="where runs are",
 )
 JSON = click.option(
@@ -39,25 +47,27 @@ SET = click.option(
 
 
 def _quiet(ctx: click.Context, param: click.Parameter, value: bool) -> None:  # noqa: ARG001, FBT001 (click's signature)
-    """Take --quiet."""
-    console.TALK.quiet = value
+    """Set --quiet."""
+    console.SETTINGS.quiet = value
 
 
 def _verbose(ctx: click.Context, param: click.Parameter, value: bool) -> None:  # noqa: ARG001, FBT001 (click's signature)
-    """Take --verbose; it contradicts --quiet."""
-    if value and console.TALK.quiet:
+    """Set --verbose; it contradicts --quiet."""
+    if value and console.SETTINGS.quiet:
         raise UsageError("--quiet and --verbose contradict each other", hint="give one of them")
-    console.TALK.verbose = value
+    console.SETTINGS.verbose = value
 
 
 def _log_file(ctx: click.Context, param: click.Parameter, value: Path | None) -> None:  # noqa: ARG001 (click's signature)
-    """Take --log-file and begin it with the command as it was called."""
+    """Set --log-file and begin it with the command as it was called."""
     if value is not None:
-        console.log_to(value, f"calibkit {__version__}: {shlex.join(console.TALK.called)}")
+        console.begin_log(
+            value, f"calibkit {__version__}: {shlex.join(console.SETTINGS.arguments)}"
+        )
 
 
 def _common() -> list[click.Option]:
-    """Options that every command has."""
+    """Options of every command."""
     quiet = click.Option(
         ["-q", "--quiet"],
         is_flag=True,
@@ -83,7 +93,7 @@ def _common() -> list[click.Option]:
     return [quiet, verbose, log_file]
 
 
-class Explained(click.Command):
+class _Explained(click.Command):
     """A command or group whose help starts with its examples: the lines of its docstring that call
     calibkit.
     """
@@ -108,10 +118,10 @@ class Explained(click.Command):
 
 def _examples(text: str) -> list[str]:
     """Lines of a help text that are examples."""
-    return [line.strip() for line in text.splitlines() if line.strip().startswith(EXAMPLE)]
+    return [line.strip() for line in text.splitlines() if line.strip().startswith(_EXAMPLE)]
 
 
-class Command(Explained):
+class Command(_Explained):
     """A command that can be quiet, verbose and logged."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:  # noqa: ANN401 (click's own parameters)
@@ -123,7 +133,7 @@ command = functools.partial(click.command, cls=Command)
 """Decorator of a command."""
 
 
-class Group(Explained, click.Group):
+class Group(_Explained, click.Group):
     """Commands in the order of the work, not of the alphabet."""
 
     command_class = Command
@@ -131,8 +141,3 @@ class Group(Explained, click.Group):
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's signature)
         """Names of the commands as they were added."""
         return list(self.commands)
-
-
-def rehearsed(*, dry_run: bool) -> dict[str, bool]:
-    """What --json adds where nothing was written."""
-    return {"dry_run": True} if dry_run else {}

@@ -13,7 +13,14 @@ if TYPE_CHECKING:
     from _typeshed import ReadableBuffer
 
 
-class Pipe(io.FileIO):
+def discard(descriptor: int) -> None:
+    """Send what is written to a file descriptor from now on nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, descriptor)
+    os.close(nowhere)
+
+
+class _Pipe(io.FileIO):
     """A file descriptor; once nobody reads it any more, what is written to it goes nowhere."""
 
     def write(self, data: ReadableBuffer, /) -> int:
@@ -21,14 +28,12 @@ class Pipe(io.FileIO):
         try:
             return super().write(data)
         except BrokenPipeError:
-            nowhere = os.open(os.devnull, os.O_WRONLY)
-            os.dup2(nowhere, self.fileno())
-            os.close(nowhere)
+            discard(self.fileno())
             return super().write(data)
 
 
-def forgive() -> None:
-    """Put a Pipe below stdout and stderr of the process, where they are redirected: on a terminal
+def tolerate_closed_pipes() -> None:
+    """Put a `_Pipe` below stdout and stderr of the process where they are redirected; on a terminal
     somebody reads.
     """
     for name in ("stdout", "stderr"):
@@ -39,9 +44,9 @@ def forgive() -> None:
             and not stream.isatty()
         ):
             stream.flush()
-            raw = io.BufferedWriter(Pipe(stream.fileno(), "wb", closefd=False))
-            made = io.TextIOWrapper(raw, encoding=stream.encoding, errors=stream.errors)
-            made.reconfigure(
+            raw = io.BufferedWriter(_Pipe(stream.fileno(), "wb", closefd=False))
+            wrapped = io.TextIOWrapper(raw, encoding=stream.encoding, errors=stream.errors)
+            wrapped.reconfigure(
                 line_buffering=stream.line_buffering, write_through=stream.write_through
             )
-            setattr(sys, name, made)
+            setattr(sys, name, wrapped)

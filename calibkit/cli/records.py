@@ -2,33 +2,46 @@
 
 from __future__ import annotations
 
-from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from calibkit.cli import completion
-from calibkit.cli.clock import day_of
-from calibkit.cli.console import as_document, print_data, print_json, print_summary, say
-from calibkit.cli.options import CSV, JSON, RUN, RUNS, command
+from calibkit.cli.clock import date_or_today
+from calibkit.cli.console import (
+    error_document,
+    print_data,
+    print_flags,
+    print_json,
+    print_message,
+    print_summary,
+)
+from calibkit.cli.options import CSV, JSON, PATH, RUN, RUNS, command
 from calibkit.errors import CalibkitError, CoefficientError, UsageError
 
-ON = click.option(
+if TYPE_CHECKING:
+    from collections.abc import Callable
+    from pathlib import Path
+
+    from calibkit.report.summary import Summary
+    from calibkit.report.table import Table
+
+_ON = click.option(
     "--date", default=None, metavar="YYYY-MM-DD", help="of a SERIAL, the run in force on that date"
 )
 
 
 @command()
-@click.argument("files", nargs=-1, required=True, type=click.Path(path_type=Path))
+@click.argument("files", nargs=-1, required=True, type=PATH)
 @click.option(
     "--trust",
     multiple=True,
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="certificate whose signatures are trusted",
 )
 @click.option(
     "--schema-dir",
-    type=click.Path(path_type=Path),
+    type=PATH,
     help="folder with dcc.xsd, to hold DCCs against it",
 )
 @JSON
@@ -64,7 +77,11 @@ def verify(
     worst = max(failed, key=lambda error: error.exit_code, default=None)
     if as_json:
         print_json(
-            {"ok": not failed, **({"error": as_document(worst)} if worst else {}), "files": results}
+            {
+                "ok": not failed,
+                **({"error": error_document(worst)} if worst else {}),
+                "files": results,
+            }
         )
     else:
         for result in results:
@@ -72,16 +89,15 @@ def verify(
             if result["ok"]:
                 click.echo(line)
             else:
-                say(line)
-            for warning in result["warnings"]:
-                say(f"! {result['file']}: {warning}")
+                print_message(line)
+            print_flags(f"{result['file']}: {warning}" for warning in result["warnings"])
     return worst.exit_code if worst else 0
 
 
 @command()
 @RUN
 @RUNS
-@ON
+@_ON
 @CSV
 @JSON
 def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool) -> int:
@@ -96,20 +112,24 @@ def show(run: str, runs: Path, date: str | None, *, as_csv: bool, as_json: bool)
     from calibkit.report.run import list_numbers, summarize_run
 
     _one_format(as_csv=as_csv, as_json=as_json)
-    found = store.load(store.find(run, runs, day_of(date) if date else ""))
-    if as_json:
-        records = {name: document(record) for name, record in found.records.items()}
-        print_json({"ok": True, "run": dict(found.document), "records": records})
-    elif as_csv:
-        print_data(list_numbers(found.records.values()).to_csv())
-    else:
-        print_summary(summarize_run(found.name, found.document, found.records))
+    found = store.load(store.find(run, runs, date_or_today(date) if date else ""))
+    _print_found(
+        lambda: {
+            "ok": True,
+            "run": dict(found.document),
+            "records": {name: document(record) for name, record in found.records.items()},
+        },
+        lambda: list_numbers(found.records.values()),
+        lambda: summarize_run(found.name, found.document, found.records),
+        as_csv=as_csv,
+        as_json=as_json,
+    )
     return 0
 
 
 @command()
-@click.argument("before", metavar="RUN", shell_complete=completion.runs)
-@click.argument("after", metavar="RUN", shell_complete=completion.runs)
+@click.argument("before", metavar="RUN", shell_complete=completion.complete_run)
+@click.argument("after", metavar="RUN", shell_complete=completion.complete_run)
 @RUNS
 @CSV
 @JSON
@@ -131,17 +151,18 @@ def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) ->
     _one_format(as_csv=as_csv, as_json=as_json)
     old, new = (store.load(store.find(run, runs)) for run in (before, after))
     found = compare_runs(old, new, instruments.model_forms)
-    if as_json:
-        print_json({"ok": True, **tables.difference_document(found)})
-    elif as_csv:
-        print_data(tables.list_changes(found).to_csv())
-    else:
-        print_summary(tables.summarize_difference(found))
+    _print_found(
+        lambda: {"ok": True, **tables.difference_document(found)},
+        lambda: tables.list_changes(found),
+        lambda: tables.summarize_difference(found),
+        as_csv=as_csv,
+        as_json=as_json,
+    )
     return 0
 
 
 @command()
-@click.argument("serial", shell_complete=completion.runs)
+@click.argument("serial", shell_complete=completion.complete_run)
 @RUNS
 @click.option(
     "--only",
@@ -149,9 +170,7 @@ def diff(before: str, after: str, runs: Path, *, as_csv: bool, as_json: bool) ->
     metavar="PATTERN",
     help="coefficients and figures to follow, stage.model.name",
 )
-@click.option(
-    "--figure", type=click.Path(path_type=Path), help="PDF or PNG to write: each quantity over time"
-)
+@click.option("--figure", type=PATH, help="PDF or PNG to write: each quantity over time")
 @CSV
 @JSON
 def history(
@@ -182,13 +201,14 @@ def history(
         broken = CoefficientError(
             f"{serial}: {faults[0]}", hint="restore the run folders from a copy"
         )
-    if as_json:
-        error = {"error": as_document(broken)} if broken else {}
-        print_json({"ok": found.sound, **error, **tables.timeline_document(found)})
-    elif as_csv:
-        print_data(tables.list_points(found).to_csv())
-    else:
-        print_summary(tables.summarize_timeline(found))
+    error = {"error": error_document(broken)} if broken else {}
+    _print_found(
+        lambda: {"ok": found.sound, **error, **tables.timeline_document(found)},
+        lambda: tables.list_points(found),
+        lambda: tables.summarize_timeline(found),
+        as_csv=as_csv,
+        as_json=as_json,
+    )
     return broken.exit_code if broken else 0
 
 
@@ -196,3 +216,20 @@ def _one_format(*, as_csv: bool, as_json: bool) -> None:
     """Refuse two formats at once."""
     if as_csv and as_json:
         raise UsageError("--csv and --json are two formats", hint="ask for one")
+
+
+def _print_found(
+    document: Callable[[], dict[str, Any]],
+    numbers: Callable[[], Table],
+    summary: Callable[[], Summary],
+    *,
+    as_csv: bool,
+    as_json: bool,
+) -> None:
+    """Print what was found as one JSON document, as CSV with one line per number, or as tables."""
+    if as_json:
+        print_json(document())
+    elif as_csv:
+        print_data(numbers().to_csv())
+    else:
+        print_summary(summary())

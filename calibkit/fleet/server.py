@@ -45,11 +45,11 @@ def context() -> SpawnContext | ForkServerContext:
     """Context of `multiprocessing` in which the processes of a fleet begin."""
     if not COPIES:
         return get_context("spawn")
-    ahead()
+    import_ahead()
     return get_context("forkserver")
 
 
-def ahead() -> None:
+def import_ahead() -> None:
     """Have imported what processes will need while this one still imports what it needs itself."""
     if not COPIES:
         return

@@ -1,5 +1,5 @@
-"""The log file of a command: what was called, what was said, how it ended. It is talk: no result is
-ever read from it.
+"""The log file of a command: what was called, what was printed, how it ended. No result is ever
+read from it.
 """
 
 from __future__ import annotations
@@ -14,9 +14,8 @@ if TYPE_CHECKING:
     from pathlib import Path
 
 
-def write(path: Path, level: str, text: str) -> None:
-    """Append lines to a log file, each with the time (UTC) and its kind; OutputError where that is
-    not possible.
+def append(path: Path, level: str, text: str) -> None:
+    """Append lines to a log file, each with the time (UTC) and its kind; raises OutputError.
 
     A log file is the one file that calibkit adds to; it is never opened inside a run folder.
     """

@@ -1,0 +1,230 @@
+"""Commands on logs: fit, check, init, apply, validate, simulate."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING
+
+import click
+
+from calibkit.cli.clock import date_or_today
+from calibkit.cli.console import (
+    DRY_RUN,
+    log_line,
+    print_data,
+    print_detail,
+    print_flags,
+    print_guesses,
+    print_json,
+    print_result,
+    print_verdict,
+    progress,
+)
+from calibkit.cli.memory import tune_memory
+from calibkit.cli.options import DATA, DRY, JSON, KEEP, PATH, RECIPE, RUN, RUNS, SET, SINCE, command
+from calibkit.errors import FrameError
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+VERDICT_KEYS = (
+    "serial",
+    "revision",
+    "procedure",
+    "effective_from",
+    "accepted",
+    "acceptance",
+    "uncertainty",
+    "flags",
+    "files",
+)
+"""What --json prints of a run.json."""
+
+
+@command()
+@RECIPE
+@DATA
+@click.option(
+    "--serial", default="", help="serial number of the instrument (default: the recipe's)"
+)
+@KEEP
+@SINCE
+@DRY
+@SET
+@JSON
+def fit(
+    recipe: str,
+    data: Path,
+    serial: str,
+    out: Path,
+    date: str | None,
+    overrides: tuple[str, ...],
+    *,
+    dry_run: bool,
+    as_json: bool,
+) -> int:
+    """Fit a recipe to the logs of a folder and write a run folder.
+
+    \b
+    calibkit fit fog_thermal --data logs --serial FOG-0001
+    calibkit fit my_recipe.toml --data logs --serial FOG-0001 --set drift.order=2 --json
+    """
+    tune_memory()
+    day = date_or_today(date)
+    from calibkit import pipeline
+    from calibkit.recipe import find
+
+    outcome = pipeline.fit(
+        find(recipe, overrides), data, serial, out, day, progress, dry_run=dry_run
+    )
+    for entry in outcome.document["inputs"]:
+        print_detail(f"read {entry['name']}: {entry['rows']} rows, sha256 {entry['sha256']}")
+    print_guesses(outcome.guesses)
+    if not as_json:
+        print_verdict(outcome.summary)
+        log_line("wrote", f"{outcome.folder}{DRY_RUN if dry_run else ''}")
+    document = {
+        "run": outcome.name,
+        "folder": str(outcome.folder),
+        **({"dry_run": True} if dry_run else {}),
+        **{key: outcome.document[key] for key in VERDICT_KEYS},
+    }
+    print_result(document, (outcome.folder,), as_json=as_json, dry_run=dry_run)
+    return 0 if outcome.summary.accepted else 1
+
+
+@command()
+@RECIPE
+@DATA
+@click.option("--figure", default=None, type=PATH, help="PDF to write, one page a log")
+@SET
+@JSON
+def check(
+    recipe: str, data: Path, figure: Path | None, overrides: tuple[str, ...], *, as_json: bool
+) -> int:
+    """Say what would be read and what is wrong with it; nothing is fitted.
+
+    \b
+    calibkit check fog_thermal --data logs
+    calibkit check my_recipe.toml --data logs --json --figure logs.pdf
+    """
+    tune_memory()
+    from calibkit import pipeline
+    from calibkit.check.report import document, lines
+    from calibkit.recipe import find
+
+    reports = pipeline.check(find(recipe, overrides), data, figure)
+    if as_json:
+        print_json(document(reports))
+    else:
+        click.echo("\n".join(line for report in reports for line in lines(report)))
+    return FrameError.exit_code if any(report.refused for report in reports) else 0
+
+
+@command()
+@click.option("--from", "folder", required=True, type=PATH, help="folder with the logs")
+@JSON
+def init(folder: Path, *, as_json: bool) -> int:
+    """Propose a recipe for the logs of a folder, on stdout.
+
+    \b
+    calibkit init --from logs > my_recipe.toml
+    calibkit init --from logs --json
+    """
+    from calibkit import pipeline
+
+    proposal = pipeline.init(folder)
+    if as_json:
+        print_json({"ok": True, "recipe": proposal.text})
+    else:
+        print_data(proposal.text)
+        print_guesses(filter(None, (proposal.note,)))
+    return 0
+
+
+@command()
+@RUN
+@click.option("--data", required=True, type=PATH, help="one log")
+@click.option("--out", required=True, type=PATH, help="file to write")
+@click.option(
+    "--as-firmware",
+    default=None,
+    metavar="NUMBER",
+    help="as the export in f32, f64, q31 or q15 will do it",
+)
+@SET
+@RUNS
+@DRY
+@JSON
+def apply(
+    run: str,
+    data: Path,
+    out: Path,
+    as_firmware: str | None,
+    overrides: tuple[str, ...],
+    runs: Path,
+    *,
+    dry_run: bool,
+    as_json: bool,
+) -> int:
+    """Compensate a log with the coefficients of a run; every row and column is written.
+
+    \b
+    calibkit apply FOG-0001 --data field.csv --out compensated.csv
+    calibkit apply runs/INC-7/r002 --data well.csv --out corrected.csv --set site.latitude_deg=58.9
+    """
+    tune_memory()
+    from calibkit import pipeline, store
+
+    found = store.load(store.find(run, runs))
+    flags = pipeline.apply(found, data, out, overrides, as_firmware=as_firmware, dry_run=dry_run)
+    if not as_json:
+        print_flags(flags)
+    document = {"run": found.name, "out": str(out), "flags": list(flags)}
+    print_result(document, (out,), as_json=as_json, dry_run=dry_run)
+    return 0
+
+
+@command()
+@RUN
+@DATA
+@click.option("--out", required=True, type=PATH, help="JSON file to write")
+@RUNS
+@DRY
+@JSON
+def validate(run: str, data: Path, out: Path, runs: Path, *, dry_run: bool, as_json: bool) -> int:
+    """Hold frozen coefficients against logs they have not seen: before, after, rate gain.
+
+    \b
+    calibkit validate FOG-0001 --data withheld --out validation.json
+    calibkit validate FOG-0001@r002 --data withheld --out validation.json --json
+    """
+    tune_memory()
+    from calibkit import pipeline, store
+
+    document, summary = pipeline.validate(
+        store.load(store.find(run, runs)), data, out, progress, dry_run=dry_run
+    )
+    if not as_json:
+        print_verdict(summary)
+    print_result(document, (out,), as_json=as_json, dry_run=dry_run)
+    return 0 if summary.accepted else 1
+
+
+@command()
+@click.argument("procedure")
+@click.option("--out", required=True, type=PATH, help="folder to write the logs into")
+@click.option("--seed", required=True, type=click.IntRange(min=0), help="seed of everything random")
+@DRY
+@JSON
+def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool, as_json: bool) -> int:
+    """Write realistic logs of a simulated instrument with their truth beside them.
+
+    \b
+    calibkit simulate fog_thermal --out logs --seed 1
+    calibkit simulate fog_thermal --out logs --seed 2 --json
+    """
+    from calibkit import pipeline
+
+    written = pipeline.simulate(procedure, out, seed, dry_run=dry_run)
+    print_result({"files": written}, written, as_json=as_json, dry_run=dry_run)
+    return 0

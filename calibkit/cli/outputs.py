@@ -1,0 +1,156 @@
+"""Commands that hand a run on: certify, export."""
+
+from __future__ import annotations
+
+import os
+from typing import TYPE_CHECKING
+
+import click
+
+from calibkit.cli.clock import date_or_today, now
+from calibkit.cli.console import print_flags, print_message, print_result
+from calibkit.cli.options import DRY, JSON, PATH, RUN, RUNS, command
+
+if TYPE_CHECKING:
+    from pathlib import Path
+
+    from calibkit.certificate.words import Lang
+
+
+@command()
+@RUN
+@click.option("--out", required=True, type=PATH, help="PDF file to write")
+@click.option("--profile", type=PATH, help="laboratory profile; without one: a DRAFT")
+@click.option("--validation", type=PATH, help="as found and as left, from calibkit validate")
+@click.option("--date", default=None, metavar="YYYY-MM-DD", help="date of issue (default: today)")
+@click.option("--lang", type=click.Choice(["en", "zh", "both"]), default="en", show_default=True)
+@click.option("--sign", "key", type=PATH, help="PKCS#12 key; CALIBKIT_SIGN_PASSPHRASE opens it")
+@click.option("--schema-dir", type=PATH, help="folder with dcc.xsd, to hold the DCC against it")
+@click.option(
+    "--set",
+    "overrides",
+    multiple=True,
+    metavar="table.key=value",
+    help="override a key of the profile",
+)
+@RUNS
+@DRY
+@JSON
+def certify(
+    run: str,
+    out: Path,
+    profile: Path | None,
+    validation: Path | None,
+    date: str | None,
+    lang: Lang,
+    key: Path | None,
+    schema_dir: Path | None,
+    overrides: tuple[str, ...],
+    runs: Path,
+    *,
+    dry_run: bool,
+    as_json: bool,
+) -> int:
+    """Write the calibration certificate of a run as PDF/A-3 with its DCC; what is missing makes it
+    a DRAFT.
+
+    \b
+    calibkit certify FOG-0001 --profile lab.toml --out certificate.pdf
+    calibkit certify FOG-0001 --profile lab.toml --validation v.json --lang both --out c.pdf
+    calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
+    """
+    from calibkit import store
+    from calibkit.certificate import certify as certificates
+    from calibkit.certificate import sign
+    from calibkit.instruments import certificate_layout
+
+    issued = certificates.certify(
+        store.find(run, runs),
+        out,
+        certificate_layout,
+        date=date_or_today(date),
+        profile_path=profile,
+        validation=validation,
+        lang=lang,
+        overrides=overrides,
+        schema_dir=schema_dir,
+        key=sign.Key(key, os.environ.get(sign.PASSPHRASE, ""), now()) if key else None,
+        dry_run=dry_run,
+    )
+    print_flags(filter(None, (issued.certificate.rejection.en,)))
+    if issued.missing and not as_json:
+        print_message("DRAFT: not a calibration certificate; missing:")
+        for item in issued.missing:
+            print_message(f"  {item.key}: {item.what.en}")
+    print_result(certificates.said(issued), issued.files, as_json=as_json, dry_run=dry_run)
+    return 0
+
+
+def _address(context: click.Context, parameter: click.Parameter, value: str) -> int:
+    """Read an address, in hexadecimal with 0x or decimal."""
+    del context, parameter
+    try:
+        return int(value, 0)
+    except ValueError:
+        raise click.BadParameter(
+            f"'{value}' is no address; write 0x08040000 or 134479872"
+        ) from None
+
+
+@command()
+@click.argument("run", nargs=-1, required=True)
+@click.option("--target", required=True, help="c, blob, hex, srec, px4, ardupilot or csv")
+@click.option("--number", default="f32", show_default=True, help="f32, f64, q31 or q15")
+@click.option(
+    "--prefix", default="cal", show_default=True, help="what every generated name starts with"
+)
+@click.option("--out", required=True, type=PATH, help="folder to write into")
+@click.option(
+    "--address",
+    default="0",
+    callback=_address,
+    help="where hex and srec place the blob: 0x08040000",
+)
+@click.option(
+    "--allow-rejected", is_flag=True, help="export a run that failed its limits, marked as rejected"
+)
+@RUNS
+@DRY
+@JSON
+def export(
+    run: tuple[str, ...],
+    target: str,
+    number: str,
+    prefix: str,
+    out: Path,
+    address: int,
+    runs: Path,
+    *,
+    allow_rejected: bool,
+    dry_run: bool,
+    as_json: bool,
+) -> int:
+    """Write the correction chain of a run as firmware that can prove itself.
+
+    \b
+    calibkit export FOG-0001 --target c --prefix gyro --out firmware
+    calibkit export GYRO-7 GYRO-8 GYRO-9 --target hex --address 0x08040000 --out delivery
+
+    Several runs make one row or one blob a unit, and a manifest with the digests of all files.
+    """
+    from calibkit import pipeline, store
+
+    found = [store.load(store.find(name, runs)) for name in run]
+    files = pipeline.export(
+        found,
+        target,
+        number,
+        prefix,
+        out,
+        address=address,
+        allow_rejected=allow_rejected,
+        dry_run=dry_run,
+    )
+    document = {"runs": [one.name for one in found], "files": list(map(str, files))}
+    print_result(document, files, as_json=as_json, dry_run=dry_run)
+    return 0
