@@ -77,7 +77,7 @@ def fit(
     instrument = instruments.find(spec.procedure)
     with _placed(source):
         files = ingest.find_logs(spec, data)
-        ingest.known_names(spec, files)
+        ingest.require_named_logs(spec, files)
         fitted = instrument.fit(spec, data, files, progress)
     type_b.require_known(spec.type_b, (*_results(fitted), *spec.own_columns()))
     built: dict[str, Any] = {}
@@ -222,7 +222,7 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
     instrument = instruments.find(spec.procedure)
     with _placed(source):
         files = ingest.find_logs(spec, data)
-        ingest.known_names(spec, files)
+        ingest.require_named_logs(spec, files)
         outcomes = [examination.of(instrument, spec, data, file) for file in files]
     reports = [outcome.report for outcome in outcomes]
     for file, finding in examination.together(outcomes):

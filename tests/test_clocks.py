@@ -38,7 +38,7 @@ def test_offset_and_drift_hold_their_uncertainty():
     z = []
     for seed in range(40):
         logs, (offset, drift, middle) = two_logs(seed)
-        found = clocks.estimate(*logs)
+        found = clocks.estimate_clock(*logs)
         u = found.standard_uncertainty
         z.append(
             (
@@ -58,7 +58,7 @@ def test_the_joined_time_is_the_line_through_offset_and_drift():
     end.
     """
     logs, _ = two_logs(1)
-    found = clocks.estimate(*logs)
+    found = clocks.estimate_clock(*logs)
     assert found.on_a(np.array([found.middle_s]))[0] == pytest.approx(
         found.middle_s + found.offset_s, abs=1e-9
     )
@@ -77,7 +77,7 @@ def test_a_straight_ramp_alone_does_not_show_an_offset():
     time = np.arange(2000.0)
     a, b = (5.0 / 60.0 * time + rng.normal(0.0, 0.05, time.size) for _ in range(2))
     try:
-        found = clocks.estimate(time, a, time, b)
+        found = clocks.estimate_clock(time, a, time, b)
     except FitError:
         return
     assert found.standard_uncertainty[0] > 10.0
@@ -89,7 +89,7 @@ def test_a_periodic_quantity_has_many_offsets_and_is_refused():
     time = np.arange(4000.0)
     air = 20.0 + np.sin(2.0 * np.pi * time / 90.0)
     with pytest.raises(FitError, match="explain the two logs alike"):
-        clocks.estimate(
+        clocks.estimate_clock(
             time,
             air + rng.normal(0, 0.02, 4000),
             time + 13.0,
@@ -103,25 +103,25 @@ def test_logs_of_different_things_are_refused_or_unusable():
     rng = np.random.default_rng(3)
     time = np.arange(1000.0)
     with pytest.raises(FitError, match="varies"):
-        clocks.estimate(time, np.full(1000, 20.0), time, rng.normal(size=1000))
+        clocks.estimate_clock(time, np.full(1000, 20.0), time, rng.normal(size=1000))
     with pytest.raises(FitError):
-        clocks.estimate(time, rng.normal(size=1000), time + 1e6, rng.normal(size=1000))
+        clocks.estimate_clock(time, rng.normal(size=1000), time + 1e6, rng.normal(size=1000))
     with pytest.raises(FitError):
-        clocks.estimate(time, rng.normal(size=1000), time, rng.normal(size=1000))
+        clocks.estimate_clock(time, rng.normal(size=1000), time, rng.normal(size=1000))
 
 
 def test_an_offset_beyond_the_search_is_refused():
     """An offset of 25 s is not found within ±10 s, and nothing else is claimed in its place."""
     logs, (offset, _, _) = two_logs(3)
     with pytest.raises(FitError, match=r"end of the search|alike"):
-        clocks.estimate(*logs, near_s=offset + 100.0, search_s=10.0)
+        clocks.estimate_clock(*logs, near_s=offset + 100.0, search_s=10.0)
 
 
 def test_nothing_is_interpolated_across_a_gap():
     """Between neighbours the value is linear; in a gap and beyond the ends there is none."""
     time = np.array([0.0, 1.0, 2.0, 3.0, 10.0, 11.0])
     at = np.array([-0.5, 0.0, 0.5, 2.0, 5.0, 10.0, 10.5, 12.0])
-    found = clocks.resampled(time, 2.0 * time, at)
+    found = clocks.resample(time, 2.0 * time, at)
     np.testing.assert_array_equal(found, [np.nan, 0.0, 1.0, 4.0, np.nan, 20.0, 21.0, np.nan])
 
 
@@ -134,7 +134,7 @@ def test_a_faster_log_is_averaged_about_each_time():
     value = rng.normal(size=time.size)
     at = np.arange(2.0, 90.0, 1.0)
     time, value = np.delete(time, slice(300, 340)), np.delete(value, slice(300, 340))
-    found = clocks.averaged(time, value, at)
+    found = clocks.average(time, value, at)
     for t, mean in zip(at, found, strict=True):
         inside = (time >= t - 0.5) & (time < t + 0.5)
         assert (

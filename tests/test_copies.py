@@ -144,14 +144,15 @@ def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibk
 def test_validation_reads_each_log_once(fitted, tmp_path, calibkit, monkeypatch):
     """What tells a copy is taken from the log that is validated, not from another reading of it."""
     from calibkit.ingest import logs as ingest
+    from calibkit.ingest import mapping
 
-    read, kept = [], ingest.read_one
+    read, kept = [], mapping.read_file
 
     def counted(recipe, path, file, needed, optional=()):
         read.append(file)
         return kept(recipe, path, file, needed, optional)
 
-    monkeypatch.setattr(ingest, "read_one", counted)
+    monkeypatch.setattr(ingest, "read_file", counted)
     withheld = DATA / "inclinometer" / "withheld"
     outcome = calibkit(
         "validate", fitted / "S" / "r001", "--data", withheld, "--out", tmp_path / "v.json"

@@ -51,7 +51,7 @@ def test_a_sign_and_a_unit_of_the_recipe_become_the_factor_of_the_logged_column(
 
 def test_the_factor_is_what_reading_the_log_gives(tmp_path):
     """Scale, offset, sign and unit together give the numbers that the reader gives."""
-    from calibkit.ingest import logs
+    from calibkit.ingest import mapping
 
     spec = instruments.parse_recipe(
         recipe.find(
@@ -65,7 +65,7 @@ def test_the_factor_is_what_reading_the_log_gives(tmp_path):
         "time_s,temp_case_degc,temp_env_degc,G\n0,20,20,0.1\n1,20,20,0.3\n2,20,20,-0.2\n",
         encoding="utf-8",
     )
-    read = logs.read_one(spec, log, "a.csv", ("gyro_dph",)).frame["gyro_dph"].to_numpy()
+    read = mapping.read_file(spec, log, "a.csv", ("gyro_dph",)).frame["gyro_dph"].to_numpy()
     assert (
         "gyro_dph [deg/h] = -9000 * column 'G' [deg/s] + 1800 (recipe: sign = -1, scale = 2.5,"
         " offset = -0.5)" in said[1]

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from calibkit.check import chunked
-from calibkit.ingest import long_logs, write_back
+from calibkit.ingest import logs_on_disk, write_back
 from calibkit.numeric import attitude, chunks, order_statistics
 from calibkit.numeric.least_squares import hac
 from calibkit.readers import clean
@@ -18,7 +18,7 @@ from calibkit.readers import clean
 @pytest.fixture
 def small(monkeypatch):
     """Read, look at and work on logs in pieces and spans that cut them anywhere."""
-    monkeypatch.setattr(long_logs, "ROWS", 700)
+    monkeypatch.setattr(logs_on_disk, "ROWS", 700)
     monkeypatch.setattr(chunked, "PIECE", 1000)
     shorten(monkeypatch)
 
@@ -38,7 +38,7 @@ def both(calibkit, monkeypatch, tmp_path):
     def fit(recipe, data, stages, serial="S", options=()):
         found = []
         for name, setting in (("disk", "0"), ("memory", "1000")):
-            monkeypatch.setenv(long_logs.SETTING, setting)
+            monkeypatch.setenv(logs_on_disk.SETTING, setting)
             given = ("--serial", serial, "--date", "2026-01-01", "--out", tmp_path / name, *options)
             outcome = calibkit("fit", recipe, "--data", data, *given)
             assert outcome.code in (0, 1), outcome.err
@@ -109,7 +109,7 @@ def test_a_gap_and_a_spike_of_a_log_on_disk_are_told(
     torn.write_text("\n".join(lines[:1000] + lines[1100:]) + "\n", encoding="utf-8")
     gaps = []
     for setting in ("0", "1000"):
-        monkeypatch.setenv(long_logs.SETTING, setting)
+        monkeypatch.setenv(logs_on_disk.SETTING, setting)
         options = ("--serial", "S", "--out", tmp_path / setting)
         spiked = calibkit("fit", "bias_temperature", "--data", tmp_path / "logs", *options)
         assert "warmup_1.csv:2501: column 'gyro_dph': a spike: 12.5 deg/h" in spiked.out
@@ -125,7 +125,7 @@ def applied(calibkit, monkeypatch, tmp_path):
     def apply(run, log, *settings):
         found = []
         for number, setting in enumerate(("0", "1000")):
-            monkeypatch.setenv(long_logs.SETTING, setting)
+            monkeypatch.setenv(logs_on_disk.SETTING, setting)
             out = tmp_path / f"{len(settings)}_{number}.csv"
             options = [word for entry in settings for word in ("--set", entry)]
             outcome = calibkit("apply", run, "--data", log, "--out", out, *options)

@@ -16,8 +16,7 @@ import pandas as pd
 from calibkit import check, units
 from calibkit.check import facts
 from calibkit.frame import Finding, Log, values
-from calibkit.ingest import logs as ingest
-from calibkit.ingest import long_logs
+from calibkit.ingest import logs_on_disk, mapping
 from calibkit.numeric.chunks import release
 from calibkit.readers import clean
 
@@ -72,14 +71,18 @@ def of(
     """Look at a large clean log in pieces; none for a log that is read whole. Raises as
     `ingest.read_log`.
     """
-    if not long_logs.can_be_chunked(recipe) or not path.is_file() or path.stat().st_size <= largest:
+    if (
+        not logs_on_disk.can_be_chunked(recipe)
+        or not path.is_file()
+        or path.stat().st_size <= largest
+    ):
         return None
     scan = clean.scan_file(path, file)
     if scan is None:
         return None
     every = -(-scan.rows // KEPT)
     tables = clean.read_chunks(path, file, scan, PIECE // every * every)
-    logs = (ingest.mapped_log(recipe, table, needed, optional, whole=False) for table in tables)
+    logs = (mapping.map_log(recipe, table, needed, optional, whole=False) for table in tables)
     return _through(recipe, logs, scan.rows, every)
 
 

@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from calibkit.check import copies
 from calibkit.errors import FrameError
-from calibkit.ingest import logs
+from calibkit.ingest import logs, mapping
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
@@ -34,12 +34,12 @@ def read(
     `excluded` is what the run left out of its logs: a copy of one is told as it was fitted too.
     Raises as reading does.
     """
-    if logs.digest(spec, data, file) in {entry["sha256"] for entry in inputs}:
+    if logs.digest_log(spec, data, file) in {entry["sha256"] for entry in inputs}:
         return f"{file} was fitted by this run and is left out"
     log = procedure.read(spec, data, file)
     name = copies.fitted("", log.first_rows(), inputs)
     if not name and excluded and "time_s" in log.frame.columns:
-        kept = replace(log, frame=logs.without_exclusions(log.frame, excluded, file)[0])
+        kept = replace(log, frame=mapping.drop_excluded_rows(log.frame, excluded, file)[0])
         name = copies.fitted("", kept.first_rows(), inputs)
     if name:
         return f"{file} holds the values of {name}, which this run was fitted to, and is left out"

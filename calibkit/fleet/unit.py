@@ -155,7 +155,7 @@ def already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
     if not candidates:
         return None
     logs = {
-        file: ingest.digest(spec, plan.data / serial, file)
+        file: ingest.digest_log(spec, plan.data / serial, file)
         for file in ingest.find_logs(spec, plan.data / serial)
     }
     beside = _second_loggers(plan.data / serial, spec)

@@ -23,23 +23,23 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
 
 
-MOST_POINTS = 20_000
-"""Rows of logger A that enter the estimate: more of them add correlated noise alone."""
-COARSE_POINTS = 4_000
+_MOST_POINTS = 20_000
+"""Rows of logger A that enter the estimate: more would add only correlated noise."""
+_COARSE_POINTS = 4_000
 """Rows that enter the search over offsets."""
-GAP = 2.5
+_GAP = 2.5
 """Sampling intervals, in medians, across which nothing is interpolated."""
-SMOOTH = 10.0
-"""Sampling intervals of logger B on each side over which its slope is taken."""
-UNLIKE = 6.0
-"""What is left of a shared quantity, in noises of the two sensors, above which they do not measure
-the same.
+_SMOOTH = 10.0
+"""Sampling intervals of logger B on each side over which its slope is evaluated."""
+_UNLIKE = 6.0
+"""Largest residual of a shared quantity, in noises of the two sensors; beyond it they measure two
+quantities.
 """
-LEAST = 30
-"""Common rows below which nothing is estimated."""
-RIVAL = 0.25
-"""Excess of the second-best offset's sum of squares over the best's below which two offsets explain
-the logs alike.
+_LEAST = 30
+"""Fewest common rows for an estimate."""
+_RIVAL = 0.25
+"""Relative excess of a second offset's sum of squares below which it explains the logs as well as
+the best one.
 """
 
 
@@ -76,22 +76,22 @@ class Clocks:
         return time_s + self.offset_s + self.drift * (time_s - self.middle_s)
 
 
-def resampled(time_s: Array, value: Array, at_s: Array) -> Array:
-    """Values [n] of a log at other times [m, s], linear between neighbours; NaN in gaps and beyond
+def resample(time_s: Array, value: Array, at_s: Array) -> Array:
+    """Values of a log [n] at other times [m, s], linear between neighbours; NaN in gaps and beyond
     the ends.
     """
     step = np.diff(time_s)
     usual = float(np.median(step))
     after = np.clip(np.searchsorted(time_s, at_s, side="left"), 1, time_s.size - 1)
     there = (at_s >= time_s[0]) & (at_s <= time_s[-1])
-    # a time that was logged needs no neighbour, whatever gap begins or ends there
+    # a time that was logged needs no neighbour, though a gap may begin or end there
     logged = (time_s[after] == at_s) | (time_s[after - 1] == at_s)
     return np.where(
-        there & (logged | (step[after - 1] <= GAP * usual)), np.interp(at_s, time_s, value), np.nan
+        there & (logged | (step[after - 1] <= _GAP * usual)), np.interp(at_s, time_s, value), np.nan
     )
 
 
-def averaged(time_s: Array, value: Array, at_s: Array) -> Array:
+def average(time_s: Array, value: Array, at_s: Array) -> Array:
     """Means of a faster log [n] over the sampling intervals about other times [m, s]; NaN where a
     mean lacks half its rows.
     """
@@ -104,7 +104,7 @@ def averaged(time_s: Array, value: Array, at_s: Array) -> Array:
     return np.where(count >= 0.5 * step / usual, mean, np.nan)
 
 
-def estimate(
+def estimate_clock(
     time_a: Array,
     a: Array,
     time_b: Array,
@@ -136,33 +136,35 @@ def estimate(
         the best one lies at the end of the search.
 
     """
-    keep = np.linspace(0, time_a.size - 1, min(time_a.size, MOST_POINTS)).astype(np.int64)
+    keep = np.linspace(0, time_a.size - 1, min(time_a.size, _MOST_POINTS)).astype(np.int64)
     t, x = time_a[keep], a[keep]
-    if min(time_a.size, time_b.size) < LEAST or np.ptp(x) == 0.0 or np.ptp(b) == 0.0:
+    if min(time_a.size, time_b.size) < _LEAST or np.ptp(x) == 0.0 or np.ptp(b) == 0.0:
         raise FitError(
             "the two logs share no quantity that varies", hint="state the clock in the recipe"
         )
-    start = _searched(t, x, time_b, b, near_s, search_s)
+    start = _search_offset(t, x, time_b, b, near_s, search_s)
     middle = float(np.median(time_b))
     begin = np.array([start, 0.0] if drift else [start])
-    theta = _refined(begin, t, x, time_b, b, middle)
+    theta = _refine(begin, t, x, time_b, b, middle)
     if abs(float(theta[0]) - near_s) >= search_s:
         raise FitError(
             f"the best clock offset lies at the end of the search, {theta[0]:+.1f} s",
             hint="widen search_s, or state it",
         )
-    return _judged(theta, t, x, time_b, b, middle)
+    return _with_covariance(theta, t, x, time_b, b, middle)
 
 
-def _searched(t: Array, x: Array, time_b: Array, b: Array, near_s: float, search_s: float) -> float:
+def _search_offset(
+    t: Array, x: Array, time_b: Array, b: Array, near_s: float, search_s: float
+) -> float:
     """Offset [s] of the largest correlation on a grid; raises FitError where another offset is as
     good.
     """
     step = max(float(np.median(np.diff(time_b))), float(np.median(np.diff(t))), search_s / 500.0)
-    thin = slice(None, None, max(1, t.size // COARSE_POINTS))
+    thin = slice(None, None, max(1, t.size // _COARSE_POINTS))
     offsets = near_s + np.arange(-search_s, search_s + step / 2.0, step)
     left = np.array(
-        [_unexplained(x[thin], resampled(time_b, b, t[thin] - offset)) for offset in offsets]
+        [_unexplained(x[thin], resample(time_b, b, t[thin] - offset)) for offset in offsets]
     )
     if not np.isfinite(left).any():
         raise FitError(
@@ -173,9 +175,9 @@ def _searched(t: Array, x: Array, time_b: Array, b: Array, near_s: float, search
     inner = np.r_[False, (left[1:-1] < left[:-2]) & (left[1:-1] < left[2:]), False]
     rivals = [k for k in np.flatnonzero(inner).tolist() if abs(k - best) > 1]
     floor = max(float(left[best]), 1e-12)
-    if any(left[k] < (1.0 + RIVAL) * floor for k in rivals):
+    if any(left[k] < (1.0 + _RIVAL) * floor for k in rivals):
         others = ", ".join(
-            f"{offsets[k]:+.0f} s" for k in rivals if left[k] < (1.0 + RIVAL) * floor
+            f"{offsets[k]:+.0f} s" for k in rivals if left[k] < (1.0 + _RIVAL) * floor
         )
         raise FitError(
             f"clock offsets of {offsets[best]:+.0f} s and {others} explain the two logs alike",
@@ -185,11 +187,11 @@ def _searched(t: Array, x: Array, time_b: Array, b: Array, near_s: float, search
 
 
 def _unexplained(x: Array, y: Array) -> float:
-    """Share of the variance of x [n] that a straight line in y [n] leaves; infinite where too
-    little is common.
+    """Share of the variance of x [n] that a straight line in y [n] does not explain; infinite where
+    too few rows are common.
     """
     good = np.isfinite(y)
-    if good.sum() < max(LEAST, x.size // 4) or np.ptp(y[good]) == 0.0:
+    if good.sum() < max(_LEAST, x.size // 4) or np.ptp(y[good]) == 0.0:
         return float("inf")
     return float(1.0 - np.corrcoef(x[good], y[good])[0, 1] ** 2)
 
@@ -199,17 +201,17 @@ def _noise(values: Array) -> float:
     return max(anomalies.scatter(values), anomalies.resolution(values) / float(np.sqrt(12.0)))
 
 
-def _followed(theta: Array, t: Array, time_b: Array, b: Array, middle: float) -> Array:
-    """What B logged at the times [n, s] of A; NaN where B has none."""
+def _b_at(theta: Array, t: Array, time_b: Array, b: Array, middle: float) -> Array:
+    """Values of B at the times [n, s] of A; NaN where B has none."""
     skew = float(theta[1]) if theta.size > 1 else 0.0
-    return resampled(time_b, b, (t - theta[0] + skew * middle) / (1.0 + skew))
+    return resample(time_b, b, (t - theta[0] + skew * middle) / (1.0 + skew))
 
 
 def _residuals(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: float) -> Array:
-    """What gain and level leave of A [n]; 0 where B has no value."""
-    y = _followed(theta, t, time_b, b, middle)
+    """Residuals of A [n] after a straight line in B; 0 where B has no value."""
+    y = _b_at(theta, t, time_b, b, middle)
     good = np.isfinite(y)
-    if good.sum() < LEAST:
+    if good.sum() < _LEAST:
         return np.full(t.size, float(np.std(x)))
     design = np.column_stack((y[good] - y[good].mean(), np.ones(int(good.sum()))))
     left = np.zeros(t.size)
@@ -217,8 +219,8 @@ def _residuals(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle
     return left
 
 
-def _refined(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: float) -> Array:
-    """Least squares over offset, drift and lags; gain and level are eliminated at every step."""
+def _refine(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: float) -> Array:
+    """Least squares over offset and drift; gain and level are eliminated at every step."""
     from scipy.optimize import least_squares
 
     scale = np.array([1.0, 1.0 / float(time_b[-1] - time_b[0])])[: theta.size]
@@ -230,23 +232,34 @@ def _refined(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: 
     return np.asarray(found.x * scale, dtype=np.float64)
 
 
-def _judged(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: float) -> Clocks:
-    """The estimate with its covariance, from the slopes of the whole model at the solution."""
-    y = _followed(theta, t, time_b, b, middle)
-    good = np.isfinite(y)
-    linear = np.column_stack((y[good] - y[good].mean(), np.ones(int(good.sum()))))
-    gain, _ = np.linalg.lstsq(linear, x[good], rcond=None)[0].tolist()
-    # far enough apart that the noise of B does not pass for its slope
-    apart = SMOOTH * float(np.median(np.diff(time_b)))
+def _slopes(theta: Array, t: Array, time_b: Array, b: Array, middle: float, gain: float) -> Array:
+    """Slopes [n, k] of gain · B at the times of A by offset [s] and drift; NaN where B has none."""
+    # the ends are so far apart that the noise of B does not pass for its slope
+    apart = _SMOOTH * float(np.median(np.diff(time_b)))
     slopes = []
     for k in range(theta.size):
         step = np.zeros(theta.size)
         step[k] = apart if k == 0 else apart / (0.5 * float(time_b[-1] - time_b[0]))
-        ends = [_followed(theta + sign * step, t, time_b, b, middle) for sign in (1.0, -1.0)]
+        ends = [_b_at(theta + sign * step, t, time_b, b, middle) for sign in (1.0, -1.0)]
         slopes.append(gain * (ends[0] - ends[1]) / (2.0 * step[k]))
-    columns = np.column_stack(slopes)
+    return np.column_stack(slopes)
+
+
+def _with_covariance(
+    theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: float
+) -> Clocks:
+    """The estimate with its covariance, from the slopes of the whole model at the solution.
+
+    Raises FitError where the rows in common are too few, the sensors show two quantities, or an
+    offset cannot be separated from a level.
+    """
+    y = _b_at(theta, t, time_b, b, middle)
+    good = np.isfinite(y)
+    linear = np.column_stack((y[good] - y[good].mean(), np.ones(int(good.sum()))))
+    gain, _ = np.linalg.lstsq(linear, x[good], rcond=None)[0].tolist()
+    columns = _slopes(theta, t, time_b, b, middle, gain)
     sound = good & np.isfinite(columns).all(axis=1)
-    if sound.sum() < LEAST:
+    if sound.sum() < _LEAST:
         raise FitError(
             "the two logs have too few rows in common", hint="state the clock in the recipe"
         )
@@ -257,7 +270,7 @@ def _judged(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: f
     left = _residuals(theta, t, x, time_b, b, middle)[sound]
     noise = np.hypot(_noise(x), abs(gain) * _noise(b))
     rms = dispersion.rms(left)
-    if rms > UNLIKE * noise:
+    if rms > _UNLIKE * noise:
         raise FitError(
             f"the two sensors do not show one quantity: {rms:.2g} is left of it, their noise is"
             f" {noise:.2g}",

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING, TypeAlias
 
 from calibkit.errors import FrameError, LogFormatError, UsageError
-from calibkit.ingest import naming
+from calibkit.ingest import column_names
 from calibkit.readers import registry, sniff, times
 from calibkit.recipe.logs import Logs
 
@@ -24,7 +24,9 @@ _SKIPPED = re.compile(
 _TEMPERATURES = frozenset({"temp_case_degc", "temp_env_degc", "temp_degc"})
 
 
-_Layout: TypeAlias = "tuple[str, tuple[naming.Column, ...], Mapping[str, str | int | list[int]]]"
+_Layout: TypeAlias = (
+    "tuple[str, tuple[column_names.LogColumn, ...], Mapping[str, str | int | list[int]]]"
+)
 """Format, columns, and keys of [logs.text] for the dialect of a log."""
 
 
@@ -36,7 +38,7 @@ class Group:
 
     files: tuple[str, ...]
     format: str
-    columns: tuple[naming.Column, ...]
+    columns: tuple[column_names.LogColumn, ...]
     text: Mapping[str, str | int | list[int]]
 
     @property
@@ -44,7 +46,7 @@ class Group:
         """Whether the logs hold temperatures over time and nothing else that is known, as those of
         a chamber's logger do.
         """
-        meant = {naming.canonical(column) for column in self.columns}
+        meant = {column_names.guess_canonical(column) for column in self.columns}
         known = {"", "time_s", *_TEMPERATURES}
         return "time_s" in meant and bool(meant & _TEMPERATURES) and meant <= known
 
@@ -100,7 +102,9 @@ def _layout_of_format(path: Path, name: str) -> _Layout:
         fields = [str(field) for field in table.frame[column].iloc[:50]]
         plain = all(map(times.is_decimal, fields))
         form = "" if plain else times.recognise_format(fields)
-        columns.append(naming.Column(column, table.units.get(column, ""), bool(form), form))
+        columns.append(
+            column_names.LogColumn(column, table.units.get(column, ""), bool(form), form)
+        )
     return name, tuple(columns), {}
 
 
@@ -108,7 +112,7 @@ def _layout_of_text(path: Path) -> _Layout:
     """Layout of a text log; clean CSV has format "csv" and no dialect to state."""
     dialect = sniff.guess_dialect(path, path.name)
     columns = tuple(
-        naming.Column(column.name, column.unit, column.kind == "time", column.time_format)
+        column_names.LogColumn(column.name, column.unit, column.kind == "time", column.time_format)
         for column in dialect.columns
     )
     if not dialect.header_lines:

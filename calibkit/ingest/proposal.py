@@ -13,15 +13,15 @@ from typing import TYPE_CHECKING, TypeAlias
 
 from calibkit import recipe, units
 from calibkit.errors import FrameError
-from calibkit.ingest import naming
+from calibkit.ingest import column_names
 from calibkit.ingest.log_groups import file_patterns, group_logs
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.ingest.column_names import LogColumn
     from calibkit.ingest.log_groups import Group
-    from calibkit.ingest.naming import Column
     from calibkit.recipe import Recipe
 
 
@@ -59,7 +59,7 @@ def propose(folder: Path, parse: Parse, proposers: Sequence[Proposer]) -> Propos
     return Proposal(_write_recipe(folder, chosen, group, rest, parse), _unit_note(chosen))
 
 
-def _mapping_advice(columns: Sequence[Column]) -> str:
+def _mapping_advice(columns: Sequence[LogColumn]) -> str:
     """Hint for columns whose names do not show what they are; it lists those without a unit."""
     silent = [
         json.dumps(column.name, ensure_ascii=False) for column in columns if _lacks_unit(column)
@@ -77,7 +77,7 @@ def _mapping_advice(columns: Sequence[Column]) -> str:
     )
 
 
-def _lacks_unit(column: Column) -> bool:
+def _lacks_unit(column: LogColumn) -> bool:
     """Whether the log states no unit of a column."""
     return not column.stated and not column.is_time
 
@@ -106,8 +106,8 @@ class Choice:
     """A shipped recipe for logs, and the mapping of canonical columns to columns of the logs."""
 
     recipe: str
-    mapping: Mapping[str, Column]
-    others: tuple[tuple[str, Column], ...]
+    mapping: Mapping[str, LogColumn]
+    others: tuple[tuple[str, LogColumn], ...]
     keys: Mapping[str, str]
     """Keys of the shipped recipe with other values, as TOML."""
     beside_files: str = ""
@@ -115,7 +115,7 @@ class Choice:
     remark: str = ""
     """Comment at the head of the recipe."""
 
-    def with_others(self, more: Sequence[tuple[str, Column]]) -> Choice:
+    def with_others(self, more: Sequence[tuple[str, LogColumn]]) -> Choice:
         """The choice with more columns that could be canonical ones too."""
         return replace(self, others=(*self.others, *more))
 
@@ -132,20 +132,20 @@ class Evidence:
     group: Group
     second_logger: bool
     """Whether other logs of the folder look like those of a chamber's logger."""
-    columns: Mapping[str, Column]
+    columns: Mapping[str, LogColumn]
     """Canonical column → column of the logs."""
-    others: tuple[tuple[str, Column], ...]
+    others: tuple[tuple[str, LogColumn], ...]
     """Columns that could be canonical ones too."""
     parse: Parse
 
     @classmethod
     def of(cls, folder: Path, group: Group, groups: Sequence[Group], parse: Parse) -> Evidence:
         """Evidence of a group among all groups of a folder."""
-        columns, others = naming.named(group.columns)
+        columns, others = column_names.assign_columns(group.columns)
         second_logger = any(other.second_logger for other in groups)
         return cls(folder, group, second_logger, columns, tuple(others), parse)
 
-    def gyros(self, units: str = "lsb|dph") -> dict[str, Column]:
+    def gyros(self, units: str = "lsb|dph") -> dict[str, LogColumn]:
         """Indications of gyros, in counts per second or as rates."""
         pattern = rf"gyro(_[a-z0-9]+)?_({units})"
         return {name: one for name, one in self.columns.items() if re.fullmatch(pattern, name)}
@@ -154,7 +154,7 @@ class Evidence:
         self,
         name: str,
         wanted: Sequence[str],
-        columns: Mapping[str, Column] | None = None,
+        columns: Mapping[str, LogColumn] | None = None,
         keys: Mapping[str, str] | None = None,
     ) -> Choice:
         """Choice of a shipped recipe that reads the wanted columns; the rest could be canonical

@@ -1,6 +1,4 @@
-"""Corrections of the reference instruments, from their own certificates, applied at ingestion and
-recorded.
-"""
+"""Corrections of reference instruments, from their own certificates, applied when logs are read."""
 
 from __future__ import annotations
 
@@ -19,16 +17,16 @@ if TYPE_CHECKING:
     from calibkit.recipe.tables import Correction
 
 
-def corrected(
+def correct_references(
     frame: pd.DataFrame, corrections: Sequence[Correction], file: str
 ) -> tuple[pd.DataFrame, tuple[str, ...]]:
-    """The frame with each reference column corrected, and a line a column that says by which
-    certificate and how much.
+    """The frame with each reference column corrected, and one text per column: by which certificate
+    and by how much.
 
-    Raises FrameError for an indication outside its certificate, unless the recipe holds the
+    Raises FrameError for an indication outside its certificate, unless the recipe extends the
     corrections of its ends.
     """
-    said = []
+    reading = []
     for entry in corrections:
         if entry.column not in frame.columns:
             continue
@@ -49,16 +47,11 @@ def corrected(
             )
         added = np.interp(indication, points, np.array(entry.correction))
         frame = frame.assign(**{entry.column: indication + added})
-        held = (
-            f", {int(outside.sum())} rows beyond it with the correction of its end"
-            if outside.any()
-            else ""
-        )
+        held = f", {int(outside.sum())} rows beyond it with the correction of its end"
         of = f" of {entry.instrument}" if entry.instrument else ""
         low, high = float(np.nanmin(added)), float(np.nanmax(added))
-        what = (
-            f"corrected by {low:+.3g} to {high:+.3g} {unit}, certificate"
-            f" {entry.certificate}{of}{held}"
+        reading.append(
+            f"column '{entry.column}': corrected by {low:+.3g} to {high:+.3g} {unit}, certificate"
+            f" {entry.certificate}{of}{held if outside.any() else ''}"
         )
-        said.append(f"column '{entry.column}': {what}")
-    return frame, tuple(said)
+    return frame, tuple(reading)

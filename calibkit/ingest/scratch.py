@@ -1,6 +1,4 @@
-"""Arrays on disk, for what is larger than memory should be: in files that have no name and vanish
-with the array.
-"""
+"""Arrays on disk, for what memory should not hold: in unnamed files that vanish with the array."""
 
 from __future__ import annotations
 
@@ -17,20 +15,19 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array
 
 
-def column(rows: int) -> Array:
-    """An array [rows] in a scratch file of the system's folder for temporary files (TMPDIR), its
-    values not set.
+def allocate_column(rows: int) -> Array:
+    """Allocate an array [rows], not initialised, in a file of the system's folder for temporary
+    files (TMPDIR).
 
     The file is gone when the array is, and when the process ends, however it ends. Raises
-    OutputError where there is no room.
+    OutputError where the disk is full.
     """
     size = 8 * max(rows, 1)
     try:
         with tempfile.TemporaryFile(prefix="calibkit-") as file:
             if hasattr(os, "posix_fallocate"):
-                os.posix_fallocate(
-                    file.fileno(), 0, size
-                )  # a disk that is full is told here, not by a signal later
+                # a full disk is an error here, not a signal later
+                os.posix_fallocate(file.fileno(), 0, size)
             else:
                 file.truncate(size)
             mapped = mmap.mmap(file.fileno(), size)

@@ -1,4 +1,4 @@
-"""A log written again, row for row and column for column, with some of its columns replaced."""
+"""A log written again, row by row and column by column, with some of its columns replaced."""
 
 from __future__ import annotations
 
@@ -12,9 +12,11 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import CalibkitError, FrameError, LogFormatError
-from calibkit.ingest import logs
+from calibkit.ingest import mapping
+from calibkit.ingest.column_values import unmap_values
 from calibkit.numeric import chunks
 from calibkit.readers import clean, delimited, registry, tokens
+from calibkit.recipe.formats import AUTO
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -29,11 +31,12 @@ if TYPE_CHECKING:
 
 Applied: TypeAlias = "tuple[Iterable[bytes], tuple[str, ...]]"
 """A compensated log: the new file's bytes, part by part, and the flags."""
+_CSV = frozenset({AUTO, "csv"})
 BLOCK = 1 << 18
-"""Bytes of a log that are written again at a time."""
+"""Bytes of a log that are rewritten at a time."""
 
 
-def replaced(
+def rewrite_log(
     recipe: Recipe,
     path: Path,
     columns: Mapping[str, Array],
@@ -57,7 +60,7 @@ def replaced(
         if len(values) != log.count:
             raise FrameError(
                 f"{path.name}: {log.count} rows in, {len(values)} compensated",
-                hint=_every_row(recipe, path),
+                hint=_interval_advice(recipe, path),
             )
 
     def texts(first: int, stop: int) -> tuple[dict[int, list[str]], list[list[str]]]:
@@ -80,8 +83,8 @@ def _parts(
     texts: Callable[[int, int], tuple[dict[int, list[str]], list[list[str]]]],
     file: str,
 ) -> Iterator[bytes]:
-    """A log with new names and, of rows first … stop − 1, the texts that replace those of columns
-    and stand behind all.
+    """Bytes of a log with new names; `texts` gives, for rows first … stop − 1, the fields that
+    replace those of columns (by number) and the columns behind all.
     """
     yield _written([[name] for name in names], quotes=log.quotes)
     row = 0
@@ -97,11 +100,11 @@ def _parts(
         raise clean.changed(file)
 
 
-def _every_row(recipe: Recipe, path: Path) -> str:
-    """What to do where counts since the row before leave the first row without a value: state their
+def _interval_advice(recipe: Recipe, path: Path) -> str:
+    """Hint where counts since the row before leave the first row without a value: state their
     interval [s].
     """
-    said = "counts since the row before give the first row no value"
+    reason = "counts since the row before give the first row no value"
     counted = {name: column for name, column in recipe.columns.items() if column.interval_s is None}
     per_sample = [
         name
@@ -110,30 +113,30 @@ def _every_row(recipe: Recipe, path: Path) -> str:
     ]
     if not per_sample or any(column.accumulated for column in counted.values()):
         return (
-            f'{said}: map rates, or counts per sample (unit = "1/sample") with interval_s, the'
+            f'{reason}: map rates, or counts per sample (unit = "1/sample") with interval_s, the'
             " interval of a sample"
         )
     usual = "SECONDS"
     with contextlib.suppress(CalibkitError):
         time = (
-            logs.read_one(recipe, path, path.name, ("time_s",))
+            mapping.read_file(recipe, path, path.name, ("time_s",))
             .frame["time_s"]
             .to_numpy(dtype=np.float64)
         )
         usual = f"{float(np.median(np.diff(time))):.9g}"
     mapped = " ".join(f"--set columns.{name}.interval_s={usual}" for name in per_sample)
     return (
-        f"{said}: state the interval of a sample, and every row has one: {mapped} (the usual one of"
-        " this log)"
+        f"{reason}: state the interval of a sample, and every row has one: {mapped} (the usual one"
+        " of this log)"
     )
 
 
 @dataclass(frozen=True, slots=True)
 class _Fields:
-    """A log as characters: names, units that the header states, rows, and of blocks of rows the
-    fields of each column.
+    """A log as characters: names, units that the header states, number of rows, and the fields of
+    each column for one block of rows after the other.
 
-    `quotes`: a field may hold a comma.
+    `quotes`: whether a field may hold a comma.
     """
 
     header: list[str]
@@ -144,10 +147,10 @@ class _Fields:
 
 
 def _clean(recipe: Recipe, path: Path) -> _Fields | None:
-    """Fields of clean CSV as they stand in the file, which is read a block at a time; none of any
-    other log.
+    """Fields of clean CSV as they are in the file, which is read block by block; None of any other
+    log.
     """
-    scan = clean.scan_file(path, path.name) if recipe.logs.format in {"auto", "csv"} else None
+    scan = clean.scan_file(path, path.name) if recipe.logs.format in _CSV else None
     if scan is None:
         return None
     stated = {name: units.of_header(name) for name in scan.header}
@@ -157,8 +160,8 @@ def _clean(recipe: Recipe, path: Path) -> _Fields | None:
 
 
 def _blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
-    """Fields of each column of clean CSV, a block of lines at a time; raises LogFormatError where
-    it cannot be read.
+    """Fields of each column of clean CSV, one block of lines after the other; raises LogFormatError
+    where it cannot be read.
     """
     with delimited.open_log(path, path.name) as stream:
         stream.readline()
@@ -171,9 +174,9 @@ def _blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
 
 
 def _fields(recipe: Recipe, path: Path) -> _Fields:
-    """Fields of a log: CSV as it stands, any other dialect or format by its reader."""
+    """Fields of a log: of CSV as they are, of any other dialect or format by its reader."""
     data = delimited.read_bytes(path, path.name)
-    if recipe.logs.format in {"auto", "csv"} and delimited.looks_clean(data):
+    if recipe.logs.format in _CSV and delimited.looks_clean(data):
         try:
             header, body = delimited.split_header(data, path.name)
             delimited.require_fields(body, len(header), path.name)
@@ -233,7 +236,7 @@ def _own_unit(recipe: Recipe, name: str, values: Array, log: _Fields, header: st
     """Values in the unit and sign that the log's own column has."""
     column, stated = recipe.columns.get(name), log.units.get(header, "")
     if column is not None:
-        return logs.unmapped(values, column, name, recipe, stated)
+        return unmap_values(values, column, name, recipe, stated)
     target = units.column_unit(name)
     return units.convert(values, target, stated or target, gravity_mps2=recipe.site.gravity_mps2)
 

@@ -11,7 +11,7 @@ import numpy as np
 from calibkit import check
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.ingest import pins
+from calibkit.ingest import stated_segments
 from calibkit.numeric import attitude, chunks, dwells
 
 if TYPE_CHECKING:
@@ -244,7 +244,7 @@ def held_rows(
     """Rows [m, 2] of the dwells: those that the recipe pins, or those found by stillness between
     the gaps of the log.
     """
-    pinned = pins.rows(log, spec, ["dwell"])
+    pinned = stated_segments.stated_rows(log, spec, ["dwell"])
     if pinned is not None:
         return pinned
     window = max(4, round(spec.dwells.window_s / step))
@@ -273,7 +273,7 @@ def examine(log: Log, spec: AccelerometerRecipe) -> Examined:
     time, triad = values(log.frame, "time_s"), indication(log, spec)
     try:
         rows = held_rows(log, triad, time, log.steps.usual, spec).tolist()
-        pinned = pins.rows(log, spec, ["dwell"]) is not None
+        pinned = stated_segments.stated_rows(log, spec, ["dwell"]) is not None
     except (FitError, FrameError) as error:
         return Examined((*found, Finding.of(error)))
     held = (

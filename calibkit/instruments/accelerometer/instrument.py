@@ -57,7 +57,7 @@ def fit(
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
     logs = list(
         copies.distinct(
-            ingest.ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+            ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
         )
     )
     dwells = accel_dwells.collect(logs, spec)
@@ -111,7 +111,7 @@ def apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) 
             f" {100.0 * outside:.1f} % of the rows"
         )
     columns, derived = _corrected(log, correction, temperature, spec)
-    return write_back.replaced(spec.on_site(), data, columns, derived), tuple(flags)
+    return write_back.rewrite_log(spec.on_site(), data, columns, derived), tuple(flags)
 
 
 def _corrected(

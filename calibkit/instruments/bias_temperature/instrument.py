@@ -102,7 +102,7 @@ def fit(
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
     for log in copies.distinct(
-        ingest.ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+        ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
         found = _findings(spec, log)
         refuse(found)
@@ -126,7 +126,7 @@ def apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path
     log = read(spec, data.parent, data.name)
     refuse(_findings(spec, log))
     columns, flags = polynomials.compensate(log, records["bias.json"], spec)
-    return write_back.replaced(spec, data, columns), flags
+    return write_back.rewrite_log(spec, data, columns), flags
 
 
 def validate(

@@ -91,7 +91,7 @@ def apply(
         " the first by its own"
     )
     flags = (*check.bridged(log), note, *as_firmware.status_flags(log.file, quantised, status))
-    return write_back.replaced(spec, data, {"gyro_dph": gyro - known}), flags
+    return write_back.rewrite_log(spec, data, {"gyro_dph": gyro - known}), flags
 
 
 def thermal_history(chain: Chain) -> Trials:

@@ -108,7 +108,7 @@ def _prepared(
         findings[file] = fog_ramps.findings(log, spec)
         return log
 
-    logs = copies.distinct(ingest.ahead(files, checked))
+    logs = copies.distinct(ingest.read_ahead(files, checked))
     return [fog_ramps.prepare(log, spec, findings[log.file]) for log in logs]
 
 
@@ -187,7 +187,7 @@ def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> 
     added = {}
     if spec.output.rate_uncertainty:
         added["gyro_standard_uncertainty_dph"] = compensate.uncertainty(log, model, spec)
-    return write_back.replaced(spec, data, {"gyro_dph": output}, added), flags
+    return write_back.rewrite_log(spec, data, {"gyro_dph": output}, added), flags
 
 
 def validate(

@@ -14,7 +14,7 @@ from calibkit.check import chunked
 from calibkit.coefficients import Figure, Input, StageResult
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.ingest import pins
+from calibkit.ingest import stated_segments
 from calibkit.instruments.fog_thermal.numeric import gradient, pooled_fit
 from calibkit.numeric import chunks, intervals, segments
 from calibkit.numeric.wavelet import denoise
@@ -222,11 +222,13 @@ def cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Arr
     given = recipe.drift.rates_degc_min.get(log.name)
     if given is not None:
         return [segments.Segment("ramp", 0, time.size, given)], np.broadcast_to(given, time.shape)
-    pinned = pins.rows(log, recipe, ["soak", "ramp"])
+    pinned = stated_segments.stated_rows(log, recipe, ["soak", "ramp"])
     if pinned is not None:
         ramps = [
             (a, b)
-            for (a, b), kind in zip(pinned.tolist(), pins.kinds(log, recipe), strict=True)
+            for (a, b), kind in zip(
+                pinned.tolist(), stated_segments.stated_kinds(log, recipe), strict=True
+            )
             if kind == "ramp"
         ]
         slope = segments.measured_slope(time, env, recipe.segments.slope_window_s, room=log.room)
@@ -261,7 +263,7 @@ def examine(log: Log, recipe: FogThermalRecipe) -> Examined:
     held: tuple[Held, ...] = ()
     try:
         cuts, _ = cut(log, recipe)
-        pinned = pins.rows(log, recipe, ["soak", "ramp"]) is not None
+        pinned = stated_segments.stated_rows(log, recipe, ["soak", "ramp"]) is not None
         held = tuple(
             (
                 Held("ramp", piece.start, piece.stop, piece.rate, "°C/min", pinned)

@@ -69,7 +69,9 @@ def fit(
     """Estimate the noise of every record."""
     inputs, figures, flags = [], [], []
     for log in copies.distinct(
-        ingest.ahead(progress(files, "reading and averaging"), lambda file: read(spec, data, file))
+        ingest.read_ahead(
+            progress(files, "reading and averaging"), lambda file: read(spec, data, file)
+        )
     ):
         found, noted = _figures(spec, log)
         inputs.append(Input.of(log))

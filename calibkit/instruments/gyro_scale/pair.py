@@ -72,7 +72,7 @@ def _fit(
     """Both runs and what they say of the pair."""
     axes = {file: axis for axis, file in _axes(spec, files).items()}
     logs = copies.distinct(
-        ingest.ahead(
+        ingest.read_ahead(
             progress(list(axes), "reading and averaging"), lambda file: read(spec, data, file)
         )
     )
@@ -115,7 +115,7 @@ def apply(spec: GyroPairRecipe, records: Mapping[str, Record], data: Path) -> Ap
     coefficients = _frozen(records)
     log = compensate.read(spec, data, coefficients)
     derived, flags = compensate.compensated(log, coefficients, compensate.earth_rate(records, spec))
-    return write_back.replaced(spec, data, {}, derived), flags
+    return write_back.rewrite_log(spec, data, {}, derived), flags
 
 
 def validate(

@@ -8,7 +8,7 @@ from fnmatch import fnmatchcase
 from typing import TYPE_CHECKING
 
 from calibkit import recipe
-from calibkit.ingest import logs
+from calibkit.ingest import mapping
 from calibkit.ingest.log_groups import file_patterns
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.recipe import loader
@@ -16,7 +16,7 @@ from calibkit.recipe import loader
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
-    from calibkit.ingest.naming import Column
+    from calibkit.ingest.column_names import LogColumn
     from calibkit.ingest.proposal import Choice, Evidence
 
 TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
@@ -56,7 +56,7 @@ def propose_rate_table(evidence: Evidence) -> Choice | None:
     return _choose(evidence, "rate_table", axes, keys)
 
 
-def _axes(evidence: Evidence) -> list[tuple[str, Column]]:
+def _axes(evidence: Evidence) -> list[tuple[str, LogColumn]]:
     """Axis and column of each gyro; empty for logs that are of no rate table."""
     if not {"time_s", "table_rate_dps"} <= evidence.columns.keys():
         return []
@@ -69,7 +69,7 @@ def _axes(evidence: Evidence) -> list[tuple[str, Column]]:
 def _choose(
     evidence: Evidence,
     name: str,
-    axes: Sequence[tuple[str, Column]],
+    axes: Sequence[tuple[str, LogColumn]],
     keys: Mapping[str, str],
 ) -> Choice:
     """Choice of a recipe that reads the gyros in counts per second."""
@@ -100,7 +100,7 @@ def _table_axes(files: Sequence[str]) -> dict[str, list[str]]:
     """
     found: dict[str, list[str]] = {axis: [] for axis in "xyz"}
     for file in files:
-        named = {str(axis).lower() for axis in TABLE_AXIS.findall(logs.log_name(file))}
+        named = {str(axis).lower() for axis in TABLE_AXIS.findall(mapping.log_name(file))}
         if len(named) != 1:
             return {}
         found[named.pop()].append(file)

@@ -55,7 +55,9 @@ def fit(
 ) -> Fitted[pages.GyroReport]:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
     logs = copies.distinct(
-        ingest.ahead(progress(files, "reading and averaging"), lambda file: read(spec, data, file))
+        ingest.read_ahead(
+            progress(files, "reading and averaging"), lambda file: read(spec, data, file)
+        )
     )
     runs = [gyro_runs.run_of(log, spec.gyros, spec) for log in logs]
     gyros = [over_runs.over_runs(gyro, runs, spec) for gyro in spec.gyros]
@@ -105,7 +107,7 @@ def apply(spec: RateTableRecipe, records: Mapping[str, Record], data: Path) -> A
     coefficients = _frozen(records, spec)
     log = compensate.read(spec, data, coefficients)
     derived, flags = compensate.compensated(log, coefficients, compensate.earth_rate(records, spec))
-    return write_back.replaced(spec, data, {}, derived), flags
+    return write_back.rewrite_log(spec, data, {}, derived), flags
 
 
 def validate(

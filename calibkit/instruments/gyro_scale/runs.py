@@ -11,7 +11,7 @@ from calibkit import check
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
-from calibkit.ingest import logs, pins
+from calibkit.ingest import logs, stated_segments
 from calibkit.instruments.gyro_scale.numeric import plateau_means, plateaus, scale_factor
 from calibkit.numeric import anomalies, chunks, earth, order_statistics
 
@@ -119,7 +119,9 @@ def vertical_rate_dps(spec: GyroRecipe) -> float | None:
 def examine(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Examined:
     """Findings and held rates of a log."""
     found, held = _examined(log, gyros, spec)
-    pinned = pins.rows(log, spec, ["rate"]) is not None if held is not None else False
+    pinned = (
+        stated_segments.stated_rows(log, spec, ["rate"]) is not None if held is not None else False
+    )
     rates = zip(held.span.tolist(), held.rate_dps.tolist(), strict=True) if held is not None else ()
     return Examined(
         tuple(found), tuple(Held("rate", a, b, rate, "°/s", pinned) for (a, b), rate in rates)
@@ -211,7 +213,7 @@ def _held(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Plateaus:
         table_angle_deg=values(log.frame, ANGLE) if ANGLE in present else None,
         temp_degc=values(log.frame, TEMPERATURE) if TEMPERATURE in present else None,
         rules=rules,
-        held=pins.rows(log, spec, ["rate"]),
+        held=stated_segments.stated_rows(log, spec, ["rate"]),
         room=log.room,
     )
 

@@ -60,7 +60,9 @@ def fit(
     axes = gyro_axes.axis_of(spec, files)
     runs: dict[str, tuple[TableRun, ...]] = {}
     for log in copies.distinct(
-        ingest.ahead(progress(files, "reading and averaging"), lambda file: read(spec, data, file))
+        ingest.read_ahead(
+            progress(files, "reading and averaging"), lambda file: read(spec, data, file)
+        )
     ):
         runs[axes[log.file]] = (
             *runs.get(axes[log.file], ()),
@@ -92,7 +94,7 @@ def apply(spec: GyroTriadRecipe, records: Mapping[str, Record], data: Path) -> A
     known = axes_compensate.base(records, spec)
     log = axes_compensate.read(spec, data, known)
     derived, flags = axes_compensate.compensated(log, known)
-    return write_back.replaced(spec, data, {}, derived), (*log.notes, *flags)
+    return write_back.rewrite_log(spec, data, {}, derived), (*log.notes, *flags)
 
 
 def validate(

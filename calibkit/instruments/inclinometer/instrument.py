@@ -62,7 +62,7 @@ def fit(
     """Fit s(T) of each gyro to the stations of all logs together."""
     logs = list(
         copies.distinct(
-            ingest.ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+            ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
         )
     )
     admitted, found = inclinometer_stations.admit_logs(logs, spec)
@@ -130,7 +130,7 @@ def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -
         )
         for name, angle in angles.items()
     }
-    return write_back.replaced(spec.on_site(), data, columns, derived), flags
+    return write_back.rewrite_log(spec.on_site(), data, columns, derived), flags
 
 
 def validate(

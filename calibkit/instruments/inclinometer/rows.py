@@ -10,7 +10,7 @@ import numpy as np
 from calibkit import check
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Log, values
-from calibkit.ingest.logs import unmapped
+from calibkit.ingest.column_values import unmap_values
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.numeric import published
 
@@ -119,10 +119,10 @@ def resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
     known = data[np.isfinite(data)]
     step = 1.0
     if column in spec.columns:
-        ends = unmapped(np.array([0.0, 1.0]), spec.columns[column], column, spec)
+        ends = unmap_values(np.array([0.0, 1.0]), spec.columns[column], column, spec)
         step, known = (
             1.0 / abs(float(ends[1] - ends[0])),
-            unmapped(known, spec.columns[column], column, spec),
+            unmap_values(known, spec.columns[column], column, spec),
         )
     decimals = [
         len(f"{value:.12g}".partition("e")[0].partition(".")[2]) - _exponent(value)

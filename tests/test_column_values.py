@@ -1,4 +1,4 @@
-"""Units, signs, clocks and counters at the door: what comes out, what is said, what is refused."""
+"""Units, signs, clocks and counters of columns: what comes out, what is noted, what is refused."""
 
 import numpy as np
 import pytest
@@ -6,6 +6,7 @@ import pytest
 from calibkit import instruments, recipe
 from calibkit.errors import CalibkitError, FrameError, LogFormatError
 from calibkit.ingest import logs as ingest
+from calibkit.readers.table import Guess
 
 
 def read(tmp_path, content, columns, needed, logs="", name="log.csv", site=""):
@@ -221,6 +222,15 @@ def test_a_time_that_could_be_two_is_refused(tmp_path, stamps, fragment):
     assert fragment in str(refused.value)
 
 
+def test_an_order_of_day_and_month_that_was_guessed_is_a_guess(tmp_path):
+    """The commands print it as one, with the name of the column."""
+    content = "t;temp_case_degc\n31/01/2026 10:00:00;1,5\n01/02/2026 10:00:00;1,5\n"
+    log = read(tmp_path, content, 'time_s = { from = "t" }', ("time_s", "temp_case_degc"))
+    assert [guess for guess in log.reading if isinstance(guess, Guess)][-1] == (
+        "column 't': dates read day first (time_format guessed)"
+    )
+
+
 def test_a_pinned_time_format_decides(tmp_path):
     """The recipe says that the day comes first."""
     content = "t;temp_case_degc\n05/06/2009 10:00:00;1,5\n05/07/2009 10:00:00;1,5\n"
@@ -264,7 +274,7 @@ temp_case_degc = { from = "Chan 101 (C)" }
         "dat00002.csv:2",
         "dat00003.csv:4",
     ]
-    assert log.sha256 == ingest.digest(spec, tmp_path, "dat00001.csv")
+    assert log.sha256 == ingest.digest_log(spec, tmp_path, "dat00001.csv")
     assert log.notes == ()
     (tmp_path / "dat00002.csv").write_text(
         "Sweep #,Time,Chan 101 (C),Alarm\n5,4.0,24.5,1\n6,5.0,25.5,0\n"

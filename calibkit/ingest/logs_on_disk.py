@@ -17,7 +17,7 @@ import pandas as pd
 from calibkit import units
 from calibkit.errors import UsageError
 from calibkit.frame import Log, values
-from calibkit.ingest import logs, scratch
+from calibkit.ingest import mapping, scratch
 from calibkit.numeric.chunks import release
 from calibkit.readers import clean
 
@@ -35,7 +35,7 @@ ROWS = 1 << 19
 """Rows that are read at a time."""
 
 
-def largest() -> float:
+def largest_in_memory() -> float:
     """Bytes of a log up to which it is held in memory; raises UsageError for a setting that is not
     a number.
     """
@@ -51,7 +51,7 @@ def largest() -> float:
     return megabytes * 1e6
 
 
-def read(
+def read_to_disk(
     recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
 ) -> Log | None:
     """A large clean log with its columns on disk; none for a log that is held in memory. Raises as
@@ -60,7 +60,7 @@ def read(
     if (
         not (recipe.along_chunks and can_be_chunked(recipe))
         or not path.is_file()
-        or path.stat().st_size <= largest()
+        or path.stat().st_size <= largest_in_memory()
     ):
         return None
     scan = clean.scan_file(path, file)
@@ -68,14 +68,14 @@ def read(
         return None
     plain = recipe.model_copy(update={"exclude": ()})
     kept: dict[str, Array] = {}
-    lines, row = scratch.column(scan.rows), 0
+    lines, row = scratch.allocate_column(scan.rows), 0
     taken: dict[int, int] = {}
     notes: dict[str, None] = {}
     part: Log | None = None
     for table in clean.read_chunks(path, file, scan, ROWS):
-        part = logs.mapped_log(plain, table, needed, optional)
-        frame, out = logs.without_exclusions(part.frame, recipe.exclude, file)
-        kept = kept or {str(name): scratch.column(scan.rows) for name in frame.columns}
+        part = mapping.map_log(plain, table, needed, optional)
+        frame, out = mapping.drop_excluded_rows(part.frame, recipe.exclude, file)
+        kept = kept or {str(name): scratch.allocate_column(scan.rows) for name in frame.columns}
         for name, column in (*kept.items(), ("", lines)):
             column[row : row + len(frame)] = values(frame, name) if name else frame.index.to_numpy()
             release(column)
@@ -83,23 +83,27 @@ def read(
         taken = {number: taken.get(number, 0) + rows for number, rows in out.items()}
         notes |= dict.fromkeys(part.notes)
     assert part is not None  # noqa: S101 (a clean file has rows)
-    said = (*notes, *logs.exclusion_notes(recipe.exclude, taken, file))
+    noted = (*notes, *mapping.note_exclusions(recipe.exclude, taken, file))
     frame = pd.DataFrame(
         {name: column[:row] for name, column in kept.items()}, index=_index(lines[:row]), copy=False
     )
     return Log(
-        part.name, file, scan.sha256, scan.rows, frame, said, part.reading, room=scratch.column
+        part.name,
+        file,
+        scan.sha256,
+        scan.rows,
+        frame,
+        noted,
+        part.reading,
+        room=scratch.allocate_column,
     )
 
 
 def _index(lines: Array) -> pd.Index:
     """Index of rows that were kept: a range where none was left out."""
-    if not lines.size or lines[-1] - lines[0] == lines.size - 1:
-        return (
-            pd.RangeIndex(int(lines[0]), int(lines[0]) + lines.size)
-            if lines.size
-            else pd.RangeIndex(0)
-        )
+    first = int(lines[0]) if lines.size else 0
+    if not lines.size or lines[-1] - first == lines.size - 1:
+        return pd.RangeIndex(first, first + lines.size)
     return pd.Index(lines.astype(np.int64))
 
 

@@ -1,4 +1,4 @@
-"""What a log's own columns may be: their names and units, in three languages → canonical
+"""Guesses at what a log's own columns are: names and units in three languages → canonical
 columns.
 """
 
@@ -14,17 +14,17 @@ from calibkit.frame import is_canonical
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-TEMPERATURE = r"temp|^t[_ .]?\d*$|thermo|^pt\d|温|℃|therm"
-AIR = r"env|air|chamb|amb|kammer|luft|umgeb|箱|环境|外|oven|^pv$|istwert|soll"
-CASE = r"case|gyro|geh[äa]us|hous|body|shell|壳|内|sensor|imu|die|board|coil|dut|prüfling"
-TABLE = r"table|turn|tisch|转台|^cmd|command|stage|simulator|soll|vorgabe|set.?(rate|point)"
-RATE = r"rate|speed|omega|geschw|drehrate|速率|角速度|速度|^w[xyz]?$"
-ANGLE = r"angle|winkel|角度|角位|^pos|position"
-GYRO = r"gyr|fog|陀螺|kreisel|impuls|drehrate|^g[_ .]?[xyz]$|^w[xyz]$|omega|angular|rotation"
-COUNTED = r"impuls|pulses?|counts?|脉冲"
-"""Words that mean counts where no unit says it."""
-ACCEL = r"acc|加速|加表|beschl|^a[_ .]?[xyz]$|^f[_ .]?[xyz]$"
-WORDS: tuple[tuple[str, str], ...] = (
+_TEMPERATURE = r"temp|^t[_ .]?\d*$|thermo|^pt\d|温|℃|therm"
+_AIR = r"env|air|chamb|amb|kammer|luft|umgeb|箱|环境|外|oven|^pv$|istwert|soll"
+_CASE = r"case|gyro|geh[äa]us|hous|body|shell|壳|内|sensor|imu|die|board|coil|dut|prüfling"
+_TABLE = r"table|turn|tisch|转台|^cmd|command|stage|simulator|soll|vorgabe|set.?(rate|point)"
+_RATE = r"rate|speed|omega|geschw|drehrate|速率|角速度|速度|^w[xyz]?$"
+_ANGLE = r"angle|winkel|角度|角位|^pos|position"
+_GYRO = r"gyr|fog|陀螺|kreisel|impuls|drehrate|^g[_ .]?[xyz]$|^w[xyz]$|omega|angular|rotation"
+_COUNTED = r"impuls|pulses?|counts?|脉冲"
+"""Words that mean counts where no unit is stated."""
+_ACCEL = r"acc|加速|加表|beschl|^a[_ .]?[xyz]$|^f[_ .]?[xyz]$"
+_WORDS: tuple[tuple[str, str], ...] = (
     ("station", r"^stat|测站|^site|^messpunkt"),
     ("position_deg", r"^pos(ition)?([_ ]?deg)?$|转位|位置"),
     ("inclination_deg", r"incl|井斜|neig|^inc$"),
@@ -50,15 +50,15 @@ LAST_WORDS = {
     "g": "g",
     "mg": "mg",
 }
-"""Last word of a column's name → unit that it can only mean."""
-AXES = re.compile(
+"""Last word of a column's name → the only unit that it can mean."""
+_AXES = re.compile(
     r"(?:^|[_ .\-(（]|gyro?|gyr|acc(?:el)?|^[agfw])([xyzab])(?:[_ .)）\d]|$)", re.IGNORECASE
 )
 """Axis in a name."""
 
 
 @dataclass(frozen=True, slots=True)
-class Column:
+class LogColumn:
     """A column of a log: its own name, the unit that the log states (or ""), whether it holds
     times, and their format.
     """
@@ -87,8 +87,8 @@ class Column:
         return units.TABLE[self.stated].dimension if self.stated else ""
 
 
-def canonical(column: Column) -> str:
-    """Canonical column that a log's column most likely is, or "" where nothing says so."""
+def guess_canonical(column: LogColumn) -> str:
+    """Canonical column that a log's column most likely is, or "" where nothing indicates one."""
     name = column.plain
     if is_canonical(name):
         return name
@@ -99,37 +99,37 @@ def canonical(column: Column) -> str:
     ):
         return "time_s"
     if (
-        re.search(TEMPERATURE, name)
+        re.search(_TEMPERATURE, name)
         or column.dimension == "temperature"
         or re.search(r"^(case|chamber|air|geh[äa]use|kammer)$", name)
     ):
         return (
             "temp_env_degc"
-            if re.search(AIR, name)
+            if re.search(_AIR, name)
             else "temp_case_degc"
-            if re.search(CASE, name)
+            if re.search(_CASE, name)
             else "temp_degc"
         )
-    if re.search(TABLE, name):
+    if re.search(_TABLE, name):
         return (
             "table_angle_deg"
-            if re.search(ANGLE, name) or column.dimension == "angle"
+            if re.search(_ANGLE, name) or column.dimension == "angle"
             else "table_rate_dps"
         )
-    for meant, words in WORDS:
+    for meant, words in _WORDS:
         if re.search(words, name):
             return meant
     return _indication(column)
 
 
-def _indication(column: Column) -> str:
-    """Gyro or accelerometer with its axis, by name, else by unit."""
-    name, axis = column.plain, axis_of(column)
-    if re.search(ACCEL, name) or column.dimension.startswith("acceleration"):
+def _indication(column: LogColumn) -> str:
+    """Canonical column of a gyro or an accelerometer, by name, else by unit; or ""."""
+    name, axis = column.plain, _axis_of(column)
+    if re.search(_ACCEL, name) or column.dimension.startswith("acceleration"):
         return f"accel_{axis or 'x'}_{'lsb' if column.dimension.startswith('count') else 'g'}"
-    if re.search(GYRO, name) or re.search(RATE, name) or column.dimension == "angular rate":
+    if re.search(_GYRO, name) or re.search(_RATE, name) or column.dimension == "angular rate":
         counted = column.dimension.startswith("count") or (
-            not column.stated and bool(re.search(COUNTED, name))
+            not column.stated and bool(re.search(_COUNTED, name))
         )
         return (
             f"gyro_{axis}_{'lsb' if counted else 'dph'}"
@@ -141,21 +141,23 @@ def _indication(column: Column) -> str:
     return ""
 
 
-def axis_of(column: Column) -> str:
+def _axis_of(column: LogColumn) -> str:
     """Axis letter in a column's name, or ""."""
-    found = AXES.findall(column.plain)
+    found = _AXES.findall(column.plain)
     return str(found[-1]).lower() if found else ""
 
 
-def named(columns: Sequence[Column]) -> tuple[dict[str, Column], list[tuple[str, Column]]]:
-    """Canonical column → the log's column that is taken for it, and the others that could be, with
-    what they could be.
+def assign_columns(
+    columns: Sequence[LogColumn],
+) -> tuple[dict[str, LogColumn], list[tuple[str, LogColumn]]]:
+    """Canonical column → the log's column that is taken for it; and the other columns, each with
+    the canonical one that it could be.
     """
-    taken: dict[str, Column] = {}
-    others: list[tuple[str, Column]] = []
+    taken: dict[str, LogColumn] = {}
+    others: list[tuple[str, LogColumn]] = []
     # a column that is called canonically comes first, then in the log's order
     for column in sorted(columns, key=lambda column: not is_canonical(column.plain)):
-        meant = canonical(column)
+        meant = guess_canonical(column)
         if meant and meant not in taken:
             taken[meant] = column
         elif meant:

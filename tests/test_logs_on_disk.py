@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 from calibkit import instruments, pipeline, recipe
 from calibkit.check import chunked
 from calibkit.errors import OutputError, RecipeError, UsageError
-from calibkit.ingest import logs, long_logs, scratch
+from calibkit.ingest import logs, logs_on_disk, scratch
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.numeric import occupancy
 from calibkit.numeric import anomalies, chunks, intervals, order_statistics, segments
@@ -32,8 +32,8 @@ def folder(tmp_path_factory):
 @pytest.fixture
 def on_disk(monkeypatch):
     """Put every log on disk, and read, look at and work on it in small pieces."""
-    monkeypatch.setenv(long_logs.SETTING, "0")
-    monkeypatch.setattr(long_logs, "ROWS", 700)
+    monkeypatch.setenv(logs_on_disk.SETTING, "0")
+    monkeypatch.setattr(logs_on_disk, "ROWS", 700)
     monkeypatch.setattr(chunked, "PIECE", 1000)
 
 
@@ -67,7 +67,7 @@ def test_a_log_on_disk_comes_out_bit_for_bit_as_in_memory(folder, on_disk, monke
     """
     log, there = prepared(folder)
     assert log.on_disk
-    monkeypatch.setenv(long_logs.SETTING, "1000")
+    monkeypatch.setenv(logs_on_disk.SETTING, "1000")
     whole, here = prepared(folder)
     assert not whole.on_disk
     same(there, here)
@@ -95,7 +95,7 @@ def test_a_fit_from_disk_has_the_coefficients_of_one_in_memory(
 ):
     """The command line gives the same coefficient files, byte for byte."""
     for name, setting in (("disk", "0"), ("memory", "1000")):
-        monkeypatch.setenv(long_logs.SETTING, setting)
+        monkeypatch.setenv(logs_on_disk.SETTING, setting)
         options = ("--serial", "S", "--date", "2026-01-01", "--out", tmp_path / name)
         assert calibkit("fit", "fog_thermal", "--data", folder, *options).code in (0, 1)
     for stage in ("denoise.json", "drift.json", "drift_rate.json"):
@@ -109,12 +109,12 @@ def test_ranges_are_left_out_of_a_log_on_disk_too(folder, on_disk, monkeypatch):
     """The rows left out are counted once over all pieces, and a range without a row is refused."""
     whole = 'exclude=[{log="ramp_heating_05", to_s=800.0, reason="warm-up", person="A. Tester"}]'
     log, there = prepared(folder, (whole,))
-    monkeypatch.setenv(long_logs.SETTING, "1000")
+    monkeypatch.setenv(logs_on_disk.SETTING, "1000")
     in_memory, here = prepared(folder, (whole,))
     assert log.notes == in_memory.notes
     assert log.frame.index.equals(in_memory.frame.index)
     same(there, here)
-    monkeypatch.setenv(long_logs.SETTING, "0")
+    monkeypatch.setenv(logs_on_disk.SETTING, "0")
     with pytest.raises(RecipeError, match="no row between"):
         prepared(folder, (whole.replace("to_s=800.0", "from_s=1e6"),))
 
@@ -138,12 +138,12 @@ def test_a_fault_in_a_log_on_disk_stops_the_fit(folder, on_disk, calibkit, tmp_p
 def test_a_full_disk_is_an_error_that_says_where(monkeypatch):
     """More scratch than any disk has is refused before anything is written."""
     with pytest.raises(OutputError, match="no room for"):
-        scratch.column(1 << 52)
+        scratch.allocate_column(1 << 52)
 
 
 def test_a_setting_that_is_no_number_is_refused(folder, monkeypatch):
     """The environment variable is named."""
-    monkeypatch.setenv(long_logs.SETTING, "many")
+    monkeypatch.setenv(logs_on_disk.SETTING, "many")
     with pytest.raises(UsageError, match="CALIBKIT_LARGEST_LOG_MB=many"):
         prepared(folder)
 
@@ -203,17 +203,17 @@ def test_equal_runs_are_those_of_a_loop(values, shortest, rows):
 
 def test_mapped_arrays_let_go_of_their_pages_and_keep_their_values():
     """Released pages are read again from the file: nothing written is lost."""
-    column = scratch.column(300_000)
+    column = scratch.allocate_column(300_000)
     column[:] = np.arange(300_000.0)
     chunks.release(column, column[1000:2000], np.zeros(3))
     assert column.sum() == 299_999 * 150_000
     held = intervals.of(np.arange(300_000.0), 10.0)
     assert held.means(column)[-1] == 299_994.5
     assert occupancy.spikes(column, held).size == 0
-    noisy = scratch.column(40_000)
+    noisy = scratch.allocate_column(40_000)
     noisy[:] = RNG.normal(0.0, 1.0, 40_000)
-    kept = denoise.denoise(noisy, room=scratch.column)
+    kept = denoise.denoise(noisy, room=scratch.allocate_column)
     assert np.array_equal(kept.signal, denoise.denoise(np.array(noisy)).signal)
     time = np.arange(300_000.0)
-    slope = segments.causal_slope(time, column, 60.0, room=scratch.column)
+    slope = segments.causal_slope(time, column, 60.0, room=scratch.allocate_column)
     assert np.array_equal(slope, segments.causal_slope(time, np.array(column), 60.0))

@@ -1,6 +1,4 @@
-"""Two loggers, one log: the second logger's columns on the clock of the log, its gaps kept as
-gaps.
-"""
+"""A log and its second logger, joined: the second logger's columns on the clock of the log."""
 
 from __future__ import annotations
 
@@ -13,8 +11,7 @@ import numpy as np
 
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Log, values
-from calibkit.ingest import clocks
-from calibkit.ingest import logs as ingest
+from calibkit.ingest import clocks, mapping
 from calibkit.recipe.logs import Logs
 
 if TYPE_CHECKING:
@@ -26,13 +23,13 @@ if TYPE_CHECKING:
     from calibkit.recipe.tables import SecondLogger
 
 
-GAIN = 0.1
+_GAIN = 0.1
 """Departure from 1 of the gain between two sensors of one quantity that is noted."""
-PROBE = "shared_quantity"
+_PROBE = "shared_quantity"
 """Name under which the log's own column of the shared quantity is read."""
 
 
-def without(chamber: SecondLogger, found: Sequence[str], folder: Path) -> list[str]:
+def exclude_second_logger(chamber: SecondLogger, found: Sequence[str], folder: Path) -> list[str]:
     """Logs that are not the second logger's own files."""
     its = {
         path.relative_to(folder).as_posix()
@@ -48,7 +45,7 @@ def without(chamber: SecondLogger, found: Sequence[str], folder: Path) -> list[s
     return left
 
 
-def joined(
+def read_joined(
     recipe: Recipe,
     chamber: SecondLogger,
     path: Path,
@@ -56,8 +53,8 @@ def joined(
     needed: Sequence[str],
     optional: Sequence[str],
 ) -> Log:
-    """One log with the columns of its second logger on its own clock; raises FitError where the
-    clocks cannot be related.
+    """Read one log with the columns of its second logger; raises FitError where the two clocks
+    cannot be related, otherwise as `mapping.read_file`.
     """
     names = _files(chamber, path, file)
     if not names and (alone := _complete(recipe, path, file, needed, optional)) is not None:
@@ -70,42 +67,60 @@ def joined(
                 'it lies in the folder of the log; name it with "{log}" in place of the log\'s name'
             ),
         )
-    first, probe = _first(recipe, chamber, path, file, needed, optional)
-    second = _second(recipe, chamber, path.parent / names[0])
-    clock = _clock(chamber, first, probe, second)
-    time = values(first.frame, "time_s")
-    on_a = clock.on_a(values(second.frame, "time_s"))
+    first, probe = _read_first(recipe, chamber, path, file, needed, optional)
+    second = _read_second(recipe, chamber, path.parent / names[0])
+    clock = _relate_clocks(chamber, first, probe, second)
+    return _join(first, second, clock, chamber, (*needed, *optional))
+
+
+def _join(
+    first: Log,
+    second: Log,
+    clock: clocks.Clocks,
+    chamber: SecondLogger,
+    columns: Sequence[str],
+) -> Log:
+    """The log with the second logger's values at its own times; rows without one are left out."""
+    time, on_a = values(first.frame, "time_s"), clock.on_a(values(second.frame, "time_s"))
     if np.any(np.diff(on_a) <= 0.0):
         raise FrameError(
             f"{second.file}: its time does not increase",
             hint="sort or split the file, or repair its clock",
         )
-    frame = first.frame.drop(columns=[probe] if probe else [])
-    for name in chamber.provides:
-        frame[name] = _at(on_a, values(second.frame, name), time)
+    steps = [float(np.median(np.diff(times))) for times in (on_a, time)]
+    take = clocks.average if steps[1] >= 2.0 * steps[0] else clocks.resample
+    taken = {name: take(on_a, values(second.frame, name), time) for name in chamber.provides}
+    frame = first.frame.assign(**taken)
     lost = frame[list(chamber.provides)].isna().any(axis=1).to_numpy()
-    frame = frame[~lost]
+    frame = frame.loc[~lost, [name for name in columns if name in frame.columns]]
     if frame.empty:
         raise FrameError(
-            f"{file}: no row has a value of {second.file}", hint="state offset_s in [chamber]"
+            f"{first.file}: no row has a value of {second.file}",
+            hint="state offset_s in [chamber]",
         )
-    frame = frame[[name for name in (*needed, *optional) if name in frame.columns]]
+    way = "means about" if take is clocks.average else "linear between its rows at"
+    source = f"(sha256 {second.sha256}, {second.rows} rows of {steps[0]:.4g} s)"
+    joined = (
+        f"{', '.join(chamber.provides)} from {second.file} {source}: {way} the log's rows of"
+        f" {steps[1]:.4g} s"
+    )
+    u = clock.largest_uncertainty(values(second.frame, "time_s"))
     return replace(
         first,
-        clock=_uncertain(chamber, clock, second),
+        clock=None if chamber.clock == "same" else (clock.offset_s, u),
         second_logger_sha256=second.sha256,
         frame=frame,
         notes=(
             *first.notes,
-            *_lost(time, on_a, lost, second.file),
+            *_note_lost_rows(time, on_a, lost, second.file),
             *(f"{second.file}: {note}" for note in second.notes),
         ),
-        reading=(*first.reading, *_said(chamber, clock, second, time, on_a), *second.reading),
+        reading=(*first.reading, joined, *_describe_clock(chamber, clock, second), *second.reading),
         plugins=tuple(dict.fromkeys((*first.plugins, *second.plugins))),
     )
 
 
-def _first(
+def _read_first(
     recipe: Recipe,
     chamber: SecondLogger,
     path: Path,
@@ -113,23 +128,23 @@ def _first(
     needed: Sequence[str],
     optional: Sequence[str],
 ) -> tuple[Log, str]:
-    """The log itself without the columns of the second logger, and the name of the shared quantity
-    in it.
+    """Read the log itself, without the columns of the second logger, and the name that the shared
+    quantity has in it ("" where none is needed).
     """
     own = [name for name in needed if name not in chamber.provides]
     extra = [name for name in optional if name not in chamber.provides]
     if "time_s" not in own:
         own.append("time_s")
     if chamber.clock != "estimate" or chamber.log_column is None:
-        return ingest.read_one(recipe, path, file, own, extra), ""
-    probe = f"{PROBE}_{chamber.shared.rsplit('_', 1)[-1]}"
+        return mapping.read_file(recipe, path, file, own, extra), ""
+    probe = f"{_PROBE}_{chamber.shared.rsplit('_', 1)[-1]}"
     probed = recipe.model_copy(update={"columns": {**recipe.columns, probe: chamber.log_column}})
-    return ingest.read_one(probed, path, file, [*own, probe], extra), probe
+    return mapping.read_file(probed, path, file, [*own, probe], extra), probe
 
 
 def _files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
     """Files of the second logger that belong to a log."""
-    log = ingest.log_name(PurePosixPath(file).name)
+    log = mapping.log_name(PurePosixPath(file).name)
     patterns = [PurePosixPath(pattern.replace("{log}", log)).name for pattern in chamber.files]
     names = sorted(found.name for found in path.parent.iterdir() if found.is_file())
     return [
@@ -140,11 +155,11 @@ def _files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
 def _complete(
     recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str]
 ) -> Log | None:
-    """A log that has every column itself, as one from another place than the laboratory may; else
-    none.
+    """Read a log that has every column itself, as one from the place of use may; None for
+    another.
     """
     try:
-        log = ingest.read_one(recipe, path, file, needed, optional)
+        log = mapping.read_file(recipe, path, file, needed, optional)
     except FrameError:
         return None
     return replace(
@@ -152,8 +167,8 @@ def _complete(
     )
 
 
-def _second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
-    """The second logger's file in canonical columns, rows without a value left out and counted."""
+def _read_second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
+    """Read the second logger's file in canonical columns, without rows that lack a value."""
     logs = Logs.model_validate({name: getattr(chamber, name) for name in Logs.model_fields})
     alone = recipe.model_copy(
         update={"logs": logs, "columns": chamber.columns, "exclude": (), "chamber": None}
@@ -161,7 +176,7 @@ def _second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
     wanted = tuple(
         dict.fromkeys(("time_s", *chamber.provides, *([chamber.shared] if chamber.shared else [])))
     )
-    second = ingest.read_one(alone, path, path.name, wanted)
+    second = mapping.read_file(alone, path, path.name, wanted)
     bad = [name for name in wanted if not np.isfinite(values(second.frame, name)).all()]
     if bad:
         whole = np.isfinite(second.frame[list(wanted)].to_numpy(dtype=np.float64)).all(axis=1)
@@ -170,9 +185,9 @@ def _second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
     return second
 
 
-def _clock(chamber: SecondLogger, first: Log, probe: str, second: Log) -> clocks.Clocks:
-    """Clock of the second logger on that of the log, as the recipe says: the same, stated, or
-    estimated.
+def _relate_clocks(chamber: SecondLogger, first: Log, probe: str, second: Log) -> clocks.Clocks:
+    """Clock of the second logger against that of the log: the same, stated or estimated, as the
+    recipe says.
     """
     time_b = values(second.frame, "time_s")
     if not probe:
@@ -180,7 +195,7 @@ def _clock(chamber: SecondLogger, first: Log, probe: str, second: Log) -> clocks
         stated = np.diag([u**2, 0.0])
         return clocks.Clocks(chamber.offset_s, chamber.drift_ppm * 1e-6, stated, 0.0, 1.0, 0.0, 0)
     try:
-        found = clocks.estimate(
+        found = clocks.estimate_clock(
             values(first.frame, "time_s"),
             values(first.frame, probe),
             time_b,
@@ -204,67 +219,30 @@ def _clock(chamber: SecondLogger, first: Log, probe: str, second: Log) -> clocks
     return found
 
 
-def _uncertain(
-    chamber: SecondLogger, clock: clocks.Clocks, second: Log
-) -> tuple[float, float] | None:
-    """Offset of the clock and its standard uncertainty at the worse end of the log [s]; none where
-    the clock is one.
-    """
-    if chamber.clock == "same":
-        return None
-    return clock.offset_s, clock.largest_uncertainty(values(second.frame, "time_s"))
-
-
-def _at(time_b: Array, value: Array, time: Array) -> Array:
-    """Values of the second logger [m] at the log's times [n]: linear between its rows, means where
-    it is the faster one.
-    """
-    ratio = float(np.median(np.diff(time))) / float(np.median(np.diff(time_b)))
-    if ratio < 2.0:
-        return clocks.resampled(time_b, value, time)
-    return clocks.averaged(time_b, value, time)
-
-
-def _lost(time: Array, on_a: Array, lost: Mask, file: str) -> tuple[str, ...]:
-    """Which rows of the log have no value of the second logger, and why."""
+def _note_lost_rows(time: Array, on_a: Array, lost: Mask, file: str) -> tuple[str, ...]:
+    """Note on the rows of the log without a value of the second logger: how many, and why."""
     if not lost.any():
         return ()
     before, after = int(np.sum(lost & (time < on_a[0]))), int(np.sum(lost & (time > on_a[-1])))
-    within = int(lost.sum()) - before - after
-    parts = [
-        f"{count} {where}"
-        for count, where in (
-            (before, "before its start"),
-            (after, "after its end"),
-            (within, "in its gaps"),
-        )
-        if count
-    ]
-    return (f"{int(lost.sum())} rows without a value of {file} left out: {', '.join(parts)}",)
+    counts = {
+        "before its start": before,
+        "after its end": after,
+        "in its gaps": int(lost.sum()) - before - after,
+    }
+    parts = ", ".join(f"{count} {where}" for where, count in counts.items() if count)
+    return (f"{int(lost.sum())} rows without a value of {file} left out: {parts}",)
 
 
-def _said(
-    chamber: SecondLogger, clock: clocks.Clocks, second: Log, time: Array, on_a: Array
-) -> tuple[str, ...]:
-    """How the second logger was joined, for run.json."""
-    columns = ", ".join(chamber.provides)
-    steps = [float(np.median(np.diff(t))) for t in (on_a, time)]
-    way = "means about" if steps[1] >= 2.0 * steps[0] else "linear between its rows at"
-    source = (
-        f"{columns} from {second.file} (sha256 {second.sha256}, {second.rows} rows of"
-        f" {steps[0]:.4g} s)"
-    )
-    said = [
-        f"{source}: {way} the log's rows of {steps[1]:.4g} s",
-        f"clock of {second.file} ({chamber.clock}): offset {clock.offset_s:+.3f} s",
-    ]
+def _describe_clock(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[str, ...]:
+    """Texts on the clock of the second logger, for run.json."""
+    about = f"clock of {second.file} ({chamber.clock}): offset {clock.offset_s:+.3f} s"
     u = clock.standard_uncertainty
     if chamber.clock != "same":
-        said[1] += (
+        about += (
             f", standard uncertainty {u[0]:.2g} s, at {clock.middle_s:.6g} s; drift"
             f" {clock.drift * 1e6:+.4g} ppm"
         )
-        said[1] += f", standard uncertainty {u[1] * 1e6:.2g} ppm" if u[1] else ""
-    if chamber.clock == "estimate" and abs(clock.gain - 1.0) > GAIN:
-        said.append(f"the two sensors of the shared quantity differ: gain {clock.gain:.3f}")
-    return tuple(said)
+        about += f", standard uncertainty {u[1] * 1e6:.2g} ppm" if u[1] else ""
+    if chamber.clock == "estimate" and abs(clock.gain - 1.0) > _GAIN:
+        return (about, f"the two sensors of the shared quantity differ: gain {clock.gain:.3f}")
+    return (about,)
