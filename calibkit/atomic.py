@@ -16,20 +16,20 @@ if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator
     from pathlib import Path
 
-WAIT_S = 120.0
+_WAIT_S = 120.0
 """Seconds to wait for another process that holds a lock: it draws a report and writes a run folder
 meanwhile.
 """
-PAUSE_S = 0.05
-SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
+_PAUSE_S = 0.05
+_SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
 """Pauses before a rename is tried again: on Windows a virus scanner may hold a file that was just
 written.
 """
-BUSY = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
+_BUSY = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 """Errors of a lock that another process holds; any other means that the file system has no locks.
 """
 
-REMOVABLE = os.name == "posix"
+_REMOVABLE = os.name == "posix"
 """Whether an open file can be removed; where it cannot, as on Windows, an empty lock file stays and
 keeps its name.
 """
@@ -68,7 +68,7 @@ def rename_folder(temporary: Path, target: Path) -> None:
     """Rename a folder to a name that nothing has; raises OSError. A scanner that holds it is waited
     for.
     """
-    for pause in SCANNER_PAUSES_S:
+    for pause in _SCANNER_PAUSES_S:
         try:
             temporary.rename(target)
         except PermissionError:
@@ -95,36 +95,38 @@ def rename_new(temporary: Path, path: Path) -> None:
 
 
 @contextlib.contextmanager
-def locked(path: Path, what: str, wait_s: float = WAIT_S) -> Iterator[None]:
-    """Hold a lock file against other processes and threads; it goes with the process, however that
-    ends.
+def locked(path: Path, what: str, wait_s: float = _WAIT_S) -> Iterator[None]:
+    """Hold a lock file against other processes and threads; the system releases it when the process
+    ends, killed or not, and nothing stays behind.
 
     Raises OutputError that names `what` where it cannot be made or is still held after wait_s [s].
-    A file system without locks is gone on without: renames that replace nothing are what keeps the
-    record whole, the lock only spares a second fit a refusal.
+    On a file system without locks the work goes on without one: renames that replace nothing keep
+    the record whole, the lock only spares a second fit a refusal. (The library filelock refuses
+    such a file system or leaves a marker there that outlives a killed process, leaves its lock
+    files behind elsewhere, and takes 0.2 s to import.)
     """
-    handle = _acquired(path, what, round(wait_s / PAUSE_S))
+    handle = _acquire(path, what, round(wait_s / _PAUSE_S))
     try:
         yield
     finally:
-        if REMOVABLE:
+        if _REMOVABLE:
             with contextlib.suppress(OSError):
                 path.unlink()
         os.close(handle)
 
 
-def _acquired(path: Path, what: str, attempts: int) -> int:
+def _acquire(path: Path, what: str, attempts: int) -> int:
     """File descriptor that holds the lock."""
     for attempt in range(attempts + 1):
         if attempt:
-            time.sleep(PAUSE_S)
+            time.sleep(_PAUSE_S)
         try:
             handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError as error:
             hint = "free space or give another --out"
             raise OutputError(f"{what}: cannot be written: {error.strerror}", hint=hint) from None
         try:
-            if _taken(handle) and (not REMOVABLE or _same(path, handle)):
+            if _take(handle) and (not _REMOVABLE or _has_name(path, handle)):
                 return handle
         except BaseException:
             os.close(handle)
@@ -136,12 +138,12 @@ def _acquired(path: Path, what: str, attempts: int) -> int:
     )
 
 
-def _taken(handle: int) -> bool:
+def _take(handle: int) -> bool:
     """Whether the operating system gave this process the lock; True where it has none to give."""
     try:
         _system_lock(handle)
     except OSError as error:
-        return error.errno not in BUSY
+        return error.errno not in _BUSY
     return True
 
 
@@ -164,7 +166,7 @@ def _windows_lock(handle: int) -> None:
         locking(handle, without_waiting, 1)
 
 
-def _same(path: Path, handle: int) -> bool:
+def _has_name(path: Path, handle: int) -> bool:
     """Whether the locked file still has its name: the one who held it before removed it."""
     try:
         return os.path.samestat(path.stat(), os.fstat(handle))

@@ -11,7 +11,7 @@ import platform
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, instruments, recipe, store
+from calibkit import coefficients, instruments, new_files, recipe, store
 from calibkit.check import copies, unseen
 from calibkit.errors import (
     CoefficientError,
@@ -99,9 +99,9 @@ def fit(
         so_far = _run_document(identity, source, spec, dated, contents)
         contents[documents.PAGE] = html.page(so_far, records, drawn)
         text = coefficients.seal(_run_document(identity, source, spec, dated, contents))
-        built.update(coefficients.unseal(text, store.RUN_FILE, store.RUN_FORMATS))
+        built.update(coefficients.unseal(text, new_files.RUN_FILE, store.RUN_FORMATS))
         made.update(records)
-        return {store.RUN_FILE: text.encode(), **contents}
+        return {new_files.RUN_FILE: text.encode(), **contents}
 
     folder = (store.rehearse if dry_run else store.commit)(out, serial, build)
     name = f"{serial}@{folder.name}"
@@ -217,7 +217,7 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
     from calibkit.check import examination
 
     if figure is not None:
-        store.refuse_existing(figure)
+        new_files.refuse_existing(figure)
     spec = instruments.parse_recipe(source)
     instrument = instruments.find(spec.procedure)
     with _placed(source):
@@ -239,7 +239,7 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
                 f"{data}: no log could be read, nothing to draw", hint="see check without --figure"
             )
         with figures.styled():
-            store.write_new(figure, figures.pdf(logs.pages(drawn)))
+            new_files.write_new(figure, figures.pdf(logs.pages(drawn)))
     return tuple(reports)
 
 
@@ -284,7 +284,7 @@ def apply(
 
     With `as_firmware`, a number format, as the exported firmware would: by its bit-exact twin.
     """
-    store.refuse_existing(out)
+    new_files.refuse_existing(out)
     spec = run_recipe(run, overrides)
     if not data.is_file():
         raise UsageError(f"--data {data}: no such file", hint="name one log")
@@ -311,7 +311,7 @@ def apply(
                 f" {mapped}"
             ),
         ) from None
-    store.write_new(out, content, dry_run=dry_run)
+    new_files.write_new(out, content, dry_run=dry_run)
     corrected = (
         f"{entry.column} corrected by certificate {entry.certificate}: --set correction=[] where"
         " other instruments measured"
@@ -326,7 +326,7 @@ def validate(
     """Hold a run's frozen coefficients against logs that they have not seen and write the figures
     as JSON.
     """
-    store.refuse_existing(out)
+    new_files.refuse_existing(out)
     spec, inputs = run_recipe(run, ()), run.document["inputs"]
     files = ingest.find_logs(spec, data)
     instrument, excluded, seen = (
@@ -358,7 +358,7 @@ def validate(
         "flags": list(flags),
     }
     text = coefficients.seal(document)
-    store.write_new(out, text.encode(), dry_run=dry_run)
+    new_files.write_new(out, text.encode(), dry_run=dry_run)
     return coefficients.unseal(text, str(out), (VALIDATION_FORMAT,)), summary
 
 
@@ -426,7 +426,7 @@ def export(
     chosen = targets.find_target(target, number)
     exports = [firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
     files = targets.files(chosen, exports, address)
-    store.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
+    new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return [out / name for name in sorted(files)]
 
 
@@ -493,7 +493,7 @@ def simulate(procedure: str, out: Path, seed: int, *, dry_run: bool = False) -> 
     files.
     """
     files = simulated(procedure, seed).files()
-    store.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
+    new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return sorted(files)
 
 

@@ -16,19 +16,17 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit import atomic, coefficients, run_document
 from calibkit.errors import CoefficientError, OutputError, UsageError
+from calibkit.new_files import RUN_FILE, WRITING, output_errors, refuse_run_folder
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+    from collections.abc import Callable, Iterator, Mapping, Sequence
 
 RUN_FORMAT = "calibkit-run/1"
 RUN_FORMATS = (RUN_FORMAT,)
-RUN_FILE = "run.json"
 FLEET_FORMAT = "calibkit-fleet/1"
 FLEET_FILE = "fleet.json"
 FLEETS = "_fleet"
 """Folder of the tables of fleets, beside the serials' folders; no serial begins like it."""
-WRITING = ".writing-"
-"""Start of the name of what is not finished."""
 _SERIAL = re.compile(r"[^\W_][\w.+-]*", re.UNICODE)
 _REVISION = re.compile(r"r(\d{3,})")
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
@@ -85,27 +83,22 @@ def _entries(folder: Path) -> list[Path]:
         ) from None
 
 
-def latest_digests(out: Path, serial: str) -> tuple[int, dict[str, str]]:
-    """Newest revision number of a serial (0: none) and, per stage, the digest of its newest
-    coefficient file.
+def _supersede(out: Path, serial: str) -> tuple[int, dict[str, str]]:
+    """Number of the next revision of a serial, and the digests of the coefficient files that it
+    supersedes.
     """
     numbers = revisions(out / serial)
-    return (
-        (numbers[-1], stage_digests(load_revision(out, serial, numbers[-1])))
-        if numbers
-        else (0, {})
-    )
+    if not numbers:
+        return 1, {}
+    return numbers[-1] + 1, stage_digests(load_revision(out, serial, numbers[-1]))
 
 
 def stage_digests(run: Run) -> dict[str, str]:
     """Stage → digest that its coefficient file states of itself."""
-    return {record.stage: _file_digest(run, name) for name, record in run.records.items()}
-
-
-def _file_digest(run: Run, name: str) -> str:
-    """Digest that a coefficient file of a run states of itself."""
-    document = coefficients.unseal(_text(run.folder / name), name)
-    return str(document["sha256"])
+    return {
+        record.stage: str(coefficients.unseal(_text(run.folder / name), name)["sha256"])
+        for name, record in run.records.items()
+    }
 
 
 def save(out: Path, serial: str, revision: int, files: Mapping[str, bytes]) -> Path:
@@ -114,135 +107,25 @@ def save(out: Path, serial: str, revision: int, files: Mapping[str, bytes]) -> P
     """
     target = _folder(out, serial, revision)
     refuse_run_folder(target)
-    try:
+    with output_errors(target.parent, "give another --out"):
         atomic.make_folder(target.parent)
         temporary = Path(tempfile.mkdtemp(prefix=WRITING, dir=target.parent))
-    except OSError as error:
-        raise OutputError(
-            f"{target.parent}: cannot be written: {error.strerror}", hint="give another --out"
-        ) from None
     try:
-        _fill(temporary, files)
-        if os.path.lexists(target):
-            raise OutputError(
-                f"{target}: exists already",
-                hint="another fit of this serial has just finished; run again",
-            )
-        atomic.rename_folder(temporary, target)
-    except OSError as error:
-        raise OutputError(
-            f"{target}: cannot be written: {error.strerror}",
-            hint="free space or give another --out",
-        ) from None
+        with output_errors(target, "free space or give another --out"):
+            temporary.chmod(0o755)
+            for name, content in files.items():
+                atomic.write_synced(temporary / name, content)
+            atomic.sync_folder(temporary)
+            if os.path.lexists(target):
+                raise OutputError(
+                    f"{target}: exists already",
+                    hint="another fit of this serial has just finished; run again",
+                )
+            atomic.rename_folder(temporary, target)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     atomic.sync_folder(target.parent)
     return target
-
-
-def _fill(folder: Path, files: Mapping[str, bytes]) -> None:
-    """Write the files of a run into its temporary folder."""
-    folder.chmod(0o755)
-    for name, content in files.items():
-        atomic.write_synced(folder / name, content)
-    atomic.sync_folder(folder)
-
-
-def refuse_existing(path: Path) -> None:
-    """Raise OutputError when something of that name exists, or when it would lie in a run
-    folder.
-    """
-    if os.path.lexists(path):
-        raise OutputError(
-            f"{path}: exists already", hint="nothing is overwritten; give another name or remove it"
-        )
-    above = next((parent for parent in path.parents if os.path.lexists(parent)), None)
-    if above is not None and not os.path.isdir(above):  # noqa: PTH112 - Path.is_dir raises where it may not look
-        raise OutputError(
-            f"{above}: is no folder, {path.name} cannot lie in it", hint="give another place"
-        )
-    refuse_run_folder(path)
-
-
-def refuse_run_folder(path: Path) -> None:
-    """Raise OutputError for a path inside a run folder, which is written once and whole."""
-    inside = next(
-        (parent for parent in path.absolute().parents if os.path.lexists(parent / RUN_FILE)), None
-    )
-    if inside is not None:
-        raise OutputError(
-            f"{path}: lies in the run folder {inside.name}",
-            hint="a run folder is never added to; give another place",
-        )
-
-
-def write_new(path: Path, content: bytes | Iterable[bytes], *, dry_run: bool = False) -> None:
-    """Write one file atomically, whole or as its bytes come in parts; a dry run only looks.
-
-    Raises OutputError when it exists or cannot be written; what making a part raises leaves no file
-    either.
-    """
-    write_all({path: content}, dry_run=dry_run)
-
-
-def write_all(files: Mapping[Path, bytes | Iterable[bytes]], *, dry_run: bool = False) -> None:
-    """Write files that belong together, a header and its source: all, or none where one of them
-    cannot be written.
-
-    All are on the disk under temporary names before the first gets its own. Raises OutputError when
-    one exists or cannot be written. A dry run only looks.
-    """
-    for path in files:
-        refuse_existing(path)
-    if dry_run:
-        return
-    named: list[Path] = []
-    with contextlib.ExitStack() as temporaries:
-        try:
-            ready = {path: _ready(path, content, temporaries) for path, content in files.items()}
-            for path, temporary in ready.items():
-                with _refused(path):
-                    atomic.rename_new(temporary, path)
-                    named.append(path)
-        except BaseException:
-            for path in named:
-                _removed(path)
-            raise
-    for folder in {path.parent for path in files}:
-        atomic.sync_folder(folder)
-
-
-def _ready(path: Path, content: bytes | Iterable[bytes], temporaries: contextlib.ExitStack) -> Path:
-    """Temporary file beside a path that holds its content; it goes with the stack."""
-    with _refused(path):
-        atomic.make_folder(path.parent)
-        handle, name = tempfile.mkstemp(prefix=WRITING, dir=path.parent)
-        os.close(handle)
-        temporaries.callback(_removed, Path(name))
-        atomic.write_synced(Path(name), content)
-        Path(name).chmod(0o644)
-        return Path(name)
-
-
-def _removed(path: Path) -> None:
-    """Remove a file where it can be removed."""
-    with contextlib.suppress(OSError):
-        path.unlink()
-
-
-@contextlib.contextmanager
-def _refused(path: Path) -> Iterator[None]:
-    """Turn errors of the system into OutputError that names the file."""
-    try:
-        yield
-    except FileExistsError:
-        raise OutputError(
-            f"{path}: exists already", hint="nothing is overwritten; give another name"
-        ) from None
-    except OSError as error:
-        raise OutputError(
-            f"{path}: cannot be written: {error.strerror}", hint="give another place"
-        ) from None
 
 
 def find(name: str, runs: Path, date: str = "") -> Path:
@@ -422,8 +305,8 @@ def commit(
     """
     refuse_run_folder(out / serial)
     with held(out, serial):
-        revision, digests = latest_digests(out, serial)
-        return save(out, serial, revision + 1, build(revision + 1, digests))
+        revision, digests = _supersede(out, serial)
+        return save(out, serial, revision, build(revision, digests))
 
 
 @contextlib.contextmanager
@@ -432,14 +315,12 @@ def held(out: Path, serial: str) -> Iterator[None]:
     OutputError.
     """
     with contextlib.ExitStack() as lock:
-        try:
+        with output_errors(out, "give another --out"):
             atomic.make_folder(out)
             lock.enter_context(atomic.locked(_lock(out, serial), f"{out / serial}"))
-        except OSError as error:
-            raise OutputError(
-                f"{out}: cannot be written: {error.strerror}", hint="give another --out"
-            ) from None
-        _clear(out / serial)
+        for path in _entries(out / serial) if (out / serial).is_dir() else []:
+            if path.name.startswith(WRITING) and path.is_dir():
+                shutil.rmtree(path, ignore_errors=True)
         yield
 
 
@@ -464,15 +345,6 @@ def rehearse(
     taken.
     """
     refuse_run_folder(out / serial)
-    revision, digests = latest_digests(out, serial)
-    build(revision + 1, digests)
-    return _folder(out, serial, revision + 1)
-
-
-def _clear(serial_folder: Path) -> None:
-    """Remove run folders that were never finished; their serial is locked, so nobody is writing
-    them.
-    """
-    for path in _entries(serial_folder) if serial_folder.is_dir() else []:
-        if path.name.startswith(WRITING) and path.is_dir():
-            shutil.rmtree(path, ignore_errors=True)
+    revision, digests = _supersede(out, serial)
+    build(revision, digests)
+    return _folder(out, serial, revision)

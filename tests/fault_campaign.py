@@ -17,7 +17,7 @@ from pathlib import Path
 
 import rfc8785  # noqa: F401 (imported before the steps are counted)
 
-from calibkit import coefficients, store
+from calibkit import coefficients, new_files, store
 from calibkit.errors import CalibkitError
 from kept import keep, model
 
@@ -56,7 +56,7 @@ def write(folder, what):
     if what == "run":
         keep(folder, model({"K": (2.0, "1", 0.1)}), date="2025-01-01")
     else:
-        store.write_new(folder / "deep" / "out.csv", CONTENT)
+        new_files.write_new(folder / "deep" / "out.csv", CONTENT)
 
 
 def child(folder, what, at, fault):

@@ -16,7 +16,7 @@ from pathlib import Path
 
 import pytest
 
-from calibkit import atomic, store
+from calibkit import atomic, instruments, new_files, store
 from calibkit.errors import OutputError
 from conftest import ROOT
 from kept import keep, model
@@ -144,7 +144,7 @@ def test_a_read_only_folder_is_one_message(tmp_path):
     with pytest.raises(OutputError, match="Permission denied"):
         keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
     with pytest.raises(OutputError, match="Permission denied"):
-        store.write_new(tmp_path / "x.csv", b"x")
+        new_files.write_new(tmp_path / "x.csv", b"x")
 
 
 def test_a_lock_that_cannot_be_made_is_one_message(tmp_path, calibkit, monkeypatch):
@@ -176,7 +176,7 @@ def test_a_lock_that_cannot_be_made_is_one_message(tmp_path, calibkit, monkeypat
 def test_a_name_longer_than_the_file_system_allows_is_one_message(tmp_path):
     """A file name of 300 characters cannot be written, and says so."""
     with pytest.raises(OutputError, match="cannot be written"):
-        store.write_new(tmp_path / ("x" * 300), b"x")
+        new_files.write_new(tmp_path / ("x" * 300), b"x")
 
 
 def test_a_link_that_leads_nowhere_is_not_written_through(tmp_path):
@@ -187,7 +187,7 @@ def test_a_link_that_leads_nowhere_is_not_written_through(tmp_path):
     except OSError:
         pytest.skip("no symbolic links here")
     with pytest.raises(OutputError, match="exists already"):
-        store.write_new(link, b"x")
+        new_files.write_new(link, b"x")
     assert not (tmp_path / "elsewhere.csv").exists()
 
 
@@ -210,7 +210,7 @@ def test_fits_of_one_serial_at_once_take_numbers_in_turn(tmp_path):
     assert [process.wait(timeout=120) for process in started] == [0] * 6
     from calibkit.history import timeline
 
-    found = timeline.read_timeline("S-1", tmp_path, {})
+    found = timeline.read_timeline("S-1", tmp_path, instruments.model_forms)
     assert [run.document["revision"] for run in found.runs] == [1, 2, 3, 4, 5, 6]
     assert found.sound
     assert sorted(run.records["gyro_scale.json"].models[0].value("K") for run in found.runs) == [
@@ -247,7 +247,7 @@ def test_a_lock_file_that_its_holder_has_just_removed_is_no_lock(tmp_path, monke
     """Who waited for a lock whose holder removed the file takes a new one: the next to come must
     meet it.
     """
-    own, calls = atomic._taken, []
+    own, calls = atomic._take, []
 
     def taken(handle):
         calls.append(handle)
@@ -255,8 +255,8 @@ def test_a_lock_file_that_its_holder_has_just_removed_is_no_lock(tmp_path, monke
             (tmp_path / "lock").unlink()
         return own(handle)
 
-    monkeypatch.setattr(atomic, "_taken", taken)
-    monkeypatch.setattr(atomic, "PAUSE_S", 0.001)
+    monkeypatch.setattr(atomic, "_take", taken)
+    monkeypatch.setattr(atomic, "_PAUSE_S", 0.001)
     with atomic.locked(tmp_path / "lock", "it"):
         assert len(calls) == 2
         assert (tmp_path / "lock").exists()
@@ -281,7 +281,7 @@ def test_a_lock_that_stays_taken_is_refused_by_name(tmp_path, monkeypatch):
     """A serial that another process is writing is waited for, then refused with exit code 4;
     nothing is written.
     """
-    monkeypatch.setattr(atomic, "PAUSE_S", 0.001)
+    monkeypatch.setattr(atomic, "_PAUSE_S", 0.001)
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
     with (
         atomic.locked(tmp_path / ".S-1.lock", "S-1"),
@@ -325,7 +325,7 @@ def test_on_windows_the_lock_is_that_of_msvcrt(tmp_path, monkeypatch):
 
     monkeypatch.setitem(sys.modules, "fcntl", None)
     monkeypatch.setitem(sys.modules, "msvcrt", types.SimpleNamespace(locking=locking, LK_NBLCK=2))
-    monkeypatch.setattr(atomic, "REMOVABLE", False)
+    monkeypatch.setattr(atomic, "_REMOVABLE", False)
     with atomic.locked(tmp_path / "lock", "it", 0.0):
         assert calls == [(2, 1)]
         with pytest.raises(OutputError), atomic.locked(tmp_path / "lock", "it", 0.0):
@@ -364,7 +364,7 @@ def test_a_scanner_that_holds_a_new_folder_is_waited_for(tmp_path, monkeypatch):
             raise refusals.pop()
         return own(path, target)
 
-    monkeypatch.setattr(atomic, "SCANNER_PAUSES_S", (0.0, 0.0, 0.0))
+    monkeypatch.setattr(atomic, "_SCANNER_PAUSES_S", (0.0, 0.0, 0.0))
     monkeypatch.setattr(type(tmp_path), "rename", rename)
     assert keep(tmp_path, model({"K": (1.0, "1", 0.1)})).name == "r001"
     refusals[:] = [PermissionError(13, "Permission denied")] * 9
@@ -382,7 +382,7 @@ def test_without_hard_links_a_file_is_renamed_and_still_replaces_nothing(tmp_pat
         raise OSError(95, "Operation not supported")
 
     monkeypatch.setattr(os, "link", no_links)
-    store.write_new(tmp_path / "a", b"one")
+    new_files.write_new(tmp_path / "a", b"one")
     assert (tmp_path / "a").read_bytes() == b"one"
     (tmp_path / "t").write_bytes(b"two")
     with pytest.raises(FileExistsError):

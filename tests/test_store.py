@@ -4,7 +4,7 @@ import json
 
 import pytest
 
-from calibkit import atomic, store
+from calibkit import atomic, new_files, store
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from kept import keep, model
 
@@ -97,9 +97,9 @@ def test_a_failed_write_leaves_nothing_behind(tmp_path, monkeypatch):
 def test_an_existing_file_is_never_overwritten(tmp_path):
     """write_new refuses a name that is taken and leaves its content."""
     path = tmp_path / "a.json"
-    store.write_new(path, b"one")
+    new_files.write_new(path, b"one")
     with pytest.raises(OutputError, match="exists already"):
-        store.write_new(path, b"two")
+        new_files.write_new(path, b"two")
     assert path.read_bytes() == b"one"
     assert [entry.name for entry in tmp_path.iterdir()] == ["a.json"]
 
@@ -125,17 +125,17 @@ def test_files_that_belong_together_are_all_there_or_none(tmp_path, monkeypatch)
     with monkeypatch.context() as patch:
         patch.setattr(atomic, "write_synced", full)
         with pytest.raises(OutputError, match=r"b\.h: cannot be written: No space left"):
-            store.write_all(files)
+            new_files.write_all(files)
     assert list((tmp_path / "deep").iterdir()) == []
     with monkeypatch.context() as patch:
         patch.setattr(atomic, "rename_new", raced)
         with pytest.raises(OutputError, match=r"b\.h: exists already"):
-            store.write_all(files)
+            new_files.write_all(files)
     assert {path.name: path.read_bytes() for path in (tmp_path / "deep").iterdir()} == {
         "b.h": b"mine"
     }
     paths[1].unlink()
-    store.write_all(files)
+    new_files.write_all(files)
     assert {path.name.encode() == path.read_bytes() for path in (tmp_path / "deep").iterdir()} == {
         True
     }
@@ -158,7 +158,7 @@ def test_nothing_is_written_into_a_run_folder(tmp_path):
     run = save_run(tmp_path)
     for path in (run / "x.csv", run / "deep" / "x.csv"):
         with pytest.raises(OutputError, match="run folder"):
-            store.write_new(path, b"x")
+            new_files.write_new(path, b"x")
     with pytest.raises(OutputError, match="run folder"):
         save_run(run, serial="S-2")
     assert store.load(run).name == "S-1@r001"

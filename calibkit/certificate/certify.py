@@ -7,7 +7,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import store
+from calibkit import new_files, store
 from calibkit.certificate import as_found, content, dcc, pdf, profile, sign
 from calibkit.errors import RecipeError, UsageError
 from calibkit.recipe import loader
@@ -75,7 +75,7 @@ def certify(
                 hint="state what is missing, or leave out --sign",
             )
         document = sign.signed(document, signer, key.now)
-    store.write_all({out: document, beside: digital.content}, dry_run=dry_run)
+    new_files.write_all({out: document, beside: digital.content}, dry_run=dry_run)
     return Issued((out, beside), certificate)
 
 
@@ -88,7 +88,7 @@ def _beside(out: Path) -> Path:
         )
     beside = out.with_name(f"{out.stem}.xml")
     for path in (out, beside):
-        store.refuse_existing(path)
+        new_files.refuse_existing(path)
     return beside
 
 

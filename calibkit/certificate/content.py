@@ -12,8 +12,8 @@ from calibkit.certificate import checklist, conformity, uncertainty
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
+from calibkit.new_files import RUN_FILE
 from calibkit.recipe import type_b
-from calibkit.store import RUN_FILE
 
 if TYPE_CHECKING:
     import datetime as dt

@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, store
+from calibkit import coefficients, new_files, store
 from calibkit.certificate import (
     as_found,
     checklist,
@@ -92,7 +92,7 @@ def verify(
         raise
     except Exception as error:  # noqa: BLE001 (a damaged file fails in as many ways as it has bytes)
         raise _failed(path, [*faults, f"the PDF cannot be read: {type(error).__name__}"]) from None
-    if not {store.RUN_FILE, dcc.FILE} & attached.keys():
+    if not {new_files.RUN_FILE, dcc.FILE} & attached.keys():
         raise _failed(
             path, [*faults, "no run.json and no dcc.xml is attached: not a certificate of calibkit"]
         )
@@ -175,7 +175,7 @@ def _digests(attached: Mapping[str, bytes], pages: Sequence[str]) -> Iterator[st
     for name, data in attached.items():
         if hashlib.sha256(data).hexdigest() not in text:
             yield f"{name}: the attached file is not the one whose SHA-256 is printed"
-    for name in (store.RUN_FILE, dcc.FILE):
+    for name in (new_files.RUN_FILE, dcc.FILE):
         if name not in attached:
             yield f"{name} is not attached"
     try:
@@ -189,7 +189,9 @@ def _digests(attached: Mapping[str, bytes], pages: Sequence[str]) -> Iterator[st
             yield f"{name} is not attached"
         elif name in attached and hashlib.sha256(attached[name]).hexdigest() != digest:
             yield f"{name}: the attached file is not the one that run.json lists"
-    for name in attached.keys() - stated.keys() - {store.RUN_FILE, dcc.FILE, VALIDATION, PROFILE}:
+    for name in (
+        attached.keys() - stated.keys() - {new_files.RUN_FILE, dcc.FILE, VALIDATION, PROFILE}
+    ):
         yield f"{name} does not belong to the run"
     yield from _records(attached, run)
 
@@ -208,8 +210,8 @@ def _records(attached: Mapping[str, bytes], run: Mapping[str, Any]) -> Iterator[
 
 def _document(attached: Mapping[str, bytes]) -> dict[str, Any]:
     """The attached run.json, or CoefficientError."""
-    data = attached.get(store.RUN_FILE, b"").decode("utf-8", errors="replace")
-    return coefficients.unseal(data, store.RUN_FILE, store.RUN_FORMATS)
+    data = attached.get(new_files.RUN_FILE, b"").decode("utf-8", errors="replace")
+    return coefficients.unseal(data, new_files.RUN_FILE, store.RUN_FORMATS)
 
 
 def _remade(
@@ -295,7 +297,7 @@ def rebuilt(
     records = {name: coefficients.loads(attached[name].decode("utf-8"), name) for name in names}
     with tempfile.TemporaryDirectory(prefix="calibkit-") as made:
         folder = Path(made)
-        for name in (*names, store.RUN_FILE):
+        for name in (*names, new_files.RUN_FILE):
             (folder / Path(name).name).write_bytes(attached[name])
         run = store.Run(folder, document, records)
         validated = None

@@ -6,7 +6,7 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from calibkit import store
+from calibkit import new_files
 from calibkit.cli.clock import now
 from calibkit.errors import OutputError
 
@@ -19,7 +19,7 @@ def append(path: Path, level: str, text: str) -> None:
 
     A log file is the one file that calibkit adds to; it is never opened inside a run folder.
     """
-    store.refuse_run_folder(path)
+    new_files.refuse_run_folder(path)
     at = now().strftime("%Y-%m-%dT%H:%M:%SZ")
     lines = "".join(f"{at} {level:8} {line}\n" for line in text.splitlines())
     try:

@@ -186,7 +186,7 @@ def history(
     Exit code 4 where a revision is missing, cannot be trusted, or does not supersede the one
     before.
     """
-    from calibkit import instruments, store
+    from calibkit import instruments, new_files
     from calibkit.history import figure as drawing
     from calibkit.history import timeline_tables as tables
     from calibkit.history.timeline import read_timeline
@@ -194,7 +194,7 @@ def history(
     _one_format(as_csv=as_csv, as_json=as_json)
     found = read_timeline(serial, runs, instruments.model_forms, only)
     if figure is not None:
-        store.write_new(figure, drawing.render(found, figure.suffix))
+        new_files.write_new(figure, drawing.render(found, figure.suffix))
     broken = None
     if not found.sound:
         faults = (*(entry.reason for entry in found.refused), *found.breaks)

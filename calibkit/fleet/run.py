@@ -8,7 +8,7 @@ from collections import Counter
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-from calibkit import atomic, instruments, store
+from calibkit import atomic, instruments, new_files, store
 from calibkit.errors import FrameError, OutputError, StoppedError, UsageError
 from calibkit.fleet import cluster, files, local, table
 from calibkit.fleet.unit import Failure, Plan, Row
@@ -148,12 +148,8 @@ def _make(out: Path, *, dry_run: bool) -> None:
                 hint="give another --out",
             )
         return
-    try:
+    with new_files.output_errors(out, "give another --out"):
         atomic.make_folder(out)
-    except OSError as error:
-        raise OutputError(
-            f"{out}: cannot be written: {error.strerror}", hint="give another --out"
-        ) from None
 
 
 def _outcomes(plan: Plan, serials: Sequence[str], jobs: int, address: str) -> Generator[Outcome]:
@@ -177,7 +173,7 @@ def _seen(outcome: Outcome, plan: Plan) -> Outcome:
     """
     if plan.dry_run or isinstance(outcome, Failure):
         return outcome
-    if not (plan.out / outcome.serial / outcome.run / store.RUN_FILE).is_file():
+    if not (plan.out / outcome.serial / outcome.run / new_files.RUN_FILE).is_file():
         error = OutputError(
             f"a worker wrote {outcome.run}, which is not in --out here",
             hint="--out must be the same folder under the same path on every worker",
