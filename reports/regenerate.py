@@ -86,9 +86,12 @@ def picture(run: store.Run, out: Path) -> None:
     """Draw four logs of the sample gyro, two of them withheld."""
     spec = pipeline.run_recipe(run, ())
     data = ROOT / "datasets" / "fog_thermal"
-    model = compensate.model_from(run.records["drift_rate.json"], spec)
+    model = compensate.read_model(run.records, spec)
     read = [ingest.read_log(spec, data / file, file, ramps.COLUMNS) for file in SHOWN]
-    logs = tuple(tables.log_view(ramps.prepare(log, spec), model) for log in read)
+    logs = tuple(
+        tables.log_view(ramps.prepare(log, spec, ramps.find_faults(log, spec)), model)
+        for log in read
+    )
     view = DriftReport(
         "Simulated gyro: two fitted and two withheld ramps", spec.drift.interval_s, logs, (), (), ()
     )

@@ -7,7 +7,7 @@ import pytest
 
 from calibkit.firmware import bounds, exact, formats, program, ranges, twin
 from calibkit.instruments.accelerometer import coefficient_files, firmware
-from calibkit.instruments.fog_thermal import compensate, level_file
+from calibkit.instruments.fog_thermal import compensate, forms
 from calibkit.instruments.fog_thermal.numeric import evaluate
 from calibkit.instruments.fog_thermal.numeric import gradient as drift
 from calibkit.instruments.gyro_scale import axes_compensate
@@ -175,7 +175,7 @@ def test_a_drift_model_with_memory_follows_the_float64_model_within_its_printed_
         e.name: case if e.name == "temp_case_degc" else air for e in this.chain.structure.inputs
     }
     _, stored = physical(quantised, inputs)
-    model = level_file.thermal_model(this.record("drift_rate.json").model("drift"))
+    model = forms.read_thermal(this.record("drift_rate.json").model("drift"))
     heard = stored.get("temp_env_degc", air)
     expected = evaluate.evaluate(
         model, time, stored["temp_case_degc"], heard, this.spec.reference_temp_degc
@@ -205,8 +205,8 @@ def test_the_recursive_gradient_form_sums_the_float64_increments(number, runs):
         np.zeros_like(time),
         stored["temp_env_rate_degc_min"],
     )
-    model = compensate.model_from(this.record("drift_rate.json"), this.spec)
-    expected = np.cumsum(model.along(blocks).delta)
+    model = compensate.read_model(this.run.records, this.spec)
+    expected = np.cumsum(compensate.drift_along(model, blocks).delta)
     error = np.abs(along(quantised, inputs) - expected)
     assert np.abs(expected).max() > 0.2  # °/h
     assert (error <= bound * np.arange(1, time.size + 1) + FLOAT64_NOISE["drift_dph"]).all()

@@ -13,7 +13,7 @@ import pytest
 from calibkit import instruments, pipeline, recipe, store
 from calibkit.coefficients import Coefficient, Model, StageResult
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal import level_file, uncertainty
+from calibkit.instruments.fog_thermal import forms, uncertainty
 from calibkit.instruments.fog_thermal.numeric import evaluate
 from calibkit.numeric import gum
 from calibkit.recipe import TypeB
@@ -54,7 +54,7 @@ def run(campaign, tmp_path_factory):
 def thermal(found):
     """Thermal model of a run."""
     (model,) = found.records["drift_rate.json"].models
-    return level_file.thermal_model(model)
+    return forms.read_thermal(model)
 
 
 # files
@@ -68,10 +68,10 @@ def test_a_file_of_before_the_degrees_of_freedom_is_read_with_infinite_ones_and_
     older = replace(
         whole, parameters=tuple(p for p in whole.parameters if p.name != "model_error_dof")
     )
-    new, old = level_file.thermal_model(whole), level_file.thermal_model(older)
+    new, old = forms.read_thermal(whole), forms.read_thermal(older)
     assert (new.model_error_dof, new.flags) == (whole.value("model_error_dof"), ())
     assert math.isfinite(new.model_error_dof)
-    assert (old.model_error_dof, old.flags) == (math.inf, (level_file.UNKNOWN_DOF,))
+    assert (old.model_error_dof, old.flags) == (math.inf, (forms.UNKNOWN_DOF,))
     assert (old.model_error, old.coefficients.tolist()) == (
         new.model_error,
         new.coefficients.tolist(),
@@ -94,7 +94,7 @@ def test_a_validation_by_such_a_file_flags_it(run, campaign):
     file = min(path.name for path in campaign.glob("*.csv"))
     for held, flagged in ((records, True), (run[0].records, False)):
         _, summary = instrument.validate(spec, held, [instrument.read(spec, campaign, file)])
-        assert (level_file.UNKNOWN_DOF in summary.flags) is flagged
+        assert (forms.UNKNOWN_DOF in summary.flags) is flagged
 
 
 # numbers
@@ -133,7 +133,7 @@ def test_a_thermometer_that_is_off_moves_the_compensated_rate_by_the_drift_s_slo
     (term,) = instruments.parse_recipe(
         recipe.Source("r", recipe.find("fog_thermal").text + TERMS)
     ).type_b[:1]
-    found = uncertainty.along(model, time, case, case, (term,), 25.0)
+    found = uncertainty.propagate(model, time, case, case, (term,), 25.0)
     moved, still = (evaluate.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
     assert found.contributions[-1] == pytest.approx(np.abs(moved - still), rel=0.02, abs=1e-5)
     assert found.standard == pytest.approx(

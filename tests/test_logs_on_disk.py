@@ -41,7 +41,7 @@ def prepared(folder, overrides=()):
     """Read and prepare the log; returns both."""
     spec = instruments.parse_recipe(recipe.find("fog_thermal", overrides))
     log = logs.read_log(spec, folder / FILE, FILE, ramps.COLUMNS)
-    return log, ramps.prepare(log, spec, ramps.findings(log, spec))
+    return log, ramps.prepare(log, spec, ramps.find_faults(log, spec))
 
 
 def same(one, other, rtol=0.0):

@@ -25,16 +25,7 @@ if TYPE_CHECKING:
 
 Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", "appeared", "gone"]
 JUDGED = ("moved", "held")
-MEANING = {
-    "fog-drift-gradient/1": ("interval",),
-    "fog-drift-rate/1": ("interval",),
-    "fog-drift-level/1": ("interval",),
-    "fog-drift-lagged/1": ("interval",),
-}
-"""Form → parameters that say what its coefficients mean: with another value of one they are other
-quantities.
-"""
-MEASURED = {"gyro-scale/1": {"temp_case": 0.1}, "fog-drift-gradient/1": {"rate": 0.05}}
+MEASURED = {"gyro-scale/1": {"temp_case": 0.1}}
 """Form → parameters that say where its coefficients were measured, with the difference that is
 worth saying [their unit].
 """
@@ -181,7 +172,7 @@ def _obstacles(old: Model, new: Model, form: Form | None) -> tuple[str, ...]:
         return (f"form {old.form} became {new.form}: the coefficients are other quantities",)
     return tuple(
         f"{name} {a:g} became {b:g}: the coefficients are other quantities"
-        for name, a, b in _parameters(old, new, meaning_of(old.form, form))
+        for name, a, b in _parameters(old, new, form.meaning if form else ())
         if a != b
     )
 
@@ -194,11 +185,6 @@ def _measured(old: Model, new: Model, form: Form | None) -> tuple[str, ...]:
         for name, a, b in _parameters(old, new, matters)
         if not abs(a - b) <= matters[name]
     )
-
-
-def meaning_of(name: str, form: Form | None) -> tuple[str, ...]:
-    """Parameters that say what the coefficients of a form are."""
-    return form.meaning if form and form.meaning else MEANING.get(name, ())
 
 
 def _parameters(old: Model, new: Model, names: Iterable[str]) -> Iterator[tuple[str, float, float]]:

@@ -30,8 +30,6 @@ if TYPE_CHECKING:
     from calibkit.store import Run
 
 YEAR_DAYS = 365.25
-PER_RAMP = "fog-drift-gradient/1"
-"""A model a log, named by it: not a quantity of the unit that could be followed over years."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -262,13 +260,13 @@ def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[Series]:
 
 
 def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[Quantity, Coefficient]]:
-    """Every coefficient and figure of a run that belongs to the unit and not to one log."""
+    """Every coefficient and figure of a run that belongs to the instrument and not to one log."""
     for record in run.records.values():
         for model in record.models:
             form = forms.get(model.form)
-            if model.form == PER_RAMP or (form is not None and form.per_log):
+            if form is not None and form.per_log:
                 continue
-            names = difference.meaning_of(model.form, form)
+            names = form.meaning if form is not None else ()
             meaning = ", ".join(
                 f"{p.name} {p.value:g} {p.unit}" for p in model.parameters if p.name in names
             )

@@ -76,8 +76,7 @@ def at_rest(
     """
     if model.thermal is None:
         return None
-    low, high = model.thermal.valid.temperature
-    temperature = min(max(recipe.reference_temp_degc, low), high)
+    temperature = model.thermal.nearest_fitted(recipe.reference_temp_degc)
     row = evaluate.at_rest(model.thermal, temperature)[0]
     rate = float(row @ model.thermal.coefficients)
     u = float(np.sqrt(row @ model.thermal.covariance[:9, :9] @ row))
@@ -178,7 +177,7 @@ class BothWays:
     constant: tuple[float, float] | None
 
 
-def hysteresis(model: DriftModel, logs: Sequence[PreparedLog]) -> BothWays | None:
+def compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> BothWays | None:
     """Heating against cooling; none without ramps both ways."""
     thermal = [log.thermal for log in logs]
     try:

@@ -1,4 +1,4 @@
-"""What was tested on withheld ramps → the one drift term that is exported, or none, and
+"""Models tested on withheld ramps → the one drift term that is exported, or none, and
 drift_rate.json.
 """
 
@@ -10,8 +10,9 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.coefficients import Figure, StageResult
-from calibkit.instruments.fog_thermal import gradient_file, level_file
+from calibkit.instruments.fog_thermal import forms, gradient_file
 from calibkit.instruments.fog_thermal.compensate import DriftModel
+from calibkit.instruments.fog_thermal.numeric import choice, compensation
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
@@ -19,7 +20,8 @@ if TYPE_CHECKING:
     from calibkit.instruments.fog_thermal.compensate import LogFigures
     from calibkit.instruments.fog_thermal.gradient_file import SideChoice
     from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
-    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+    from calibkit.instruments.fog_thermal.ramps import PreparedLog
+    from calibkit.instruments.fog_thermal.recipe import Drift, FogThermalRecipe
 
 
 @dataclass(frozen=True, slots=True)
@@ -32,6 +34,19 @@ class Export:
     name: str
     share_of_raw: float | None
     flags: tuple[str, ...]
+
+
+def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice | None:
+    """Test the models on levels by leaving out each ramp; none where the recipe asks for the
+    published scheme alone.
+    """
+    if spec.model == "gradient_rate" or (spec.model == "auto" and spec.order != "auto"):
+        return None
+    return choice.choose(
+        [log.thermal for log in logs],
+        [one for one in choice.CANDIDATES if spec.model in ("auto", one.form)],
+        figure_blocks=compensation.blocks_per_figure(spec.interval_s),
+    )
 
 
 def decide(
@@ -99,9 +114,13 @@ def result(
     recipe: FogThermalRecipe,
 ) -> StageResult:
     """drift_rate.json: the exported model and every drift figure with its rate gain beside it."""
-    figures = [
-        *gradient_file.left_out_figures(choices),
-        *(level_file.figures(levels) if levels is not None else ()),
+    figures = gradient_file.left_out_figures(choices)
+    tested = levels.tested if levels is not None else ()
+    if tested:
+        figures.append(Figure("raw_drift_rms.ramps", tested[0].pooled_raw, "deg/h", 0.0))
+    figures += [
+        Figure(f"leave_one_ramp_out_rms.{one.candidate.name}", one.pooled, "deg/h", 0.0)
+        for one in tested
     ]
     for log in logs:
         figures += [
@@ -120,11 +139,11 @@ def result(
             "one_step compensation is a first difference: it removes the true rate (rate gain 0)"
         )
     models = [
-        gradient_file.rate_model(polynomial, recipe.drift.interval_s)
+        forms.write_rates(polynomial, recipe.drift.interval_s)
         for polynomial in export.model.polynomials
     ]
     if export.model.thermal is not None:
-        models.append(level_file.file_model(export.model.thermal, recipe.drift.interval_s))
+        models.append(forms.write_thermal(export.model.thermal, recipe.drift.interval_s))
     return StageResult(
         "drift_rate", models=tuple(models), figures=tuple(figures), flags=tuple(flags)
     )

@@ -12,10 +12,21 @@ from typing import TYPE_CHECKING
 from calibkit.errors import OutputError
 from calibkit.firmware import exact
 from calibkit.firmware.chain import Case, Map, Memory, Select, Slope, Term
-from calibkit.firmware.draft import BEYOND, Draft, factor, numbers, powers
+from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
 from calibkit.instruments.fog_thermal import firmware_updates
+from calibkit.instruments.fog_thermal.forms import (
+    CASE,
+    DRIVERS,
+    FILE,
+    GRADIENT,
+    LAGGED,
+    OVER_RATES,
+    RATE,
+    rate_names,
+)
+from calibkit.instruments.fog_thermal.numeric.terms import LAGS, TERMS
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
@@ -24,10 +35,10 @@ if TYPE_CHECKING:
     from calibkit.firmware.chain import Chain
     from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
-FILE = "drift_rate.json"
-CASE = "temperature of the sensor case, mean of the interval"
-AIR = "temperature of the air around the sensor, mean of the interval"
-STATIC = ("b0", "b1", "b2", "b3")
+GRADIENT_RATE = DRIVERS[3]
+AIR, AIR_RATE = "temp_env_degc", "temp_env_rate_degc_min"
+CASE_MEANING = "temperature of the sensor case, mean of the interval"
+AIR_MEANING = "temperature of the air around the sensor, mean of the interval"
 WIDEST = 2
 """Halves of the fitted range that the word of an input reaches from its middle."""
 FASTEST = 2
@@ -63,16 +74,14 @@ def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
             "the run has no drift term: no tested model was better than none",
             hint="there is nothing to export",
         )
-    if models[0].form == "fog-drift-rate/1":
+    if models[0].form == OVER_RATES.name:
         if spec.drift.compensation == "one_step":
             raise OutputError(
                 "compensation 'one_step' removes the true rate (rate gain 0)",
                 hint="fit with drift.compensation = 'recursive'",
             )
         return _recursive(models, window_s)
-    if models[0].form == "fog-drift-lagged/1":
-        return _lagged(models[0], reference_degc)
-    return _level(models[0], reference_degc)
+    return _on_levels(models[0], reference_degc)
 
 
 def _output(draft: Draft, source: str) -> None:
@@ -81,13 +90,24 @@ def _output(draft: Draft, source: str) -> None:
     draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
 
 
-def _case(draft: Draft, model: Model) -> tuple[Fraction, Fraction]:
-    """Case temperature x, followed beyond the fitted range, and its middle and half [°C]."""
-    middle, half = exact.span(*model.valid["temp_case_degc"])
+def _on_levels(model: Model, reference_degc: float) -> Chain:
+    """Sum of the drift terms of a model on levels, zero at rest at the reference temperature."""
+    draft, h = Draft(), Fraction(model.value("interval"))
+    middle, half = exact.span(*model.valid[CASE])
     reach = (middle - WIDEST * half, middle + WIDEST * half)
-    draft.input("temp_case_degc", "degC", CASE, reach)  # the map limits it, and says so
-    return draft.map(
-        "x", "temp_case_degc", model.valid["temp_case_degc"], flag="TEMP_CLAMPED", beyond=BEYOND
+    draft.input(CASE, "degC", CASE_MEANING, reach)  # the map limits it, and says so
+    draft.map("x", CASE, model.valid[CASE], flag="TEMP_CLAMPED", beyond=BEYOND)
+    fastest = FASTEST * _largest(model, RATE)
+    lagged = model.form == LAGGED.name
+    (_follow_coil if lagged else _follow_case)(draft, model, h, half)
+    _output(draft, _terms(draft, model, reference_degc, middle, half))
+    _ranges(draft, model, "coil" if lagged else "case")
+    moved = f"the case moves by no more than {float(fastest):.3g} degC/min"
+    return draft.chain(
+        [model.form],
+        FORMULA.format(reference=reference_degc),
+        interval_s=float(h),
+        condition=moved if lagged or _uses(model, RATE) else "",
     )
 
 
@@ -102,22 +122,24 @@ def _limited(draft: Draft, model: Model, name: str, source: str, column: str, fl
     draft.limit(name, source, low, high, flag)
 
 
+def _limited_temperature(draft: Draft, model: Model, source: str) -> None:
+    """The temperature u inside its fitted range."""
+    middle, half = exact.span(*model.valid[CASE])
+    low, high = ((Fraction(limit) - middle) / half for limit in model.valid[CASE])
+    draft.limit("u", source, low, high, "TEMP_CLAMPED")
+
+
 def _terms(
     draft: Draft, model: Model, reference_degc: float, middle: Fraction, half: Fraction
 ) -> str:
     """Sum of the drift terms over u, rate, gradient and gradient_rate, less the drift at rest at
     the reference.
     """
-    r, g, q = (
-        _largest(model, column)
-        for column in ("temp_rate_degc_min", "gradient_degc", "gradient_rate_degc_min")
-    )
-    low, high = model.valid["temp_case_degc"]
-    static = exact.mapped(numbers(model, *STATIC), middle, half)
+    r, g, q = (_largest(model, column) for column in DRIVERS[1:])
+    low, high = model.valid[CASE]
+    *powers, s_rate, s_grad, s_grad2, s_temp_rate, s_grad_rate = numbers(model, *TERMS)
+    static = exact.mapped(powers, middle, half)
     at_rest = exact.value(static, (Fraction(min(max(reference_degc, low), high)) - middle) / half)
-    s_rate, s_grad, s_grad2, s_temp_rate, s_grad_rate = numbers(
-        model, "s_rate", "s_grad", "s_grad2", "s_temp_rate", "s_grad_rate"
-    )
     by_rate = exact.scale((s_rate + s_temp_rate * middle, s_temp_rate * half), r)
     return draft.sum(
         "drift",
@@ -129,13 +151,15 @@ def _terms(
     )
 
 
-def _used(model: Model) -> tuple[bool, bool, bool]:
-    """Whether rate, gradient and rate of the gradient enter."""
-    return (
-        any(numbers(model, "s_rate", "s_temp_rate")),
-        any(numbers(model, "s_grad", "s_grad2")),
-        any(numbers(model, "s_grad_rate")),
-    )
+def _uses(model: Model, driver: str) -> bool:
+    """Whether a driver enters a model on levels."""
+    _, _, _, _, s_rate, s_grad, s_grad2, s_temp_rate, s_grad_rate = numbers(model, *TERMS)
+    entering = {
+        RATE: (s_rate, s_temp_rate),
+        GRADIENT: (s_grad, s_grad2),
+        GRADIENT_RATE: (s_grad_rate,),
+    }
+    return any(entering[driver])
 
 
 def _ranges(draft: Draft, model: Model, whose: str) -> None:
@@ -144,7 +168,7 @@ def _ranges(draft: Draft, model: Model, whose: str) -> None:
         draft.ranges.append(f"{column} of the {whose} {low:.4g} to {high:.4g}")
 
 
-def _lagged(model: Model, reference_degc: float) -> Chain:
+def _follow_coil(draft: Draft, model: Model, h: Fraction, half: Fraction) -> None:
     """Coil temperatures behind the case: lag = T_case − T_o and fall = T_o − T_i, both in units of
     half.
 
@@ -153,9 +177,7 @@ def _lagged(model: Model, reference_degc: float) -> Chain:
     + λ ΔT, κ = τ_i (a − b)/(τ_o − τ_i), λ = (τ_i (1 − b) − τ_o κ)/h. States that vanish at rest
     keep their digits there.
     """
-    draft, h = Draft(), Fraction(model.value("interval"))
-    middle, half = _case(draft, model)
-    tau = Fraction(model.value("tau_outer"))
+    tau = Fraction(model.value(LAGS[0]))
     a = exact.exp(-h / tau)
     draft.steps += [Memory("x_before", "x", "same"), Memory("lag_before", "lag", "zero")]
     draft.sum("move", factor("x"), factor("x_before", -1))
@@ -166,27 +188,16 @@ def _lagged(model: Model, reference_degc: float) -> Chain:
         move,
         factor("lag_before"),
     )
-    fastest = FASTEST * _largest(model, "temp_rate_degc_min") / 60 / half
+    fastest = FASTEST * _largest(model, RATE) / 60 / half
     _bound(draft, "move", 2 * BEYOND, fastest * h)
     _bound(draft, "lag", 2 * BEYOND, min(2 * BEYOND, fastest * tau))
-    _, gradient, gradient_rate = _used(model)
-    if gradient or gradient_rate:
-        _inner(draft, model, (h, tau, a), half)
+    if _uses(model, GRADIENT) or _uses(model, GRADIENT_RATE):
+        _follow_inner_coil(draft, model, (h, tau, a), half)
     draft.sum("coil", factor("x"), factor("lag", -1))
-    low, high = ((Fraction(limit) - middle) / half for limit in model.valid["temp_case_degc"])
-    draft.limit("u", "coil", low, high, "TEMP_CLAMPED")
-    per_minute = 60 * half / tau / _largest(model, "temp_rate_degc_min")
+    _limited_temperature(draft, model, "coil")
+    per_minute = 60 * half / tau / _largest(model, RATE)
     draft.sum("coil_rate", draft.polynomial("rate_of_lag", (per_minute,), "", "lag"))
-    _limited(draft, model, "rate", "coil_rate", "temp_rate_degc_min", "RATE_CLAMPED")
-    _output(draft, _terms(draft, model, reference_degc, middle, half))
-    _ranges(draft, model, "coil")
-    text = f"the case moves by no more than {float(fastest * half * 60):.3g} degC/min"
-    return draft.chain(
-        [model.form],
-        FORMULA.format(reference=reference_degc),
-        interval_s=float(h),
-        condition=text,
-    )
+    _limited(draft, model, "rate", "coil_rate", RATE, "RATE_CLAMPED")
 
 
 def _bound(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:
@@ -198,11 +209,11 @@ def _bound(draft: Draft, name: str, limit: Fraction, usual: Fraction) -> None:
     draft.gains[name] = Fraction(2)
 
 
-def _inner(
+def _follow_inner_coil(
     draft: Draft, model: Model, outer: tuple[Fraction, Fraction, Fraction], half: Fraction
 ) -> None:
     """The inner coil: its gradient to the outer one and that gradient's rate."""
-    (h, tau, a), tau_i = outer, Fraction(model.value("tau_inner"))
+    (h, tau, a), tau_i = outer, Fraction(model.value(LAGS[1]))
     b = exact.exp(-h / tau_i)
     carried = tau_i * (a - b) / (tau - tau_i) if tau != tau_i else h / tau * a
     moved = (tau_i * (1 - b) - tau * carried) / h
@@ -216,88 +227,49 @@ def _inner(
     )
     share = min(Fraction(1), tau_i / tau)
     _bound(draft, "fall", 2 * BEYOND * share, draft.usual["lag"] * share)
-    scale = _largest(model, "gradient_degc")
-    draft.sum("coil_gradient", draft.polynomial("gradient_of_fall", (half / scale,), "", "fall"))
-    _limited(draft, model, "gradient", "coil_gradient", "gradient_degc", "GRADIENT_CLAMPED")
-    if any(numbers(model, "s_grad_rate")):
-        scale = _largest(model, "gradient_rate_degc_min")
+    by_fall = (half / _largest(model, GRADIENT),)
+    draft.sum("coil_gradient", draft.polynomial("gradient_of_fall", by_fall, "", "fall"))
+    _limited(draft, model, "gradient", "coil_gradient", GRADIENT, "GRADIENT_CLAMPED")
+    if _uses(model, GRADIENT_RATE):
+        scale = 60 * half / _largest(model, GRADIENT_RATE)
         draft.sum(
             "coil_gradient_rate",
-            draft.polynomial(
-                "gradient_rate_of_fall", (60 * half / tau_i / scale,), "", "fall", sign=-1
-            ),
-            draft.polynomial("gradient_rate_of_lag", (60 * half / tau / scale,), "", "lag"),
+            draft.polynomial("gradient_rate_of_fall", (scale / tau_i,), "", "fall", sign=-1),
+            draft.polynomial("gradient_rate_of_lag", (scale / tau,), "", "lag"),
         )
-        _limited(
-            draft,
-            model,
-            "gradient_rate",
-            "coil_gradient_rate",
-            "gradient_rate_degc_min",
-            "RATE_CLAMPED",
-        )
+        _limited(draft, model, "gradient_rate", "coil_gradient_rate", GRADIENT_RATE, "RATE_CLAMPED")
 
 
-def _level(model: Model, reference_degc: float) -> Chain:
+def _follow_case(draft: Draft, model: Model, h: Fraction, half: Fraction) -> None:
     """Case temperature, its gradient to the air, and their rates by parabolas over the window
     before.
     """
-    draft, h = Draft(), Fraction(model.value("interval"))
-    middle, half = _case(draft, model)
-    low, high = ((Fraction(limit) - middle) / half for limit in model.valid["temp_case_degc"])
-    draft.limit("u", "x", low, high, "TEMP_CLAMPED")
-    rate, gradient, gradient_rate = _used(model)
+    _limited_temperature(draft, model, "x")
     length, least = _window(h, Fraction(model.value("window")))
-    fastest = FASTEST * _largest(model, "temp_rate_degc_min")
-    if rate:
-        weights = exact.scale(
-            _weights(h, length, least), half / _largest(model, "temp_rate_degc_min")
-        )
-        _slope(draft, "case_rate", "x", weights, length, least)
+
+    def slope(name: str, source: str, column: str, unit: Fraction) -> None:
+        weights = exact.scale(_weights(h, length, least), unit / _largest(model, column))
+        table = draft.table(f"case_{name}_weights", weights)
+        draft.steps.append(Slope(f"case_{name}", source, table, length, least, "RATE_STARTING"))
+        _limited(draft, model, name, f"case_{name}", column, "RATE_CLAMPED")
+
+    if _uses(model, RATE):
+        fastest = FASTEST * _largest(model, RATE)
         draft.usual["case_rate.difference"] = min(2 * BEYOND, fastest * length * h / 60 / half)
-        _limited(draft, model, "rate", "case_rate", "temp_rate_degc_min", "RATE_CLAMPED")
-    if gradient or gradient_rate:
-        scale = _largest(model, "gradient_degc")
+        slope("rate", "x", RATE, half)
+    if _uses(model, GRADIENT) or _uses(model, GRADIENT_RATE):
+        middle, scale = exact.span(*model.valid[CASE])[0], _largest(model, GRADIENT)
         reach = (middle - 2 * BEYOND * half, middle + 2 * BEYOND * half)
-        draft.input("temp_env_degc", "degC", AIR, reach, "AIR_CLAMPED")
-        draft.sum("apart", factor("temp_case_degc"), factor("temp_env_degc", -1))
+        draft.input(AIR, "degC", AIR_MEANING, reach, "AIR_CLAMPED")
+        draft.sum("apart", factor(CASE), factor(AIR, -1))
         table = draft.table(
             "wide_gradient_map", (Fraction(0), 1 / scale, Fraction(-2), Fraction(2))
         )
         draft.steps.append(Map("wide_gradient", "apart", table, "GRADIENT_CLAMPED"))
-        if gradient:
-            _limited(draft, model, "gradient", "wide_gradient", "gradient_degc", "GRADIENT_CLAMPED")
-        if gradient_rate:
-            weights = exact.scale(
-                _weights(h, length, least), scale / _largest(model, "gradient_rate_degc_min")
-            )
-            _slope(draft, "case_gradient_rate", "wide_gradient", weights, length, least)
-            _limited(
-                draft,
-                model,
-                "gradient_rate",
-                "case_gradient_rate",
-                "gradient_rate_degc_min",
-                "RATE_CLAMPED",
-            )
-    _output(draft, _terms(draft, model, reference_degc, middle, half))
-    _ranges(draft, model, "case")
-    text = f"the case moves by no more than {float(fastest):.3g} degC/min"
-    return draft.chain(
-        [model.form],
-        FORMULA.format(reference=reference_degc),
-        interval_s=float(h),
-        condition=text if rate else "",
-    )
-
-
-def _slope(
-    draft: Draft, name: str, source: str, weights: exact.Poly, length: int, least: int
-) -> None:
-    """A rate by the weights of its window."""
-    draft.steps.append(
-        Slope(name, source, draft.table(f"{name}_weights", weights), length, least, "RATE_STARTING")
-    )
+        if _uses(model, GRADIENT):
+            _limited(draft, model, "gradient", "wide_gradient", GRADIENT, "GRADIENT_CLAMPED")
+        if _uses(model, GRADIENT_RATE):
+            slope("gradient_rate", "wide_gradient", GRADIENT_RATE, scale)
 
 
 def _window(h: Fraction, window: Fraction) -> tuple[int, int]:
@@ -335,23 +307,23 @@ def _recursive(models: Sequence[Model], slope_window_s: float) -> Chain:
     update before.
     """
     draft, h = Draft(), Fraction(models[0].value("interval"))
-    cases = [model.valid["temp_case_degc"] for model in models]
+    cases = [model.valid[CASE] for model in models]
     middle, half = exact.span(min(low for low, _ in cases), max(high for _, high in cases))
     reach = (middle - 2 * half, middle + 2 * half)
-    draft.input("temp_case_degc", "degC", CASE, reach, "TEMP_CLAMPED")
-    draft.input("temp_env_degc", "degC", AIR, reach, "AIR_CLAMPED")
-    fastest = 4 * max(_largest(model, "temp_rate_degc_min") for model in models)
+    draft.input(CASE, "degC", CASE_MEANING, reach, "TEMP_CLAMPED")
+    draft.input(AIR, "degC", AIR_MEANING, reach, "AIR_CLAMPED")
+    fastest = 4 * max(_largest(model, RATE) for model in models)
     meaning = (
         f"rate of the air, slope by least squares over the {slope_window_s:g} s before the end of"
         " the interval"
     )
     draft.input(
-        "temp_env_rate_degc_min", "degC/min", meaning, (-fastest, fastest)
+        AIR_RATE, "degC/min", meaning, (-fastest, fastest)
     )  # the sides limit it, and say so
-    draft.sum("apart", factor("temp_case_degc"), factor("temp_env_degc", -1))
-    selected = [case for model in models for case in _side(draft, model)]
-    draft.steps.append(Select("increment", "temp_env_rate_degc_min", tuple(selected), "HELD"))
-    largest = max(_largest_increment(draft, model.name) for model in models)
+    draft.sum("apart", factor(CASE), factor(AIR, -1))
+    sides, bounds = zip(*(_side(draft, model) for model in models), strict=True)
+    draft.steps.append(Select("increment", AIR_RATE, sides, "HELD"))
+    largest = max(bounds)
     longest = Fraction(2) ** exact.power_of_two(LONGEST_DRIFT * largest)
     draft.steps += [
         Memory("drift_before", "drift", "zero"),
@@ -366,41 +338,38 @@ def _recursive(models: Sequence[Model], slope_window_s: float) -> Chain:
     return draft.chain([model.form for model in models], RECURSIVE, interval_s=float(h))
 
 
-def _largest_increment(draft: Draft, name: str) -> Fraction:
-    """Largest increment of a side [°/h]: all its coefficients together, for mapped drivers."""
-    return sum(
-        (abs(c) for table, t in draft.tables.items() if table.startswith(f"a_{name}_") for c in t),
-        Fraction(0),
-    )
-
-
-def _side(draft: Draft, model: Model) -> list[Case]:
-    """Increment of one side: a_j(r) as polynomials of the mapped rate, for powers of the mapped
-    gradient.
+def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
+    """Increment of one side, a_j(r) as polynomials of the mapped rate for powers of the mapped
+    gradient, and its largest magnitude [°/h].
     """
-    name, (low, high) = model.name, model.valid["temp_rate_degc_min"]
+    name, (low, high) = model.name, model.valid[RATE]
     r_middle, r_half = draft.map(
-        f"rate_{name}", "temp_env_rate_degc_min", (low, high), flag="RATE_CLAMPED", group=name
+        f"rate_{name}", AIR_RATE, (low, high), flag="RATE_CLAMPED", group=name
     )
     g_middle, g_half = draft.map(
         f"gradient_{name}",
         "apart",
-        model.valid["gradient_degc"],
+        model.valid[GRADIENT],
         flag="GRADIENT_CLAMPED",
         group=name,
     )
-    over_rate = [exact.mapped(powers(model, f"c{j}"), r_middle, r_half) for j in range(3)]
+    over_rate = [
+        exact.mapped(numbers(model, *names), r_middle, r_half)
+        for names in rate_names(len(model.coefficients) // 3 - 1)
+    ]
     terms: list[list[Term]] = []
+    largest = Fraction(0)
     for i in (2, 1, 0):
         parts = [
             exact.scale(over_rate[j], comb(j, i) * g_middle ** (j - i) * g_half**i)
             for j in range(i, 3)
         ]
-        factors = (f"gradient_{name}",) * i
-        terms.append(draft.polynomial(f"a_{name}_{i}", exact.add(*parts), f"rate_{name}", *factors))
+        factors, polynomial = (f"gradient_{name}",) * i, exact.add(*parts)
+        terms.append(draft.polynomial(f"a_{name}_{i}", polynomial, f"rate_{name}", *factors))
+        largest += sum(map(abs, polynomial))
     value = draft.sum(f"increment_{name}", *terms)
     table = draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,))
-    return [Case(value, 1 if low > 0 else -1 if high < 0 else 0, table, name)]
+    return Case(value, 1 if low > 0 else -1 if high < 0 else 0, table, name), largest
 
 
 FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=firmware_updates.apply)

@@ -67,7 +67,7 @@ def apply(
     interval with means over it.
     """
     log = logs.read_log(spec, data, data.name, ramps.COLUMNS)
-    refuse(ramps.usable(log))
+    refuse(ramps.find_unusable(log))
     time, case, env, gyro = (values(log.frame, column) for column in ramps.COLUMNS)
     slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
     interval = spec.drift.interval_s

@@ -7,21 +7,16 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from calibkit.coefficients import Coefficient, Figure, Model, Parameter, StageResult
+from calibkit.coefficients import Figure, StageResult
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import gradient, gradient_order
+from calibkit.instruments.fog_thermal import forms
+from calibkit.instruments.fog_thermal.numeric import compensation, gradient, gradient_order
 
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibkit.instruments.fog_thermal.ramps import PreparedLog, Ramp
     from calibkit.instruments.fog_thermal.recipe import Drift
-
-FIGURE_INTERVAL_S = 100.0
-"""Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
-GRADIENT_UNITS = ("deg/h", "deg/h/K", "deg/h/K^2")
 
 
 @dataclass(frozen=True, slots=True)
@@ -45,11 +40,6 @@ class SideChoice:
     flags: tuple[str, ...]
 
 
-def group(interval_s: float) -> int:
-    """Number of model intervals that the drift figure averages."""
-    return max(1, round(FIGURE_INTERVAL_S / interval_s))
-
-
 def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> list[FittedRamp]:
     """Fit a0, a1, a2 of every ramp; raises FitError naming the ramp that cannot determine them."""
     fitted = []
@@ -65,49 +55,13 @@ def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> list[FittedRamp]:
 
 
 def drift_result(ramps: Sequence[FittedRamp], spec: Drift) -> StageResult:
-    """drift.json: one fog-drift-gradient/1 model a ramp; its coefficients are per model
-    interval.
-    """
-    models = []
-    for item in ramps:
-        found = item.fit
-        uncertainty = np.sqrt(np.diag(found.covariance))
-        models.append(
-            Model(
-                name=item.ramp.name,
-                form="fog-drift-gradient/1",
-                coefficients=tuple(
-                    Coefficient(name, float(value), unit, float(u))
-                    for name, value, unit, u in zip(
-                        gradient.TERMS, found.coefficients, GRADIENT_UNITS, uncertainty, strict=True
-                    )
-                ),
-                covariance=tuple(map(tuple, found.covariance.tolist())),
-                dof=found.dof,
-                residual_rms=found.residual_rms,
-                residual_unit="deg/h",
-                valid={
-                    "temp_case_degc": found.case,
-                    "gradient_degc": found.gradient,
-                    "temp_rate_degc_min": (found.rate, found.rate),
-                },
-                parameters=(
-                    Parameter("interval", spec.interval_s, "s"),
-                    Parameter("rate", found.rate, "degC/min"),
-                ),
-            )
-        )
-    flags = tuple(
-        flag
-        for log in dict.fromkeys(item.log.name for item in ramps)
-        for flag in _log_flags(ramps, log)
+    """drift.json: one model per ramp; its coefficients are per model interval."""
+    flags = {item.log.name: item.log.flags for item in ramps}
+    return StageResult(
+        "drift",
+        models=tuple(forms.write_ramp(item.ramp.name, item.fit, spec.interval_s) for item in ramps),
+        flags=tuple(flag for log in flags.values() for flag in log),
     )
-    return StageResult("drift", models=tuple(models), flags=flags)
-
-
-def _log_flags(ramps: Sequence[FittedRamp], name: str) -> tuple[str, ...]:
-    """Flags of the log of that name."""
-    return next(item.log.flags for item in ramps if item.log.name == name)
 
 
 def choose(ramps: Sequence[FittedRamp], spec: Drift) -> list[SideChoice]:
@@ -149,7 +103,10 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
     """Choice of one side."""
     fits = [item.fit for item in members]
     tested = gradient_order.candidates(
-        fits, [_stretch(item) for item in members], side, group(spec.interval_s)
+        fits,
+        [_stretch(item) for item in members],
+        side,
+        compensation.blocks_per_figure(spec.interval_s),
     )
     if spec.order != "auto":
         return _pinned(fits, tested, spec.order, side)
@@ -200,59 +157,7 @@ def _pinned(
     return SideChoice(side, tuple(tested), polynomial, tuple(flags))
 
 
-def rate_model(polynomial: gradient.RatePolynomial, interval_s: float) -> Model:
-    """fog-drift-rate/1 model of one side."""
-    size = polynomial.order + 1
-    uncertainty = np.sqrt(np.clip(np.diag(polynomial.covariance), 0.0, None))
-    names = [(j, m) for j in range(3) for m in range(size)]
-    return Model(
-        name=polynomial.side,
-        form="fog-drift-rate/1",
-        coefficients=tuple(
-            Coefficient(f"c{j}{m}", float(polynomial.c[j, m]), _unit(j, m), float(u))
-            for (j, m), u in zip(names, uncertainty, strict=True)
-        ),
-        covariance=tuple(map(tuple, polynomial.covariance.tolist())),
-        dof=polynomial.dof,
-        residual_rms=polynomial.residual_rms,
-        residual_unit="deg/h",
-        valid={
-            "temp_rate_degc_min": polynomial.rates,
-            "gradient_degc": polynomial.gradient,
-            "temp_case_degc": polynomial.case,
-        },
-        parameters=(
-            Parameter("interval", interval_s, "s"),
-            Parameter("order", float(polynomial.order), "1"),
-            Parameter("slowest_rate", polynomial.slowest, "degC/min"),
-        ),
-    )
-
-
-def _unit(j: int, m: int) -> str:
-    """Unit of c_jm: that of a_j for each (°C/min)^m."""
-    per = {0: "", 1: "/(degC/min)"}.get(m, f"/(degC/min)^{m}")
-    return GRADIENT_UNITS[j] + per
-
-
-def rate_polynomial(model: Model) -> gradient.RatePolynomial:
-    """Polynomial of a fog-drift-rate/1 model: the inverse of rate_model."""
-    size = len(model.coefficients) // 3
-    c = np.array([[model.value(f"c{j}{m}") for m in range(size)] for j in range(3)])
-    return gradient.RatePolynomial(
-        model.name,
-        c,
-        np.array(model.covariance),
-        model.dof,
-        model.residual_rms,
-        model.valid["temp_rate_degc_min"],
-        model.value("slowest_rate"),
-        model.valid["gradient_degc"],
-        model.valid["temp_case_degc"],
-    )
-
-
-def left_out_figures(choices: Sequence[SideChoice]) -> tuple[Figure, ...]:
+def left_out_figures(choices: Sequence[SideChoice]) -> list[Figure]:
     """Leave-one-rate-out figures of every tested order, raw beside them."""
     figures = []
     for choice in choices:
@@ -269,4 +174,4 @@ def left_out_figures(choices: Sequence[SideChoice]) -> tuple[Figure, ...]:
             )
             for result in choice.tested
         ]
-    return tuple(figures)
+    return figures

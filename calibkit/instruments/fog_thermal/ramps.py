@@ -66,24 +66,24 @@ class PreparedLog:
     flags: tuple[str, ...]
 
 
-def findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
+def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     """Check a log that is to be fitted; nothing is fitted to one in which something is refused. One
     on disk goes in pieces.
     """
     if not log.on_disk:
-        return _findings(log, recipe)
+        return _faults(log, recipe)
     pieced = chunked.through(recipe, log)
     if any(finding.refused for finding in pieced.findings):
         return list(pieced.findings)
     rest = (
-        finding for finding in _findings(pieced.log, recipe) if finding.name not in chunked.BY_PIECE
+        finding for finding in _faults(pieced.log, recipe) if finding.name not in chunked.BY_PIECE
     )
     return [*check.rows(log, recipe.checks.min_rows), *pieced.findings, *rest]
 
 
-def _findings(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
+def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     """Findings of a log that is looked at whole."""
-    found = usable(log, recipe.checks.min_rows)
+    found = find_unusable(log, recipe.checks.min_rows)
     if any(finding.refused for finding in found):
         return found
     case, air = "temp_case_degc", "temp_env_degc"
@@ -118,7 +118,7 @@ def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     )
 
 
-def usable(log: Log, min_rows: int = 3) -> list[Finding]:
+def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
     """Check a log that is to be compensated, which may be at rest, and in which time may be
     missing.
     """
@@ -192,6 +192,19 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     )
 
 
+def block_means(
+    log: Log, recipe: FogThermalRecipe, *, rated: bool
+) -> tuple[intervals.Intervals, gradient.Blocks]:
+    """Model intervals of a log that is not fitted, and its block means; the temperature rate is 0
+    where it is not asked for.
+    """
+    time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
+    held = intervals.of(time, recipe.drift.interval_s, log.steps.usual)
+    slope = cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
+    middle, t_case, t_env, rate = (held.means(column) for column in (time, case, env, gyro))
+    return held, gradient.blocks_of(held, middle, t_case, t_env, rate, slope)
+
+
 def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
     """Words on thermometers that read in coarse steps."""
     window = recipe.segments.slope_window_s
@@ -256,7 +269,7 @@ def _found(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], 
 
 def examine(log: Log, recipe: FogThermalRecipe) -> Examined:
     """Findings of a log, all that would stop a fit, and its soaks and ramps."""
-    found = findings(log, recipe)
+    found = find_faults(log, recipe)
     if any(finding.refused for finding in found):
         return Examined(tuple(found))
     env = values(log.frame, "temp_env_degc")

@@ -6,7 +6,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal import uncertainty as fog_uncertainty
+from calibkit.instruments.fog_thermal.compensate import drift_along
 from calibkit.instruments.fog_thermal.figures import (
     DriftLog,
     DriftReport,
@@ -16,14 +16,14 @@ from calibkit.instruments.fog_thermal.figures import (
     Tested,
 )
 from calibkit.instruments.fog_thermal.numeric import gradient
-from calibkit.report.summary import Summary, number
+from calibkit.instruments.fog_thermal.uncertainty import tabulate_statements
+from calibkit.report.summary import number
 from calibkit.report.table import Table
 
 if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from typing import Any
 
-    from calibkit.coefficients import Criterion
     from calibkit.frame import Log
     from calibkit.instruments.fog_thermal.bias import BothWays
     from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
@@ -31,30 +31,45 @@ if TYPE_CHECKING:
     from calibkit.instruments.fog_thermal.gradient_file import FittedRamp, SideChoice
     from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
     from calibkit.instruments.fog_thermal.ramps import PreparedLog
-    from calibkit.instruments.fog_thermal.uncertainty import Stated
+    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+    from calibkit.instruments.fog_thermal.uncertainty import Statement
 
 
 def drift_report(
-    title: str,
+    recipe: FogThermalRecipe,
     logs: Sequence[PreparedLog],
     ramps: Sequence[FittedRamp],
     choices: Sequence[SideChoice],
     tested: Sequence[Tested],
     model: DriftModel,
+    ways: BothWays | None,
 ) -> DriftReport:
     """Everything that the figures of a fit show."""
-    shown = tuple(log_view(log, model) for log in logs)
     points = tuple(
         RampCoefficients(
             item.fit.rate, item.fit.coefficients, np.sqrt(np.diag(item.fit.covariance))
         )
         for item in ramps
     )
-    exported = bool(model.polynomials)
-    curves = tuple(
-        _curve(choice.chosen, exported=exported) for choice in choices if choice.chosen is not None
+    curves = []
+    for polynomial in (choice.chosen for choice in choices if choice.chosen is not None):
+        rate = np.linspace(*polynomial.rates, 101)
+        a = gradient.evaluate(polynomial, rate)
+        curves.append(RateCurve(polynomial.side, bool(model.polynomials), rate, a))
+    sides = () if ways is None else (("indication", ways.before), ("left by the model", ways.after))
+    return DriftReport(
+        recipe.title or recipe.procedure,
+        model.interval_s,
+        tuple(log_view(log, model) for log in logs),
+        points,
+        tuple(curves),
+        tuple(tested),
+        tuple(
+            HysteresisView(name, side.temperature, side.difference, side.standard_uncertainty)
+            for name, side in sides
+            if side is not None
+        ),
     )
-    return DriftReport(title, model.interval_s, shown, points, curves, tuple(tested))
 
 
 def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
@@ -65,29 +80,11 @@ def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
         log.raw.case,
         log.raw.indication,
         log.denoised.indication,
-        model.output(model.along(log.raw), log.raw.indication, "recursive"),
+        drift_along(model, log.raw).subtract(log.raw.indication, "recursive"),
     )
 
 
-def hysteresis_view(found: BothWays | None) -> tuple[HysteresisView, ...]:
-    """What the figures show of the hysteresis: of the indication, and of what the model leaves."""
-    sides = (
-        () if found is None else (("indication", found.before), ("left by the model", found.after))
-    )
-    return tuple(
-        HysteresisView(name, side.temperature, side.difference, side.standard_uncertainty)
-        for name, side in sides
-        if side is not None
-    )
-
-
-def _curve(polynomial: gradient.RatePolynomial, *, exported: bool) -> RateCurve:
-    """Polynomials of a side over their fitted rates."""
-    rate = np.linspace(*polynomial.rates, 101)
-    return RateCurve(polynomial.side, exported, rate, gradient.evaluate(polynomial, rate))
-
-
-def tested(
+def list_tested(
     choices: Sequence[SideChoice], levels: ThermalChoice | None, export: Export
 ) -> tuple[Tested, ...]:
     """Every model that was tested on withheld ramps, the orders of the published scheme side by
@@ -118,41 +115,24 @@ def tested(
     )
 
 
-def summary(
-    title: str,
-    figures: Sequence[LogFigures],
+def fit_tables(
     ramps: Sequence[FittedRamp],
     results: Sequence[Tested],
-    stated: Sequence[Stated],
-    flags: Sequence[str],
-    criteria: Sequence[Criterion],
-) -> Summary:
-    """What the console and report.txt say of a fit."""
-    uncertainty = (fog_uncertainty.table(stated),) if stated else ()
-    tables = (ramp_table(ramps), tested_table(results), before_after_table(figures), *uncertainty)
-    return Summary(title, tables, tuple(dict.fromkeys(flags)), tuple(criteria))
-
-
-def ramp_table(ramps: Sequence[FittedRamp]) -> Table:
-    """a_j of each ramp with standard uncertainties."""
-    rows = []
+    logs: Sequence[LogFigures],
+    stated: Sequence[Statement],
+) -> list[Table]:
+    """Coefficients of each ramp with standard uncertainties, every model's drift rms on withheld
+    ramps, each log before and after, and the uncertainty where it can be stated.
+    """
+    coefficients = []
     for item in ramps:
         u = np.sqrt(np.diag(item.fit.covariance))
         cells = [
             f"{value:.3e} ± {error:.0e}"
             for value, error in zip(item.fit.coefficients, u, strict=True)
         ]
-        rows.append((item.ramp.name, f"{item.fit.rate:+.2f}", *cells))
-    return Table(
-        "Drift coefficients of each ramp, per interval (± standard uncertainty, type A)",
-        ("ramp", "°C/min", "a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]"),
-        tuple(rows),
-    )
-
-
-def tested_table(results: Sequence[Tested]) -> Table:
-    """Drift rms on withheld ramps under each model, and which is exported."""
-    rows = tuple(
+        coefficients.append((item.ramp.name, f"{item.fit.rate:+.2f}", *cells))
+    shares = tuple(
         (
             entry.name,
             number(entry.raw),
@@ -162,11 +142,20 @@ def tested_table(results: Sequence[Tested]) -> Table:
         )
         for entry in results
     )
-    return Table(
-        "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
-        ("model", "raw", "compensated", "share of raw", ""),
-        rows,
-    )
+    return [
+        Table(
+            "Drift coefficients of each ramp, per interval (± standard uncertainty, type A)",
+            ("ramp", "°C/min", "a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]"),
+            tuple(coefficients),
+        ),
+        Table(
+            "Withheld-ramp error: each rate or ramp left out in turn [°/h, 100 s means]",
+            ("model", "raw", "compensated", "share of raw", ""),
+            shares,
+        ),
+        before_after_table(logs),
+        *([tabulate_statements(stated)] if stated else []),
+    ]
 
 
 def before_after_table(figures: Sequence[LogFigures]) -> Table:

@@ -1,5 +1,5 @@
-"""A thermal drift model and a log → what the compensated rate is uncertain by, component by
-component, and whether it holds.
+"""Uncertainty of the compensated rate: along a log, component by component, and whether it covers
+what is left on logs that were not fitted.
 """
 
 from __future__ import annotations
@@ -10,9 +10,11 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.errors import UsageError
-from calibkit.instruments.fog_thermal.numeric import evaluate, uncertainty
+from calibkit.frame import values
+from calibkit.instruments.fog_thermal import ramps
+from calibkit.instruments.fog_thermal.numeric import compensation, evaluate, uncertainty
 from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
-from calibkit.numeric import gum
+from calibkit.numeric import chunks, gum
 from calibkit.recipe.type_b import RELATIVE
 from calibkit.report.summary import number
 from calibkit.report.table import Table, number_or_none
@@ -21,21 +23,21 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibkit.arrays import Array
+    from calibkit.frame import Log
     from calibkit.instruments.fog_thermal.compensate import DriftModel
     from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
     from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
     from calibkit.instruments.fog_thermal.ramps import PreparedLog
+    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
     from calibkit.recipe import TypeB
 
 
 RESULT = "gyro_dph"
 """Name under which type B terms speak of the compensated rate."""
-SHIFT_DEGC = 0.05
-"""Change of a thermometer by which the drift is differentiated: the drift is smooth over degrees.
-"""
+SHIFTS_DEGC = {"temp_case_degc": (0.05, 0.0), "temp_env_degc": (0.0, 0.05)}
+"""Changes of case and chamber by which the drift is differentiated: it is smooth over degrees."""
 POINTS = 5
 """Temperatures at which the uncertainty at rest is stated."""
-FIGURE_S = 100.0
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +56,7 @@ class RateUncertainty:
 
 
 @dataclass(frozen=True, slots=True)
-class Stated:
+class Statement:
     """The combined uncertainty at one instant: where that is, the drift there [°/h], and every
     component.
     """
@@ -68,8 +70,43 @@ class Stated:
     coverage_factor: float
     expanded_uncertainty: float
 
+    def to_object(self) -> dict[str, Any]:
+        """JSON object; infinite degrees of freedom are null."""
+        return {
+            "result": "drift taken off the indication",
+            "unit": "deg/h",
+            "where": self.where,
+            "temp_case_degc": self.temp_case_degc,
+            "value": self.drift,
+            "components": [
+                {"name": name, "kind": kind, "standard_uncertainty": value}
+                for name, kind, value in self.components
+            ],
+            "standard_uncertainty": self.standard_uncertainty,
+            "effective_dof": number_or_none(self.effective_dof),
+            "coverage_factor": self.coverage_factor,
+            "expanded_uncertainty": self.expanded_uncertainty,
+            "probability": gum.TWO_SIGMA,
+        }
 
-def along(
+
+def _influenced(term: TypeB) -> str:
+    """Column through which a type B term enters the compensated rate: a thermometer, or that rate
+    itself; empty where it does not enter.
+    """
+    if term.sensitivity is not None:
+        return RESULT if term.result == RESULT else ""
+    known = term.quantity == RESULT or term.quantity in SHIFTS_DEGC
+    return term.quantity if known and term.unit not in RELATIVE else ""
+
+
+def flag_unused(terms: Sequence[TypeB]) -> list[str]:
+    """Flag that names the type B terms which do not enter the compensated rate."""
+    idle = ", ".join(term.name for term in terms if not _influenced(term))
+    return [f"type B terms that do not enter the compensated rate: {idle}"] if idle else []
+
+
+def propagate(
     thermal: ThermalModel,
     time: Array,
     case: Array,
@@ -86,35 +123,33 @@ def along(
     """
     found = evaluate.evaluate(thermal, time, case, env, reference_degc)
     own = uncertainty.contributions(thermal, found)
-    shifts = {"temp_case_degc": (1.0, 0.0), "temp_env_degc": (0.0, 1.0)}
-    names, kinds, values, dof = list(own.names), list(own.kinds), [*own.values], own.dof.tolist()
+    known = list(zip(own.names, own.kinds, own.values, own.dof.tolist(), strict=True))
     for term in terms:
-        if term.quantity in shifts and term.sensitivity is None and term.unit not in RELATIVE:
-            of_case, of_env = (SHIFT_DEGC * way for way in shifts[term.quantity])
+        influenced = _influenced(term)
+        if not influenced:
+            continue
+        if influenced in SHIFTS_DEGC:
+            of_case, of_env = SHIFTS_DEGC[influenced]
             warmer, colder = (
                 evaluate.evaluate(
                     thermal, time, case + way * of_case, env + way * of_env, reference_degc
                 ).drift
                 for way in (1.0, -1.0)
             )
-            part = (warmer - colder) / (2.0 * SHIFT_DEGC) * term.u_of(0.0)
-        elif term.quantity == RESULT and term.sensitivity is None and term.unit not in RELATIVE:
-            part = np.full(time.size, term.u_of(0.0))
-        elif term.result == RESULT and term.sensitivity is not None:
-            part = np.full(time.size, term.u * term.sensitivity)
+            part = (warmer - colder) / (2.0 * (of_case + of_env)) * term.u_of(0.0)
         else:
-            continue
-        names.append(term.name)
-        kinds.append("B")
-        values.append(np.asarray(np.abs(part), dtype=np.float64))
-        dof.append(float("inf") if term.dof is None else term.dof)
-    standard, effective, expanded = gum.expand_along(np.stack(values), np.array(dof))
+            u = term.u_of(0.0) if term.sensitivity is None else term.u * term.sensitivity
+            part = np.full(time.size, u)
+        dof = float("inf") if term.dof is None else term.dof
+        known.append((term.name, "B", np.asarray(np.abs(part), dtype=np.float64), dof))
+    names, kinds, parts, dofs = zip(*known, strict=True)
+    contributions = np.stack(parts)
     return RateUncertainty(
-        found.drift, tuple(names), tuple(kinds), np.stack(values), standard, effective, expanded
+        found.drift, names, kinds, contributions, *gum.expand_along(contributions, np.array(dofs))
     )
 
 
-def of_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> RateUncertainty:
+def along_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> RateUncertainty:
     """Uncertainty along block means; raises UsageError where the run exports no model on levels, of
     which it can be stated.
     """
@@ -130,15 +165,28 @@ def of_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> Rate
             hint="set it to false, or fit with drift.model = 'auto'",
         )
     env = blocks.case - blocks.gradient
-    return along(model.thermal, blocks.time, blocks.case, env, terms, model.reference_temp_degc)
+    return propagate(model.thermal, blocks.time, blocks.case, env, terms, model.reference_temp_degc)
 
 
-def _at(where: str, temperature: float, found: RateUncertainty, row: int) -> Stated:
+def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
+    """Standard uncertainty [rows, °/h] of the compensated rate: of the drift that was taken off,
+    noise not included.
+    """
+    time = values(log.frame, "time_s")
+    _, blocks = ramps.block_means(log, recipe, rated=False)
+    found = along_blocks(model, blocks, recipe.type_b)
+    standard = log.room(time.size)
+    for a, b in chunks.ranges_along(time, standard):
+        standard[a:b] = np.interp(time[a:b], blocks.time, found.standard)
+    return standard
+
+
+def _state(where: str, temperature: float, found: RateUncertainty, row: int) -> Statement:
     """Statement at one row of a log."""
     parts = zip(found.names, found.kinds, found.contributions[:, row].tolist(), strict=True)
     standard, expanded = float(found.standard[row]), float(found.expanded[row])
     factor = expanded / standard if standard > 0.0 else gum.coverage_factor(float("inf"))
-    return Stated(
+    return Statement(
         where,
         temperature,
         float(found.drift[row]),
@@ -150,31 +198,29 @@ def _at(where: str, temperature: float, found: RateUncertainty, row: int) -> Sta
     )
 
 
-def stated(
+def state_along_logs(
     model: DriftModel, logs: Sequence[PreparedLog], terms: Sequence[TypeB]
-) -> tuple[Stated, ...]:
+) -> tuple[Statement, ...]:
     """Uncertainty at rest over the fitted temperatures, and where it is largest along each log;
     needs a model on levels.
     """
     if model.thermal is None:
         return ()
-    low, high = model.thermal.valid.temperature
-    reference = min(max(model.reference_temp_degc, low), high)
+    reference = model.reference_temp_degc
+    fitted = np.linspace(*model.thermal.valid.temperature, POINTS).tolist()
     found = []
-    for temperature in sorted({*np.linspace(low, high, POINTS).tolist(), reference}):
+    for temperature in sorted({*fitted, model.thermal.nearest_fitted(reference)}):
         still = np.full(2, temperature)
-        at_rest = along(
-            model.thermal, np.array([0.0, 1.0]), still, still, terms, model.reference_temp_degc
-        )
-        found.append(_at("at rest", temperature, at_rest, 1))
+        at_rest = propagate(model.thermal, np.array([0.0, 1.0]), still, still, terms, reference)
+        found.append(_state("at rest", temperature, at_rest, 1))
     for log in logs:
-        moving = of_blocks(model, log.raw, terms)
+        moving = along_blocks(model, log.raw, terms)
         row = int(np.argmax(moving.standard))
-        found.append(_at(log.name, float(log.raw.case[row]), moving, row))
+        found.append(_state(log.name, float(log.raw.case[row]), moving, row))
     return tuple(found)
 
 
-def table(statements: Sequence[Stated]) -> Table:
+def tabulate_statements(statements: Sequence[Statement]) -> Table:
     """Table of the statements."""
     rows = []
     for entry in statements:
@@ -208,58 +254,17 @@ def table(statements: Sequence[Stated]) -> Table:
     )
 
 
-def unused(terms: Sequence[TypeB]) -> tuple[str, ...]:
-    """Flags that name the type B terms which say nothing of the compensated rate."""
-    temperatures = ("temp_case_degc", "temp_env_degc", RESULT)
-    idle = [
-        term.name
-        for term in terms
-        if term.result != RESULT
-        and (
-            term.quantity not in temperatures
-            or term.unit in RELATIVE
-            or term.sensitivity is not None
-        )
-    ]
-    return (
-        (f"type B terms that do not enter the compensated rate: {', '.join(idle)}",) if idle else ()
-    )
-
-
-def document(statements: Sequence[Stated]) -> list[dict[str, Any]]:
-    """JSON objects of the statements; infinite degrees of freedom are null."""
-    return [
-        {
-            "result": "drift taken off the indication",
-            "unit": "deg/h",
-            "where": entry.where,
-            "temp_case_degc": entry.temp_case_degc,
-            "value": entry.drift,
-            "components": [
-                {"name": name, "kind": kind, "standard_uncertainty": value}
-                for name, kind, value in entry.components
-            ],
-            "standard_uncertainty": entry.standard_uncertainty,
-            "effective_dof": number_or_none(entry.effective_dof),
-            "coverage_factor": entry.coverage_factor,
-            "expanded_uncertainty": entry.expanded_uncertainty,
-            "probability": gum.TWO_SIGMA,
-        }
-        for entry in statements
-    ]
-
-
-def coverage(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> dict[str, Any]:
-    """JSON object: standard uncertainties along a log, and the share of its 100 s means that are as
-    near as U says.
+def check_coverage(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> dict[str, Any]:
+    """JSON object: standard uncertainties along a log, and the share of its 100 s means that lie
+    within U of the mean of the log.
 
     A mean may be off the log's own mean by the uncertainty of the drift and by noise: white noise
     of the blocks and flicker noise about its mean, at the levels that the fit found.
     """
     if model.thermal is None:
         return {"not_available": "the run exports no model on levels"}
-    found = of_blocks(model, blocks, terms)
-    group = max(1, round(FIGURE_S / model.interval_s))
+    found = along_blocks(model, blocks, terms)
+    group = compensation.blocks_per_figure(model.interval_s)
     count = found.drift.size // group
     entry: dict[str, Any] = {
         "unit": "deg/h",

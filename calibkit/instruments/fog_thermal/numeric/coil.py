@@ -129,3 +129,11 @@ def drivers(along: Path, tau_outer: float, tau_inner: float | None) -> Drivers:
     return Drivers(
         outer, per_minute, gradient, per_minute - gradient / tau_inner * SECONDS_PER_MINUTE
     )
+
+
+def settled(case: Array, rate: Array, tau_outer: float, tau_inner: float = 0.0) -> Drivers:
+    """Drivers [n] at case temperatures [n, °C] on ramps [n, °C/min] that have lasted until the lags
+    [s] settled: T_o = T_s − τ_o r, G = τ_i r.
+    """
+    per_second = rate / SECONDS_PER_MINUTE
+    return Drivers(case - tau_outer * per_second, rate, tau_inner * per_second, np.zeros_like(rate))

@@ -15,6 +15,8 @@ if TYPE_CHECKING:
     from calibkit.arrays import Array, Mask
 
 
+FIGURE_INTERVAL_S = 100.0
+"""Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
 INJECTED_RATE_DPH = 7.5
 """Constant rate that the rate-gain check adds to the indication [°/h]."""
 
@@ -101,6 +103,11 @@ def rate_gain(compensate: Callable[[Array], Array], indication: Array) -> float:
     """
     moved = compensate(indication + INJECTED_RATE_DPH) - compensate(indication)
     return float(np.mean(moved[1:]) / INJECTED_RATE_DPH)
+
+
+def blocks_per_figure(interval_s: float) -> int:
+    """Number of model intervals [s] that the drift figure averages."""
+    return max(1, round(FIGURE_INTERVAL_S / interval_s))
 
 
 def drift_rms(output: Array, group: int = 1) -> float:

@@ -98,8 +98,9 @@ def evaluate(
 def at_rest(model: ThermalModel, reference_degc: float) -> Array:
     """Design row [1, 9] of rest at the reference temperature, clamped to the fitted range."""
     still = np.zeros(1)
-    low, high = model.valid.temperature
-    return raw_design(Drivers(np.array([min(max(reference_degc, low), high)]), still, still, still))
+    return raw_design(
+        Drivers(np.array([model.nearest_fitted(reference_degc)]), still, still, still)
+    )
 
 
 def _by_lag(

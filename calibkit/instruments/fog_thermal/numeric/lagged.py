@@ -19,6 +19,7 @@ from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import coil, pooled_fit
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution
 from calibkit.instruments.fog_thermal.numeric.terms import (
+    LAGS,
     TERMS,
     Drivers,
     chosen_columns,
@@ -55,7 +56,6 @@ DETERMINED = 0.3
 """Relative standard uncertainty of a lag above which its interval, and those of the terms it is one
 with, are not normal.
 """
-LAG_NAMES = ("tau_outer", "tau_inner")
 ONE_WITH_LAGS = ("s_rate", "s_grad", "s_grad2")
 SETTLED = 1e-10
 """Change of the logarithm of a lag that ends the polishing."""
@@ -366,9 +366,9 @@ def finished(solution: Solution, stacked: Stack) -> ThermalModel:
     relative = model.standard_uncertainty[9:] / np.array(model.lags)
     flags: list[str] = []
     entangled: list[str] = []
-    for name, lag, free, u in zip(LAG_NAMES, model.lags, solution.free, relative, strict=False):
+    for name, lag, free, u in zip(LAGS, model.lags, solution.free, relative, strict=False):
         if not free:
-            entangled += LAG_NAMES[: len(model.lags)]
+            entangled += LAGS[: len(model.lags)]
             flags.append(f"{name} is taken as {lag:.0f} s: the logs do not determine it")
         elif u > DETERMINED:
             flags.append(

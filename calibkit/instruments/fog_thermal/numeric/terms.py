@@ -39,6 +39,8 @@ UNITS = (
     "deg/h/degC/(degC/min)",
     "deg/h/(K/min)",
 )
+LAGS = ("tau_outer", "tau_inner")
+"""Lags of a lagged model [s], whose derivatives stand behind those of the terms."""
 NEEDS = {"b2": "b1", "b3": "b2", "s_grad2": "s_grad", "s_temp_rate": "s_rate"}
 """A term that is only meaningful beside another: without it the model would depend on where a scale
 has its zero.
@@ -150,6 +152,20 @@ def raw_design(drivers: Drivers) -> Array:
     return design
 
 
+def slope_over_temperature(drivers: Drivers) -> Array:
+    """Derivatives [n, 9] of the terms by the temperature [1/°C]."""
+    T, slope = drivers.temperature, np.zeros((drivers.temperature.size, 9))
+    slope[:, 1], slope[:, 2], slope[:, 3], slope[:, 7] = 1.0, 2.0 * T, 3.0 * T**2, drivers.rate
+    return slope
+
+
+def slope_over_gradient(drivers: Drivers) -> Array:
+    """Derivatives [n, 9] of the terms by the gradient [1/K]."""
+    slope = np.zeros((drivers.gradient.size, 9))
+    slope[:, 5], slope[:, 6] = 1.0, 2.0 * drivers.gradient
+    return slope
+
+
 @dataclass(frozen=True, slots=True)
 class Scales:
     """Maps of the drivers to about [−1, 1]: u = (T − middle)/half, the others over their largest
@@ -237,3 +253,8 @@ class ThermalModel:
     def standard_uncertainty(self) -> Array:
         """Type A standard uncertainties [9 + lags] of coefficients and lags."""
         return np.sqrt(np.clip(np.diag(self.covariance), 0.0, None))
+
+    def nearest_fitted(self, temperature: float) -> float:
+        """Temperature [°C], brought into the fitted range."""
+        low, high = self.valid.temperature
+        return min(max(temperature, low), high)

@@ -1,0 +1,240 @@
+"""Model forms of the thermal drift, and how fitted models stand in coefficient files.
+
+A lagged model is evaluated in two ways. Its form gives the drift at a temperature rate that was
+held until the lags have settled, which is what a certificate states. Along a log, as `apply` needs
+it, the lags are followed from sample to sample: `numeric.evaluate` does that with what
+`read_thermal` returns.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import astuple
+from typing import TYPE_CHECKING
+
+import numpy as np
+
+from calibkit.coefficients import Parameter
+from calibkit.constants import SECONDS_PER_MINUTE
+from calibkit.forms import Form, power_unit
+from calibkit.instruments.fog_thermal.numeric import coil, gradient
+from calibkit.instruments.fog_thermal.numeric.noise import Noise
+from calibkit.instruments.fog_thermal.numeric.terms import (
+    LAGS,
+    TERMS,
+    UNITS,
+    Drivers,
+    ThermalModel,
+    Valid,
+    raw_design,
+    slope_over_gradient,
+    slope_over_temperature,
+)
+
+if TYPE_CHECKING:
+    from calibkit.arrays import Array
+    from calibkit.coefficients import Model
+    from calibkit.forms import Inputs
+
+FILE = "drift_rate.json"
+"""Coefficient file of the exported drift term."""
+CASE = "temp_case_degc"
+RATE = "temp_rate_degc_min"
+GRADIENT = "gradient_degc"
+DRIVERS = (CASE, RATE, GRADIENT, "gradient_rate_degc_min")
+"""Columns that a model on levels is a function of, and its fitted ranges; those of a lagged model
+are of its coil.
+"""
+GRADIENT_UNITS = ("deg/h", "deg/h/K", "deg/h/K^2")
+"""Units of a0, a1 and a2, which are per model interval."""
+UNKNOWN_DOF = (
+    "degrees of freedom of the model error: not in the file, taken as infinite; fit again to have"
+    " them"
+)
+
+
+def rate_names(order: int) -> list[list[str]]:
+    """Names c_jm of the coefficients of a_j, j = 0 … 2, over powers m = 0 … order of the rate."""
+    return [[f"c{j}{m}" for m in range(order + 1)] for j in range(3)]
+
+
+def _gradient_powers(model: Model, at: Inputs) -> Array:  # noqa: ARG001 (as every form)
+    """Powers [n, 3] of the gradient [K]."""
+    return np.vander(at[GRADIENT], 3, increasing=True)
+
+
+def _rate_products(model: Model, at: Inputs) -> Array:
+    """Products G^j r^m [n, 3 (M + 1)] of powers of gradient [K] and temperature rate [°C/min]."""
+    by_gradient = np.vander(at[GRADIENT], 3, increasing=True)
+    by_rate = np.vander(at[RATE], len(model.coefficients) // 3, increasing=True)
+    return (by_gradient[:, :, None] * by_rate[:, None, :]).reshape(len(by_rate), -1)
+
+
+def drivers_at(model: Model, at: Inputs) -> Drivers:
+    """Drivers [n] of a model on levels, of a coil whose lags have settled on the temperature rate.
+
+    Inputs that are not given are 0, as at rest.
+    """
+    still = np.zeros_like(at[CASE])
+    if model.form == LAGGED.name:
+        lags = LAGGED.read(model)[len(TERMS) :].tolist()
+        return coil.settled(at[CASE], at.get(RATE, still), *lags)
+    return Drivers(*(at.get(column, still) for column in DRIVERS))
+
+
+def _sum_of_terms(model: Model, at: Inputs) -> Array:
+    """Indicated rate [n, °/h]."""
+    return raw_design(drivers_at(model, at)) @ _terms(model)
+
+
+def _terms(model: Model) -> Array:
+    """Coefficients [9] of the terms of a model on levels."""
+    return ON_LEVELS[model.form].read(model)[: len(TERMS)]
+
+
+def _term_gradient(model: Model, at: Inputs) -> Array:
+    """Derivatives [n, 9 + lags] of the indicated rate by the terms and the lags [°/h/s]."""
+    drivers, terms = drivers_at(model, at), _terms(model)
+    per_second = drivers.rate / SECONDS_PER_MINUTE
+    by_lags = (
+        -(slope_over_temperature(drivers) @ terms) * per_second,
+        (slope_over_gradient(drivers) @ terms) * per_second,
+    )
+    return np.column_stack([raw_design(drivers), *by_lags[: len(model.coefficients) - len(TERMS)]])
+
+
+def slope_over_case(model: Model, at: Inputs) -> Array:
+    """Derivative [n, °/h/°C] of the indicated rate of a model on levels by the case temperature."""
+    return slope_over_temperature(drivers_at(model, at)) @ _terms(model)
+
+
+PER_RAMP = Form(
+    "fog-drift-gradient/1",
+    _gradient_powers,
+    meaning=("interval",),
+    measured={"rate": 0.05},
+    per_log=True,
+)
+"""Increment of the drift per model interval, a0 + a1 G + a2 G², of one ramp."""
+OVER_RATES = Form("fog-drift-rate/1", _rate_products, meaning=("interval",))
+"""The same increment with a_j(r) = Σ_m c_jm r^m."""
+LEVEL = Form("fog-drift-level/1", _term_gradient, _sum_of_terms, meaning=("interval",))
+"""Indicated rate as the sum of the terms, of case temperature and gradient to the chamber air."""
+LAGGED = Form("fog-drift-lagged/1", _term_gradient, _sum_of_terms, meaning=("interval",))
+"""The same of coil temperatures that follow the case with lags."""
+ON_LEVELS = {LEVEL.name: LEVEL, LAGGED.name: LAGGED}
+
+
+def write_ramp(name: str, fit: gradient.RampFit, interval_s: float) -> Model:
+    """Model of one ramp."""
+    return PER_RAMP.write(
+        name,
+        list(zip(gradient.TERMS, fit.coefficients.tolist(), GRADIENT_UNITS, strict=True)),
+        fit.covariance,
+        dof=fit.dof,
+        residual_rms=fit.residual_rms,
+        residual_unit="deg/h",
+        valid={CASE: fit.case, GRADIENT: fit.gradient, RATE: (fit.rate, fit.rate)},
+        parameters=(
+            Parameter("interval", interval_s, "s"),
+            Parameter("rate", fit.rate, "degC/min"),
+        ),
+    )
+
+
+def write_rates(polynomial: gradient.RatePolynomial, interval_s: float) -> Model:
+    """Model of one side of the published scheme, named by the side."""
+    coefficients = [
+        (name, value, power_unit(unit, "degC/min", m))
+        for names, row, unit in zip(
+            rate_names(polynomial.order), polynomial.c.tolist(), GRADIENT_UNITS, strict=True
+        )
+        for m, (name, value) in enumerate(zip(names, row, strict=True))
+    ]
+    return OVER_RATES.write(
+        polynomial.side,
+        coefficients,
+        polynomial.covariance,
+        dof=polynomial.dof,
+        residual_rms=polynomial.residual_rms,
+        residual_unit="deg/h",
+        valid={RATE: polynomial.rates, GRADIENT: polynomial.gradient, CASE: polynomial.case},
+        parameters=(
+            Parameter("interval", interval_s, "s"),
+            Parameter("order", float(polynomial.order), "1"),
+            Parameter("slowest_rate", polynomial.slowest, "degC/min"),
+        ),
+    )
+
+
+def read_rates(model: Model) -> gradient.RatePolynomial:
+    """Polynomials of one side: the inverse of `write_rates`."""
+    names = rate_names(len(model.coefficients) // 3 - 1)
+    return gradient.RatePolynomial(
+        model.name,
+        np.array([[model.value(name) for name in row] for row in names]),
+        np.array(model.covariance),
+        model.dof,
+        model.residual_rms,
+        model.valid[RATE],
+        model.value("slowest_rate"),
+        model.valid[GRADIENT],
+        model.valid[CASE],
+    )
+
+
+def write_thermal(model: ThermalModel, interval_s: float) -> Model:
+    """Model on levels; terms that were not fitted are 0."""
+    lags = [(name, lag, "s") for name, lag in zip(LAGS, model.lags, strict=False)]
+    parameters = [
+        Parameter("interval", interval_s, "s"),
+        Parameter("white_variance", model.noise.white_variance, "(deg/h)^2"),
+        Parameter("flicker", model.noise.flicker, "deg/h"),
+        Parameter("model_error", model.model_error, "deg/h"),
+        Parameter("model_error_dof", model.model_error_dof, "1"),
+    ]
+    if model.form == "level":
+        parameters.append(Parameter("window", model.window_s, "s"))
+    form = LEVEL if model.form == "level" else LAGGED
+    return form.write(
+        "drift",
+        [*zip(TERMS, model.coefficients.tolist(), UNITS, strict=True), *lags],
+        model.covariance,
+        dof=model.dof,
+        residual_rms=model.residual_rms,
+        residual_unit="deg/h",
+        valid=dict(zip(DRIVERS, astuple(model.valid), strict=True)),
+        parameters=tuple(parameters),
+    )
+
+
+def read_thermal(model: Model) -> ThermalModel:
+    """Model on levels: the inverse of `write_thermal`, but for the turn-on biases of the fitted
+    logs.
+
+    Files of before the degrees of freedom of the model error were stated are taken as they were
+    then: infinite, and flagged.
+    """
+    lags = LAGS[: len(model.coefficients) - len(TERMS)]
+    stated = any(parameter.name == "model_error_dof" for parameter in model.parameters)
+    return ThermalModel(
+        form="lagged" if model.form == LAGGED.name else "level",
+        terms=tuple(
+            c.name
+            for c in model.coefficients
+            if c.name in TERMS and (c.standard_uncertainty > 0.0 or c.value != 0.0)
+        ),
+        coefficients=np.array([model.value(name) for name in TERMS]),
+        lags=tuple(model.value(name) for name in lags),
+        covariance=np.array(model.covariance),
+        window_s=model.value("window") if model.form == LEVEL.name else 0.0,
+        valid=Valid(*(model.valid[column] for column in DRIVERS)),
+        turn_on=np.zeros(0),
+        dof=model.dof,
+        residual_rms=model.residual_rms,
+        noise=Noise(model.value("white_variance"), model.value("flicker")),
+        model_error=model.value("model_error"),
+        model_error_dof=model.value("model_error_dof") if stated else math.inf,
+        entangled=(),
+        flags=() if stated else (UNKNOWN_DOF,),
+    )
