@@ -19,7 +19,13 @@ from typing import TYPE_CHECKING
 import numpy as np
 from scipy.stats import t
 
-from calibkit.instruments.accelerometer.numeric import k_factor, magnitude, q_factor
+from calibkit.instruments.accelerometer.numeric import (
+    affine,
+    affine_model,
+    k_factor,
+    magnitude,
+    q_factor,
+)
 from calibkit.numeric import attitude
 
 if TYPE_CHECKING:
@@ -92,12 +98,14 @@ def q_set(rng: np.random.Generator) -> Outcome:
     scale, bias = 1.0 + rng.normal(0.0, 5e-3, 3), rng.normal(0.0, 5e-3, 3)
     reference = attitude.gravity_vector(*SPOTS_DEG.T)
     indication = (
-        scale * (reference @ q_factor.axes_of(q).T)
+        scale * (reference @ q_factor.axes_from_angles(q).T)
         + bias
         + rng.normal(0.0, NOISE_G, reference.shape)
     )
-    fitted = q_factor.fit(indication, reference)
-    score = (fitted.coefficients - q) / fitted.standard_uncertainty
+    terms = affine_model.AffineTerms(0, 0, 0)
+    fitted = affine.fit(indication, np.zeros(len(reference)), reference, terms=terms)
+    found, covariance = affine.evaluate_q(fitted, 0.0)
+    score = (found - q) / np.sqrt(np.diag(covariance))
     return Outcome(score, float(t.ppf(0.975, fitted.dof)), fitted.residual_rms / NOISE_G)
 
 
@@ -107,7 +115,7 @@ def magnitude_set(rng: np.random.Generator) -> Outcome:
         [1.0 + rng.normal(0.0, 5e-3, 3), rng.normal(0.0, 5e-3, 3), rng.normal(0.0, 5e-3, 3)]
     )
     reference = attitude.gravity_vector(*SPOTS_DEG.T)
-    indication = truth[:3] * (reference @ q_factor.axes_of(truth[6:]).T) + truth[3:6]
+    indication = truth[:3] * (reference @ q_factor.axes_from_angles(truth[6:]).T) + truth[3:6]
     fitted = magnitude.fit(indication + rng.normal(0.0, NOISE_G, indication.shape))
     score = (fitted.parameters - truth) / fitted.standard_uncertainty
     return Outcome(score, float(t.ppf(0.975, fitted.dof)), fitted.residual_rms / NOISE_G)

@@ -84,10 +84,10 @@ def test_k_of_an_axis_is_the_published_equation():
 def test_q_and_affine_are_what_their_equations_give():
     """The exact matrix of the axes, and the affine triad of the numeric model."""
     form, model = MODELS["q"]
-    exact = np.linalg.inv(q_factor.axes_of(SMALL_ANGLES))
+    exact = np.linalg.inv(q_factor.axes_from_angles(SMALL_ANGLES))
     np.testing.assert_allclose(form.evaluate(model, AT), INDICATION @ exact.T, atol=1e-14)
     form, model = MODELS["affine"]
-    entries = [affine_model.entry_of(name) for name in AFFINE_NAMES]
+    entries = [affine_model.find_entry(name) for name in AFFINE_NAMES]
     expected, _ = affine_model.evaluate(entries, AFFINE_VALUES, INDICATION, TEMPERATURE)
     np.testing.assert_array_equal(form.evaluate(model, AT), expected)
 

@@ -26,6 +26,12 @@ NOISE_G = 2e-5
 NO_CROSS = (k_factor.KTerms(cross=False),) * 3
 
 
+def corrected_by(k, indication, temperature):
+    """Corrected components [n, 3] by K0 … K9 [3, 10]."""
+    parts = [k_factor.columns(indication, temperature, i) @ k[i] for i in range(3)]
+    return np.column_stack(parts)
+
+
 def simulated(seed, *, truth=TRUTH, noise=NOISE_G, temperature=TEMPERATURE, reference=REFERENCE):
     """Indications of the K model with white noise."""
     rng = np.random.default_rng(seed)
@@ -77,7 +83,7 @@ def test_correction_is_the_published_sum_term_by_term():
             scale = sum(K[k] * temperature**k for k in range(4))
             zero = sum(K[4 + k] * temperature**k for k in range(4))
             twin[row, axis] = own * scale - zero - K[8] * first - K[9] * second
-    corrected = k_factor.correct(TRUTH, INDICATION, TEMPERATURE)
+    corrected = corrected_by(TRUTH, INDICATION, TEMPERATURE)
     np.testing.assert_allclose(corrected, twin, atol=1e-15)  # g
     np.testing.assert_allclose(corrected, REFERENCE, atol=1e-14)  # g
 
@@ -92,7 +98,7 @@ def test_indications_and_correction_undo_each_other(seed):
     truth[:, 0] += 1.0
     indicated = k_factor.indications(truth, REFERENCE, TEMPERATURE)
     np.testing.assert_allclose(
-        k_factor.correct(truth, indicated, TEMPERATURE), REFERENCE, atol=1e-13
+        corrected_by(truth, indicated, TEMPERATURE), REFERENCE, atol=1e-13
     )  # g
 
 
@@ -177,7 +183,7 @@ def test_two_attitudes_and_a_sweep_determine_scale_and_zero():
     indicated = simulated(1, truth=truth, temperature=temperature, reference=reference)
     fitted = k_factor.fit(indicated, temperature, reference, terms=NO_CROSS)
     assert np.max(np.abs(scores(fitted, truth))) < 4.0
-    assert fitted[0].names == ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7")
+    assert fitted[0].fitted == tuple(range(8))
 
 
 def test_a_chamber_that_wanders_about_its_set_point_is_one_temperature():
@@ -236,8 +242,8 @@ def test_axes_can_have_terms_of_their_own():
     """One axis without cross-axis terms leaves the others theirs."""
     terms = (k_factor.KTerms(), k_factor.KTerms(1, 2, cross=False), k_factor.KTerms())
     fitted = k_factor.fit(simulated(6), TEMPERATURE, REFERENCE, terms=terms)
-    assert [len(axis.names) for axis in fitted] == [10, 5, 10]
-    assert fitted[1].names == ("K0", "K1", "K4", "K5", "K6")
+    assert [len(axis.fitted) for axis in fitted] == [10, 5, 10]
+    assert fitted[1].fitted == (0, 1, 4, 5, 6)
 
 
 def test_orders_beyond_the_cubic_are_refused():
@@ -339,32 +345,13 @@ def test_table_positions_that_are_wrong_alike_at_every_temperature_need_groups()
     assert fitted[0].dof == len(angles) - 4
 
 
-def test_noise_of_the_regressors_is_as_harmless_as_it_says():
-    """The predicted attenuation is the shift that large noise really causes, and at 20 µg it is
-    below 0.01 u.
-    """
-    noise = 0.03  # g, enough to see
-    fits = [
-        k_factor.fit(simulated(seed, noise=noise), TEMPERATURE, REFERENCE)[0] for seed in range(150)
-    ]
-    shift = np.mean(
-        [(axis.coefficients - TRUTH[0]) / axis.standard_uncertainty for axis in fits], axis=0
-    )
-    predicted = np.mean([axis.attenuation for axis in fits], axis=0)
-    assert abs(predicted[0]) > 0.3
-    np.testing.assert_allclose(
-        shift, predicted, atol=0.33
-    )  # of a standard uncertainty: four of the mean of 150
-    assert np.max(np.abs(k_factor.fit(simulated(9), TEMPERATURE, REFERENCE)[0].attenuation)) < 0.01
-
-
 def test_stated_variance_of_the_correction_is_that_of_many_fits():
     """The variance of corrected components matches the scatter over repeated calibrations."""
     fits = [k_factor.fit(simulated(seed), TEMPERATURE, REFERENCE) for seed in range(60)]
     exact = k_factor.indications(TRUTH, REFERENCE, TEMPERATURE)
     scatter = np.var(
         [
-            k_factor.correct(np.array([axis.coefficients for axis in f]), exact, TEMPERATURE)
+            corrected_by(np.array([axis.coefficients for axis in f]), exact, TEMPERATURE)
             for f in fits
         ],
         axis=0,

@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 
 from calibkit.coefficients import Figure
-from calibkit.instruments.accelerometer import attitude
+from calibkit.instruments.accelerometer import errors as triad_errors
 from calibkit.instruments.accelerometer.recipe import AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
 from calibkit.instruments.fog_thermal.compensate import LogFigures
@@ -101,14 +101,14 @@ def triad_stand(**limits):
         9.0,
         figures["toolface"],
     )
-    stand = attitude.Stand("corrected", none, errors, figures["residual"], none)
-    return attitude.criteria(stand, SimpleNamespace(acceptance=AccelAcceptance(**limits)))
+    found = triad_errors.DwellErrors(np.full((1, 3), figures["residual"]), errors)
+    return triad_errors.judge_errors(found, SimpleNamespace(acceptance=AccelAcceptance(**limits)))
 
 
 def triad_unseen(value):
     """Criterion of unseen dwells whose residual rms was 0.5 g before."""
-    none = np.zeros(0)
-    return [attitude.improved([attitude.Stand("", none, None, r, none) for r in (0.5, value)])]
+    before, after = (triad_errors.DwellErrors(np.full((1, 3), r), None) for r in (0.5, value))
+    return [triad_errors.judge_improvement(before, after)]
 
 
 def station(*, unseen=False, angle="after", value=0.1, **limits):

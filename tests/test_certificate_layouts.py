@@ -13,7 +13,7 @@ from calibkit import instruments, pipeline, recipe, store
 from calibkit.certificate import as_found, content, pdf, profile, tables
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
-from calibkit.instruments.accelerometer.numeric import k_factor
+from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.fog_thermal.numeric import coil
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, raw_design
 from conftest import ROOT, write_log
@@ -108,14 +108,15 @@ def test_keys_are_distinct_and_every_uncertainty_adds_up(run, name):
 
 def test_scale_and_zero_of_an_accelerometer_are_what_the_k_factor_gives(run):
     """G' of G = 0 is minus the zero offset, of G = 1 on one axis the scale less the zero: the
-    numeric core as the judge.
+    form as the judge.
     """
     record = run("accelerometer").records["accel_k.json"]
     found = by_key(certificate(run("accelerometer"), "accelerometer"))
-    K = np.array([[c.value for c in model.coefficients] for model in record.models])
     for t in (-20.0, 25.0, 125.0):
-        zero = k_factor.correct(K, np.zeros((1, 3)), np.array([t]))[0]
-        ones = k_factor.correct(K, np.eye(3), np.full(3, t))
+        cold = forms.inputs(np.zeros((1, 3)), np.array([t]))
+        zero = [forms.K.evaluate(model, cold)[0] for model in record.models]
+        along = forms.inputs(np.eye(3), np.full(3, t))
+        ones = np.column_stack([forms.K.evaluate(model, along) for model in record.models])
         for k, axis in enumerate("xyz"):
             assert found[f"accel_k.accel_{axis}.zero@{t:g}"].value == pytest.approx(
                 -zero[k], rel=1e-12

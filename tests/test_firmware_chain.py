@@ -53,7 +53,7 @@ def model_of(name, this):
     """The float64 correction of a chain without memory, from columns of inputs."""
     records, spec = this.run.records, this.spec
     if name in ("affine", "k", "kq"):
-        correction = coefficient_files.correction(records, spec)
+        correction = coefficient_files.find_correction(spec.compensation, records.values())
 
         def corrected(columns):
             vector = np.column_stack(

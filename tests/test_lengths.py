@@ -43,7 +43,7 @@ def test_lengths_and_derivatives_are_those_of_one_row_at_a_time():
         matrix = np.array([[at[0], 0.0, 0.0], [at[1], at[2], 0.0], [at[3], at[4], at[5]]])
         return (np.linalg.norm(matrix @ (indication[row] - at[6:])) - 1.0) * root[row]
 
-    residual, slopes = norms.lengths(TRIANGLE, indication, 1.0, root)
+    residual, slopes = norms.length_residuals(TRIANGLE, indication, 1.0, root)
     step = 1e-6 * np.eye(9)
     for row in range(9):
         assert residual[row] == pytest.approx(one(TRIANGLE, row), abs=1e-15)
@@ -66,10 +66,12 @@ def test_compiled_lengths_have_the_bits_of_arrays(count, seed, scale):
     )
     with pytest.MonkeyPatch.context() as patch, np.errstate(all="ignore"):
         for made in (
-            lambda: norms.lengths(TRIANGLE, indication, scale, root),
+            lambda: norms.length_residuals(TRIANGLE, indication, scale, root),
             lambda: (
-                norms.squares(
-                    np.ascontiguousarray(norms.lengths(TRIANGLE, indication, scale, root)[1].T)
+                norms.sum_squares(
+                    np.ascontiguousarray(
+                        norms.length_residuals(TRIANGLE, indication, scale, root)[1].T
+                    )
                 ),
             ),
         ):
@@ -87,7 +89,7 @@ def test_what_is_not_finite_stays_in_its_row_compiled_or_not(monkeypatch):
 
     def made():
         with np.errstate(all="ignore"):
-            return norms.lengths(TRIANGLE, indication, 1.0, np.ones(40))
+            return norms.length_residuals(TRIANGLE, indication, 1.0, np.ones(40))
 
     for one, other in zip(made(), of_arrays(made, monkeypatch), strict=True):
         lost = np.isnan(one)
@@ -105,8 +107,8 @@ def test_rows_that_do_not_follow_one_another_are_read_as_arrays_read_them():
         (indication.astype(np.float32), root),
         (np.asfortranarray(indication), root),
     ):
-        made = norms.lengths(TRIANGLE, rows, 1.0, weights)
-        expected = norms.lengths(
+        made = norms.length_residuals(TRIANGLE, rows, 1.0, weights)
+        expected = norms.length_residuals(
             TRIANGLE, np.array(rows, dtype=np.float64, order="C"), 1.0, weights.copy()
         )
         for one, other in zip(made, expected, strict=True):

@@ -7,7 +7,7 @@ from hypothesis import strategies as st
 from scipy.stats import t
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import magnitude, q_factor
+from calibkit.instruments.accelerometer.numeric import magnitude, norms, q_factor
 from calibkit.numeric.least_squares import gauss_newton, gram
 
 TRUTH = np.array([1.012, 0.985, 1.004, 0.011, -0.02, 0.007, 0.0043, -0.0087, 0.0121])
@@ -25,7 +25,7 @@ def sphere(count):
 
 def indications(vectors, seed=0, *, truth=TRUTH, noise=NOISE_G):
     """Indications of a triad with these nine parameters."""
-    exact = truth[:3] * (vectors @ q_factor.axes_of(truth[6:]).T) + truth[3:6]
+    exact = truth[:3] * (vectors @ q_factor.axes_from_angles(truth[6:]).T) + truth[3:6]
     return exact + np.random.default_rng(seed).normal(0.0, noise, exact.shape)
 
 
@@ -74,7 +74,7 @@ def test_blocks_change_nothing():
     indicated, root = indications(sphere(60)), np.ones(60)
 
     def residuals(parameters, rows):
-        return magnitude.lengths(parameters, indicated[rows], 1.0, root[rows])
+        return norms.length_residuals(parameters, indicated[rows], 1.0, root[rows])
 
     begin = np.array([1.0, 0.0, 1.0, 0.0, 0.0, 1.0, 0.0, 0.0, 0.0])
     whole, cut = (gauss_newton.fit(residuals, begin, 60, block_rows=rows) for rows in (60, 7))
@@ -234,7 +234,7 @@ def test_a_sample_that_determines_nothing_leaves_the_start_as_it_is():
     direction[::5] = [0.6, 0.0, 0.8]
     indication = direction * 1.02 + 0.01 + rng.normal(0.0, 1e-4, direction.shape)
     begin = gauss_newton.of_some(
-        lambda at, rows: magnitude.lengths(
+        lambda at, rows: norms.length_residuals(
             at, indication[rows], 1.0, np.ones(len(indication[rows]))
         ),
         np.ones(9),

@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import magnitude
+from calibkit.instruments.accelerometer.numeric import profile
 from calibkit.numeric.least_squares import fit, gauss_newton
 from conftest import NIST
 
@@ -141,7 +141,7 @@ def test_lmfit_as_the_magnitude_fit_calls_it_gives_seven_digits(name):
         return np.array([p[f"b{j}"].value for j in range(len(parameters))])
 
     result = lmfit.Minimizer(lambda p: model(values(p), x) - y, named).minimize(
-        method="leastsq", Dfun=lambda p: slopes(model, values(p), x), **magnitude.TOLERANCES
+        method="leastsq", Dfun=lambda p: slopes(model, values(p), x), **profile.TOLERANCES
     )
     found = np.array([result.params[f"b{j}"].value for j in range(len(parameters))])
     np.testing.assert_allclose(found, parameters, rtol=1e-7)

@@ -30,9 +30,16 @@ def k_corrected(campaign, loss="least_squares"):
     fitted = k_factor.fit(
         indicated, temperature, attitude.gravity_vector(inclination, toolface), loss=loss
     )
-    return fitted, k_factor.correct(
-        np.array([axis.coefficients for axis in fitted]), indicated, temperature
-    )
+    return fitted, k_applied(fitted, indicated, temperature)
+
+
+def k_applied(fitted, indicated, temperature):
+    """Components [n, 3] as the K of three axes correct them."""
+    parts = [
+        k_factor.columns(indicated, temperature, i) @ axis.coefficients
+        for i, axis in enumerate(fitted)
+    ]
+    return np.column_stack(parts)
 
 
 def corrected_covariance(fitted, indication, temperature):
@@ -88,7 +95,7 @@ def test_the_sensors_are_not_the_model_that_is_fitted():
     fitted, _ = k_corrected(campaign)
     assert max(axis.residual_rms for axis in fitted) > 1e-5  # g
     indicated, temperature, inclination, toolface = read(campaign)
-    terms = accel_affine.AffineTerms(3, 1, 3, second_order=True, third_order=True)
+    terms = affine_model.AffineTerms(3, 1, 3, second_order=True, third_order=True)
     affine = accel_affine.fit(
         indicated, temperature, attitude.gravity_vector(inclination, toolface), terms=terms
     )
@@ -173,13 +180,11 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     campaign = simulate.run(7, quiet)
     indicated, temperature, inclination, toolface = read(campaign)
     even = np.arange(len(temperature)) % 2 == 0
-    terms = accel_affine.AffineTerms(3, 1, 3, second_order=True, third_order=True)
+    terms = affine_model.AffineTerms(3, 1, 3, second_order=True, third_order=True)
     reference = attitude.gravity_vector(inclination, toolface)
     fitted = accel_affine.fit(indicated[even], temperature[even], reference[even], terms=terms)
-    corrected = accel_affine.correct(
-        dict(zip(fitted.names, fitted.coefficients, strict=True)),
-        indicated[~even],
-        temperature[~even],
+    corrected, _ = affine_model.evaluate(
+        fitted.entries, fitted.coefficients, indicated[~even], temperature[~even]
     )
     covariance = corrected_covariance(fitted, indicated[~even], temperature[~even])
     covariance = covariance + fitted.residual_rms**2 * np.eye(3)
@@ -238,9 +243,7 @@ def test_sweeps_calibrate_as_grids_do():
     )
     assert all(axis.dof > 400 for axis in fitted)
     indicated, temperature, inclination, toolface = read(simulate.campaign(8, table_noise_deg=0.0))
-    corrected = k_factor.correct(
-        np.array([axis.coefficients for axis in fitted]), indicated, temperature
-    )
+    corrected = k_applied(fitted, indicated, temperature)
     assert attitude.errors(corrected, inclination, toolface).inclination_max_deg < 0.05
 
 

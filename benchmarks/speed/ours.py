@@ -135,15 +135,17 @@ def turntable(still: Array, turned: Array, *, hertz: float, angle_deg: float) ->
     """Six positions and three turns; still [6, n, 6] and turned [3, n, 6], accelerometers [g] then
     gyros [°/s].
     """
-    from calibkit.instruments.accelerometer.numeric import affine
+    from calibkit.instruments.accelerometer.numeric import affine, affine_model
     from calibkit.instruments.gyro_scale.numeric import triad as gyro_triad
 
     faces = np.repeat(np.eye(3), 2, axis=0) * np.array([1.0, -1.0] * 3)[:, None]
 
     def run() -> Answer:
         means = still.mean(axis=1)
-        triad = affine.fit(means[:, :3], np.zeros(6), faces, terms=affine.AffineTerms(0, 0, 0))
-        matrix, bias = (part[0] for part in affine.matrix_and_bias(triad, np.zeros(1)))
+        terms = affine_model.AffineTerms(0, 0, 0)
+        triad = affine.fit(means[:, :3], np.zeros(6), faces, terms=terms)
+        found = affine_model.matrix_and_bias(triad.entries, triad.coefficients, np.zeros(1))
+        matrix, bias = (part[0] for part in found)
         up, down = means[0::2, 3:].T, means[1::2, 3:].T
         # Ferraris, Grimaldi & Parvis 1995, equation 9
         zero, by_gravity = (up + down).mean(axis=1) / 2.0, (up - down) / 2.0

@@ -19,26 +19,31 @@ from calibkit.certificate.results import (
 from calibkit.certificate.stated import (
     COEFFICIENT_NOTE,
     COEFFICIENTS,
-    powers,
     range_words,
     residual_words,
 )
 from calibkit.certificate.words import Words
+from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer.numeric.affine_model import AXES, find_entry
 
 if TYPE_CHECKING:
-    from collections.abc import Callable
+    from collections.abc import Callable, Sequence
 
     from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Model, Record
+    from calibkit.coefficients import Coefficient, Model, Record
+    from calibkit.instruments.accelerometer.numeric.affine_model import Entry
 
-AXES = "xyz"
-PER_DEGREE = math.pi / 180.0
-"""A reference attitude that is off by 1° turns the frame: cross terms change by as many radians,
-scale and bias do not.
+Column = tuple[Words, str, "Callable[[float], Result | None]"]
+ATTITUDE = {
+    "inclination_deg": (0.0, math.pi / 180.0),
+    "toolface_deg": (0.0, math.pi / 180.0),
+}
+"""Sensitivity of a cross term to the reference attitude, which turns the frame when it is off;
+scale and bias do not change.
 """
 
 K_EQUATION = Equation(
-    "accel-k/1",
+    forms.K.name,
     r"G_x' = G_x (K_0 + K_1 t + K_2 t^2 + K_3 t^3) - (K_4 + K_5 t + K_6 t^2 + K_7 t^3) - K_8 G_y -"
     r" K_9 G_z",
     Words(
@@ -49,7 +54,7 @@ K_EQUATION = Equation(
     ),
 )
 AFFINE_EQUATION = Equation(
-    "accel-affine/1",
+    forms.AFFINE.name,
     r"\mathbf{G}' = \mathbf{M}(t) (\mathbf{G} - \mathbf{b}(t)), \quad "
     r"M_{ij}(t) = \sum_k m_{ijk} t^k, \quad b_i(t) = \sum_k b_{ik} t^k",
     Words(
@@ -59,31 +64,27 @@ AFFINE_EQUATION = Equation(
     ),
 )
 Q_EQUATION = Equation(
-    "accel-q/1",
+    forms.Q.name,
     r"G_x' = G_x, \quad G_y' = Q_3 G_x + G_y, \quad G_z' = Q_2 G_x + Q_1 G_y + G_z",
     Words("G after scale factor and zero offset [g].", "G 为经标度因数与零位修正后的值 [g]。"),
 )
+SCALE_TITLE = Words("Scale factor over temperature", "标度因数随温度")
 SCALE = Words("Scale factor ", "标度因数 ")
+ZERO_TITLE = Words("Zero offset over temperature", "零位随温度")
 ZERO = Words("Zero offset ", "零位 ")
+DIAGONAL_TITLE = Words("Diagonal of M over temperature", "M 对角元随温度")
+CROSS_TITLE = Words("Cross terms of M over temperature", "M 交叉元随温度")
+BIAS_TITLE = Words("Bias over temperature", "零偏随温度")
+MATRIX, BIAS = Words("Matrix entry ", "矩阵元 "), Words("Bias ", "零偏 ")
 
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
     """Blocks of the stages that the run holds."""
-    made: list[Block] = []
-    for file, layout in (
-        ("accel_k.json", _k),
-        ("accel_q.json", _q),
-        ("accel_affine.json", _affine),
-    ):
-        if file in stated.records and stated.records[file].models:
-            made.append(layout(stated, stated.records[file]))
-    return tuple(made)
-
-
-def _attitude(*, cross: bool) -> dict[str, tuple[float, float]]:
-    """Sensitivity of a cross term to the reference attitude."""
-    return (
-        {"inclination_deg": (0.0, PER_DEGREE), "toolface_deg": (0.0, PER_DEGREE)} if cross else {}
+    layouts = {"accel_k.json": _k, "accel_q.json": _q, "accel_affine.json": _affine}
+    return tuple(
+        layout(stated, stated.records[file])
+        for file, layout in layouts.items()
+        if file in stated.records and stated.records[file].models
     )
 
 
@@ -92,201 +93,168 @@ def _k(stated: Stated, record: Record) -> Block:
     temperatures.
     """
     models = record.models
-    names = [f"K{k}" for k in range(10) if any(m.value(f"K{k}") for m in models)]
-
-    def coefficient(model: Model, name: str) -> Result:
-        unit = next(c.unit for c in model.coefficients if c.name == name)
-        cross = _attitude(cross=name in {"K8", "K9"})
-        return stated.linear(
-            record, model, name, Words(name), {name: 1.0}, unit, sensitivities=cross
+    same = [cs for cs in zip(*(m.coefficients for m in models), strict=True) if _any_value(cs)]
+    cells = tuple(
+        tuple(
+            _coefficient(stated, record, model, c, Words(c.name), cross=c.name in forms.CROSS)
+            for model, c in zip(models, cs, strict=True)
         )
-
-    cells = tuple(tuple(coefficient(model, name) for model in models) for name in names)
-    units = tuple(row[0].unit for row in cells)
-    axes = tuple(Words(model.name.removeprefix("accel_")) for model in models)
+        for cs in same
+    )
     table = GridTable(
-        COEFFICIENTS, Words(""), axes, units, tuple(names), cells, COEFFICIENT_NOTE, by_row=True
+        COEFFICIENTS,
+        Words(""),
+        tuple(Words(_axis(model)) for model in models),
+        tuple(row[0].unit for row in cells),
+        tuple(cs[0].name for cs in same),
+        cells,
+        COEFFICIENT_NOTE,
+        by_row=True,
     )
-    tables = (
-        table,
-        *_over(stated, record, models, _k_scale),
-        *_over(stated, record, models, _k_zero),
-    )
-    notes = (
-        *(residual_words(m) for m in models),
-        range_words(models[0]),
-        *stated.left_out(models[0]),
-    )
-    figures = tuple(_curve(t) for t in tables[1:] if isinstance(t, GridTable))
+    grids: list[GridTable] = []
+    if temperatures := stated.grid(models[0]):
+        for title, key, name, terms, unit in (
+            (SCALE_TITLE, "scale", SCALE, forms.SCALE_FACTOR, "1"),
+            (ZERO_TITLE, "zero", ZERO, forms.ZERO_OFFSET, "g"),
+        ):
+            columns = [
+                _column(stated, record, m, _axis(m), key, name + Words(_axis(m)), terms, unit)
+                for m in models
+            ]
+            grids.append(stated.over(title, temperatures, columns))
     title = Words(
         "K-factor: scale factor, zero offset and cross terms", "K 系数：标度因数、零位与交叉耦合项"
     )
+    notes = (*map(residual_words, models), range_words(models[0]), *stated.left_out(models[0]))
+    figures = tuple(map(_curve, grids))
+    tables = (table, *grids)
     return Block(record.stage, f"{record.stage}.json", title, (K_EQUATION,), tables, figures, notes)
-
-
-Column = tuple[Words, str, "Callable[[float], Result | None]"]
-
-
-def _over(
-    stated: Stated, record: Record, models: tuple[Model, ...], column: Callable[..., Column]
-) -> tuple[GridTable, ...]:
-    """One quantity of every axis at temperatures."""
-    temperatures = stated.grid(models[0])
-    if not temperatures:
-        return ()
-    title = (
-        Words("Scale factor over temperature", "标度因数随温度")
-        if column is _k_scale
-        else Words("Zero offset over temperature", "零位随温度")
-    )
-    return (stated.over(title, temperatures, [column(stated, record, model) for model in models]),)
-
-
-def _k_scale(stated: Stated, record: Record, model: Model) -> Column:
-    """K0 + K1 t + K2 t² + K3 t³ of one axis."""
-    axis = model.name.removeprefix("accel_")
-
-    def at(t: float) -> Result:
-        weights = {f"K{k}": t**k for k in range(4)}
-        slope = {f"K{k}": k * t ** (k - 1) for k in range(1, 4)}
-        words = SCALE + Words(axis)
-        main = t == stated.reference_degc
-        return stated.linear(
-            record, model, "scale", words, weights, "1", at=t, slope=slope, principal=main
-        )
-
-    return Words(axis), "1", at
-
-
-def _k_zero(stated: Stated, record: Record, model: Model) -> Column:
-    """K4 + K5 t + K6 t² + K7 t³ of one axis."""
-    axis = model.name.removeprefix("accel_")
-
-    def at(t: float) -> Result:
-        weights = {f"K{k + 4}": t**k for k in range(4)}
-        slope = {f"K{k + 4}": k * t ** (k - 1) for k in range(1, 4)}
-        words = ZERO + Words(axis)
-        main = t == stated.reference_degc
-        return stated.linear(
-            record, model, "zero", words, weights, "g", at=t, slope=slope, principal=main
-        )
-
-    return Words(axis), "g", at
 
 
 def _q(stated: Stated, record: Record) -> Block:
     """Q-factor at its temperature."""
     model = record.models[0]
+    name = Words("Non-orthogonality", "非正交角")
     results = tuple(
-        stated.linear(
-            record,
-            model,
-            c.name,
-            Words("Non-orthogonality", "非正交角"),
-            {c.name: 1.0},
-            c.unit,
-            sensitivities=_attitude(cross=True),
-            principal=True,
-        )
+        _coefficient(stated, record, model, c, name, cross=True, principal=True)
         for c in model.coefficients
     )
-    at = next((p.value for p in model.parameters if p.name == "temperature"), None)
-    notes: tuple[Words, ...] = (residual_words(model), range_words(model))
-    if at is not None:
-        notes = (Words(f"Q holds at {at:g} °C.", f"Q 系数对应温度 {at:g} °C。"), *notes)
+    at = model.value("temperature")
+    notes = (
+        Words(f"Q holds at {at:g} °C.", f"Q 系数对应温度 {at:g} °C。"),
+        residual_words(model),
+        range_words(model),
+    )
     title = Words("Q-factor: non-orthogonality of the axes", "Q 系数：三轴非正交")
     table = ListTable(COEFFICIENTS, results)
     return Block(record.stage, f"{record.stage}.json", title, (Q_EQUATION,), (table,), (), notes)
 
 
 def _affine(stated: Stated, record: Record) -> Block:
-    """Affine triad: coefficients with the axes side by side, matrix and bias at temperatures."""
+    """Affine triad: every coefficient, matrix and bias at temperatures."""
     model = record.models[0]
-    tables: list[ListTable | GridTable] = [_affine_coefficients(stated, record, model)]
-    temperatures = stated.grid(model)
-    if temperatures:
-        groups = (
-            (
-                Words("Diagonal of M over temperature", "M 对角元随温度"),
-                [(f"m_{a}{a}", "1", False) for a in AXES],
-            ),
-            (
-                Words("Cross terms of M over temperature", "M 交叉元随温度"),
-                [(f"m_{a}{b}", "1", True) for a in AXES for b in AXES if a != b],
-            ),
-            (Words("Bias over temperature", "零偏随温度"), [(f"b_{a}", "g", False) for a in AXES]),
+    entries = [find_entry(c.name) for c in model.coefficients]
+    results = tuple(
+        _coefficient(
+            stated, record, model, c, Words(""), cross=_is_cross(entry) and entry.power == 0
         )
-        for title, entries in groups:
-            columns = [
-                _entry(stated, record, model, *e) for e in entries if powers(e[0], model, 0.0)[0]
-            ]
-            if columns:
-                tables.append(stated.over(title, temperatures, columns))
-    figures = tuple(
-        _curve(t) for t in (tables[1], tables[-1]) if isinstance(t, GridTable) and len(tables) > 1
+        for entry, c in zip(entries, model.coefficients, strict=True)
+        if _any_value((c,))
     )
+    first = [entry for entry in entries if entry.power == 0]
+    diagonal = [entry for entry in first if entry.kind == "m" and not _is_cross(entry)]
+    cross = [entry for entry in first if _is_cross(entry)]
+    bias = [entry for entry in first if entry.kind == "b"]
+    grids: list[GridTable] = []
+    for title, symbols, name, unit in (
+        (DIAGONAL_TITLE, diagonal, MATRIX, "1"),
+        (CROSS_TITLE, cross, MATRIX, "1"),
+        (BIAS_TITLE, bias, BIAS, "g"),
+    ):
+        columns = []
+        for entry in symbols:
+            shown = entry.symbol.replace("m_", "M_")
+            terms = [e.name for e in entries if e.symbol == entry.symbol]
+            what = shown, entry.symbol, name + Words(shown), terms, unit
+            columns.append(_column(stated, record, model, *what, cross=_is_cross(entry)))
+        if columns and (temperatures := stated.grid(model)):
+            grids.append(stated.over(title, temperatures, columns))
     notes = (residual_words(model), range_words(model), *stated.left_out(model))
     title = Words("Affine triad: matrix and bias", "三轴仿射模型：矩阵与零偏")
-    return Block(
-        record.stage,
-        f"{record.stage}.json",
-        title,
-        (AFFINE_EQUATION,),
-        tuple(tables),
-        figures,
-        notes,
-    )
+    tables: tuple[ListTable | GridTable, ...]
+    tables = (ListTable(COEFFICIENTS, results, COEFFICIENT_NOTE), *grids)
+    figures = tuple(_curve(grid) for grid in (*grids[:1], *grids[-1:]))
+    file = f"{record.stage}.json"
+    return Block(record.stage, file, title, (AFFINE_EQUATION,), tables, figures, notes)
 
 
-def _affine_coefficients(stated: Stated, record: Record, model: Model) -> ListTable:
-    """Every fitted coefficient of the triad."""
-    results = tuple(
-        stated.linear(
-            record,
-            model,
-            c.name,
-            Words(""),
-            {c.name: 1.0},
-            c.unit,
-            sensitivities=_attitude(
-                cross=c.name.startswith("m_") and c.name[2] != c.name[3] and c.name[4:] == "0"
-            ),
-        )
-        for c in model.coefficients
-        if c.value or c.standard_uncertainty
-    )
-    return ListTable(COEFFICIENTS, results, COEFFICIENT_NOTE)
+def _axis(model: Model) -> str:
+    """Letter of the axis of a K model."""
+    return AXES[forms.K_MODELS.index(model.name)]
 
 
-def _entry(
+def _is_cross(entry: Entry) -> bool:
+    """Whether an affine parameter belongs to a cross term of the matrix."""
+    return entry.kind == "m" and entry.factors != (entry.row,)
+
+
+def _any_value(coefficients: Sequence[Coefficient]) -> bool:
+    """Whether one of some coefficients was fitted."""
+    return any(c.value or c.standard_uncertainty for c in coefficients)
+
+
+def _coefficient(
     stated: Stated,
     record: Record,
     model: Model,
-    prefix: str,
+    coefficient: Coefficient,
+    words: Words,
+    *,
+    cross: bool,
+    principal: bool = False,
+) -> Result:
+    """One coefficient; a cross term is as uncertain as the reference attitude."""
+    return stated.linear(
+        record,
+        model,
+        coefficient.name,
+        words,
+        {coefficient.name: 1.0},
+        coefficient.unit,
+        sensitivities=ATTITUDE if cross else {},
+        principal=principal,
+    )
+
+
+def _column(
+    stated: Stated,
+    record: Record,
+    model: Model,
+    head: str,
+    key: str,
+    name: Words,
+    terms: Sequence[str],
     unit: str,
-    cross: bool,  # noqa: FBT001
+    *,
+    cross: bool = False,
 ) -> Column:
-    """One entry of M or b as a function of temperature."""
-    symbol = prefix.replace("m_", "M_")
-    words = Words("Matrix entry ", "矩阵元 ") if prefix.startswith("m") else Words("Bias ", "零偏 ")
+    """A quantity Σ c_k t^k of the coefficients that are its terms, as a function of temperature."""
 
     def at(t: float) -> Result:
-        weights, slope = powers(prefix, model, t)
-        main = t == stated.reference_degc and not cross
         return stated.linear(
             record,
             model,
-            prefix,
-            words + Words(symbol),
-            weights,
+            key,
+            name,
+            {term: t**k for k, term in enumerate(terms)},
             unit,
             at=t,
-            slope=slope,
-            sensitivities=_attitude(cross=cross),
-            principal=main,
+            slope={term: k * t ** (k - 1) for k, term in enumerate(terms) if k},
+            sensitivities=ATTITUDE if cross else {},
+            principal=t == stated.reference_degc and not cross,
         )
 
-    return Words(symbol), unit, at
+    return Words(head), unit, at
 
 
 def _curve(table: GridTable) -> Figure:

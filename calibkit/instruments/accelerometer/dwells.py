@@ -12,6 +12,7 @@ from calibkit import check
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import stated_segments
+from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
 from calibkit.numeric import attitude, chunks, dwells
 
 if TYPE_CHECKING:
@@ -21,9 +22,7 @@ if TYPE_CHECKING:
     from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 
-AXES = ("accel_x_g", "accel_y_g", "accel_z_g")
 ATTITUDE = ("inclination_deg", "toolface_deg")
-TEMPERATURE = "temp_case_degc"
 SATURATED_G = 50.0
 """Indication [g] beyond which a log is not in g: a triad is calibrated in the field of the earth.
 """
@@ -49,6 +48,11 @@ class DwellSet:
     flags: tuple[str, ...]
 
     @property
+    def valid(self) -> dict[str, tuple[float, float]]:
+        """Range of the temperatures, by their column."""
+        return {TEMPERATURE: (float(self.temperature.min()), float(self.temperature.max()))}
+
+    @property
     def reference(self) -> Array:
         """Reference gravity [n, 3, g] of the angles."""
         return attitude.gravity_vector(self.inclination, self.toolface)
@@ -63,15 +67,15 @@ class DwellSet:
         )
 
 
-def needed(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
+def needed_columns(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Columns that the recipe needs, and columns that it uses where they are."""
     series = ("time_s",) if spec.dwells.mode == "series" else ()
     if spec.reference.kind == "attitude":
-        return (*series, TEMPERATURE, *ATTITUDE, *AXES), () if series else ("time_s",)
-    return (*series, *AXES), (TEMPERATURE, *ATTITUDE, *(() if series else ("time_s",)))
+        return (*series, TEMPERATURE, *ATTITUDE, *COMPONENTS), () if series else ("time_s",)
+    return (*series, *COMPONENTS), (TEMPERATURE, *ATTITUDE, *(() if series else ("time_s",)))
 
 
-def findings(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
+def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     """Check a log; nothing is fitted to one in which something is refused."""
     columns = [column for column in log.frame.columns if column != "time_s"]
     early = [*check.rows(log, 1), *check.finite(log, list(log.frame.columns))]
@@ -81,7 +85,7 @@ def findings(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     found = [
         *early,
         *(check.monotonic(log) if timed else ()),
-        *_beyond(log, AXES, SATURATED_G, "g"),
+        *_beyond(log, COMPONENTS, SATURATED_G, "g"),
     ]
     if TEMPERATURE in columns:
         found += check.plausible_temperature(log, [TEMPERATURE])
@@ -99,7 +103,10 @@ def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     """Units and signs that the numbers give away; of a continuous log also its gaps, which end a
     dwell.
     """
-    found = [*check.magnitude.gravity(log, AXES), *check.magnitude.compensated(log, spec, AXES)]
+    found = [
+        *check.magnitude.gravity(log, COMPONENTS),
+        *check.magnitude.compensated(log, spec, COMPONENTS),
+    ]
     if spec.dwells.mode == "series":
         found += check.gaps(log, float("inf"))
         if TEMPERATURE in log.frame.columns:
@@ -111,7 +118,7 @@ def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
             reference = attitude.gravity_vector(*(angle(first, stop) for angle in held))
             return attitude.gravity_positive(reference, spec.reference.convention)
 
-        found += check.magnitude.sense(log, AXES, expected)
+        found += check.magnitude.sense(log, COMPONENTS, expected)
     return found
 
 
@@ -131,12 +138,12 @@ def _beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[F
     return found
 
 
-def collect(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
+def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
     """Check every log and gather its dwells; raises FrameError or FitError naming the log."""
     parts = []
     flags = []
     for log in logs:
-        found = findings(log, spec)
+        found = find_faults(log, spec)
         refuse(found)
         flags += [str(finding) for finding in found if finding.flagged]
         parts.append(_rows(log, spec) if spec.dwells.mode == "rows" else _held(log, spec))
@@ -154,9 +161,9 @@ def collect(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
     )
 
 
-def indication(log: Log, spec: AccelerometerRecipe) -> Array:
+def read_indication(log: Log, spec: AccelerometerRecipe) -> Array:
     """Indications [n, 3, g] of a log, positive along gravity whatever the log's convention."""
-    return _beside(log, [values(log.frame, column) for column in AXES], spec)
+    return _beside(log, [values(log.frame, column) for column in COMPONENTS], spec)
 
 
 def _beside(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Array:
@@ -171,7 +178,7 @@ def _beside(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Ar
     return made
 
 
-def optional(log: Log, column: str) -> Array:
+def optional_column(log: Log, column: str) -> Array:
     """A column [n], or NaN where the log does not have it."""
     return (
         values(log.frame, column)
@@ -184,10 +191,10 @@ def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     """One dwell a row."""
     count = len(log.frame)
     return DwellSet(
-        indication(log, spec),
+        read_indication(log, spec),
         _temperature(log),
-        optional(log, "inclination_deg"),
-        optional(log, "toolface_deg"),
+        optional_column(log, "inclination_deg"),
+        optional_column(log, "toolface_deg"),
         np.full((count, 3), np.nan),
         np.zeros(count, dtype=np.int64),
         tuple(f"{log.file}:{check.line(log, row)}" for row in range(count)),
@@ -211,9 +218,9 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     time = values(log.frame, "time_s")
     step = log.steps.usual
     columns = _beside(
-        log, [*(values(log.frame, column) for column in AXES), _temperature(log)], spec
+        log, [*(values(log.frame, column) for column in COMPONENTS), _temperature(log)], spec
     )
-    intervals = held_rows(log, columns[:, :3], time, step, spec)
+    intervals = _held_rows(log, columns[:, :3], time, step, spec)
     if spec.dwells.piece_s is not None:
         intervals = dwells.pieces(intervals, max(2, round(spec.dwells.piece_s / step)))
     means = dwells.averages(columns, intervals)
@@ -223,8 +230,8 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     return DwellSet(
         means.mean[:, :3],
         means.mean[:, 3],
-        chunks.take_rows(optional(log, "inclination_deg"), middle),
-        chunks.take_rows(optional(log, "toolface_deg"), middle),
+        chunks.take_rows(optional_column(log, "inclination_deg"), middle),
+        chunks.take_rows(optional_column(log, "toolface_deg"), middle),
         means.standard_error[:, :3],
         np.zeros(len(intervals), dtype=np.int64),
         tuple(
@@ -238,7 +245,7 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     )
 
 
-def held_rows(
+def _held_rows(
     log: Log, triad: Array, time: Array, step: float, spec: AccelerometerRecipe
 ) -> Integers:
     """Rows [m, 2] of the dwells: those that the recipe pins, or those found by stillness between
@@ -265,14 +272,14 @@ def held_rows(
     return np.concatenate(found)
 
 
-def examine(log: Log, spec: AccelerometerRecipe) -> Examined:
+def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
     """Findings of a log, and the dwells of a continuous one."""
-    found = findings(log, spec)
+    found = find_faults(log, spec)
     if any(finding.refused for finding in found) or spec.dwells.mode == "rows":
         return Examined(tuple(found))
-    time, triad = values(log.frame, "time_s"), indication(log, spec)
+    time, triad = values(log.frame, "time_s"), read_indication(log, spec)
     try:
-        rows = held_rows(log, triad, time, log.steps.usual, spec).tolist()
+        rows = _held_rows(log, triad, time, log.steps.usual, spec).tolist()
         pinned = stated_segments.stated_rows(log, spec, ["dwell"]) is not None
     except (FitError, FrameError) as error:
         return Examined((*found, Finding.of(error)))

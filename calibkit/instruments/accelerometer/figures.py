@@ -12,85 +12,75 @@ import numpy as np
 from calibkit.report.figures import ALERT, DENOISED, GOOD, MUTED, RAW, page
 
 if TYPE_CHECKING:
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array
+    from calibkit.instruments.accelerometer.dwells import DwellSet
+    from calibkit.instruments.accelerometer.errors import DwellErrors
+    from calibkit.numeric.attitude import AttitudeErrors
 
 
 @dataclass(frozen=True, slots=True)
 class TriadReport:
-    """Dwells: temperature [n, °C], indication [n, 3, g], residual [n, 3 or 1, g], angle errors
-    before and after [n, °].
-    """
+    """Dwells with their errors before and after the correction that the recipe names."""
 
-    temperature: Array
-    indication: Array
-    residual: Array
-    inclination_before: Array
-    inclination_after: Array
-    toolface_before: Array
-    toolface_after: Array
-    inclination: Array
+    dwells: DwellSet
+    before: DwellErrors
+    after: DwellErrors
     toolface_range_deg: tuple[float, float]
 
 
-def pages(title: str, report: TriadReport) -> list[Figure]:
+def draw_pages(title: str, report: TriadReport) -> tuple[Figure, ...]:
     """Residuals and coverage, then the attitude errors where there is a reference attitude."""
-    first = [residual_page(title, report)]
-    return first if np.isnan(report.inclination).all() else [*first, attitude_page(title, report)]
+    first = _draw_residuals(title, report)
+    before, after = report.before.angles, report.after.angles
+    if before is None or after is None:
+        return (first,)
+    return first, _draw_angles(title, report, before, after)
 
 
-def residual_page(title: str, report: TriadReport) -> Figure:
+def _draw_residuals(title: str, report: TriadReport) -> Figure:
     """Residual of each component against temperature, and which attitudes were held."""
     figure, axes = page(2, 2, title=f"{title}: residual after correction, and the attitudes held")
-    names = ("x", "y", "z") if report.residual.shape[1] == 3 else ("| |G| - g |",)
+    dwells, residual = report.dwells, report.after.residual
+    names = ("x", "y", "z") if residual.shape[1] == 3 else ("| |G| - g |",)
     for k, name in enumerate(names):
-        axes[k].plot(report.temperature, 1e6 * report.residual[:, k], ".", ms=3, color=DENOISED)
+        axes[k].plot(dwells.temperature, 1e6 * residual[:, k], ".", ms=3, color=DENOISED)
         axes[k].axhline(0.0, color=MUTED, lw=0.6)
         axes[k].set(title=f"residual {name}", xlabel="case temperature [°C]", ylabel="[µg]")
     for ax in axes[len(names) : 3]:
         ax.set_visible(False)
-    _coverage(axes[3], report.indication)
+    # directions of gravity in the triad, equal-area: the sphere's poles are top and bottom
+    unit = dwells.indication / np.linalg.norm(dwells.indication, axis=1)[:, None]
+    around = np.degrees(np.arctan2(unit[:, 1], unit[:, 0]))
+    axes[3].plot(around, unit[:, 2], "o", ms=3, color=ALERT, alpha=0.5)
+    axes[3].set(xlim=(-190, 190), ylim=(-1.1, 1.1), title="attitudes held (equal-area)")
+    axes[3].set(xlabel="direction of gravity about z [°]", ylabel="component along z")
     return figure
 
 
-def _coverage(ax: Axes, indication: Array) -> None:
-    """Directions of gravity in the triad, equal-area: the sphere's poles are the top and bottom
-    edges.
-    """
-    unit = indication / np.linalg.norm(indication, axis=1)[:, None]
-    ax.plot(
-        np.degrees(np.arctan2(unit[:, 1], unit[:, 0])),
-        unit[:, 2],
-        "o",
-        ms=3,
-        color=ALERT,
-        alpha=0.5,
-    )
-    ax.set(xlim=(-190, 190), ylim=(-1.1, 1.1), title="attitudes held (equal-area)")
-    ax.set(xlabel="direction of gravity about z [°]", ylabel="component along z")
-
-
-def attitude_page(title: str, report: TriadReport) -> Figure:
+def _draw_angles(
+    title: str, report: TriadReport, before: AttitudeErrors, after: AttitudeErrors
+) -> Figure:
     """Inclination and toolface errors before and after, against inclination and temperature."""
     low, high = report.toolface_range_deg
     figure, axes = page(2, 2, title=f"{title}: attitude errors before (grey) and after (green)")
     pairs = (
-        ("inclination", report.inclination_before, report.inclination_after),
+        ("inclination", before.inclination_error_deg, after.inclination_error_deg),
         (
             f"toolface ({low:g}-{high:g}° inclination)",
-            report.toolface_before,
-            report.toolface_after,
+            before.toolface_error_deg,
+            after.toolface_error_deg,
         ),
     )
-    for row, (name, before, after) in enumerate(pairs):
-        for column, (abscissa, label) in enumerate(
-            ((report.inclination, "inclination [°]"), (report.temperature, "case temperature [°C]"))
-        ):
+    abscissae = (
+        (report.dwells.inclination, "inclination [°]"),
+        (report.dwells.temperature, "case temperature [°C]"),
+    )
+    for row, (name, grey, green) in enumerate(pairs):
+        for column, (abscissa, label) in enumerate(abscissae):
             ax = axes[2 * row + column]
-            ax.plot(abscissa, before, ".", ms=3, color=RAW)
-            ax.plot(abscissa, after, ".", ms=3, color=GOOD)
+            ax.plot(abscissa, grey, ".", ms=3, color=RAW)
+            ax.plot(abscissa, green, ".", ms=3, color=GOOD)
             ax.set(title=f"{name} error", xlabel=label, ylabel="[°]")
             ax.set_yscale("symlog", linthresh=0.01)
     return figure

@@ -1,4 +1,4 @@
-"""Dwells of a triad → K-factor, Q-factor and affine fits."""
+"""Dwells of a triad → models of its K-factor, Q-factor and affine triad."""
 
 from __future__ import annotations
 
@@ -8,26 +8,22 @@ from typing import TYPE_CHECKING, TypeVar
 
 import numpy as np
 
+from calibkit.coefficients import Figure, Model, Parameter
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import affine as accel_affine
-from calibkit.instruments.accelerometer.numeric import k_factor, magnitude
-from calibkit.instruments.accelerometer.numeric.affine import AffineTerms
-from calibkit.instruments.accelerometer.numeric.k_factor import KTerms
-from calibkit.instruments.accelerometer.numeric.q_factor import derivative
+from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer.numeric import affine, k_factor, magnitude, q_factor
+from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
 from calibkit.numeric import attitude
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
+    from collections.abc import Callable, Sequence
 
     from calibkit.arrays import Array
     from calibkit.instruments.accelerometer.dwells import DwellSet
     from calibkit.instruments.accelerometer.numeric.affine import AffineFit
-    from calibkit.instruments.accelerometer.numeric.k_factor import KAxis
-    from calibkit.instruments.accelerometer.numeric.magnitude import MagnitudeFit
-    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe, AffineSpec, KSpec
+    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 
-AXES = "xyz"
 LEAST_GROUPS = 12
 """Logs below which leaving out one at a time gives no covariance: six sweeps understated it
 fivefold in simulation.
@@ -36,47 +32,57 @@ Found = TypeVar("Found")
 
 
 @dataclass(frozen=True, slots=True)
-class Triad:
-    """An affine triad by the names of its parameters, for temperatures in °C, with their covariance
-    [p, p].
-    """
-
-    names: tuple[str, ...]
-    coefficients: Array
-    covariance: Array
-    dof: int
-    residual_rms: float
-    condition: float
-
-
-@dataclass(frozen=True, slots=True)
 class TriadFit:
-    """What was fitted to a set of dwells: K of the three axes (or none), the affine triad, Q1, Q2,
-    Q3 with covariance.
+    """What was fitted to a set of dwells, each with what must be known of it."""
 
-    `intervals` are 95 % profile intervals of the nine magnitude-only parameters where lmfit was
-    asked for, else empty.
+    k: tuple[Model, ...] = ()
+    """K-factor of the three axes, where it was asked for."""
+    k_flags: tuple[str, ...] = ()
+    k_not_fitted: tuple[str, ...] = ()
+    """Coefficients that the recipe's orders leave at zero, one text per axis."""
+    q: Model | None = None
+    affine: Model | None = None
+    affine_flags: tuple[str, ...] = ()
+    """Of Q-factor and affine triad."""
+    intervals: tuple[Figure, ...] = ()
+    """Ends of 95 % profile intervals of the nine magnitude-only parameters, where lmfit was asked
+    for.
     """
 
-    k: tuple[KAxis, ...]
-    affine: Triad | None
-    q: Array
-    q_covariance: Array
-    q_temperature: float
-    intervals: Mapping[str, tuple[float, float]]
-    flags: tuple[str, ...]
 
-
-def fit(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
+def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     """Fit what the recipe asks for; raises FitError naming the coefficients that the dwells cannot
     determine.
     """
     if spec.reference.kind == "magnitude":
-        return _fit_magnitude(dwells, spec)
-    flags = list(dwells.flags)
-    axes: tuple[KAxis, ...] = ()
-    logs = int(np.unique(dwells.log).size)
-    if spec.k.enabled and spec.k.groups == "log" and logs < LEAST_GROUPS:
+        return _fit_lengths(dwells, spec)
+    k, k_flags, not_fitted = _fit_k(dwells, spec) if spec.k.enabled else ((), (), ())
+    if not spec.affine.enabled:
+        return TriadFit(k, k_flags, not_fitted)
+    rotation = (
+        attitude.tool_rotation(dwells.inclination, dwells.toolface) if spec.affine.tilt else None
+    )
+    affine_fit = partial(
+        affine.fit,
+        dwells.indication,
+        dwells.temperature,
+        dwells.reference,
+        terms=_affine_terms(spec),
+        weights=dwells.weights,
+        tool_rotation=rotation,
+    )
+    found, flags = _fit_settled(affine_fit, spec.loss, "affine")
+    model, q = _affine_models(found, dwells, spec)
+    flags += _name_suspects("affine", found.suspects, dwells)
+    return TriadFit(k, k_flags, not_fitted, q, model, flags)
+
+
+def _fit_k(
+    dwells: DwellSet, spec: AccelerometerRecipe
+) -> tuple[tuple[Model, ...], tuple[str, ...], tuple[str, ...]]:
+    """K-factor of the three axes, its flags, and the coefficients that are not fitted."""
+    groups, logs = dwells.log if spec.k.groups == "log" else None, np.unique(dwells.log).size
+    if groups is not None and logs < LEAST_GROUPS:
         raise FitError(
             f"k.groups = 'log' with {logs} logs, expected at least {LEAST_GROUPS}",
             hint=(
@@ -84,169 +90,171 @@ def fit(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
                 " leave groups at 'none'"
             ),
         )
-    if spec.k.enabled:
-        k_fit = partial(
-            k_factor.fit,
-            dwells.indication,
-            dwells.temperature,
-            dwells.reference,
-            terms=k_terms(spec.k),
-            weights=dwells.weights,
-            groups=dwells.log if spec.k.groups == "log" else None,
-        )
-        axes = _settled(k_fit, spec.loss, "K-factor", flags)
-        flags += [
-            f"accel_{axis.axis}: suspect dwell {dwells.place[i]}"
-            for axis in axes
-            for i in axis.suspects
-        ]
-    if not spec.affine.enabled:
-        return TriadFit(
-            axes,
-            None,
-            np.full(3, np.nan),
-            np.zeros((3, 3)),
-            np.nan,
-            {},
-            tuple(dict.fromkeys(flags)),
-        )
-    affine_fit = partial(
-        accel_affine.fit,
+    k_fit = partial(
+        k_factor.fit,
         dwells.indication,
         dwells.temperature,
         dwells.reference,
-        terms=affine_terms(spec.affine),
+        terms=[
+            k_factor.KTerms(axis.scale_order, axis.zero_order, axis.cross) for axis in spec.k.axes
+        ],
         weights=dwells.weights,
-        tool_rotation=(
-            attitude.tool_rotation(dwells.inclination, dwells.toolface)
-            if spec.affine.tilt
-            else None
-        ),
+        groups=groups,
     )
-    affine = _settled(affine_fit, spec.loss, "affine", flags)
-    flags += [f"affine: suspect dwell {dwells.place[i]}" for i in affine.suspects]
-    return _with_q(axes, affine, dwells, spec, flags, {})
-
-
-def _settled(fit_with: Callable[..., Found], loss: str, what: str, flags: list[str]) -> Found:
-    """A fit with the recipe's loss; where a robust fit cannot settle, the plain one, flagged for
-    what it is not.
-    """
-    try:
-        return fit_with(loss=loss)
-    except FitError as error:
-        if loss == "least_squares":
-            raise
-        plain = fit_with(
-            loss="least_squares"
-        )  # raises again where the dwells do not determine the model
-        flags.append(
-            f"{what}: {error.message}; plain least squares was used, wild dwells are not left out"
+    axes, flags = _fit_settled(k_fit, spec.loss, "K-factor")
+    models, not_fitted = [], []
+    for name, axis in zip(forms.K_MODELS, axes, strict=True):
+        scaled = zip(k_factor.NAMES, axis.mapped_coefficients.tolist(), strict=True)
+        models.append(
+            forms.K.write(
+                name,
+                _with_units(k_factor.NAMES, axis.coefficients, forms.K_UNITS),
+                axis.covariance,
+                dof=axis.dof,
+                residual_rms=axis.residual_rms,
+                residual_unit="g",
+                valid=dwells.valid,
+                parameters=(
+                    Parameter("middle", axis.middle, "degC"),
+                    Parameter("half", axis.half, "degC"),
+                    *(Parameter(f"scaled_{k}", value, "1") for k, value in scaled),
+                ),
+            )
         )
-        return plain
+        flags += _name_suspects(name, axis.suspects, dwells)
+        missing = [k for number, k in enumerate(k_factor.NAMES) if number not in axis.fitted]
+        if missing:
+            not_fitted.append(f"{name}: {', '.join(missing)} not fitted, taken as 0")
+    return tuple(models), flags, tuple(not_fitted)
 
 
-def _with_q(
-    axes: tuple[KAxis, ...],
-    affine: AffineFit,
-    dwells: DwellSet,
-    spec: AccelerometerRecipe,
-    flags: list[str],
-    intervals: Mapping[str, tuple[float, float]],
-) -> TriadFit:
-    """Q at the reference temperature, clamped to the dwells' own, as the affine triad has it."""
-    at = float(
-        np.clip(spec.reference_temp_degc, dwells.temperature.min(), dwells.temperature.max())
-    )
-    q, q_covariance = accel_affine.as_q(affine, at)
-    triad = Triad(
-        affine.names,
-        affine.coefficients,
-        affine.covariance,
-        affine.dof,
-        affine.residual_rms,
-        affine.condition,
-    )
-    return TriadFit(axes, triad, q, q_covariance, at, intervals, tuple(dict.fromkeys(flags)))
-
-
-def _fit_magnitude(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
+def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     """Scale factor, bias and Q from the length of gravity alone; over temperature where affine is
     enabled.
     """
     noise = None if dwells.weights is None else np.sqrt(np.mean(dwells.noise**2, axis=1))
-    flags = list(dwells.flags)
-    intervals: Mapping[str, tuple[float, float]] = {}
+    intervals: tuple[Figure, ...] = ()
     if spec.reference.solver == "lmfit":
-        found, intervals = magnitude.fit_bounded(dwells.indication, 1.0, noise=noise)
-        open_ended = [name for name, ends in intervals.items() if not np.isfinite(ends).all()]
-        flags += [
-            f"magnitude: the 95 % interval of {name} has no end within its bounds"
-            for name in open_ended
-        ]
-        flags.append("magnitude: lmfit solves by plain least squares, wild dwells are not left out")
+        found, intervals, flags = _fit_bounded(dwells, noise)
     else:
-        found = _settled(
-            partial(magnitude.fit, dwells.indication, 1.0, noise=noise),
-            spec.loss,
-            "magnitude",
-            flags,
+        length_fit = partial(magnitude.fit, dwells.indication, 1.0, noise=noise)
+        found, flags = _fit_settled(length_fit, spec.loss, "magnitude")
+    flags += tuple(f"magnitude: {flag}" for flag in found.flags)
+    flags += _name_suspects("magnitude", found.suspects, dwells)
+    if spec.affine.enabled:
+        affine_fit = partial(
+            affine.fit_magnitude,
+            dwells.indication,
+            dwells.temperature,
+            1.0,
+            terms=_affine_terms(spec),
+            weights=None if noise is None else 1.0 / noise**2,
         )
-    flags += [f"magnitude: {flag}" for flag in found.flags]
-    flags += [f"magnitude: suspect dwell {dwells.place[i]}" for i in found.suspects]
-    if not spec.affine.enabled:
-        at = float(dwells.temperature.mean())
-        q, q_covariance = found.parameters[6:9], found.covariance[6:9, 6:9]
-        return TriadFit(
-            (), _nine(found), q, q_covariance, at, intervals, tuple(dict.fromkeys(flags))
+        over_temperature, more = _fit_settled(affine_fit, spec.loss, "affine")
+        model, q = _affine_models(over_temperature, dwells, spec)
+        flags += (*more, *_name_suspects("affine", over_temperature.suspects, dwells))
+    else:
+        model = _affine_model(*magnitude.as_affine(found), found, dwells)
+        angles, covariance = found.parameters[6:9], found.covariance[6:9, 6:9]
+        q = _q_model(angles, covariance, float(dwells.temperature.mean()), model)
+    return TriadFit(q=q, affine=model, affine_flags=flags, intervals=intervals)
+
+
+def _fit_bounded(
+    dwells: DwellSet, noise: Array | None
+) -> tuple[magnitude.MagnitudeFit, tuple[Figure, ...], tuple[str, ...]]:
+    """Magnitude-only fit by lmfit, the ends of its intervals, and its flags."""
+    found, intervals = magnitude.fit_bounded(dwells.indication, 1.0, noise=noise)
+    units = dict(zip(magnitude.NAMES, ("1",) * 3 + ("g",) * 3 + ("rad",) * 3, strict=True))
+    figures = tuple(
+        Figure(f"{name}_{side}_95", end, units[name], 0.0)
+        for name, interval in intervals.items()
+        for side, end in zip(("low", "high"), interval, strict=True)
+        if np.isfinite(end)
+    )
+    flags = [
+        f"magnitude: the 95 % interval of {name} has no end within its bounds"
+        for name, interval in intervals.items()
+        if not np.isfinite(interval).all()
+    ]
+    plain = "magnitude: lmfit solves by plain least squares, wild dwells are not left out"
+    return found, figures, (*flags, plain)
+
+
+def _fit_settled(
+    fit_with: Callable[..., Found], loss: str, what: str
+) -> tuple[Found, tuple[str, ...]]:
+    """A fit with the recipe's loss; where a robust fit cannot settle, the plain one and a flag that
+    says so.
+    """
+    try:
+        return fit_with(loss=loss), ()
+    except FitError as error:
+        if loss == "least_squares":
+            raise
+        # raises again where the dwells do not determine the model
+        found = fit_with(loss="least_squares")
+        return found, (
+            f"{what}: {error.message}; plain least squares was used, wild dwells are not left out",
         )
-    affine_fit = partial(
-        accel_affine.fit_magnitude,
-        dwells.indication,
-        dwells.temperature,
-        1.0,
-        terms=affine_terms(spec.affine),
-        weights=None if noise is None else 1.0 / noise**2,
-    )
-    affine = _settled(affine_fit, spec.loss, "affine", flags)
-    flags += [f"affine: suspect dwell {dwells.place[i]}" for i in affine.suspects]
-    return _with_q((), affine, dwells, spec, flags, intervals)
 
 
-def _nine(found: MagnitudeFit) -> Triad:
-    """The nine parameters of a magnitude-only fit as an affine triad without temperature."""
-
-    def entries(parameters: Array) -> Array:
-        matrix = magnitude.correction_matrix(parameters)
-        return np.concatenate([matrix[np.tril_indices(3)], parameters[3:6]])
-
-    slopes = derivative(entries, found.parameters, scale=np.maximum(np.abs(found.parameters), 1e-3))
-    names = [f"m_{AXES[i]}{AXES[j]}0" for i, j in zip(*np.tril_indices(3), strict=True)]
-    return Triad(
-        (*names, *(f"b_{axis}0" for axis in AXES)),
-        entries(found.parameters),
-        slopes @ found.covariance @ slopes.T,
-        found.dof,
-        found.residual_rms,
-        found.condition,
-    )
+def _name_suspects(what: str, suspects: Sequence[int], dwells: DwellSet) -> tuple[str, ...]:
+    """Flags that name the dwells which no noise explains."""
+    return tuple(f"{what}: suspect dwell {dwells.place[i]}" for i in suspects)
 
 
-def k_terms(spec: KSpec) -> tuple[KTerms, KTerms, KTerms]:
-    """Orders of the three axes."""
-    parts = [getattr(spec, axis) or spec for axis in AXES]
-    x, y, z = (KTerms(part.scale_order, part.zero_order, part.cross) for part in parts)
-    return x, y, z
-
-
-def affine_terms(spec: AffineSpec) -> AffineTerms:
+def _affine_terms(spec: AccelerometerRecipe) -> AffineTerms:
     """Parameters of the affine triad."""
-    return AffineTerms(
-        scale_order=spec.scale_order,
-        cross_order=spec.cross_order,
-        bias_order=spec.bias_order,
-        second_order=spec.second_order,
-        third_order=spec.third_order,
-        tilt=spec.tilt,
-        fixture=spec.fixture,
+    return AffineTerms(**spec.affine.model_dump(exclude={"enabled"}))
+
+
+def _affine_models(
+    found: AffineFit, dwells: DwellSet, spec: AccelerometerRecipe
+) -> tuple[Model, Model]:
+    """Affine model, and Q at the reference temperature or at that of the dwells nearest to it."""
+    low, high = dwells.valid[forms.TEMPERATURE]
+    at = float(np.clip(spec.reference_temp_degc, low, high))
+    names = [entry.name for entry in found.entries]
+    model = _affine_model(names, found.coefficients, found.covariance, found, dwells)
+    return model, _q_model(*affine.evaluate_q(found, at), at, model)
+
+
+def _affine_model(
+    names: Sequence[str],
+    values: Array,
+    covariance: Array,
+    found: AffineFit | magnitude.MagnitudeFit,
+    dwells: DwellSet,
+) -> Model:
+    """Model of affine parameters in °C with the residual of their fit."""
+    return forms.AFFINE.write(
+        "triad",
+        _with_units(names, values, [forms.affine_unit(name) for name in names]),
+        covariance,
+        dof=found.dof,
+        residual_rms=found.residual_rms,
+        residual_unit="g",
+        valid=dwells.valid,
     )
+
+
+def _q_model(angles: Array, covariance: Array, temperature: float, fitted: Model) -> Model:
+    """Model of Q1, Q2, Q3 [3, rad] at a temperature [°C], from a fitted affine model."""
+    return forms.Q.write(
+        "triad",
+        _with_units(q_factor.NAMES, angles, ("rad",) * 3),
+        covariance,
+        dof=fitted.dof,
+        residual_rms=fitted.residual_rms,
+        residual_unit="g",
+        valid=fitted.valid,
+        parameters=(Parameter("temperature", temperature, "degC"),),
+    )
+
+
+def _with_units(
+    names: Sequence[str], values: Array, units: Sequence[str]
+) -> list[tuple[str, float, str]]:
+    """Name, value and unit of each coefficient."""
+    return list(zip(names, values.tolist(), units, strict=True))

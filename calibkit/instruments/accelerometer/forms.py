@@ -18,7 +18,6 @@ COMPONENTS = ("accel_x_g", "accel_y_g", "accel_z_g")
 TEMPERATURE = "temp_case_degc"
 K_MODELS = ("accel_x", "accel_y", "accel_z")
 """Names of the K models, one per axis."""
-Q_UNIT = "rad"
 
 
 def _over_temperature(unit: str, power: int) -> str:
@@ -35,7 +34,7 @@ K_UNITS = (*(_over_temperature(unit, k) for unit in ("1", "g") for k in range(4)
 
 def affine_unit(name: str) -> str:
     """Unit of an affine parameter; FitError for a name that is none."""
-    entry = affine_model.entry_of(name)
+    entry = affine_model.find_entry(name)
     if entry.kind in ("tilt", "fixture"):
         return "rad"
     unit = {"m": "1", "b": "g", "n": "1/g" if len(entry.factors) == 2 else "1/g2"}[entry.kind]
@@ -60,7 +59,7 @@ def _k_gradient(model: Model, at: Inputs) -> Array:
 
 def _q_matrix(coefficients: Array) -> Array:
     """Exact matrix [3, 3] of Q1, Q2, Q3 [3, rad]."""
-    return q_factor.exact(q_factor.axes_of(coefficients))
+    return q_factor.exact_matrix(q_factor.axes_from_angles(coefficients))
 
 
 def _q_correct(model: Model, at: Inputs) -> Array:
@@ -70,7 +69,7 @@ def _q_correct(model: Model, at: Inputs) -> Array:
 
 def _q_gradient(model: Model, at: Inputs) -> Array:
     """Derivatives [n, 3, 3] of the orthogonal components by Q1, Q2, Q3."""
-    slopes = q_factor.derivative(lambda q: _q_matrix(q).ravel(), Q.read(model), scale=np.ones(3))
+    slopes = q_factor.differentiate(lambda q: _q_matrix(q).ravel(), Q.read(model), scale=np.ones(3))
     return np.asarray(
         np.einsum("nj,ijk->nik", _indication(at), slopes.reshape(3, 3, 3)), dtype=np.float64
     )
@@ -78,7 +77,7 @@ def _q_gradient(model: Model, at: Inputs) -> Array:
 
 def _affine(model: Model, at: Inputs) -> tuple[Array, Array]:
     """Corrected components [n, 3, g] and their derivatives [n, 3, p] by the parameters."""
-    entries = [affine_model.entry_of(c.name) for c in model.coefficients]
+    entries = [affine_model.find_entry(c.name) for c in model.coefficients]
     return affine_model.evaluate(entries, AFFINE.read(model), _indication(at), at[TEMPERATURE])
 
 

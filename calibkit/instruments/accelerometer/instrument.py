@@ -12,11 +12,11 @@ from calibkit.frame import refuse, require
 from calibkit.ingest import logs as ingest
 from calibkit.ingest import write_back
 from calibkit.instruments import Fitted, Instrument
-from calibkit.instruments.accelerometer import attitude as accel_attitude
-from calibkit.instruments.accelerometer import coefficient_files, forms
-from calibkit.instruments.accelerometer import dwells as accel_dwells
-from calibkit.instruments.accelerometer import figures as pages
-from calibkit.instruments.accelerometer import fit as accel_fit
+from calibkit.instruments.accelerometer import coefficient_files, errors, forms, tables
+from calibkit.instruments.accelerometer import dwells as triad_dwells
+from calibkit.instruments.accelerometer.figures import TriadReport, draw_pages
+from calibkit.instruments.accelerometer.fit import fit_triad
+from calibkit.instruments.accelerometer.propose import propose
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude, chunks
 from calibkit.report.documents import Drawn
@@ -30,137 +30,132 @@ if TYPE_CHECKING:
     from calibkit.certificate.results import Block
     from calibkit.certificate.stated import Stated
     from calibkit.coefficients import Record
-    from calibkit.frame import Examined, Log
+    from calibkit.frame import Log
     from calibkit.ingest.logs import Reader
-    from calibkit.ingest.proposal import Choice, Evidence
     from calibkit.ingest.write_back import Applied
     from calibkit.instruments import Firmware, Progress
-    from calibkit.instruments.accelerometer.coefficient_files import Correction
     from calibkit.report.table import Table
     from calibkit.simulate.campaign import Campaign
 
+CORRECTIONS = {"k": "K-factor", "kq": "K- and Q-factor", "affine": "affine"}
+"""Compensation of a recipe → what the row of its errors is called."""
 
-def read(spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+
+def _read(
+    spec: AccelerometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log
+) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
-    columns, optional = accel_dwells.needed(spec)
+    columns, optional = triad_dwells.needed_columns(spec)
     return reader(spec.on_site(), data / file, file, columns, optional)
 
 
-def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
-    """Find what is wrong with one log, and its dwells."""
-    return accel_dwells.examine(log, spec)
-
-
-def fit(
+def _fit(
     spec: AccelerometerRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted[pages.TriadReport]:
+) -> Fitted[TriadReport]:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
     logs = list(
         copies.distinct(
-            ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+            ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
         )
     )
-    dwells = accel_dwells.collect(logs, spec)
-    fitted = accel_fit.fit(dwells, spec)
-    corrections = []
-    if fitted.k:
-        corrections.append(("K-factor", coefficient_files.k_correction(fitted, dwells)))
-    if spec.compensation == "kq":
-        corrections.append(("K- and Q-factor", coefficient_files.kq_correction(fitted, dwells)))
-    if fitted.affine is not None:
-        corrections.append(("affine", coefficient_files.affine_correction(fitted.affine, dwells)))
-    stands = accel_attitude.before_after(dwells, corrections, spec)
-    figures = (
-        accel_attitude.propagated(fitted.affine, dwells, spec.toolface_range_deg)
-        if fitted.affine
+    dwells = triad_dwells.collect_dwells(logs, spec)
+    fitted = fit_triad(dwells, spec)
+    uncertainty = (
+        errors.propagate_uncertainty(fitted.affine, dwells, spec.toolface_range_deg)
+        if fitted.affine is not None
         else ()
     )
+    results = coefficient_files.list_results(fitted, dwells, spec.site.local_gravity(), uncertainty)
+    stages, found = {result.stage for result in results}, {}
+    found["indication"] = errors.compare_dwells(dwells, spec)
+    for compensation, name in CORRECTIONS.items():
+        needed = set(coefficient_files.COMPENSATIONS[compensation])
+        if needed <= stages and compensation in ("k", "affine", spec.compensation):
+            correction = coefficient_files.find_correction(compensation, results)
+            found[name] = errors.compare_dwells(dwells, spec, correction)
+    after = found[CORRECTIONS[spec.compensation]]
+    shown = [
+        *tables.tabulate_fit(fitted),
+        tables.tabulate_errors(found, spec, "The fitted dwells before and after"),
+        *([tables.tabulate_uncertainty(uncertainty)] if uncertainty else ()),
+    ]
+    flags = dict.fromkeys((*dwells.flags, *fitted.k_flags, *fitted.affine_flags))
     return Fitted(
-        coefficient_files.results(fitted, dwells, spec.site.local_gravity(), figures),
+        results,
         tuple(Input.of(log) for log in logs),
-        accel_attitude.summary(fitted, stands, spec, figures),
-        accel_attitude.drawing(dwells, stands, spec),
+        Summary(spec.title, tuple(shown), tuple(flags), errors.judge_errors(after, spec)),
+        TriadReport(dwells, found["indication"], after, spec.toolface_range_deg),
     )
 
 
-def apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def _apply(spec: AccelerometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Correct every row of a log, in the log's own unit and sign, and add inclination and
     toolface.
     """
-    rowwise = spec.model_copy(
+    lengths = spec.model_copy(
         update={"reference": spec.reference.model_copy(update={"kind": "magnitude"})}
     )
-    log = read(
-        rowwise.model_copy(update={"dwells": spec.dwells.model_copy(update={"mode": "rows"})}),
-        data.parent,
-        data.name,
-    )
-    refuse(accel_dwells.findings(log, rowwise))
-    correction = coefficient_files.correction(records, spec)
-    temperature = accel_dwells.optional(log, accel_dwells.TEMPERATURE)
-    flags = []
-    if accel_dwells.TEMPERATURE not in log.frame.columns:
-        low, high = correction.temperature
+    by_rows = {"dwells": spec.dwells.model_copy(update={"mode": "rows"})}
+    log = _read(lengths.model_copy(update=by_rows), data.parent, data.name)
+    refuse(triad_dwells.find_faults(log, lengths))
+    correction = coefficient_files.find_correction(spec.compensation, records.values())
+    low, high = correction.temperature_range
+    if forms.TEMPERATURE not in log.frame.columns:
         if high - low > 0.0:
-            require(log.file, log.frame.columns, [accel_dwells.TEMPERATURE])
-        temperature = np.broadcast_to(low, len(log.frame))
-    if (outside := correction.outside(temperature)) > 0.0:
-        low, high = correction.temperature
-        flags.append(
-            f"{log.file}: temperature clamped to {low:.1f} … {high:.1f} °C over"
-            f" {100.0 * outside:.1f} % of the rows"
-        )
-    columns, derived = _corrected(log, correction, temperature, spec)
-    return write_back.rewrite_log(spec.on_site(), data, columns, derived), tuple(flags)
-
-
-def _corrected(
-    log: Log, correction: Correction, temperature: Array, spec: AccelerometerRecipe
-) -> tuple[dict[str, Array], dict[str, Array]]:
-    """Corrected components [n] in the log's own sign, and inclination and toolface [n], a span of
-    rows at a time.
-    """
-    shown = accel_dwells.indication(log, spec)
-    columns = {name: log.room(len(shown)) for name in accel_dwells.AXES}
-    derived = {name: log.room(len(shown)) for name in accel_dwells.ATTITUDE}
-    for a, b in chunks.ranges_along(shown, temperature, *columns.values(), *derived.values()):
-        vector = correction(shown[a:b], temperature[a:b])
+            require(log.file, log.frame.columns, [forms.TEMPERATURE])
+        temperature: Array = np.broadcast_to(low, len(log.frame))
+    else:
+        temperature = triad_dwells.optional_column(log, forms.TEMPERATURE)
+    outside = correction.outside(temperature)
+    clamped = (
+        f"{log.file}: temperature clamped to {low:.1f} … {high:.1f} °C over"
+        f" {100.0 * outside:.1f} % of the rows"
+    )
+    indication = triad_dwells.read_indication(log, spec)
+    columns = {name: log.room(len(indication)) for name in forms.COMPONENTS}
+    angles = {name: log.room(len(indication)) for name in triad_dwells.ATTITUDE}
+    outputs = (*columns.values(), *angles.values())
+    for a, b in chunks.ranges_along(indication, temperature, *outputs):
+        vector = correction(indication[a:b], temperature[a:b])
         own_sign = attitude.gravity_positive(vector, spec.reference.convention)
-        for i, column in enumerate(columns.values()):
-            column[a:b] = own_sign[:, i]
-        for column, angle in zip(
-            derived.values(), (attitude.inclination, attitude.toolface), strict=True
-        ):
-            column[a:b] = angle(vector)
-    return columns, derived
+        parts = (*own_sign.T, attitude.inclination(vector), attitude.toolface(vector))
+        for output, part in zip(outputs, parts, strict=True):
+            output[a:b] = part
+    applied = write_back.rewrite_log(spec.on_site(), data, columns, angles)
+    return applied, (clamped,) if outside > 0.0 else ()
 
 
-def validate(
+def _validate(
     spec: AccelerometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Attitude errors before and after on dwells that were not fitted."""
-    correction = coefficient_files.correction(records, spec)
+    correction = coefficient_files.find_correction(spec.compensation, records.values())
     entries: list[dict[str, object]] = []
-    tables: list[Table] = []
+    shown: list[Table] = []
     flags: list[str] = []
     criteria: list[Criterion] = []
     for log in logs:
-        dwells = accel_dwells.collect([log], spec)
-        stands = accel_attitude.before_after(dwells, [("corrected", correction)], spec)
-        entries.append(accel_attitude.entry(log.file, log.sha256, log.rows, stands))
-        tables.append(accel_attitude.table(stands, spec, log.file))
-        criteria += [accel_attitude.improved(stands), *accel_attitude.criteria(stands[-1], spec)]
+        dwells = triad_dwells.collect_dwells([log], spec)
+        before = errors.compare_dwells(dwells, spec)
+        after = errors.compare_dwells(dwells, spec, correction)
+        entries.append(
+            {
+                "name": log.file,
+                "sha256": log.sha256,
+                "rows": log.rows,
+                "before": tables.list_errors(before),
+                "after": tables.list_errors(after),
+            }
+        )
+        both = {"indication": before, "corrected": after}
+        shown.append(tables.tabulate_errors(both, spec, log.file))
+        criteria += [errors.judge_improvement(before, after), *errors.judge_errors(after, spec)]
         flags += dwells.flags
         if (outside := correction.outside(dwells.temperature)) > 0.0:
             flags.append(
                 f"{log.file}: temperature clamped over {100.0 * outside:.1f} % of the dwells"
             )
-    return {"logs": entries}, Summary("", tuple(tables), tuple(flags), tuple(criteria))
-
-
-def draw(title: str, fitted: Fitted[pages.TriadReport]) -> Drawn:
-    """Figures and summary of a fit."""
-    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
+    return {"logs": entries}, Summary("", tuple(shown), tuple(flags), tuple(criteria))
 
 
 def _certificate(stated: Stated) -> tuple[Block, ...]:
@@ -191,21 +186,14 @@ def _simulate_magnitude(seed: int) -> Campaign:
     return campaign(seed)
 
 
-def _propose(evidence: Evidence) -> Choice | None:
-    """Recipe for logs of this kind."""
-    from calibkit.instruments.accelerometer.propose import propose
-
-    return propose(evidence)
-
-
 INSTRUMENT = Instrument(
     recipe=AccelerometerRecipe,
-    read=read,
-    examine=examine,
-    fit=fit,
-    draw=draw,
-    validate=validate,
-    apply=apply,
+    read=_read,
+    examine=triad_dwells.examine,
+    fit=_fit,
+    draw=lambda title, fitted: Drawn(draw_pages(title, fitted.drawing), fitted.summary),
+    validate=_validate,
+    apply=_apply,
     certificate=_certificate,
     forms=lambda: forms.FORMS,
     firmware=_firmware,
@@ -215,5 +203,5 @@ INSTRUMENT = Instrument(
         r"accel_affine\.triad\.(m_\w\w0|b_\w0|residual_rms)",
     ),
     campaigns={"accelerometer": _simulate, "accelerometer_magnitude": _simulate_magnitude},
-    propose=_propose,
+    propose=propose,
 )

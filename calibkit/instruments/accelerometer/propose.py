@@ -5,21 +5,22 @@ from __future__ import annotations
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
+from calibkit.instruments.accelerometer.forms import COMPONENTS
+
 if TYPE_CHECKING:
     from calibkit.ingest.proposal import Choice, Evidence
 
-TRIAD = tuple(f"accel_{axis}_g" for axis in "xyz")
 ATTITUDE = ("temp_case_degc", "inclination_deg", "toolface_deg")
 
 
 def propose(evidence: Evidence) -> Choice | None:
     """A triad with reference attitudes and temperature; without them by magnitude alone."""
     columns = evidence.columns
-    if not set(TRIAD) <= columns.keys():
+    if not set(COMPONENTS) <= columns.keys():
         return None
     if set(ATTITUDE) <= columns.keys():
-        return evidence.choose("accelerometer", ("time_s", *ATTITUDE, *TRIAD))
-    choice = evidence.choose("accelerometer_magnitude", ("time_s", *TRIAD, "temp_case_degc"))
+        return evidence.choose("accelerometer", ("time_s", *ATTITUDE, *COMPONENTS))
+    choice = evidence.choose("accelerometer_magnitude", ("time_s", *COMPONENTS, "temp_case_degc"))
     if "time_s" in columns:
         return choice
     return replace(

@@ -39,17 +39,19 @@ class KAxisSpec(Table):
     cross: bool = True
 
 
-class KSpec(Table):
+class KSpec(KAxisSpec):
     """K-factor: the same orders for the three axes, or each its own."""
 
     enabled: bool = True
-    scale_order: Order = 3
-    zero_order: Order = 3
-    cross: bool = True
     groups: Literal["none", "log"] = "none"
     x: KAxisSpec | None = None
     y: KAxisSpec | None = None
     z: KAxisSpec | None = None
+
+    @property
+    def axes(self) -> tuple[KAxisSpec, KAxisSpec, KAxisSpec]:
+        """Orders of x, y and z."""
+        return self.x or self, self.y or self, self.z or self
 
 
 class AffineSpec(Table):
@@ -100,9 +102,9 @@ class AccelerometerRecipe(Recipe):
             raise ValueError(
                 "compensation = 'k' needs k.enabled = true and reference.kind = 'attitude'"
             )
-        crossed = any((getattr(self.k, axis) or self.k).cross for axis in "xyz")
         if self.compensation == "kq" and (
-            not (attitude and self.k.enabled and self.affine.enabled) or crossed
+            not (attitude and self.k.enabled and self.affine.enabled)
+            or any(axis.cross for axis in self.k.axes)
         ):
             raise ValueError(
                 "compensation = 'kq' needs k.enabled, affine.enabled, reference.kind = 'attitude'"

@@ -51,7 +51,7 @@ def campaign(seed: int, *, positions: int = 24) -> Campaign:
         rng.normal(0.0, 2e-2, 3),
         rng.normal(0.0, 8e-3, 3),
     )
-    axes = q_factor.axes_of(q)
+    axes = q_factor.axes_from_angles(q)
     second_order = rng.uniform(-SECOND_ORDER, SECOND_ORDER, 3)
     logs, held = {}, {}
     for name, count in (("tumble.csv", positions), ("withheld/tumble.csv", positions // 2)):

@@ -21,12 +21,10 @@ from calibkit.instruments.accelerometer.numeric.affine_model import (
     AXES,
     AffineTerms,
     Entry,
-    correct,
-    entries_of,
-    entry_of,
     evaluate,
+    list_entries,
+    matrix_and_bias,
     rotation,
-    rotation_vector,
     tilted_gravity,
 )
 from calibkit.numeric.least_squares import fit as least_squares
@@ -37,17 +35,6 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
 
-
-__all__ = [
-    "AffineFit",
-    "AffineTerms",
-    "Entry",
-    "as_q",
-    "correct",
-    "entry_of",
-    "fit",
-    "fit_magnitude",
-]
 
 WEAKEST = 1e-4
 """Smallest singular value of the scaled Jacobian, relative to the largest, that counts as
@@ -134,27 +121,24 @@ def fit(
         add.
 
     """
-    entries = entries_of(terms, triangular=terms.fixture)
-    if indication.size <= len(entries):
-        raise FitError(
-            f"{len(indication)} dwells for {len(entries)} parameters",
-            hint="add dwells or lower the orders",
-        )
+    entries = list_entries(terms, triangular=terms.fixture)
+    _require_enough(len(indication), indication.size, len(entries))
     if terms.tilt and tool_rotation is None:
         raise FitError(
             "a tilt needs the table's rotations",
             hint="give inclination_deg and toolface_deg of the dwells",
         )
     _require_determined(entries, reference, temperature, temperature_step)
-    middle, half = polynomial.middle_and_half(temperature)
     root = (
         np.ones(indication.shape)
         if weights is None
         else np.sqrt(np.broadcast_to(weights.T, (3, len(weights))).T)
     )
-    mapped = (temperature - middle) / (half or 1.0)
-    problem = _Problem(entries, indication, mapped, root, reference, tool_rotation, 1.0)
-    return _solve(problem, _start(entries, indication, reference), (middle, half or 1.0), loss)
+    middle, half = polynomial.middle_and_half(temperature)
+    problem = _Problem(
+        entries, indication, temperature, middle, half or 1.0, root, reference, tool_rotation
+    )
+    return _solve(problem, _start(entries, indication, reference), loss)
 
 
 def fit_magnitude(
@@ -194,75 +178,52 @@ def fit_magnitude(
         raise FitError(
             "lengths see no tilt and no fixture", hint="leave them out, or give reference attitudes"
         )
-    entries = entries_of(terms, triangular=True)
+    entries = list_entries(terms, triangular=True)
+    _require_enough(len(indication), len(indication), len(entries))
     order = max(entry.power for entry in entries)
-    if len(indication) <= len(entries):
+    levels, _ = determination.distinct_temperatures(
+        temperature, determination.TEMPERATURE_STEP_DEGC
+    )
+    if levels.size <= order:
         raise FitError(
-            f"{len(indication)} dwells for {len(entries)} parameters",
-            hint="add dwells or lower the orders",
-        )
-    levels = determination.distinct_temperatures(temperature, determination.TEMPERATURE_STEP_DEGC)[
-        0
-    ].size
-    if levels <= order:
-        raise FitError(
-            f"{levels} distinct temperatures do not determine order {order}",
+            f"{levels.size} distinct temperatures do not determine order {order}",
             hint="lower the orders",
         )
-    middle, half = polynomial.middle_and_half(temperature)
     root = np.ones((len(indication), 1)) if weights is None else np.sqrt(weights)[:, None]
-    begin = np.zeros(len(entries))
-    sphere = magnitude.start(indication, gravity)
-    for column, entry in enumerate(entries):
-        if entry.power == 0 and entry.kind in ("m", "b"):
-            diagonal = entry.kind == "m" and entry.factors[0] == entry.row
-            begin[column] = (
-                sphere[3 + entry.row] if entry.kind == "b" else diagonal / sphere[entry.row]
-            )
-    mapped = (temperature - middle) / (half or 1.0)
-    problem = _Problem(entries, indication, mapped, root, None, None, gravity)
-    return _solve(problem, begin, (middle, half or 1.0), loss)
+    sphere = magnitude.fit_sphere(indication, gravity)
+    begin = _at_start(entries, np.diag(1.0 / sphere[:3]), sphere[3:6])
+    middle, half = polynomial.middle_and_half(temperature)
+    problem = _Problem(entries, indication, temperature, middle, half or 1.0, root, gravity=gravity)
+    return _solve(problem, begin, loss)
 
 
-def matrix_and_bias(fitted: AffineFit, temperature: Array) -> tuple[Array, Array]:
-    """M [n, 3, 3] and b [n, 3] at temperatures [n] [°C]."""
-    mapped = (temperature - fitted.middle) / fitted.half
-    linear = [
-        (e, v)
-        for e, v in zip(fitted.entries, fitted.mapped_coefficients, strict=True)
-        if e.kind in ("m", "b")
-    ]
-    matrix, bias = np.zeros((len(mapped), 3, 3)), np.zeros((len(mapped), 3))
-    for entry, value in linear:
-        part = value * mapped**entry.power
-        if entry.kind == "m":
-            matrix[:, entry.row, entry.factors[0]] += part
-        else:
-            bias[:, entry.row] += part
-    return matrix, bias
-
-
-def as_q(fitted: AffineFit, temperature: float) -> tuple[Array, Array]:
+def evaluate_q(fitted: AffineFit, temperature: float) -> tuple[Array, Array]:
     """Q1, Q2, Q3 [3] [rad] of the axes of an affine fit at one temperature [°C], and their
     covariance [3, 3].
     """
-    mapped = (temperature - fitted.middle) / fitted.half
-    used = [column for column, entry in enumerate(fitted.entries) if entry.kind == "m"]
+    mapped = np.array([(temperature - fitted.middle) / fitted.half])
 
-    def q_of(values: Array) -> Array:
-        matrix = np.zeros((3, 3))
-        for column, value in zip(used, values, strict=True):
-            entry = fitted.entries[column]
-            matrix[entry.row, entry.factors[0]] += value * mapped**entry.power
-        return q_factor.small_angle(
-            q_factor.axes_from_sensitivity(np.asarray(np.linalg.inv(matrix), dtype=np.float64))[0]
+    def angles(values: Array) -> Array:
+        matrix = matrix_and_bias(fitted.entries, values, mapped)[0][0]
+        return q_factor.small_angles(q_factor.axes_from_sensitivity(_inverse(matrix))[0])
+
+    values = fitted.mapped_coefficients
+    largest = max(abs(v) for e, v in zip(fitted.entries, values, strict=True) if e.kind == "m")
+    slope = q_factor.differentiate(angles, values, scale=np.full(values.size, float(largest)))
+    return angles(values), slope @ fitted.mapped_covariance @ slope.T
+
+
+def _inverse(matrix: Array) -> Array:
+    """Sensitivity [3, 3] of a correction matrix."""
+    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
+
+
+def _require_enough(dwells: int, residuals: int, parameters: int) -> None:
+    """Refuse fewer residuals than can judge the parameters."""
+    if residuals <= parameters:
+        raise FitError(
+            f"{dwells} dwells for {parameters} parameters", hint="add dwells or lower the orders"
         )
-
-    values = fitted.mapped_coefficients[used]
-    slope = q_factor.derivative(
-        q_of, values, scale=np.full(len(used), float(np.max(np.abs(values))))
-    )
-    return q_of(values), slope @ fitted.mapped_covariance[np.ix_(used, used)] @ slope.T
 
 
 @dataclass(frozen=True, slots=True)
@@ -271,19 +232,20 @@ class _Problem:
 
     entries: tuple[Entry, ...]
     indication: Array
-    mapped: Array
+    temperature: Array
+    middle: float
+    half: float
     root: Array
-    reference: Array | None
-    tool_rotation: Array | None
-    gravity: float
+    reference: Array | None = None
+    tool_rotation: Array | None = None
+    gravity: float = 1.0
 
     def __call__(self, parameters: Array, rows: slice) -> tuple[Array, Array]:
         """Weighted residuals [3 n] against vectors, or [n] against the length, and derivatives by
         the parameters.
         """
-        corrected, slopes = evaluate(
-            self.entries, parameters, self.indication[rows], self.mapped[rows]
-        )
+        mapped = (self.temperature[rows] - self.middle) / self.half
+        corrected, slopes = evaluate(self.entries, parameters, self.indication[rows], mapped)
         root = self.root[rows]
         if self.reference is None:
             length = np.linalg.norm(corrected, axis=1)
@@ -300,7 +262,7 @@ class _Problem:
         if places["fixture"]:
             angles = parameters[places["fixture"]]
             turn = rotation(angles)
-            turns = q_factor.derivative(
+            turns = q_factor.differentiate(
                 lambda a: rotation(a).ravel(), angles, scale=np.ones(3)
             ).reshape(3, 3, 3)
             model = [
@@ -328,11 +290,21 @@ def _start(entries: tuple[Entry, ...], indication: Array, reference: Array) -> A
     matrix, bias = solved[:, :3], -np.linalg.solve(solved[:, :3], solved[:, 3])
     angles = np.zeros(3)
     if any(entry.kind == "fixture" for entry in entries):
-        axes, turned, scale = q_factor.axes_from_sensitivity(
-            np.asarray(np.linalg.inv(matrix), dtype=np.float64)
-        )
-        matrix = q_factor.exact(axes) / scale
-        angles = rotation_vector(turned.T)
+        from scipy.spatial.transform import Rotation
+
+        axes, turned, scale = q_factor.axes_from_sensitivity(_inverse(matrix))
+        matrix = q_factor.exact_matrix(axes) / scale
+        angles = Rotation.from_matrix(turned.T).as_rotvec()
+    return _at_start(entries, matrix, bias, angles)
+
+
+def _at_start(
+    entries: tuple[Entry, ...],
+    matrix: Array,
+    bias: Array,
+    angles: Array = np.zeros(3),  # noqa: B008
+) -> Array:
+    """Parameters [p] of a matrix [3, 3], a bias [3] and fixture angles [3] without temperature."""
     values = {
         "m": lambda e: matrix[e.row, e.factors[0]],
         "b": lambda e: bias[e.row],
@@ -364,7 +336,7 @@ def _require_determined(
             determination.Part(f"accel_{AXES[i]}", tuple(entries[c].name for c in own), design)
         )
     order = max(entry.power for entry in entries)
-    determination.require(
+    determination.require_determined(
         parts,
         reference,
         temperature,
@@ -374,12 +346,7 @@ def _require_determined(
     )
 
 
-def _solve(
-    problem: _Problem,
-    begin: Array,
-    held: tuple[float, float],
-    loss: Literal["least_squares", "robust"],
-) -> AffineFit:
+def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robust"]) -> AffineFit:
     """Gauss-Newton, then robust fits of the linearised problem where they are asked for, in mapped
     temperature.
     """
@@ -398,7 +365,7 @@ def _solve(
     kept = np.delete(residuals, suspects, axis=0)
     weight = np.delete(problem.root, suspects, axis=0) ** 2
     dof = kept.size - len(entries)
-    to_raw = _to_raw(entries, *held)
+    to_raw = _to_raw(entries, problem.middle, problem.half)
     as_float = np.asarray(to_raw, dtype=np.float64)
     return AffineFit(
         entries=entries,
@@ -406,8 +373,8 @@ def _solve(
         covariance=as_float @ matrix @ as_float.T,
         mapped_coefficients=values,
         mapped_covariance=matrix,
-        middle=held[0],
-        half=held[1],
+        middle=problem.middle,
+        half=problem.half,
         residuals=residuals / problem.root,
         suspects=suspects,
         dof=dof,
@@ -423,6 +390,6 @@ def _to_raw(entries: tuple[Entry, ...], middle: float, half: float) -> NDArray[n
     powers = polynomial.to_raw_powers(middle, half, max(entry.power for entry in entries))
     for row, this in enumerate(entries):
         for column, other in enumerate(entries):
-            if (this.kind, this.row, this.factors) == (other.kind, other.row, other.factors):
+            if this.symbol == other.symbol:
                 matrix[row, column] = powers[this.power, other.power]
     return matrix

@@ -12,7 +12,7 @@ import numpy as np
 from calibkit.errors import FitError
 
 if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
+    from collections.abc import Sequence
 
     from calibkit.arrays import Array
 
@@ -46,17 +46,23 @@ class AffineTerms:
 class Entry:
     """One parameter of the model."""
 
-    name: str
+    symbol: str
+    """m_xy, b_z, n_x_xx, tilt_north_rad: the name without the power of temperature."""
     kind: Literal["m", "b", "n", "tilt", "fixture"]
     row: int
     """Axis that it belongs to, or number of the nuisance angle."""
     factors: tuple[int, ...]
     """Indications that it multiplies: one for M, none for b, two or three for higher orders."""
-    power: int
+    power: int = 0
     """Of temperature."""
 
+    @property
+    def name(self) -> str:
+        """Name in coefficient files: m_xy1, b_z0, n_x_xx, tilt_north_rad, fixture_x_rad."""
+        return f"{self.symbol}{self.power}" if self.kind in ("m", "b") else self.symbol
 
-def entries_of(terms: AffineTerms, *, triangular: bool) -> tuple[Entry, ...]:
+
+def list_entries(terms: AffineTerms, *, triangular: bool) -> tuple[Entry, ...]:
     """List the parameters of a model in their order: M row by row, b, higher orders, nuisance
     angles.
     """
@@ -64,31 +70,63 @@ def entries_of(terms: AffineTerms, *, triangular: bool) -> tuple[Entry, ...]:
     for i in range(3):
         for j in range(i + 1 if triangular else 3):
             order = terms.scale_order if i == j else terms.cross_order
-            listed += [Entry(f"m_{AXES[i]}{AXES[j]}{k}", "m", i, (j,), k) for k in range(order + 1)]
+            symbol = f"m_{AXES[i]}{AXES[j]}"
+            listed += [Entry(symbol, "m", i, (j,), power) for power in range(order + 1)]
     for i in range(3):
-        listed += [Entry(f"b_{AXES[i]}{k}", "b", i, (), k) for k in range(terms.bias_order + 1)]
+        listed += [Entry(f"b_{AXES[i]}", "b", i, (), k) for k in range(terms.bias_order + 1)]
     for i in range(3):
         others = ((i, i), *((i, j) for j in range(3) if j != i)) if terms.second_order else ()
         for factors in (*others, *(((i, i, i),) if terms.third_order else ())):
-            listed.append(
-                Entry(f"n_{AXES[i]}_{''.join(AXES[j] for j in factors)}", "n", i, factors, 0)
-            )
-    if terms.tilt:
-        listed += [Entry(name, "tilt", i, (), 0) for i, name in enumerate(TILT)]
-    if terms.fixture:
-        listed += [Entry(name, "fixture", i, (), 0) for i, name in enumerate(FIXTURE)]
+            symbol = f"n_{AXES[i]}_{''.join(AXES[j] for j in factors)}"
+            listed.append(Entry(symbol, "n", i, factors))
+    tilt, fixture = TILT if terms.tilt else (), FIXTURE if terms.fixture else ()
+    listed += [Entry(name, "tilt", i, ()) for i, name in enumerate(tilt)]
+    listed += [Entry(name, "fixture", i, ()) for i, name in enumerate(fixture)]
     return tuple(listed)
 
 
-_KNOWN = {
+_ENTRIES = {
     entry.name: entry
-    for entry in entries_of(
-        # of temperature, one digit of a name
+    for entry in list_entries(
+        # a name has one digit for the power of temperature
         AffineTerms(9, 9, 9, second_order=True, third_order=True, tilt=True, fixture=True),
         triangular=False,
     )
 }
 """Every parameter that a coefficient file can hold, by its name."""
+
+
+def find_entry(name: str) -> Entry:
+    """Parameter of a name in a coefficient file; raises FitError for a name that the affine triad
+    does not have.
+    """
+    if name not in _ENTRIES:
+        raise FitError(
+            f"accel-affine has no parameter {name!r}",
+            hint="names are m_xx0, b_x0, n_x_xx with axes x, y, z",
+        )
+    return _ENTRIES[name]
+
+
+def matrix_and_bias(
+    entries: Sequence[Entry], values: Array, temperature: Array
+) -> tuple[Array, Array]:
+    """M [n, 3, 3] and b [n, 3] at temperatures [n] in the unit that the values are meant for: °C,
+    or mapped.
+    """
+    powers = _powers(entries, temperature)
+    matrix, bias = np.zeros((len(powers), 3, 3)), np.zeros((len(powers), 3))
+    for entry, value in zip(entries, values, strict=True):
+        if entry.kind == "m":
+            matrix[:, entry.row, entry.factors[0]] += value * powers[:, entry.power]
+        elif entry.kind == "b":
+            bias[:, entry.row] += value * powers[:, entry.power]
+    return matrix, bias
+
+
+def _powers(entries: Sequence[Entry], temperature: Array) -> Array:
+    """Ascending powers [n, k] of temperatures [n]."""
+    return np.vander(temperature, 1 + max(entry.power for entry in entries), increasing=True)
 
 
 def evaluate(
@@ -99,13 +137,8 @@ def evaluate(
 
     `temperature` [n] is in the unit that the values are meant for: °C, or mapped.
     """
-    powers = np.vander(temperature, 1 + max(entry.power for entry in entries), increasing=True)
-    matrix, bias = np.zeros((len(indication), 3, 3)), np.zeros((len(indication), 3))
-    for entry, value in zip(entries, values, strict=True):
-        if entry.kind == "m":
-            matrix[:, entry.row, entry.factors[0]] += value * powers[:, entry.power]
-        elif entry.kind == "b":
-            bias[:, entry.row] += value * powers[:, entry.power]
+    powers = _powers(entries, temperature)
+    matrix, bias = matrix_and_bias(entries, values, temperature)
     shifted = indication - bias
     corrected = np.einsum("nij,nj->ni", matrix, shifted)
     slopes = np.zeros((len(indication), 3, len(entries)))
@@ -120,31 +153,6 @@ def evaluate(
     return corrected, slopes
 
 
-def entry_of(name: str) -> Entry:
-    """Read a parameter's name back: m_xy1, b_z0, n_x_xx, tilt_north_rad, fixture_x_rad.
-
-    Raises
-    ------
-    FitError
-        For a name that the form accel-affine/1 does not have.
-
-    """
-    if name not in _KNOWN:
-        raise FitError(
-            f"accel-affine has no parameter {name!r}",
-            hint="names are m_xx0, b_x0, n_x_xx with axes x, y, z",
-        )
-    return _KNOWN[name]
-
-
-def correct(coefficients: Mapping[str, float], indication: Array, temperature: Array) -> Array:
-    """Corrected components [n, 3] from parameters by name, for temperatures [n] [°C]; nuisance
-    angles do nothing.
-    """
-    entries = tuple(entry_of(name) for name in coefficients)
-    return evaluate(entries, np.array(list(coefficients.values())), indication, temperature)[0]
-
-
 def rotation(angles: Array) -> Array:
     """Rotation matrix [3, 3] of a rotation vector [3] [rad] (Rodrigues 1840)."""
     x, y, z = angles
@@ -153,13 +161,6 @@ def rotation(angles: Array) -> Array:
     # sin(a)/a and (1 − cos a)/a², exact at a = 0
     first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
     return np.asarray(np.eye(3) + first * cross + second * cross @ cross, dtype=np.float64)
-
-
-def rotation_vector(matrix: Array) -> Array:
-    """Rotation vector [3] [rad] of a rotation matrix [3, 3], below half a turn."""
-    from scipy.spatial.transform import Rotation
-
-    return np.asarray(Rotation.from_matrix(matrix).as_rotvec(), dtype=np.float64)
 
 
 def tilted_gravity(tool_rotation: Array, tilt: Array) -> tuple[Array, Array]:

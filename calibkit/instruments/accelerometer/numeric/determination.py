@@ -49,7 +49,7 @@ class Part:
     """Columns [n, p] from reference vectors [n, 3] and mapped temperatures [n]."""
 
 
-def require(
+def require_determined(
     parts: Sequence[Part],
     reference: Array,
     temperature: Array,
@@ -63,7 +63,7 @@ def require(
     Parameters
     ----------
     parts
-        One an axis.
+        One per axis.
     reference
         [n, 3] [g].
     temperature
@@ -91,21 +91,12 @@ def require(
     ):
         return
     loose = {
-        part.label: undetermined(_triangle(part, reference, mapped), part.names) for part in parts
+        part.label: _undetermined(_triangle(part, reference, mapped), part.names) for part in parts
     }
     if not any(loose.values()):
         return
-    offered = _offered_levels(levels, order + 1)
-    add = np.zeros((0, 3))
-    for part in parts:
-        vectors = np.concatenate([reference, attitude.gravity_vector(add[:, 1], add[:, 2])])
-        more = proposals(
-            part.design,
-            vectors,
-            np.concatenate([mapped, add[:, 0]]),
-            offered=(offered - middle) / half,
-        )
-        add = np.concatenate([add, more])
+    offered = (_offered_levels(levels, order + 1) - middle) / half
+    add = _propose_dwells(parts, reference, mapped, offered)
     add[:, 0] = middle + half * add[:, 0]
     shown = (
         ", ".join(f"{value:.4g}" for value in levels)
@@ -119,7 +110,7 @@ def require(
         f"the data cannot determine {faults}: {len(temperature)} dwells at {levels.size} distinct"
         f" temperatures ({shown} °C; order {order} needs {order + 1}) in attitudes of which"
         f" {affine_rank(reference)} are affinely independent (cross-axis terms need 4)",
-        hint=f"add dwells at {in_words(add)}; or {lower}",
+        hint=f"add dwells at {_in_words(add)}; or {lower}",
     )
 
 
@@ -169,7 +160,7 @@ def affine_rank(reference: Array) -> int:
     return _rank(np.column_stack([np.ones(len(reference)), reference]))
 
 
-def undetermined(design: Array, names: Sequence[str]) -> list[str]:
+def _undetermined(design: Array, names: Sequence[str]) -> list[str]:
     """Names of columns of a design, or its triangle, [n, p] that the earlier ones make
     superfluous.
     """
@@ -184,49 +175,42 @@ def undetermined(design: Array, names: Sequence[str]) -> list[str]:
     return loose
 
 
-def proposals(
-    design: Callable[[Array, Array], Array], reference: Array, mapped: Array, *, offered: Array
+def _propose_dwells(
+    parts: Sequence[Part], reference: Array, mapped: Array, offered: Array
 ) -> Array:
     """Further dwells [m, 3], mapped temperature, inclination [°] and toolface [°], that determine
-    every column.
-
-    Parameters
-    ----------
-    design
-        Columns [n, p] from reference vectors [n, 3] and mapped temperatures [n].
-    reference, mapped
-        Of the dwells that exist.
-    offered
-        Mapped temperatures [k] at which dwells can be added.
-
+    every column of every part, at offered mapped temperatures [k]; what is proposed for one part
+    counts for the next.
     """
     angle = np.tile(TUMBLE_DEG, (offered.size, 1))
     dwells = np.column_stack([np.repeat(offered, len(TUMBLE_DEG)), angle])
-    rows, choice = (
-        design(reference, mapped),
-        design(attitude.gravity_vector(*angle.T), dwells[:, 0]),
-    )
-    length = np.linalg.norm(np.concatenate([rows, choice]), axis=0)
-    rows, choice = (
-        np.asarray(np.linalg.qr(rows / length, mode="r"), dtype=np.float64),
-        choice / length,
-    )
+    vectors = attitude.gravity_vector(*angle.T)
     chosen: list[int] = []
-    for _ in range(rows.shape[1]):
-        _, singular, vt = np.linalg.svd(rows)
-        padded = np.zeros(rows.shape[1])
-        padded[: singular.size] = singular
-        null = vt[padded <= WEAK * padded[0]]
-        if not len(null):
-            break
-        # rounded, so that equally good dwells are taken in the order of the table on every machine
-        chosen.append(int(np.argmax(np.round(np.linalg.norm(choice @ null.T, axis=1), 9))))
-        rows = np.concatenate([rows, choice[chosen[-1:]]])
+    for part in parts:
+        choice = part.design(vectors, dwells[:, 0])
+        rows = part.design(
+            np.concatenate([reference, vectors[chosen]]),
+            np.concatenate([mapped, dwells[chosen, 0]]),
+        )
+        length = np.linalg.norm(np.concatenate([rows, choice]), axis=0)
+        choice = choice / length
+        rows = np.asarray(np.linalg.qr(rows / length, mode="r"), dtype=np.float64)
+        for _ in range(rows.shape[1]):
+            _, singular, vt = np.linalg.svd(rows)
+            padded = np.zeros(rows.shape[1])
+            padded[: singular.size] = singular
+            null = vt[padded <= WEAK * padded[0]]
+            if not len(null):
+                break
+            # rounded, so that equally good dwells are taken in the order of the table everywhere
+            gain = np.round(np.linalg.norm(choice @ null.T, axis=1), 9)
+            chosen.append(int(np.argmax(gain)))
+            rows = np.concatenate([rows, choice[chosen[-1:]]])
     return np.asarray(dwells[chosen], dtype=np.float64)
 
 
-def in_words(dwells: Array) -> str:
-    """Dwells [m, 3] of `proposals` as a phrase, temperature by temperature."""
+def _in_words(dwells: Array) -> str:
+    """Dwells [m, 3], temperature [°C], inclination and toolface [°], as a phrase."""
     parts = []
     for level in np.unique(dwells[:, 0]):
         spots = [f"{tilt:g}°/{roll:g}°" for _, tilt, roll in dwells[dwells[:, 0] == level]]
@@ -239,7 +223,7 @@ def _loose_at_a_glance(part: Part, reference: Array, mapped: Array) -> bool:
     the limit, 1e-3.
     """
     whole = gram.condensed(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
-    return bool(undetermined(whole, part.names))
+    return bool(_undetermined(whole, part.names))
 
 
 def _triangle(part: Part, reference: Array, mapped: Array) -> Array:

@@ -6,8 +6,8 @@ Per axis, linear in ten coefficients (Zhou, Hu & Fu 2010), x shown, t in °C:
     G_x' = G_x (K0 + K1 t + K2 t² + K3 t³) − (K4 + K5 t + K6 t² + K7 t³) − K8 G_y − K9 G_z
 
 K8 and K9 are for x of y and z, for y of z and x, for z of x and y. The reference is regressed on
-the indications, so noise of the indications is noise of the regressors too: `attenuation` says how
-far that pulls each coefficient.
+the indications, so noise of the indications is noise of the regressors too; at 20 µg it shifts no
+coefficient by a hundredth of its standard uncertainty (Fuller 1987, section 2.2).
 """
 
 from __future__ import annotations
@@ -31,7 +31,6 @@ if TYPE_CHECKING:
 
 AXES = ("x", "y", "z")
 NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
-UNITS = ("1", "1/degC", "1/degC2", "1/degC3", "g", "g/degC", "g/degC2", "g/degC3", "1", "1")
 CROSS = ((1, 2), (2, 0), (0, 1))
 """Columns that K8 and K9 multiply, axis by axis: y and z, z and x, x and y."""
 IMPORTANCE = (0, 4, 8, 9, 1, 5, 2, 6, 3, 7)
@@ -88,8 +87,6 @@ class KAxis:
     """[°C]; 1 when the temperature was constant."""
     residuals: Array
     """[n], reference minus corrected [unit of the reference]."""
-    studentised: Array
-    """[n], residuals over their standard deviations."""
     suspects: tuple[int, ...]
     """Dwells that no noise explains, by index, worst first; empty for a plain fit."""
     dof: int
@@ -101,14 +98,6 @@ class KAxis:
     reference].
     """
     condition: float
-    attenuation: Array
-    """[10], shift of each coefficient by noise of the indications, in its standard uncertainties.
-    """
-
-    @property
-    def names(self) -> tuple[str, ...]:
-        """Names of the fitted coefficients."""
-        return tuple(NAMES[k] for k in self.fitted)
 
     @property
     def standard_uncertainty(self) -> Array:
@@ -116,28 +105,13 @@ class KAxis:
         return np.sqrt(np.diag(self.covariance))
 
 
-@dataclass(frozen=True, slots=True)
-class _Fitted:
-    """One axis in mapped temperature."""
-
-    result: least_squares.LinearFit
-    covariance: Array
-    """[p, p], that of the groups where there are groups."""
-    studentised: Array
-    suspects: tuple[int, ...]
-    dof: int
-
-
-def columns(indication: Array, temperature: Array, axis: int, terms: KTerms = KTerms()) -> Array:
-    """Design [n, p] of one axis: what the fitted K multiply, in ascending order of their numbers.
+def columns(
+    indication: Array, temperature: Array, axis: int, numbers: Sequence[int] = range(10)
+) -> Array:
+    """Columns [n, p] that the K of one axis multiply, K of the given numbers in their order.
 
     `temperature` [n] is in the unit that the coefficients are meant for: °C, or mapped to [−1, 1].
     """
-    return _columns(indication, temperature, axis, terms.fitted)
-
-
-def _columns(indication: Array, temperature: Array, axis: int, numbers: Sequence[int]) -> Array:
-    """Columns [n, p] that the K of the given numbers multiply, in their order, each contiguous."""
     powers = polynomial.powers(temperature, 3).T
     whole = np.empty((len(numbers), temperature.size))
     for row, k in zip(whole, numbers, strict=True):
@@ -145,6 +119,7 @@ def _columns(indication: Array, temperature: Array, axis: int, numbers: Sequence
             np.multiply(indication[:, axis], powers[k], out=row)
         else:
             np.negative(powers[k - 4] if k < 8 else indication[:, CROSS[axis][k - 8]], out=row)
+    # each column contiguous
     return whole.T
 
 
@@ -170,7 +145,7 @@ def fit(
     reference
         [n, 3] [g], from `attitude.gravity_vector`.
     terms
-        Three, one an axis.
+        Three, one per axis.
     weights
         [n] or [n, 3], 1/variance of the dwell means.
     loss
@@ -189,26 +164,25 @@ def fit(
         add.
 
     """
-    middle, half = polynomial.middle_and_half(temperature)
-    half = half or 1.0
-    if len(temperature) <= max(len(part.fitted) for part in terms):
+    most = max(len(part.fitted) for part in terms)
+    if len(temperature) <= most:
         raise FitError(
-            f"{len(temperature)} dwells for {max(len(part.fitted) for part in terms)} coefficients"
-            " an axis",
+            f"{len(temperature)} dwells for {most} coefficients an axis",
             hint="add dwells until residuals can judge the fit, or lower the orders",
         )
     require_determined(reference, temperature, terms, temperature_step)
-    fits = [
-        _fit_axis(
-            indication, (temperature - middle) / half, reference, i, terms[i], weights, loss, groups
+    middle, half = polynomial.middle_and_half(temperature)
+    half = half or 1.0
+    mapped = (temperature - middle) / half
+    x, y, z = (
+        _in_degrees(
+            _fit_axis(indication, mapped, reference, i, terms[i].fitted, weights, loss, groups),
+            i,
+            terms[i].fitted,
+            (middle, half),
         )
         for i in range(3)
-    ]
-    powers = gram.matrix(
-        lambda rows: polynomial.powers(temperature[rows], 3, middle=middle, half=half),
-        len(temperature),
     )
-    x, y, z = (_reported(fits[i], i, terms[i], (powers, middle, half)) for i in range(3))
     return x, y, z
 
 
@@ -219,15 +193,18 @@ def require_determined(
     temperature_step: float = determination.TEMPERATURE_STEP_DEGC,
 ) -> None:
     """Refuse conditions (references [n, 3], temperatures [n] [°C]) that leave a K undetermined, as
-    `determination.require`.
+    `determination.require_determined`.
     """
+    ranked = [[k for k in IMPORTANCE if k in part.fitted] for part in terms]
     parts = [
         determination.Part(
-            f"accel_{AXES[i]}", _ranked_names(part), partial(_ranked_columns, axis=i, terms=part)
+            f"accel_{axis}",
+            tuple(NAMES[k] for k in numbers),
+            partial(columns, axis=i, numbers=numbers),
         )
-        for i, part in enumerate(terms)
+        for i, (axis, numbers) in enumerate(zip(AXES, ranked, strict=True))
     ]
-    determination.require(
+    determination.require_determined(
         parts,
         reference,
         temperature,
@@ -235,23 +212,6 @@ def require_determined(
         temperature_step=temperature_step,
         lower="lower scale_order and zero_order, or set cross to false",
     )
-
-
-def _ranked_names(terms: KTerms) -> tuple[str, ...]:
-    return tuple(NAMES[k] for k in IMPORTANCE if k in terms.fitted)
-
-
-def _ranked_columns(reference: Array, mapped: Array, *, axis: int, terms: KTerms) -> Array:
-    """Design [n, p] of one axis on the references, the most important column first."""
-    return _columns(reference, mapped, axis, [k for k in IMPORTANCE if k in terms.fitted])
-
-
-def correct(coefficients: Array, indication: Array, temperature: Array) -> Array:
-    """Corrected components [n, 3] from K0 … K9 of the three axes [3, 10], indications [n, 3],
-    temperatures [n] [°C].
-    """
-    parts = [columns(indication, temperature, i) @ coefficients[i] for i in range(3)]
-    return np.column_stack(parts)
 
 
 def indications(coefficients: Array, reference: Array, temperature: Array) -> Array:
@@ -268,99 +228,84 @@ def indications(coefficients: Array, reference: Array, temperature: Array) -> Ar
     return np.asarray(np.linalg.solve(matrix, target)[:, :, 0], dtype=np.float64)
 
 
+@dataclass(frozen=True, slots=True)
+class _Fitted:
+    """One axis in mapped temperature."""
+
+    result: least_squares.LinearFit
+    covariance: Array
+    """[p, p], that of the groups where there are groups."""
+    suspects: tuple[int, ...]
+    dof: int
+
+
 def _fit_axis(
     indication: Array,
     mapped: Array,
     reference: Array,
     axis: int,
-    terms: KTerms,
+    numbers: tuple[int, ...],
     weights: Array | None,
     loss: Literal["least_squares", "robust"],
     groups: Integers | None,
 ) -> _Fitted:
-    """Fit one axis in mapped temperature."""
-    names = [f"{NAMES[k]} of accel_{AXES[axis]}" for k in terms.fitted]
+    """Fit the K of one axis in mapped temperature."""
+    names = [f"{NAMES[k]} of accel_{AXES[axis]}" for k in numbers]
     weight = None if weights is None else (weights if weights.ndim == 1 else weights[:, axis])
     target = reference[:, axis]
     if loss == "least_squares" and groups is None and len(mapped) >= gram.TALL:
         result = fold.linear(
-            lambda part: columns(indication[part], mapped[part], axis, terms),
+            lambda part: columns(indication[part], mapped[part], axis, numbers),
             target,
             weights=weight,
             names=names,
         )
-        return _Fitted(
-            result, result.covariance, _plain_studentised(result, weight), (), result.dof
-        )
+        return _Fitted(result, result.covariance, (), result.dof)
+    suspects: tuple[int, ...] = ()
     row_weights = np.ones(len(mapped)) if weight is None else weight
-    design = columns(indication, mapped, axis, terms)
+    design = columns(indication, mapped, axis, numbers)
     if loss == "robust":
         tough = robust.linear(design, target, weights=weight, names=names)
-        result, studentised, suspects = tough.fit, tough.studentised, tough.suspects
+        result, suspects = tough.fit, tough.suspects
         row_weights = row_weights * tough.row_weights
     else:
         result = least_squares.linear(design, target, weights=weight, names=names)
-        studentised, suspects = _plain_studentised(result, weight), ()
     if groups is None:
-        return _Fitted(result, result.covariance, studentised, suspects, result.dof)
+        return _Fitted(result, result.covariance, suspects, result.dof)
     covariance = leave_out.jackknife_covariance(
         design, result.residuals, groups, weights=row_weights
     )
     # a group is one attitude, or a part of one: four coefficients are what attitudes have to
     # determine
     dof = min(result.dof, max(len(np.unique(groups)) - 4, 1))
-    return _Fitted(result, covariance, studentised, suspects, dof)
+    return _Fitted(result, covariance, suspects, dof)
 
 
-def _plain_studentised(result: least_squares.LinearFit, weights: Array | None) -> Array:
-    """Residuals [n] over their standard deviation, leverage left aside."""
-    root = 1.0 if weights is None else np.sqrt(weights / np.mean(weights))
-    return np.asarray(result.residuals * root / (result.residual_rms or 1.0), dtype=np.float64)
-
-
-def _reported(fitted: _Fitted, axis: int, terms: KTerms, held: tuple[Array, float, float]) -> KAxis:
-    """Put a fit in mapped temperature into raw °C; the conversion is in extended precision, K3 and
+def _in_degrees(
+    fitted: _Fitted, axis: int, numbers: tuple[int, ...], held: tuple[float, float]
+) -> KAxis:
+    """A fit in mapped temperature in powers of °C; the conversion is in extended precision, K3 and
     K7 need it.
     """
-    result, (powers, middle, half) = fitted.result, held
-    place = np.ix_(terms.fitted, terms.fitted)
-    mapped, mapped_covariance, plain = np.zeros(10), np.zeros((10, 10)), np.zeros((10, 10))
-    mapped[list(terms.fitted)] = result.coefficients
-    mapped_covariance[place], plain[place] = fitted.covariance, result.covariance
+    result, (middle, half) = fitted.result, held
+    mapped, mapped_covariance = np.zeros(10), np.zeros((10, 10))
+    mapped[list(numbers)] = result.coefficients
+    mapped_covariance[np.ix_(numbers, numbers)] = fitted.covariance
     to_raw = np.eye(10, dtype=np.longdouble)
     to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(middle, half, 3)
     matrix = np.asarray(to_raw, dtype=np.float64)
-    covariance = matrix @ mapped_covariance @ matrix.T
-    shift = matrix @ _attenuation_shift(mapped, plain, powers)
-    uncertainty = np.sqrt(np.diag(covariance))
     return KAxis(
         axis=AXES[axis],
-        fitted=terms.fitted,
+        fitted=numbers,
         coefficients=np.asarray(to_raw @ mapped.astype(np.longdouble), dtype=np.float64),
-        covariance=covariance,
+        covariance=matrix @ mapped_covariance @ matrix.T,
         mapped_coefficients=mapped,
         mapped_covariance=mapped_covariance,
         middle=middle,
         half=half,
         residuals=result.residuals,
-        studentised=fitted.studentised,
         suspects=fitted.suspects,
         dof=fitted.dof,
-        residual_rms=result.residual_rms * float(np.sqrt(1.0 + len(terms.fitted) / result.dof)),
+        residual_rms=result.residual_rms * float(np.sqrt(1.0 + len(numbers) / result.dof)),
         condition=result.condition,
-        attenuation=shift / np.where(uncertainty > 0.0, uncertainty, 1.0),
     )
-
-
-def _attenuation_shift(coefficients: Array, covariance: Array, powers: Array) -> Array:
-    """Shift [10] of least-squares coefficients by noise of the regressors (Fuller 1987, section
-    2.2), mapped basis.
-
-    `powers` [4, 4] is the Gram matrix of the powers of mapped temperature that the indications are
-    multiplied by. The whole residual is taken for noise of the indications, so this is the most
-    that it can be.
-    """
-    noise = np.zeros((10, 10))
-    noise[:4, :4] = powers
-    noise[8, 8] = noise[9, 9] = powers[0, 0]
-    return np.asarray(-(covariance @ noise @ coefficients), dtype=np.float64)

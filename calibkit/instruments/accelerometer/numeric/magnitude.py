@@ -8,15 +8,19 @@ local gravity. Which way the triad is mounted is nothing that lengths can tell.
 
 from __future__ import annotations
 
-import warnings
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import TYPE_CHECKING, Literal
 
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.instruments.accelerometer.numeric import q_factor
-from calibkit.instruments.accelerometer.numeric.norms import LOWER, lengths, lower, squares
+from calibkit.instruments.accelerometer.numeric import profile, q_factor
+from calibkit.instruments.accelerometer.numeric.norms import (
+    LOWER,
+    length_residuals,
+    lower_matrix,
+    sum_squares,
+)
 from calibkit.numeric.least_squares import fit as least_squares
 from calibkit.numeric.least_squares import fold, gauss_newton, gram, robust
 
@@ -27,8 +31,6 @@ if TYPE_CHECKING:
 
 
 NAMES = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
-TOLERANCES = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 0.0, "max_nfev": 2000}
-"""Of lmfit's leastsq: to the last digits."""
 LARGEST_Q = 0.35
 """Bound of each Q [rad]: 20°, far beyond any triad."""
 POOR_Q, POOR_SHARE = np.radians(0.25), 5e-3
@@ -95,7 +97,7 @@ class MagnitudeFit:
 
 def correction_matrix(parameters: Array) -> Array:
     """Lower triangular correction matrix [3, 3] of the nine parameters: exact Q · diag(1/k)."""
-    return q_factor.exact(q_factor.axes_of(parameters[6:9])) / parameters[None, 0:3]
+    return q_factor.exact_matrix(q_factor.axes_from_angles(parameters[6:9])) / parameters[None, 0:3]
 
 
 def fit(
@@ -130,9 +132,9 @@ def fit(
     root = np.ones(len(indication)) if noise is None else 1.0 / noise
 
     def residuals(parameters: Array, rows: slice) -> tuple[Array, Array]:
-        return lengths(parameters, indication[rows], gravity, root[rows])
+        return length_residuals(parameters, indication[rows], gravity, root[rows])
 
-    begin = _to_triangle(start(indication, gravity))
+    begin = _to_triangle(fit_sphere(indication, gravity))
     near = gauss_newton.of_some(residuals, begin, len(indication), enough=ENOUGH_TO_START)
     found = gauss_newton.fit(
         residuals, near, len(indication), names=_TRIANGLE_NAMES, weakest=WEAKEST
@@ -170,37 +172,60 @@ def fit_bounded(
         As `fit`.
 
     """
-    import lmfit
-
     _require_enough(indication)
     root = np.ones(len(indication)) if noise is None else 1.0 / noise
-    begin = start(indication, gravity)
-    model = _Bounded(indication, gravity, root, np.zeros(9), np.ones(9))
-    minimizer = lmfit.Minimizer(
-        model.residuals, _bounded_parameters(begin, indication), scale_covar=noise is None
-    )
-    result = minimizer.minimize(method="leastsq", Dfun=model.slopes, **TOLERANCES)
-    if not result.success or result.covar is None:
-        raise FitError(
-            f"lmfit found no minimum: {result.message}",
-            hint="check units, or add different attitudes",
-        )
-    parameters = np.array([result.params[name].value for name in NAMES])
+    begin = fit_sphere(indication, gravity)
+    problem = _bounded(begin, indication, gravity, root)
+    parameters, square, evaluations = problem.minimize(begin)
     triangle = _to_triangle(parameters)
-    jacobian = lengths(triangle, indication, gravity, root)[1]
+    jacobian = length_residuals(triangle, indication, gravity, root)[1]
     inverse = np.linalg.inv(np.linalg.qr(jacobian, mode="r"))
-    square, dof = float(np.sum(result.residual**2)), len(indication) - len(NAMES)
+    dof = len(indication) - len(NAMES)
     variance = _variance(square, dof, absolute=noise is not None)
     singular = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0), compute_uv=False)
-    solver = (float(singular[0] / singular[-1]), int(result.nfev), ())
+    solver = (float(singular[0] / singular[-1]), evaluations, ())
     fitted = _finished(triangle, inverse @ inverse.T * variance, indication, gravity, root, solver)
     # the F-test judges by the residuals alone: where the stated noise is larger, the intervals are
     # widened as u is
     widening = float(np.sqrt(variance * dof / square)) if square > 0.0 and dof > 0 else 1.0
-    return fitted, _profile_intervals(fitted, model, widening)
+    centre, unit = fitted.parameters, fitted.standard_uncertainty
+    wide = _bounded(centre, indication, gravity, root)
+    ends = wide.profile_intervals(centre, unit)
+    limits = (centre[:, None] + (unit * widening)[:, None] * ends).tolist()
+    return fitted, {name: (low, high) for name, (low, high) in zip(NAMES, limits, strict=True)}
 
 
-def start(indication: Array, gravity: float) -> Array:
+def _bounded(about: Array, indication: Array, gravity: float, root: Array) -> profile.Bounded:
+    """Residuals of the nine parameters within bounds about some [9] that no working triad
+    touches.
+    """
+    reach = float(np.max(np.ptp(indication, axis=0)))
+
+    def residuals(values: Array) -> Array:
+        return length_residuals(_to_triangle(values), indication, gravity, root)[0]
+
+    def slopes(values: Array, unit: Array) -> Array:
+        steps = np.concatenate([values[:3], values[:3], np.ones(3)])
+        inner = q_factor.differentiate(_to_triangle, values, scale=steps) * unit
+        return length_residuals(_to_triangle(values), indication, gravity, root)[1] @ inner
+
+    low = np.concatenate([about[:3] * 0.2, about[3:6] - reach, np.full(3, -LARGEST_Q)])
+    high = np.concatenate([about[:3] * 5.0, about[3:6] + reach, np.full(3, LARGEST_Q)])
+    return profile.Bounded(NAMES, low, high, residuals, slopes)
+
+
+def as_affine(fitted: MagnitudeFit) -> tuple[tuple[str, ...], Array, Array]:
+    """Names, values [9] and covariance [9, 9] of the affine parameters that correct as a fit
+    does.
+    """
+    parameters = fitted.parameters
+    scale = np.maximum(np.abs(parameters), 1e-3)
+    slopes = q_factor.differentiate(_to_triangle, parameters, scale=scale)
+    names = (*(f"m_{'xyz'[i]}{'xyz'[j]}0" for i, j in LOWER), "b_x0", "b_y0", "b_z0")
+    return names, _to_triangle(parameters), slopes @ fitted.covariance @ slopes.T
+
+
+def fit_sphere(indication: Array, gravity: float) -> Array:
     """Nine starting parameters [9] from the best sphere through indications [n, 3], linear in
     centre and radius.
     """
@@ -230,9 +255,11 @@ def _to_triangle(parameters: Array) -> Array:
 
 def _from_triangle(triangle: Array) -> Array:
     """Scale factors, bias and Q [9] from six entries of the correction matrix and the bias [9]."""
-    sensitivity = np.linalg.inv(lower(triangle[:6]))
+    sensitivity = np.linalg.inv(lower_matrix(triangle[:6]))
     scale = np.linalg.norm(sensitivity, axis=1)
-    return np.concatenate([scale, triangle[6:], q_factor.small_angle(sensitivity / scale[:, None])])
+    return np.concatenate(
+        [scale, triangle[6:], q_factor.small_angles(sensitivity / scale[:, None])]
+    )
 
 
 def _require_enough(indication: Array) -> None:
@@ -261,7 +288,9 @@ def _robust(
 ) -> MagnitudeFit:
     """Robust fit from the least-squares solution on."""
     triangle, tough = robust.nonlinear(
-        lambda at: lengths(at, indication, gravity, root), found.parameters, names=_TRIANGLE_NAMES
+        lambda at: length_residuals(at, indication, gravity, root),
+        found.parameters,
+        names=_TRIANGLE_NAMES,
     )
     solver = (tough.fit.condition, found.iterations, tough.suspects)
     return _finished(triangle, tough.fit.covariance, indication, gravity, root, solver)
@@ -283,7 +312,7 @@ def _finished(
     steps = np.concatenate(
         [np.full(6, float(np.max(np.abs(triangle[:6])))), gravity / np.abs(triangle[[0, 2, 5]])]
     )
-    slope = q_factor.derivative(_from_triangle, triangle, scale=steps)
+    slope = q_factor.differentiate(_from_triangle, triangle, scale=steps)
     parameters = _from_triangle(triangle)
     residual, leverage = _residual_and_leverage(triangle, indication, gravity, root, normal_inverse)
     used, weight = (
@@ -314,7 +343,7 @@ def _residual_and_leverage(
     """Weighted residuals [n] and leverages [n], block by block."""
 
     def slopes(rows: slice) -> Array:
-        return lengths(triangle, indication[rows], gravity, root[rows])[1]
+        return length_residuals(triangle, indication[rows], gravity, root[rows])[1]
 
     tall = len(root) >= gram.TALL
     if tall and normal_inverse is not None:
@@ -328,33 +357,33 @@ def _residual_and_leverage(
         inverse = np.linalg.inv(r)
     residual, leverage = np.empty(len(root)), np.empty(len(root))
     for rows in gram.blocks(len(root), gram.block_rows(len(NAMES))):
-        residual[rows], slope = lengths(triangle, indication[rows], gravity, root[rows])
-        leverage[rows] = squares(inverse.T @ slope.T)
+        residual[rows], slope = length_residuals(triangle, indication[rows], gravity, root[rows])
+        leverage[rows] = sum_squares(inverse.T @ slope.T)
     return residual, leverage
 
 
 def _flags(
     parameters: Array, half_width: Array, leverage: Array, condition: float, dof: int
 ) -> tuple[str, ...]:
-    """Say what is wrong with a set, in words for the engineer."""
-    said: list[str] = []
+    """What is wrong with a set of dwells, in words for the engineer."""
+    flags: list[str] = []
     if dof < FEW_DOF:
-        said.append(
+        flags.append(
             f"{len(leverage)} dwells for {len(NAMES)} parameters leave {dof} degrees of freedom: "
             "the residuals cannot vouch for these numbers"
         )
     if condition > ILL_CONDITIONED:
-        said.append(
+        flags.append(
             f"ill-conditioned: condition number {condition:.3g}, six faces have 1.7; add other"
             " attitudes"
         )
-    said += [
+    flags += [
         f"{name} is known to ±{np.degrees(width):.2g}° only (95 %)"
         for name, width in zip(NAMES[6:], half_width[6:], strict=True)
         if width > POOR_Q
     ]
     relative = half_width[:6] / np.tile(parameters[:3], 2)
-    said += [
+    flags += [
         f"{name} is known to ±{100.0 * share:.2g} % of {'itself' if name[0] == 'k' else 'gravity'}"
         " only (95 %)"
         for name, share in zip(NAMES[:6], relative, strict=True)
@@ -362,10 +391,10 @@ def _flags(
     ]
     alone = np.flatnonzero(leverage > 0.99)
     if alone.size:
-        said.append(
+        flags.append(
             f"no other dwell checks dwell {', '.join(str(i) for i in alone)} (leverage above 0.99)"
         )
-    return tuple(said)
+    return tuple(flags)
 
 
 def _t95(dof: int) -> float:
@@ -373,92 +402,3 @@ def _t95(dof: int) -> float:
     from scipy.stats import t
 
     return float(t.ppf(0.975, max(dof, 1)))
-
-
-@dataclass(frozen=True, slots=True)
-class _Bounded:
-    """The magnitude model as lmfit calls it: parameters are centre + unit · named values."""
-
-    indication: Array
-    gravity: float
-    root: Array
-    centre: Array
-    unit: Array
-
-    def residuals(self, named: Any) -> Array:  # noqa: ANN401 lmfit has no types
-        return lengths(_to_triangle(self.values(named)), self.indication, self.gravity, self.root)[
-            0
-        ]
-
-    def slopes(self, named: Any) -> Array:  # noqa: ANN401 lmfit has no types
-        """Derivatives [n, p] by the parameters that vary: a profile holds one of them still."""
-        values = self.values(named)
-        steps = np.concatenate([values[:3], values[:3], np.ones(3)])
-        inner = q_factor.derivative(_to_triangle, values, scale=steps) * self.unit
-        varying = [j for j, name in enumerate(NAMES) if named[name].vary]
-        return (lengths(_to_triangle(values), self.indication, self.gravity, self.root)[1] @ inner)[
-            :, varying
-        ]
-
-    def values(self, named: Any) -> Array:  # noqa: ANN401 lmfit has no types
-        """Nine parameters of lmfit's named ones."""
-        return np.asarray(
-            self.centre + self.unit * np.array([named[name].value for name in NAMES]),
-            dtype=np.float64,
-        )
-
-
-def _bounded_parameters(begin: Array, indication: Array) -> Any:  # noqa: ANN401 lmfit has no types
-    """Named parameters within bounds that no working triad touches."""
-    import lmfit
-
-    reach = float(np.max(np.ptp(indication, axis=0)))
-    low = np.concatenate([begin[:3] * 0.2, begin[3:6] - reach, np.full(3, -LARGEST_Q)])
-    high = np.concatenate([begin[:3] * 5.0, begin[3:6] + reach, np.full(3, LARGEST_Q)])
-    named = lmfit.Parameters()
-    for name, value, least, most in zip(NAMES, begin, low, high, strict=True):
-        named.add(name, value=float(value), min=float(least), max=float(most))
-    return named
-
-
-def _profile_intervals(
-    fitted: MagnitudeFit, model: _Bounded, widening: float
-) -> dict[str, tuple[float, float]]:
-    """95 % profile intervals of the nine parameters, an end that the data never reject infinite.
-
-    The profile is drawn in standard uncertainties, ten of them at the solution: lmfit steps by the
-    uncertainty and places the ends to 5e-5 of the value, which for a scale factor near 1 would be
-    five uncertainties of 1e-5.
-    """
-    import lmfit
-
-    unit, origin = fitted.standard_uncertainty, 10.0
-    about = _Bounded(
-        model.indication, model.gravity, model.root, fitted.parameters - origin * unit, unit
-    )
-    wide = _bounded_parameters(fitted.parameters, model.indication)
-    named = lmfit.Parameters()
-    for j, name in enumerate(NAMES):
-        low, high = (
-            origin + (end - fitted.parameters[j]) / unit[j]
-            for end in (wide[name].min, wide[name].max)
-        )
-        named.add(name, value=origin, min=float(low), max=float(high))
-    with warnings.catch_warnings():
-        # lmfit warns where a bound is met before the F-test rejects; that end is reported as
-        # infinite instead
-        warnings.simplefilter("ignore")
-        minimizer = lmfit.Minimizer(about.residuals, named)
-        result = minimizer.minimize(method="leastsq", Dfun=about.slopes, **TOLERANCES)
-        for name in NAMES:
-            # 1 by construction; lmfit may have none where it starts at the solution
-            result.params[name].stderr = result.params[name].stderr or 1.0
-        table = lmfit.conf_interval(minimizer, result, sigmas=[0.95])
-    intervals = {}
-    for j, name in enumerate(NAMES):
-        found = np.array([table[name][0][1], table[name][-1][1]]) - origin
-        low, high = fitted.parameters[j] + unit[j] * widening * np.where(
-            np.isfinite(found), found, [-np.inf, np.inf]
-        )
-        intervals[name] = (float(low), float(high))
-    return intervals

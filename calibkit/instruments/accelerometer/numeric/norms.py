@@ -20,14 +20,16 @@ LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 _ROWS, _COLUMNS = np.transpose(LOWER)
 
 
-def lower(entries: Array) -> Array:
+def lower_matrix(entries: Array) -> Array:
     """Lower triangular matrix [3, 3] of its six entries [6], in the order of LOWER."""
     matrix = np.zeros((3, 3))
     matrix[_ROWS, _COLUMNS] = entries
     return matrix
 
 
-def lengths(triangle: Array, indication: Array, gravity: float, root: Array) -> tuple[Array, Array]:
+def length_residuals(
+    triangle: Array, indication: Array, gravity: float, root: Array
+) -> tuple[Array, Array]:
     """Weighted residuals [n] |T (V − b)| − gravity and their derivatives [n, 9] by the entries of T
     and by b.
 
@@ -47,7 +49,7 @@ def lengths(triangle: Array, indication: Array, gravity: float, root: Array) -> 
     Compiled or not, all but the two products of matrices are rounded one by one in the order
     written here.
     """
-    matrix, count = lower(triangle[:6]), len(indication)
+    matrix, count = lower_matrix(triangle[:6]), len(indication)
     library = kernels_for(indication, root)
     if library is not None:
         return _compiled(library, matrix, triangle[6:].copy(), indication, gravity, root)
@@ -65,7 +67,7 @@ def lengths(triangle: Array, indication: Array, gravity: float, root: Array) -> 
     return (length - gravity) * root, slopes.T
 
 
-def squares(rows: Array) -> Array:
+def sum_squares(rows: Array) -> Array:
     """Sums [n] of the squares of rows [k, n] down the columns, from the first row to the last."""
     library = kernels_for(rows)
     if library is not None:
