@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, pipeline, recipe, store
-from calibkit.certificate import as_found, content, pdf, profile, tables
+from calibkit.certificate import as_found, content, pdf, profile, run_files, tables
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
@@ -46,8 +46,9 @@ def run(tmp_path_factory):
 def certificate(run, name=None, *overrides, validation=None):
     """Certificate of a run after the sample profile, or without one."""
     path = None if name is None else ROOT / "reports" / "profiles" / f"{name}.toml"
+    files = run_files.read_run(run)
     return content.build(
-        run, instruments.certificate_layout, *profile.load(path, overrides), validation, ISSUED
+        files, instruments.certificate_layout, *profile.load(path, overrides), validation, ISSUED
     )
 
 
@@ -264,14 +265,14 @@ def test_as_found_and_as_left_come_from_logs_that_were_not_fitted(run, tmp_path)
     document, _ = pipeline.validate(
         made, ROOT / "datasets" / "fog_thermal" / "withheld", out, silent
     )
-    validation = as_found.load(out, made)
+    validation = as_found.load(out, run_files.read_run(made))
     rows = {(row.log, row.what.en): (row.found, row.left) for row in validation.rows}
     entry = document["logs"][0]
     assert rows[entry["name"], "drift rms, 100 s means"] == (
         entry["drift_rms_before"],
         entry["drift_rms_after"],
     )
-    assert not {name for name, _, _ in validation.logs} & {
+    assert not {log.name for log in validation.logs} & {
         entry["name"] for entry in made.document["inputs"]
     }
     made = certificate(made, "fog_thermal", validation=validation)

@@ -15,7 +15,7 @@ import pytest
 from scipy import stats
 
 from calibkit import cli, instruments, store, units
-from calibkit.certificate import content, dcc, dcc_check, dcc_results, profile
+from calibkit.certificate import content, dcc, dcc_check, dcc_results, profile, run_files
 from calibkit.certificate import dcc_xml as xml
 from calibkit.certificate.dcc_units import dsi
 from calibkit.errors import OutputError, UsageError
@@ -108,7 +108,7 @@ def run(tmp_path_factory):
 def certificate(run, stated=None, text=""):
     """The certificate record of a run, skipped where the procedure has no layout."""
     return content.build(
-        run,
+        run_files.read_run(run),
         instruments.certificate_layout,
         profile.Profile() if stated is None else stated,
         text,
@@ -158,10 +158,7 @@ def filled(text):
 
 def valid(document):
     """Check a document's structure, and against the schemas where they are."""
-    dcc_check.structure(document)
-    if SCHEMAS.is_dir():
-        dcc_check.schema(document, SCHEMAS)
-    return dcc_check.parse(document)
+    return dcc_check.check(document, SCHEMAS if SCHEMAS.is_dir() else None)
 
 
 def listed(root, label):
@@ -417,7 +414,7 @@ def test_a_broken_structure_is_found_without_the_schema(old, new, words, run):
     text = dcc.render(certificate(run("gyro_pair")), "en").decode()
     assert old in text
     with pytest.raises(OutputError, match=words):
-        dcc_check.structure(text.replace(old, new, 1).encode())
+        dcc_check.check(text.replace(old, new, 1).encode())
 
 
 def test_a_schema_that_is_not_there_or_not_met_is_said(tmp_path, run):
@@ -426,10 +423,10 @@ def test_a_schema_that_is_not_there_or_not_met_is_said(tmp_path, run):
     """
     document = dcc.render(certificate(run("gyro_pair")), "en")
     with pytest.raises(UsageError, match=r"no dcc\.xsd"):
-        dcc_check.schema(document, tmp_path)
+        dcc_check.check(document, tmp_path)
     if SCHEMAS.is_dir():
         with pytest.raises(OutputError, match="mainSigner"):
-            dcc_check.schema(
+            dcc_check.check(
                 document.replace(b"dcc:mainSigner>true", b"dcc:mainSigner>maybe"), SCHEMAS
             )
 

@@ -5,9 +5,9 @@ uncertainties, intervals, conditions, lists and covariances, each in hand-comput
 import numpy as np
 import pytest
 
-from calibkit.certificate import dcc, dcc_results
+from calibkit.certificate import dcc_results
 from calibkit.certificate import dcc_xml as xml
-from calibkit.certificate.as_found import BeforeAfter
+from calibkit.certificate.as_found import AsFoundAsLeft, BeforeAfter
 from calibkit.certificate.dcc_units import ATOMS, dsi
 from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
 from calibkit.certificate.words import Words
@@ -15,8 +15,8 @@ from calibkit.coefficients import Coefficient, Model
 
 pytest.importorskip("lxml")
 
-G = 9.8
-"""Local gravity [m/s²] of these certificates."""
+NOTATION = xml.Notation("en", 9.8)
+"""English, and the local gravity [m/s²] of these certificates."""
 ACCELERATION = r"\metre\second\tothe{-2}"
 UNITS = [
     ("mg", 9.8e-3, ACCELERATION),
@@ -40,9 +40,9 @@ def stated(expanded, standard=0.5):
     return Uncertainty((), standard, 50.0, 2.0, expanded, 0.9545)
 
 
-def result(value, unit, *, key="stage.model.a", **more):
+def result(value, unit, **more):
     """Return a result in a unit."""
-    return Result(key, "stage.json", "a", Words("a"), value, unit, **more)
+    return Result("stage.model.a", "stage.json", "a", Words("a"), value, unit, **more)
 
 
 def numbers(element, name):
@@ -61,7 +61,7 @@ def test_a_result_and_its_expanded_uncertainty_are_converted(unit, size, spellin
     """3 ± 0.25 of a unit, at a condition of 20 of the same unit."""
     made = root()
     at = (("input", 20.0, unit),)
-    dcc_results.real(made, result(3.0, unit, uncertainty=stated(0.25), at=at), G, "en")
+    dcc_results._quantity(made, result(3.0, unit, uncertainty=stated(0.25), at=at), NOTATION)
     assert numbers(made, "value") == pytest.approx([3.0 * size, 20.0 * size], rel=1e-14)
     assert texts(made, "unit") == [spelling, spelling]
     assert numbers(made, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)
@@ -73,7 +73,7 @@ def test_a_coverage_interval_is_converted(unit, size, spelling):
     """3 with the standard uncertainty 0.5 in the interval from 2 to 4.5 of a unit."""
     made = root()
     one = result(3.0, unit, uncertainty=stated(0.25), interval=(2.0, 4.5))
-    dcc_results.real(made, one, G, "en")
+    dcc_results._quantity(made, one, NOTATION)
     assert texts(made, "unit") == [spelling]
     assert numbers(made, "value") == pytest.approx([3.0 * size], rel=1e-14)
     assert numbers(made, "valueStandardMU") == pytest.approx([0.5 * size], rel=1e-14)
@@ -85,7 +85,7 @@ def test_a_coverage_interval_is_converted(unit, size, spelling):
 def test_a_condition_and_its_standard_uncertainty_are_converted(unit, size, spelling):
     """An influence condition of 20 with u = 0.1 of a unit."""
     made = root()
-    dcc_results.influence(made, "local_input", 20.0, unit, G, "en", 0.1)
+    dcc_results.influence(made, "local_input", 20.0, unit, NOTATION, 0.1)
     assert numbers(made, "value") == pytest.approx([20.0 * size], rel=1e-14)
     assert texts(made, "unit") == [spelling]
     assert numbers(made, "valueStandardMU") == pytest.approx([0.1 * size], rel=1e-14)
@@ -96,7 +96,7 @@ def test_a_condition_and_its_standard_uncertainty_are_converted(unit, size, spel
 def test_a_column_over_a_condition_is_converted(kind, unit, size, spelling):
     """1 and 3 of a unit with U = 0.25 and 0.5, at 10 and 20 of the same unit."""
     column = [
-        result(value, unit, key=f"s.m.a@{at:g}", uncertainty=stated(U), at=(("input", at, unit),))
+        result(value, unit, condition=f"{at:g}", uncertainty=stated(U), at=(("input", at, unit),))
         for value, U, at in ((1.0, 0.25, 10.0), (3.0, 0.5, 20.0))
     ]
     title = Words("a over the input")
@@ -108,7 +108,7 @@ def test_a_column_over_a_condition_is_converted(kind, unit, size, spelling):
         )
     )
     made = root()
-    dcc_results.table(made, table, G, "en")
+    dcc_results.table(made, table, NOTATION)
     expected = np.array([10.0, 20.0, 1.0, 3.0]) * size
     assert numbers(made, "valueXMLList") == pytest.approx(expected, rel=1e-14)
     assert texts(made, "unitXMLList") == [f"{spelling} {spelling}"] * 2
@@ -130,7 +130,7 @@ def test_parameters_and_their_covariance_are_converted():
         {},
     )
     made = root()
-    dcc_results.parameters(made, "accel", model, G, "en")
+    dcc_results.parameters(made, "accel", model, NOTATION)
     values, *covariance = (
         [float(v) for v in one.text.split()] for one in made.iter(f"{{{xml.SI}}}valueXMLList")
     )
@@ -153,9 +153,9 @@ def test_as_found_and_as_left_are_converted(unit, size, spelling):
     """A figure of a validation, 3 with U = 0.25 of a unit."""
     made = root()
     row = BeforeAfter("log.csv", Words("rms"), 3.0, 3.0, unit, 0.25)
-    dcc._descriptor(made, row, (3.0, 0.25), G, "en")
-    assert numbers(made, "value") == pytest.approx([3.0 * size], rel=1e-14)
-    assert texts(made, "unit") == [spelling]
+    dcc_results.as_found(made, AsFoundAsLeft((row,), (), (), (), (), ""), NOTATION)
+    assert numbers(made, "value") == pytest.approx([3.0 * size] * 2, rel=1e-14)
+    assert texts(made, "unit") == [spelling] * 2
     assert numbers(made, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)
 
 
@@ -182,7 +182,7 @@ def test_as_found_and_as_left_are_converted(unit, size, spelling):
 )
 def test_a_part_of_a_unit_has_the_size_that_its_prefix_says(prefixed, whole, size):
     """Prefixes of the SI, parts of one, revolutions of 360°."""
-    part, one = dsi(prefixed).at(G), dsi(whole).at(G)
+    part, one = dsi(prefixed).at(NOTATION.gravity), dsi(whole).at(NOTATION.gravity)
     assert part.text == one.text
     assert part.factor / one.factor == pytest.approx(size, rel=1e-14)
 
@@ -192,5 +192,5 @@ def test_units_without_a_prefix_are_not_converted():
     plain = {"1", "sample", "lsb", "s", "min", "h", "d", "Hz", "degC", "K", "deg", "arcmin"}
     plain |= {"arcsec", "rad", "m", "V", "A", "ohm"}
     assert {name for name, (_, factor) in ATOMS.items() if factor == 1.0} == plain
-    assert dsi("g").at(G).factor == G
+    assert dsi("g").at(NOTATION.gravity).factor == NOTATION.gravity
     assert dsi("g").at(None).factor == 1.0

@@ -1,5 +1,5 @@
-"""As found and as left: what a validation says before and after the coefficients, on logs that were
-not fitted.
+"""As found and as left: results of a validation without and with the coefficients, on logs that
+were not fitted.
 """
 
 from __future__ import annotations
@@ -8,6 +8,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from calibkit import coefficients
+from calibkit.certificate.run_files import stated_criteria, stated_inputs
 from calibkit.certificate.words import Words
 from calibkit.errors import CoefficientError, UsageError
 
@@ -15,7 +16,8 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping
     from pathlib import Path
 
-    from calibkit.store import Run
+    from calibkit.certificate.run_files import RunFiles
+    from calibkit.coefficients import Criterion, Input
 
 FORMATS = ("calibkit-validation/1",)
 
@@ -37,54 +39,52 @@ class BeforeAfter:
 
 @dataclass(frozen=True, slots=True)
 class AsFoundAsLeft:
-    """The rows, which logs they come from (name, digest, rows), the limits of the recipe, and the
-    file itself.
-    """
+    """The rows, the logs that they come from, the limits of the recipe, the text of the file."""
 
     rows: tuple[BeforeAfter, ...]
     check_points: tuple[BeforeAfter, ...]
-    logs: tuple[tuple[str, str, int], ...]
-    criteria: tuple[tuple[str, float, float, str, bool], ...]
+    logs: tuple[Input, ...]
+    criteria: tuple[Criterion, ...]
     flags: tuple[str, ...]
     text: str
-    sha256: str
 
 
-def load(path: Path, run: Run) -> AsFoundAsLeft:
+def load(path: Path, run: RunFiles) -> AsFoundAsLeft:
     """Read a validation of a run; CoefficientError for another run's, UsageError where there is no
     such file.
     """
     try:
-        text = path.read_bytes().decode("utf-8")
+        content = path.read_bytes()
     except OSError as error:
         raise UsageError(
             f"--validation {path}: {error.strerror}", hint="write one with calibkit validate"
         ) from None
+    return parse(content, str(path), run)
+
+
+def parse(content: bytes, name: str, run: RunFiles) -> AsFoundAsLeft:
+    """Validation of a run from the bytes of its file; CoefficientError for what is none, or another
+    run's.
+    """
+    try:
+        text = content.decode("utf-8")
     except UnicodeDecodeError:
         raise CoefficientError(
-            f"{path}: not UTF-8 text", hint="name what calibkit validate wrote"
+            f"{name}: not UTF-8 text", hint="name what calibkit validate wrote"
         ) from None
-    document = coefficients.unseal(text, str(path), FORMATS)
+    document = coefficients.unseal(text, name, FORMATS)
     if document["run_sha256"] != run.document["sha256"]:
         raise CoefficientError(
-            f"{path}: a validation of {document['serial']} r{document['revision']:03d}, not of"
+            f"{name}: a validation of {document['serial']} r{document['revision']:03d}, not of"
             f" {run.name} as it is here",
             hint=f"run calibkit validate {run.name}",
         )
-    rows = tuple(row for entry in document["logs"] for row in _rows(entry))
-    points = tuple(row for entry in document["logs"] for row in _stations(entry))
-    logs = tuple((str(e["name"]), str(e["sha256"]), int(e["rows"])) for e in document["logs"])
-    criteria = tuple(
-        (c["name"], c["value"], c["limit"], c["unit"], c["passed"]) for c in document["acceptance"]
-    )
+    logs = document["logs"]
+    rows = (*(row for entry in logs for row in _rows(entry)), *_pair(document))
+    points = tuple(row for entry in logs for row in _stations(entry))
+    criteria = stated_criteria(document["acceptance"])
     return AsFoundAsLeft(
-        (*rows, *_pair(document)),
-        points,
-        logs,
-        criteria,
-        tuple(document["flags"]),
-        text,
-        document["sha256"],
+        rows, points, stated_inputs(logs), criteria, tuple(document["flags"]), text
     )
 
 

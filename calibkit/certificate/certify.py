@@ -8,7 +8,7 @@ from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from calibkit import new_files, store
-from calibkit.certificate import as_found, content, dcc, pdf, profile, sign
+from calibkit.certificate import as_found, content, dcc, pdf, profile, run_files, sign
 from calibkit.errors import RecipeError, UsageError
 from calibkit.recipe import loader
 
@@ -54,7 +54,7 @@ def certify(
     """
     beside = _beside(out)
     signer = None if key is None else sign.signer(key)
-    run = store.load(run_folder)
+    run = run_files.read_run(store.load(run_folder))
     stated, text = profile.load(profile_path, overrides)
     validated = None if validation is None else as_found.load(validation, run)
     try:
@@ -109,9 +109,9 @@ def _rendered(
     return _rendered(draft, lang, fonts, schema_dir)
 
 
-def said(issued: Issued) -> dict[str, Any]:
-    """What --json says of a certificate: its files, what is missing, every result by its key, every
-    statement.
+def summarise(issued: Issued) -> dict[str, Any]:
+    """JSON object of a certificate: its files, what is missing, every result by its key, every
+    statement of conformity.
     """
     certificate = issued.certificate
     results = [

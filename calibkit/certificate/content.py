@@ -9,6 +9,7 @@ from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any, Literal, TypeAlias
 
 from calibkit.certificate import checklist, conformity, uncertainty
+from calibkit.certificate.run_files import run_facts
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
@@ -22,12 +23,14 @@ if TYPE_CHECKING:
     from calibkit.certificate.as_found import AsFoundAsLeft
     from calibkit.certificate.profile import Profile
     from calibkit.certificate.results import Block, Result
-    from calibkit.coefficients import Condition
+    from calibkit.certificate.run_files import RunFacts, RunFiles
     from calibkit.recipe import Recipe
-    from calibkit.store import Run
 
 TITLE = Words("Calibration certificate", "校准证书")
 Relationship = Literal["source", "data", "alternative", "supplement"]
+JSON = "application/json"
+VALIDATION, PROFILE = "validation.json", "profile.toml"
+"""Names of two attached files."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -63,50 +66,11 @@ class Attachment:
 
 
 @dataclass(frozen=True, slots=True)
-class RunFacts:
-    """What the run folder says of itself."""
-
-    name: str
-    serial: str
-    revision: int
-    procedure: str
-    title: str
-    sha256: str
-    software: str
-    effective_from: str
-    recipe: str
-    recipe_sha256: str
-    inputs: tuple[tuple[str, str, int], ...]
-    """Name, digest and rows of every log."""
-    excluded: tuple[tuple[str, str, str], ...]
-    """What was left out, why, by whom."""
-    criteria: tuple[tuple[str, float, float, str, bool], ...]
-    """Acceptance limits of the recipe: name, value, limit, unit, whether it held."""
-    flags: tuple[str, ...]
-    conditions: tuple[Condition, ...]
-    accepted: bool
-    """Whether the run held its acceptance limits."""
-
-    @property
-    def content_digest(self) -> Words:
-        """The run with the digest of its content, which is not that of its file: with what to
-        compare it.
-        """
-        label = Words(
-            f"Run {self.name}, digest of its content (field sha256 of run.json; the SHA-256 of the"
-            " file is another): ",
-            f"处理记录 {self.name}，内容摘要（run.json 的 sha256 字段，并非文件的 SHA-256）：",
-        )
-        return label + Words(self.sha256)
-
-
-@dataclass(frozen=True, slots=True)
 class Certificate:
     """Everything that a certificate states, in no language and no file format."""
 
     title: Words
     profile: Profile
-    profile_text: str
     issued: dt.date
     run: RunFacts
     blocks: tuple[Block, ...]
@@ -121,14 +85,10 @@ class Certificate:
 
     @property
     def rejection(self) -> Words:
-        """What is to be known of a run that failed its acceptance limits; nothing of one that held
-        them.
-        """
+        """Statement on a run that failed its acceptance limits; empty for one that met them."""
         if self.run.accepted:
             return Words("")
-        failed = (
-            ", ".join(name for name, *_, passed in self.run.criteria if not passed) or "acceptance"
-        )
+        failed = ", ".join(c.name for c in self.run.criteria if not c.passed) or "acceptance"
         return Words(
             f"The run failed its acceptance limits: {failed}", f"本次处理未满足接受限：{failed}"
         )
@@ -145,7 +105,7 @@ class Certificate:
 
 
 def build(
-    run: Run,
+    run: RunFiles,
     layout_of: LayoutOf,
     profile: Profile,
     profile_text: str,
@@ -153,7 +113,13 @@ def build(
     issued: dt.date,
 ) -> Certificate:
     """Certificate of a run; RecipeError for a profile that does not fit it or the date of issue."""
-    _amended_before(profile, issued)
+    former = profile.certificate.amends_issued
+    if former is not None and former > issued:
+        raise RecipeError(
+            f"certificate.amends_issued: {former} is later than the date of issue {issued}",
+            hint="state when the amended certificate was issued, or give the right --date",
+            at=("certificate", "amends_issued"),
+        )
     layout = layout_of(run.document)
     terms = uncertainty.Source.of(type_b.loads(run.document.get("type_b", ())), profile.type_b)
     temperatures = tuple(sorted(set(profile.results.temperatures_degc)))
@@ -166,9 +132,8 @@ def build(
     return Certificate(
         title=Words(title) if title else TITLE,
         profile=profile,
-        profile_text=profile_text,
         issued=issued,
-        run=_facts(run, layout.recipe.title),
+        run=run_facts(run),
         blocks=blocks,
         statements=conformity.statements(
             profile.specification, results, profile.results.decision_rule
@@ -178,17 +143,6 @@ def build(
         unused_terms=uncertainty.unused(terms.terms, used),
         missing=checklist.missing(profile, issued, validated=as_found is not None),
     )
-
-
-def _amended_before(profile: Profile, issued: dt.date) -> None:
-    """RecipeError for an amendment of a certificate that is issued later than it."""
-    former = profile.certificate.amends_issued
-    if former is not None and former > issued:
-        raise RecipeError(
-            f"certificate.amends_issued: {former} is later than the date of issue {issued}",
-            hint="state when the amended certificate was issued, or give the right --date",
-            at=("certificate", "amends_issued"),
-        )
 
 
 def without_glyphs(certificate: Certificate, characters: Iterable[str]) -> Certificate:
@@ -202,76 +156,23 @@ def without_glyphs(certificate: Certificate, characters: Iterable[str]) -> Certi
     return replace(certificate, missing=(*kept, checklist.glyphs(unshown)), unshown=unshown)
 
 
-def _facts(run: Run, title: str) -> RunFacts:
-    """What run.json says."""
-    document: Mapping[str, object] = run.document
-    conditions = {c.name: c for record in run.records.values() for c in record.conditions}
-    get = run.document.__getitem__
-    return RunFacts(
-        name=run.name,
-        serial=str(document["serial"]),
-        revision=int(get("revision")),
-        procedure=str(document["procedure"]),
-        title=title,
-        sha256=str(document["sha256"]),
-        software=str(document["software"]),
-        effective_from=str(document["effective_from"]),
-        recipe=str(get("recipe")["name"]),
-        recipe_sha256=str(get("recipe")["sha256"]),
-        inputs=tuple((e["name"], e["sha256"], e["rows"]) for e in get("inputs")),
-        excluded=tuple((_range(e), e["reason"], e["person"]) for e in get("excluded")),
-        criteria=tuple(
-            (c["name"], c["value"], c["limit"], c["unit"], c["passed"]) for c in get("acceptance")
-        ),
-        flags=tuple(get("flags")),
-        conditions=tuple(conditions.values()),
-        accepted=bool(document["accepted"]),
-    )
-
-
-def _range(entry: Mapping[str, object]) -> str:
-    """A log, or the range of it, that was left out."""
-    ends = [
-        f"{word} {entry[key]:g} s"
-        for word, key in (("from", "from_s"), ("to", "to_s"))
-        if entry.get(key) is not None
-    ]
-    return " ".join((str(entry["log"]), *ends))
-
-
 def _attachments(
-    run: Run, as_found: AsFoundAsLeft | None, profile_text: str
+    run: RunFiles, as_found: AsFoundAsLeft | None, profile_text: str
 ) -> tuple[Attachment, ...]:
-    """The coefficient files, the run's own record, the validation, the profile: all that the
-    certificate is made from.
+    """The files that the certificate is made from: coefficient files, run.json, the validation, the
+    profile.
     """
-    names = [entry["name"] for entry in run.document["files"] if entry["name"] in run.records]
+    stated = {entry["name"] for entry in run.document["files"]}
     files = [
-        Attachment(
-            name,
-            (run.folder / name).read_bytes(),
-            "application/json",
-            "data",
-            f"coefficient file {name}",
-        )
-        for name in sorted(names)
+        Attachment(name, run.contents[name], JSON, "data", f"coefficient file {name}")
+        for name in sorted(stated & run.records.keys())
     ]
-    content = (run.folder / RUN_FILE).read_bytes()
-    files.append(
-        Attachment(
-            RUN_FILE, content, "application/json", "source", "recipe, logs and software of the run"
-        )
-    )
+    sources = "recipe, logs and software of the run"
+    files.append(Attachment(RUN_FILE, run.contents[RUN_FILE], JSON, "source", sources))
     if as_found is not None:
-        text = as_found.text.encode()
-        files.append(
-            Attachment(
-                "validation.json", text, "application/json", "data", "as-found and as-left results"
-            )
-        )
+        what = "as-found and as-left results"
+        files.append(Attachment(VALIDATION, as_found.text.encode(), JSON, "data", what))
     if profile_text:
-        text = profile_text.encode()
-        files.append(
-            Attachment("profile.toml", text, "application/toml", "source", "laboratory profile")
-        )
+        content, what = profile_text.encode(), "laboratory profile"
+        files.append(Attachment(PROFILE, content, "application/toml", "source", what))
     return tuple(files)

@@ -58,9 +58,7 @@ def attachment(certificate: Certificate, lang: Lang, schema_dir: Path | None = N
     where a folder has it.
     """
     made = render(certificate, lang)
-    dcc_check.structure(made)
-    if schema_dir is not None:
-        dcc_check.schema(made, schema_dir)
+    dcc_check.check(made, schema_dir)
     return Attachment(FILE, made, *DESCRIBED)
 
 

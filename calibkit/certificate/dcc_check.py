@@ -1,5 +1,5 @@
-"""What makes a digital calibration certificate one: its structure, checked always; the schemas,
-where the user has them.
+"""Checks of a digital calibration certificate: its structure always, the schemas where the user has
+them.
 """
 
 from __future__ import annotations
@@ -57,15 +57,22 @@ FORMATS = {
 """Element of D-SI → what each of its items looks like."""
 
 
-def structure(document: bytes) -> None:
-    """Check what no certificate can be without; raises OutputError that lists every fault."""
-    faults = list(_faults(parse(document)))
+def check(document: bytes, schema_dir: Path | None = None) -> _Element:
+    """Root of a document whose structure is right and which fits the schema, where a folder has it.
+
+    Raises OutputError that lists faults, UsageError for a folder without schemas.
+    """
+    root = parse(document)
+    faults = list(_faults(root))
     if faults:
         raise OutputError(f"dcc.xml: {'; '.join(faults[:5])}", hint="this is a bug")
+    if schema_dir is not None:
+        _validate(root, schema_dir)
+    return root
 
 
 def parse(document: bytes) -> _Element:
-    """Root of an XML text without entities or network; OutputError for what is none."""
+    """Root of an XML text without entities or network; OutputError for anything else."""
     etree = xml.etree()
     try:
         root: _Element = etree.fromstring(
@@ -142,9 +149,9 @@ def _alike(matrix: list[list[float]], i: int, j: int) -> bool:
     return math.isclose(matrix[i][j], matrix[j][i], rel_tol=1e-9, abs_tol=1e-9 * scale)
 
 
-def schema(document: bytes, folder: Path) -> None:
-    """Hold a document against the schemas in a folder; OutputError with the first faults,
-    UsageError without schemas.
+def _validate(root: _Element, folder: Path) -> None:
+    """Validate a document by the schemas in a folder; OutputError with the first faults, UsageError
+    without schemas.
     """
     etree = xml.etree()
     absent = [name for name in SCHEMAS if not (folder / name).is_file()]
@@ -159,7 +166,7 @@ def schema(document: bytes, folder: Path) -> None:
         raise UsageError(
             f"--schema-dir {folder}: {error}", hint="restore the schemas of DCC 3.3.0"
         ) from None
-    if not found.validate(parse(document)):
+    if not found.validate(root):
         faults = "; ".join(
             f"line {entry.line}: {entry.message}" for entry in list(found.error_log)[:3]
         )

@@ -1,4 +1,4 @@
-"""The laboratory profile: what a certificate says that no log can tell. Strict TOML; what is absent
+"""The laboratory profile: what a certificate states that no log gives. Strict TOML; what is absent
 makes a DRAFT.
 
 The same file may serve many certificates: what changes from one to the next is given with --set
@@ -21,6 +21,8 @@ if TYPE_CHECKING:
 
 Rule = Literal["guarded", "simple", "four_way"]
 Many = Field(strict=False)
+OVERRIDE = "# --set "
+"""What a line of the text begins with that states an override."""
 
 
 def _as_date(value: object) -> object:
@@ -221,7 +223,7 @@ class Profile(Table):
 
 def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, str]:
     """Profile and its text with the overrides behind it, or an empty one; RecipeError with every
-    fault, one a line.
+    fault, one per line.
     """
     if path is None:
         text, name = "", "profile"
@@ -233,11 +235,16 @@ def load(path: Path | None, overrides: tuple[str, ...] = ()) -> tuple[Profile, s
             raise RecipeError(
                 f"{path}: cannot be read as UTF-8 text: {error}", hint="name a profile"
             ) from None
-    said = "".join(f"# --set {override}\n" for override in overrides)
-    end = "\n" if said and text and not text.endswith("\n") else ""
-    return parsed(name, text, overrides), text + end + said
+    found = loader.table(loader.Source(name, text, overrides), Profile)
+    end = "\n" if overrides and text and not text.endswith("\n") else ""
+    return found, text + end + "".join(f"{OVERRIDE}{override}\n" for override in overrides)
 
 
-def parsed(name: str, text: str, overrides: tuple[str, ...] = ()) -> Profile:
-    """Profile of a text; RecipeError with every fault, one a line."""
-    return loader.table(loader.Source(name, text, overrides), Profile)
+def parse(text: str, name: str) -> Profile:
+    """Profile of a text that `load` returned; RecipeError with every fault, one per line."""
+    lines = text.splitlines(keepends=True)
+    first = len(lines)
+    while first and lines[first - 1].startswith(OVERRIDE):
+        first -= 1
+    overrides = tuple(line.removeprefix(OVERRIDE).rstrip("\n") for line in lines[first:])
+    return loader.table(loader.Source(name, "".join(lines[:first]), overrides), Profile)

@@ -29,6 +29,7 @@ if TYPE_CHECKING:
     from calibkit.certificate.profile import Party, Profile
     from calibkit.certificate.results import Block
     from calibkit.certificate.words import Lang
+    from calibkit.coefficients import Criterion
 
 Rows = list[list[str]]
 
@@ -206,10 +207,7 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
             "调整前：未使用本证书系数；调整后：使用本证书系数。所用数据与拟合数据不同。",
         )
     ]
-    notes += [
-        _criterion(name, value, limit, unit, passed=passed)
-        for name, value, limit, unit, passed in found.criteria
-    ]
+    notes += map(_criterion, found.criteria)
     notes += [Words(flag) for flag in found.flags]
     shown = [
         _before_after(
@@ -223,9 +221,11 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     return {"statement": statement, "tables": shown, "notes": [note.of(lang) for note in notes]}
 
 
-def _criterion(name: str, value: float, limit: float, unit: str, *, passed: bool) -> Words:
+def _criterion(criterion: Criterion) -> Words:
     """An acceptance limit of the recipe, and how the result stands against it."""
-    shown, bound = tables.beside(value, limit), f"{tables.exact(limit)} {unit_mark(unit)}".strip()
+    name, passed = criterion.name, criterion.passed
+    shown = tables.beside(criterion.value, criterion.limit)
+    bound = f"{tables.exact(criterion.limit)} {unit_mark(criterion.unit)}".strip()
     return Words(
         f"Limit of the recipe: {name} {shown} against {bound}: {'held' if passed else 'NOT held'}.",
         f"配方限值：{name} {shown}，限值 {bound}：{'满足' if passed else '不满足'}。",
@@ -348,19 +348,17 @@ def _data(certificate: Certificate, lang: Lang) -> dict[str, Any]:
     """Digests: attachments, run, logs; acceptance limits and flags of the fit."""
     run = certificate.run
     files = [[a.name, a.description, a.sha256] for a in certificate.attachments]
-    logs = [[name, str(rows), digest] for name, digest, rows in run.inputs]
+    logs = [[log.name, str(log.rows), log.sha256] for log in run.inputs]
     if certificate.as_found is not None:
         word = Words("validation", "验证").of(lang)
         logs += [
-            [f"{name} ({word})", str(rows), digest]
-            for name, digest, rows in certificate.as_found.logs
+            [f"{log.name} ({word})", str(log.rows), log.sha256] for log in certificate.as_found.logs
         ]
     notes = [
         run.content_digest.of(lang),
         Words("Coefficients hold from ", "系数生效日期 ").of(lang) + run.effective_from,
     ]
-    for name, value, limit, unit, passed in run.criteria:
-        notes.append(_criterion(name, value, limit, unit, passed=passed).of(lang))
+    notes += [_criterion(criterion).of(lang) for criterion in run.criteria]
     heads = [Words("file", "文件"), Words("content", "内容"), Words("SHA-256")]
     log_heads = [Words("log", "数据"), Words("rows", "行数"), Words("SHA-256")]
     return {

@@ -2,8 +2,8 @@
 follows from what is attached.
 
 The attached files are all that a certificate is made from. So it is made again from them, as a
-record, and both its DCC and the text of its pages are held against that. An unsigned certificate
-can be checked so far and no further: nobody knows who made it.
+record, and both its DCC and the text of its pages are compared with that record. An unsigned
+certificate can be checked no further: nothing states who made it.
 """
 
 from __future__ import annotations
@@ -13,12 +13,10 @@ import hashlib
 import io
 import math
 import re
-import tempfile
 from dataclasses import dataclass, replace
-from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, new_files, store
+from calibkit import coefficients, extras, new_files, store
 from calibkit.certificate import (
     as_found,
     checklist,
@@ -33,12 +31,14 @@ from calibkit.certificate import (
 )
 from calibkit.certificate.content import Attachment
 from calibkit.certificate.dcc_xml import NAMES
+from calibkit.certificate.run_files import RunFiles
 from calibkit.certificate.sign import quiet
 from calibkit.errors import CalibkitError, CoefficientError, OutputError
 
 if TYPE_CHECKING:
     import datetime as dt
     from collections.abc import Iterator, Mapping, Sequence
+    from pathlib import Path
 
     from lxml.etree import _Element
 
@@ -47,8 +47,6 @@ if TYPE_CHECKING:
 MAGIC = b"%PDF-"
 MOST = 6
 """Faults that a message lists."""
-VALIDATION, PROFILE = "validation.json", "profile.toml"
-OVERRIDE = "# --set "
 SAME = 1e-9
 """Relative difference up to which a number recomputed on another machine is the same: far below any
 printed digit.
@@ -118,10 +116,7 @@ def _alone(path: Path, document: bytes, schema_dir: Path | None) -> Verified:
     digests.
     """
     try:
-        root = dcc_check.parse(document)
-        dcc_check.structure(document)
-        if schema_dir is not None:
-            dcc_check.schema(document, schema_dir)
+        root = dcc_check.check(document, schema_dir)
         files = {
             one.findtext("dcc:fileName", "", NAMES): one
             for one in root.iterfind(".//dcc:byteData", NAMES)
@@ -130,12 +125,17 @@ def _alone(path: Path, document: bytes, schema_dir: Path | None) -> Verified:
             data = base64.b64decode(one.findtext("dcc:dataBase64", "", NAMES))
             coefficients.loads(data.decode("utf-8"), name)
     except (OutputError, CoefficientError, UnicodeDecodeError) as error:
-        raise _failed(path, [str(getattr(error, "message", error))]) from None
+        raise _failed(path, [_message(error)]) from None
     number = root.findtext(".//dcc:uniqueIdentifier", "", NAMES)
     warning = "not signed: check the certificate that it came with, which holds the same file"
     return Verified(
         f"DCC {dcc.VERSION} of certificate {number}, {len(files)} coefficient files", (warning,)
     )
+
+
+def _message(error: Exception) -> str:
+    """What an error states, without its hint."""
+    return error.message if isinstance(error, CalibkitError) else str(error)
 
 
 def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:
@@ -150,14 +150,9 @@ def _failed(path: Path, faults: Sequence[str]) -> CoefficientError:
 
 def _read(document: bytes) -> tuple[list[str], dict[str, bytes], list[str]]:
     """Text of every page, every attached file, and the names that are attached more than once."""
-    try:
-        from pypdf import PdfReader
-    except ImportError:
-        raise OutputError(
-            "certificates are read with pypdf", hint=verify_signature.INSTALL
-        ) from None
+    pypdf = extras.load_library("pypdf", "verify", "certificates are read with pypdf")
     with quiet():
-        reader = PdfReader(io.BytesIO(document))
+        reader = pypdf.PdfReader(io.BytesIO(document))
         pages = [page.extract_text() for page in reader.pages]
         found = {name: list(contents) for name, contents in reader.attachments.items()}
     return (
@@ -189,9 +184,8 @@ def _digests(attached: Mapping[str, bytes], pages: Sequence[str]) -> Iterator[st
             yield f"{name} is not attached"
         elif name in attached and hashlib.sha256(attached[name]).hexdigest() != digest:
             yield f"{name}: the attached file is not the one that run.json lists"
-    for name in (
-        attached.keys() - stated.keys() - {new_files.RUN_FILE, dcc.FILE, VALIDATION, PROFILE}
-    ):
+    known = {*stated, new_files.RUN_FILE, dcc.FILE, content.VALIDATION, content.PROFILE}
+    for name in sorted(attached.keys() - known):
         yield f"{name} does not belong to the run"
     yield from _records(attached, run)
 
@@ -225,20 +219,18 @@ def _remade(
     """
     stated = attached[dcc.FILE]
     try:
-        root = dcc_check.parse(stated)
-        dcc_check.structure(stated)
-        if schema_dir is not None:
-            dcc_check.schema(stated, schema_dir)
+        root = dcc_check.check(stated, schema_dir)
         lang, issued, release = _facts(root)
     except (OutputError, ValueError) as error:
-        return [str(getattr(error, "message", error))], 0, False
+        return [_message(error)], 0, False
     other = (
         f" (made by calibkit {release}, checked by {dcc.RELEASE}: check it with that)"
         if release != dcc.RELEASE
         else ""
     )
     try:
-        certificate = content.without_glyphs(rebuilt(attached, layout_of, issued), _unshown(root))
+        certificate = _rebuilt(attached, layout_of, issued)
+        certificate = content.without_glyphs(certificate, _unshown(root))
         made = dcc.render(certificate, lang)
     except (CalibkitError, KeyError, TypeError, ValueError, UnicodeDecodeError) as error:
         return [f"the attached files do not make a certificate: {error}{other}"], 0, False
@@ -288,34 +280,19 @@ def _unshown(root: _Element) -> set[str]:
     }
 
 
-def rebuilt(
+def _rebuilt(
     attached: Mapping[str, bytes], layout_of: content.LayoutOf, issued: dt.date
 ) -> content.Certificate:
     """The certificate that the attached files make."""
     document = _document(attached)
     names = [entry["name"] for entry in document["files"] if entry["name"] in attached]
     records = {name: coefficients.loads(attached[name].decode("utf-8"), name) for name in names}
-    with tempfile.TemporaryDirectory(prefix="calibkit-") as made:
-        folder = Path(made)
-        for name in (*names, new_files.RUN_FILE):
-            (folder / Path(name).name).write_bytes(attached[name])
-        run = store.Run(folder, document, records)
-        validated = None
-        if VALIDATION in attached:
-            (folder / VALIDATION).write_bytes(attached[VALIDATION])
-            validated = as_found.load(folder / VALIDATION, run)
-        stated, text = _profile(attached.get(PROFILE, b"").decode("utf-8"))
-        return content.build(run, layout_of, stated, text, validated, issued)
-
-
-def _profile(text: str) -> tuple[profile.Profile, str]:
-    """Profile of its attached text, with the overrides that stand behind it."""
-    lines = text.splitlines(keepends=True)
-    first = len(lines)
-    while first and lines[first - 1].startswith(OVERRIDE):
-        first -= 1
-    overrides = tuple(line.removeprefix(OVERRIDE).rstrip("\n") for line in lines[first:])
-    return profile.parsed(PROFILE, "".join(lines[:first]), overrides), text
+    run, validated = RunFiles(document, records, attached), None
+    if content.VALIDATION in attached:
+        validated = as_found.parse(attached[content.VALIDATION], content.VALIDATION, run)
+    text = attached.get(content.PROFILE, b"").decode("utf-8")
+    stated = profile.parse(text, content.PROFILE)
+    return content.build(run, layout_of, stated, text, validated, issued)
 
 
 def _differences(stated: _Element, made: _Element) -> Iterator[str]:

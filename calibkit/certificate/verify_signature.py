@@ -17,8 +17,6 @@ if TYPE_CHECKING:
     from collections.abc import Iterator, Sequence
     from pathlib import Path
 
-INSTALL = "pip install 'calibkit[verify]'"
-
 
 @dataclass(frozen=True, slots=True)
 class Signature:
