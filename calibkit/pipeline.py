@@ -190,7 +190,7 @@ def _run_document(
             "overrides": list(source.overrides),
             "text": source.text,
         },
-        "inputs": [copies.entry(log) for log in identity.inputs],
+        "inputs": [copies.describe_input(log) for log in identity.inputs],
         "excluded": [entry.model_dump() for entry in spec.exclude],
         **(
             {"corrections": [entry.model_dump() for entry in spec.correction]}
@@ -223,9 +223,9 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
     with _placed(source):
         files = ingest.find_logs(spec, data)
         ingest.require_named_logs(spec, files)
-        outcomes = [examination.of(instrument, spec, data, file) for file in files]
+        outcomes = [examination.examine_log(instrument, spec, data, file) for file in files]
     reports = [outcome.report for outcome in outcomes]
-    for file, finding in examination.together(outcomes):
+    for file, finding in examination.compare_logs(outcomes):
         reports = [
             replace(report, findings=(*report.findings, finding)) if report.file == file else report
             for report in reports
@@ -254,7 +254,9 @@ def init(folder: Path) -> Proposal:
     spec = instruments.parse_recipe(recipe.Source("proposed recipe", proposed.text))
     file = ingest.find_logs(spec, folder)[0]
     try:
-        report = examination.of(instruments.find(spec.procedure), spec, folder, file).report
+        report = examination.examine_log(
+            instruments.find(spec.procedure), spec, folder, file
+        ).report
     except RecipeError as error:  # something that the logs cannot say, like the site's gravity
         said = [str(error)]
     else:
@@ -335,12 +337,12 @@ def validate(
         list[str](),
     )
     read = (
-        unseen.read(instrument, spec, data, file, inputs, excluded)
+        unseen.read_unseen(instrument, spec, data, file, inputs, excluded)
         for file in progress(files, "validating")
     )
-    new = unseen.new(read, seen, f"{data}: every log here was fitted by {run.name}")
+    new = unseen.pass_unseen(read, seen, f"{data}: every log here was fitted by {run.name}")
     body, summary = instrument.validate(spec, run.records, new)
-    flags = (*seen, *unseen.untold(run.name, inputs), *summary.flags)
+    flags = (*seen, *unseen.flag_missing_fingerprints(run.name, inputs), *summary.flags)
     summary = replace(
         summary,
         title=f"{run.name} on {len(files) - len(seen)} logs that it has not seen",

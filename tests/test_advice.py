@@ -128,15 +128,15 @@ def test_a_gain_below_nought_is_a_sign_and_no_compensation():
     """
     drift = np.linspace(0.0, 10.0, 2000)
     noise = np.random.default_rng(1).normal(0.0, 0.1, drift.size)
-    (said,) = magnitude.undrifting("a.csv", drift, 5.0 - drift + noise)
+    (said,) = magnitude.flag_missing_drift("a.csv", drift, 5.0 - drift + noise)
     assert "state sign = -1 in [columns.gyro_dph]" in said
-    (said,) = magnitude.undrifting("a.csv", drift, noise)
+    (said,) = magnitude.flag_missing_drift("a.csv", drift, noise)
     assert "sign = -1" not in said
     assert "compensated before" in said
     slopes = {f"{k}.csv": 0.1 for k in range(4)}
-    (found,) = magnitude.compensated_before(slopes | {"x.csv": -0.1})
+    (found,) = magnitude.find_compensated_logs(slopes | {"x.csv": -0.1})
     assert "sign = -1 in [columns.gyro_dph]" in found[1].advice
-    (found,) = magnitude.compensated_before(slopes | {"x.csv": 0.0})
+    (found,) = magnitude.find_compensated_logs(slopes | {"x.csv": 0.0})
     assert "sign" not in found[1].advice
 
 

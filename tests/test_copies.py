@@ -51,17 +51,17 @@ def test_an_excerpt_is_a_copy_and_another_measurement_is_none(seed, count, data)
     left = data.draw(st.integers(0, count // 20))
     excerpt = measured[left:]
     if len(excerpt) >= copies.FEWEST:
-        assert copies.fitted("b", frozenset(excerpt), [entry(measured)]) == "x.csv"
-        assert copies.alike(fingerprint(excerpt), fingerprint(measured))
+        assert copies.find_fitted_copy("b", frozenset(excerpt), [entry(measured)]) == "x.csv"
+        assert copies._alike(fingerprint(excerpt), fingerprint(measured))
     other = rows(seed + 1, count)
-    assert copies.fitted("b", frozenset(other), [entry(measured)]) == ""
-    assert not copies.alike(fingerprint(other), fingerprint(measured))
+    assert copies.find_fitted_copy("b", frozenset(other), [entry(measured)]) == ""
+    assert not copies._alike(fingerprint(other), fingerprint(measured))
 
 
 def test_a_quarter_of_a_log_is_told_from_its_fingerprint():
     """250 of 1000 rows: some 16 of the 64 that are kept, which is enough."""
     measured = rows(1, COMPARED_ROWS)
-    assert copies.fitted("b", frozenset(measured[300:550]), [entry(measured)]) == "x.csv"
+    assert copies.find_fitted_copy("b", frozenset(measured[300:550]), [entry(measured)]) == "x.csv"
 
 
 def test_a_fingerprint_is_small_and_does_not_know_the_order():
@@ -77,9 +77,9 @@ def test_without_a_fingerprint_only_the_bytes_tell():
     to be untold.
     """
     old = {"name": "old.csv", "sha256": "a", "rows": 3}
-    assert copies.same_entry(old, dict(old))
-    assert not copies.same_entry(old, entry(rows(1, 9), "b"))
-    assert copies.untold([old, entry(rows(1, 9))]) == ["old.csv"]
+    assert copies._are_same_log(old, dict(old))
+    assert not copies._are_same_log(old, entry(rows(1, 9), "b"))
+    assert copies.logs_without_fingerprint([old, entry(rows(1, 9))]) == ["old.csv"]
 
 
 def with_line_ends(folder, into):

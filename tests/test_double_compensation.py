@@ -15,17 +15,19 @@ def test_logs_of_one_gyro_drift_alike_and_the_odd_one_is_named():
     by 20 % are not.
     """
     alike = {"a": 1.0, "b": 1.1, "c": 0.9, "d": 1.2, "e": 0.8}
-    assert magnitude.compensated_before(alike) == []
+    assert magnitude.find_compensated_logs(alike) == []
     for value in (0.0, -0.9):
-        (file, finding), *rest = magnitude.compensated_before(alike | {"c": value})
+        (file, finding), *rest = magnitude.find_compensated_logs(alike | {"c": value})
         assert (file, finding.name, finding.severity, rest) == (
             "c",
             "double_compensation",
             "warn",
             [],
         )
-    assert magnitude.compensated_before({"a": 1.0, "b": 1.0, "c": 0.0}) == []
-    assert magnitude.compensated_before({"a": 1.0, "b": -1.0, "c": 0.3, "d": 0.0, "e": -2.0}) == []
+    assert magnitude.find_compensated_logs({"a": 1.0, "b": 1.0, "c": 0.0}) == []
+    assert (
+        magnitude.find_compensated_logs({"a": 1.0, "b": -1.0, "c": 0.3, "d": 0.0, "e": -2.0}) == []
+    )
 
 
 def test_a_drift_that_is_not_there_is_flagged_and_one_that_is_or_is_too_small_is_not():
@@ -35,12 +37,12 @@ def test_a_drift_that_is_not_there_is_flagged_and_one_that_is_or_is_too_small_is
     rng = np.random.default_rng(1)
     predicted = np.linspace(-1.0, 1.0, 5000) ** 2
     noise = rng.normal(0.0, 0.5, 5000)
-    assert magnitude.undrifting("a", predicted, 0.9 * predicted + noise) == []
+    assert magnitude.flag_missing_drift("a", predicted, 0.9 * predicted + noise) == []
     for gain, said in ((0.0, "compensated before"), (-1.0, "its sign is the other")):
-        (flag,) = magnitude.undrifting("a", predicted, gain * predicted + noise)
+        (flag,) = magnitude.flag_missing_drift("a", predicted, gain * predicted + noise)
         assert said in flag
-    assert magnitude.undrifting("a", 0.001 * predicted, noise) == []
-    assert magnitude.undrifting("a", np.ones(5000), noise) == []
+    assert magnitude.flag_missing_drift("a", 0.001 * predicted, noise) == []
+    assert magnitude.flag_missing_drift("a", np.ones(5000), noise) == []
 
 
 def test_a_compensated_log_among_raw_ones_is_found_and_not_compensated_in_silence(

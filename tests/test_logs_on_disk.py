@@ -34,7 +34,7 @@ def on_disk(monkeypatch):
     """Put every log on disk, and read, look at and work on it in small pieces."""
     monkeypatch.setenv(logs_on_disk.SETTING, "0")
     monkeypatch.setattr(logs_on_disk, "ROWS", 700)
-    monkeypatch.setattr(chunked, "PIECE", 1000)
+    monkeypatch.setattr(chunked, "CHUNK", 1000)
 
 
 def prepared(folder, overrides=()):

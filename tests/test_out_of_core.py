@@ -19,7 +19,7 @@ from calibkit.readers import clean
 def small(monkeypatch):
     """Read, look at and work on logs in pieces and spans that cut them anywhere."""
     monkeypatch.setattr(logs_on_disk, "ROWS", 700)
-    monkeypatch.setattr(chunked, "PIECE", 1000)
+    monkeypatch.setattr(chunked, "CHUNK", 1000)
     shorten(monkeypatch)
 
 

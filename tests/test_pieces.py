@@ -12,7 +12,7 @@ FILE = "ramp_heating_05.csv"
 @pytest.fixture
 def small(monkeypatch):
     """Make pieces of 1,000 rows and thinned logs of at most 2,700."""
-    monkeypatch.setattr(chunked, "PIECE", 1000)
+    monkeypatch.setattr(chunked, "CHUNK", 1000)
     monkeypatch.setattr(chunked, "KEPT", 2700)
 
 
@@ -21,7 +21,7 @@ def both(folder, overrides=()):
     spec = instruments.parse_recipe(recipe.find("fog_thermal", overrides))
     procedure = instruments.find(spec.procedure)
     return [
-        examination.of(procedure, spec, folder, FILE, largest=largest).report
+        examination.examine_log(procedure, spec, folder, FILE, largest=largest).report
         for largest in (1 << 40, 0)
     ]
 

@@ -33,11 +33,11 @@ def test_a_lag_is_found_and_changes_its_sign_with_the_columns(rate, lag):
     what they are.
     """
     time, case, air = lagged(rate, lag)
-    found, exchanged = lead.of(time, case, air), lead.of(time, air, case)
+    found, exchanged = lead.fit_lead(time, case, air), lead.fit_lead(time, air, case)
     assert found.lag_s == pytest.approx(lag, rel=0.35)
     assert found.correlation > 0.7
     assert exchanged.correlation < -0.7
-    in_minutes = lead.of(time / 60.0, case, air)
+    in_minutes = lead.fit_lead(time / 60.0, case, air)
     assert in_minutes.lag_s == pytest.approx(found.lag_s / 60.0, rel=1e-9)
     assert in_minutes.swing == pytest.approx(found.swing, rel=1e-9)
 
@@ -162,7 +162,7 @@ def test_only_several_rates_that_agree_tell(rates, told):
     """One log, one rate in two logs, one log that kept its rate, names without numbers: nothing is
     claimed.
     """
-    assert bool(thermometers.named(rates)) == told
+    assert bool(thermometers.check_rates_in_names(rates)) == told
 
 
 def test_a_rate_of_the_recipe_that_the_log_does_not_show_is_flagged(ramps, tmp_path, calibkit):

@@ -29,11 +29,11 @@ if TYPE_CHECKING:
 
 LARGEST = 100_000_000
 """Bytes of a log up to which it is read whole."""
-PIECE = 1 << 20
+CHUNK = 1 << 20
 """Rows of a piece."""
 KEPT = 1 << 18
 """Rows of the thinned log, at most."""
-BY_PIECE = (
+FOUND_IN_CHUNKS = (
     "spike",
     "stuck",
     "saturated",
@@ -48,7 +48,7 @@ BY_PIECE = (
 
 
 @dataclass(frozen=True, slots=True)
-class Pieced:
+class ChunkedLog:
     """A log that was looked at in pieces: thinned to means of `thinned` rows, what the pieces
     showed, the facts of the whole.
     """
@@ -59,7 +59,7 @@ class Pieced:
     facts: Facts
 
 
-def of(
+def examine_file(
     recipe: Recipe,
     path: Path,
     file: str,
@@ -67,7 +67,7 @@ def of(
     optional: Sequence[str],
     *,
     largest: int = LARGEST,
-) -> Pieced | None:
+) -> ChunkedLog | None:
     """Look at a large clean log in pieces; none for a log that is read whole. Raises as
     `ingest.read_log`.
     """
@@ -81,15 +81,15 @@ def of(
     if scan is None:
         return None
     every = -(-scan.rows // KEPT)
-    tables = clean.read_chunks(path, file, scan, PIECE // every * every)
+    tables = clean.read_chunks(path, file, scan, CHUNK // every * every)
     logs = (mapping.map_log(recipe, table, needed, optional, whole=False) for table in tables)
     return _through(recipe, logs, scan.rows, every)
 
 
-def through(recipe: Recipe, log: Log) -> Pieced:
+def examine_on_disk(recipe: Recipe, log: Log) -> ChunkedLog:
     """Look at a log whose columns are on disk in pieces."""
     every = -(-len(log.frame) // KEPT)
-    rows = PIECE // every * every
+    rows = CHUNK // every * every
 
     def parts() -> Iterator[Log]:
         for start in range(0, len(log.frame), rows):
@@ -101,7 +101,7 @@ def through(recipe: Recipe, log: Log) -> Pieced:
     return found
 
 
-def _through(recipe: Recipe, logs: Iterable[Log], rows: int, every: int) -> Pieced | None:
+def _through(recipe: Recipe, logs: Iterable[Log], rows: int, every: int) -> ChunkedLog | None:
     """Look at the pieces of a log of so many rows, thinned to means of `every` rows; none where
     they hold no row.
     """
@@ -113,7 +113,7 @@ def _through(recipe: Recipe, logs: Iterable[Log], rows: int, every: int) -> Piec
         if log.frame.empty:
             continue
         found += _looked_at(recipe, log, last, first=not parts)
-        parts.append(facts.of(log))
+        parts.append(facts.describe_log(log))
         frames.append(_thinned(log.frame, every))
         last = replace(log, frame=log.frame.iloc[-1:])
     if last is None:
@@ -123,7 +123,7 @@ def _through(recipe: Recipe, logs: Iterable[Log], rows: int, every: int) -> Piec
         " rows"
     )
     thin = replace(last, frame=pd.concat(frames), rows=rows, notes=(*last.notes, note))
-    return Pieced(thin, every, tuple(_merged(found)), facts.joined(parts))
+    return ChunkedLog(thin, every, tuple(_merged(found)), facts.merge_facts(parts))
 
 
 def _thinned(frame: pd.DataFrame, every: int) -> pd.DataFrame:
@@ -141,28 +141,33 @@ def _looked_at(recipe: Recipe, log: Log, last: Log | None, *, first: bool) -> li
     """Findings of one piece; the last row of the piece before it stands above it."""
     joined = log if last is None else replace(log, frame=pd.concat([last.frame, log.frame]))
     columns = [str(name) for name in log.frame.columns]
-    found = check.finite(log, columns)
+    found = check.find_missing_values(log, columns)
     if found:
         return found
     if "time_s" in columns:
-        found += [*check.monotonic(joined), *check.gaps(joined, recipe.largest_gap_s())]
+        found += [
+            *check.find_unordered_times(joined),
+            *check.find_gaps(joined, recipe.largest_gap_s()),
+        ]
     temperatures = [name for name in columns if name.startswith("temp_")]
-    found += check.plausible_temperature(log, temperatures)
+    found += check.find_implausible_temperatures(log, temperatures)
     gyros = [name for name in columns if name.endswith("_dph")]
     for name in gyros:
-        found += check.plausible_rate(log, name)
+        found += check.find_implausible_rates(log, name)
     for name in dict.fromkeys((*gyros, *recipe.still_columns())):
-        found += check.series.indication(log, name, units.column_unit(name))
+        found += check.series.check_indication(log, name, units.column_unit(name))
     if {"temp_case_degc", "temp_env_degc"} <= set(columns):
-        found += check.series.temperatures(log, "temp_case_degc", "temp_env_degc")
+        found += check.series.check_case_and_air(log, "temp_case_degc", "temp_env_degc")
     else:
         found += [
-            finding for name in temperatures for finding in check.series.temperature(log, name)
+            finding
+            for name in temperatures
+            for finding in check.series.check_temperature(log, name)
         ]
     return [
         finding
         for finding in found
-        if finding.name in BY_PIECE and (first or finding.name != "start_up")
+        if finding.name in FOUND_IN_CHUNKS and (first or finding.name != "start_up")
     ]
 
 

@@ -26,14 +26,14 @@ GAP = 2.5
 """Sampling intervals, in medians, that are a gap."""
 
 
-def line(log: Log, row: int) -> int:
+def line_of_row(log: Log, row: int) -> int:
     """Line of the file that a row of the frame came from, in the part of a split log that holds
     it.
     """
     return int(log.place(row).rsplit(":", 1)[1])
 
 
-def at_row(
+def finding_at_row(
     log: Log,
     row: int,
     column: str,
@@ -51,10 +51,12 @@ def at_row(
     timed = "time_s" in log.frame.columns
     time = float(log.frame["time_s"].iloc[row]) if timed else None
     place = f"{log.place(row)}: column '{column}'"
-    return Finding(place, found, expected, advice, severity, name, line(log, row), time, figure)
+    return Finding(
+        place, found, expected, advice, severity, name, line_of_row(log, row), time, figure
+    )
 
 
-def rows(log: Log, minimum: int) -> list[Finding]:
+def find_too_few_rows(log: Log, minimum: int) -> list[Finding]:
     """Too few rows."""
     count = len(log.frame)
     if count >= minimum:
@@ -72,7 +74,7 @@ def rows(log: Log, minimum: int) -> list[Finding]:
     ]
 
 
-def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
+def find_missing_values(log: Log, columns: Sequence[str]) -> list[Finding]:
     """Missing or infinite values in columns that are needed."""
     findings = []
     for column in columns:
@@ -86,7 +88,7 @@ def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
             advice = "leave the range out with [[exclude]], or repair the log"
             expected = "a number in every row"
             findings.append(
-                at_row(
+                finding_at_row(
                     log,
                     int(bad[0]),
                     column,
@@ -100,7 +102,7 @@ def finite(log: Log, columns: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def monotonic(log: Log) -> list[Finding]:
+def find_unordered_times(log: Log) -> list[Finding]:
     """Time that stands still or runs backwards."""
     if log.steps.shortest > 0.0:
         return []
@@ -114,7 +116,7 @@ def monotonic(log: Log) -> list[Finding]:
     found = f"time {word} at {time[k]:.10g} s → {time[k + 1]:.10g} s {rows}"
     advice = "sort or split the log, or leave the rows out with [[exclude]]"
     return [
-        at_row(
+        finding_at_row(
             log,
             k + 1,
             "time_s",
@@ -127,7 +129,7 @@ def monotonic(log: Log) -> list[Finding]:
     ]
 
 
-def gaps(log: Log, limit_s: float) -> list[Finding]:
+def find_gaps(log: Log, limit_s: float) -> list[Finding]:
     """Gaps in time: refused above the limit, flagged where samples are missing at all.
 
     A gap that an [[exclude]] table made is called that.
@@ -158,7 +160,9 @@ def _long_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
             "exclude from the log's start or to its end, split the log there, or raise max_gap_s in"
             " the recipe"
         )
-    return at_row(log, k + 1, "time_s", found, f"at most {limit_s:g} s", advice, "gap", figure=step)
+    return finding_at_row(
+        log, k + 1, "time_s", found, f"at most {limit_s:g} s", advice, "gap", figure=step
+    )
 
 
 def _short_gaps(log: Log, missing: Integers, step: Array, usual: float) -> list[Finding]:
@@ -172,11 +176,13 @@ def _short_gaps(log: Log, missing: Integers, step: Array, usual: float) -> list[
     largest = float(step.max())
     every = f"a row every {usual:g} s"
     return [
-        at_row(log, k + 1, "time_s", found, every, advice, "gap", severity="warn", figure=largest)
+        finding_at_row(
+            log, k + 1, "time_s", found, every, advice, "gap", severity="warn", figure=largest
+        )
     ]
 
 
-def bridged(log: Log) -> list[str]:
+def flag_bridged_gaps(log: Log) -> list[str]:
     """Flag for the gaps that a compensation with a memory runs across: their number, the longest,
     the time they take.
 
@@ -199,7 +205,7 @@ def bridged(log: Log) -> list[str]:
     return [f"{said}: the compensation runs across {them} and knows nothing of what happened there"]
 
 
-def varying(log: Log, columns: Sequence[str]) -> list[Finding]:
+def find_constant_columns(log: Log, columns: Sequence[str]) -> list[Finding]:
     """Columns that the model needs to vary and that are constant."""
     findings = []
     for column in columns:
@@ -212,7 +218,7 @@ def varying(log: Log, columns: Sequence[str]) -> list[Finding]:
     return findings
 
 
-def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
+def find_implausible_temperatures(log: Log, columns: Sequence[str]) -> list[Finding]:
     """Temperatures that no chamber reaches: a wrong unit, or a sentinel of an open sensor."""
     findings = []
     for column in columns:
@@ -230,12 +236,14 @@ def plausible_temperature(log: Log, columns: Sequence[str]) -> list[Finding]:
             expected = f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} °C"
             figure = float(data[bad[0]])
             findings.append(
-                at_row(log, int(bad[0]), column, found, expected, advice, "range", figure=figure)
+                finding_at_row(
+                    log, int(bad[0]), column, found, expected, advice, "range", figure=figure
+                )
             )
     return findings
 
 
-def plausible_rate(log: Log, column: str) -> list[Finding]:
+def find_implausible_rates(log: Log, column: str) -> list[Finding]:
     """Rates that no gyro on a bench indicates: a sentinel, or another unit."""
     low, high = log.extremes(column)
     if low >= -LARGEST_RATE_DPH and high <= LARGEST_RATE_DPH:
@@ -248,7 +256,7 @@ def plausible_rate(log: Log, column: str) -> list[Finding]:
     advice = f"state the log's unit in [columns.{column}], or leave the rows out with [[exclude]]"
     expected = f"at most {LARGEST_RATE_DPH:g} deg/h"
     return [
-        at_row(
+        finding_at_row(
             log, int(wild[0]), column, found, expected, advice, "range", figure=float(data[wild[0]])
         )
     ]

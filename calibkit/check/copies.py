@@ -31,7 +31,7 @@ FINGERPRINT = "fingerprint"
 """Key of a log in run.json that holds the fingerprint of its values."""
 
 
-def of(logs: Iterable[tuple[str, str, frozenset[bytes]]]) -> list[tuple[str, str]]:
+def find_copies(logs: Iterable[tuple[str, str, frozenset[bytes]]]) -> list[tuple[str, str]]:
     """Copies among logs of (file, SHA-256, first rows as `frame.first_rows`): each with what it is
     a copy of.
     """
@@ -47,7 +47,7 @@ def of(logs: Iterable[tuple[str, str, frozenset[bytes]]]) -> list[tuple[str, str
     return found
 
 
-def distinct(logs: Iterable[Log]) -> Iterator[Log]:
+def refuse_copies(logs: Iterable[Log]) -> Iterator[Log]:
     """Pass logs through as they are read; FrameError for the first that is a copy of one before
     it.
     """
@@ -76,7 +76,7 @@ def _are_copies(shared: int, fewer: int) -> bool:
     return fewer >= FEWEST and shared >= SHARED * fewer
 
 
-def alike(one: str, other: str) -> bool:
+def _alike(one: str, other: str) -> bool:
     """Whether two fingerprints are of copies: their rows up to the digest that both samples
     reach.
     """
@@ -94,21 +94,23 @@ def _digests(text: str) -> frozenset[str]:
     return frozenset(text[k : k + KEPT_DIGITS] for k in range(0, len(text), KEPT_DIGITS))
 
 
-def fitted(sha256: str, rows: frozenset[bytes], inputs: Sequence[Mapping[str, object]]) -> str:
+def find_fitted_copy(
+    sha256: str, rows: frozenset[bytes], inputs: Sequence[Mapping[str, object]]
+) -> str:
     """Name of the log of a run's inputs that a log of these rows is a copy of, or nothing."""
     one = {"sha256": sha256, FINGERPRINT: fingerprint(rows)}
-    return next((str(other["name"]) for other in inputs if same_entry(one, other)), "")
+    return next((str(other["name"]) for other in inputs if _are_same_log(one, other)), "")
 
 
-def same_entry(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
+def _are_same_log(one: Mapping[str, object], other: Mapping[str, object]) -> bool:
     """Whether two logs, as run.json lists them, are one measurement; of runs that keep no
     fingerprint only by their bytes.
     """
     marks = str(one.get(FINGERPRINT, "")), str(other.get(FINGERPRINT, ""))
-    return one["sha256"] == other["sha256"] or (all(marks) and alike(*marks))
+    return one["sha256"] == other["sha256"] or (all(marks) and _alike(*marks))
 
 
-def entry(log: Input) -> dict[str, object]:
+def describe_input(log: Input) -> dict[str, object]:
     """A log as run.json lists it: what identifies it, a fingerprint of its values, how it was read,
     what of that was guessed, the digest of a second logger's file.
     """
@@ -121,20 +123,20 @@ def entry(log: Input) -> dict[str, object]:
     return log.identity() | {key: value for key, value in stated.items() if value}
 
 
-def marks(one: Mapping[str, object]) -> frozenset[str]:
+def digests_of_input(one: Mapping[str, object]) -> frozenset[str]:
     """Digests of a log, as run.json lists it, and of its rows: a copy has at least one of them
     too.
     """
     return _digests(str(one.get(FINGERPRINT, ""))) | {str(one["sha256"])}
 
 
-def shared(
+def shared_logs(
     some: Sequence[Mapping[str, object]], others: Sequence[Mapping[str, object]]
 ) -> list[str]:
     """Names of the logs that are among others too, both as run.json lists them."""
-    return [str(one["name"]) for one in some if any(same_entry(one, other) for other in others)]
+    return [str(one["name"]) for one in some if any(_are_same_log(one, other) for other in others)]
 
 
-def untold(inputs: Sequence[Mapping[str, object]]) -> list[str]:
+def logs_without_fingerprint(inputs: Sequence[Mapping[str, object]]) -> list[str]:
     """Names of the logs of a run of which only a copy of the very bytes can be told."""
     return [str(one["name"]) for one in inputs if not one.get(FINGERPRINT)]

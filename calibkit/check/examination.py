@@ -38,7 +38,7 @@ class Examiner(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Outcome:
+class Examination:
     """What was found in a log, and its figure where it could be read."""
 
     report: LogReport
@@ -50,18 +50,18 @@ class Outcome:
     """Its first rows, by which copies are seen."""
 
 
-def of(
+def examine_log(
     procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = chunked.LARGEST
-) -> Outcome:
+) -> Examination:
     """Read and examine one log, in pieces where its file is larger; one that cannot be read or used
     is a refused finding.
     """
-    seen: list[chunked.Pieced] = []
+    seen: list[chunked.ChunkedLog] = []
 
     def reader(
         recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
     ) -> Log:
-        pieced = chunked.of(recipe, path, file, needed, optional, largest=largest)
+        pieced = chunked.examine_file(recipe, path, file, needed, optional, largest=largest)
         if pieced is None:
             return ingest.read_log(recipe, path, file, needed, optional)
         seen.append(pieced)
@@ -70,19 +70,19 @@ def of(
     try:
         log = procedure.read(spec, data, file, reader)
     except (LogFormatError, FrameError, FitError) as error:
-        return Outcome(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
+        return Examination(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
     try:
         examined = procedure.examine(spec, log)
         findings, found = examined.findings, examined.held
     except (FrameError, FitError) as error:
         findings, found = (Finding.of(error),), ()
-    whole = facts.of(log)
+    whole = facts.describe_log(log)
     if seen:
-        rest = (finding for finding in findings if finding.name not in chunked.BY_PIECE)
+        rest = (finding for finding in findings if finding.name not in chunked.FOUND_IN_CHUNKS)
         findings, whole = (*seen[0].findings, *rest), seen[0].facts
     held = tuple(_condition(log, part) for part in found)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
-    return Outcome(
+    return Examination(
         report,
         _figure(log, held, findings),
         None if report.refused else _drift_slope(log),
@@ -118,10 +118,12 @@ def _drift_slope(log: Log) -> float | None:
     """Slope of the indication over the case temperature; none where the log has not both."""
     if not {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(log.frame.columns):
         return None
-    return magnitude.drift_slope(values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph"))
+    return magnitude.fit_drift_slope(
+        values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph")
+    )
 
 
-def together(outcomes: Sequence[Outcome]) -> list[tuple[str, Finding]]:
+def compare_logs(outcomes: Sequence[Examination]) -> list[tuple[str, Finding]]:
     """What only several logs show: copies, and logs that do not drift like the others."""
     slopes = {
         outcome.report.file: outcome.drift_slope
@@ -133,7 +135,11 @@ def together(outcomes: Sequence[Outcome]) -> list[tuple[str, Finding]]:
         for o in outcomes
     }
     rates = {file: found[0] for file, found in ramps.items() if len(found) == 1}
-    return [*_copies(outcomes), *magnitude.compensated_before(slopes), *thermometers.named(rates)]
+    return [
+        *_copies(outcomes),
+        *magnitude.find_compensated_logs(slopes),
+        *thermometers.check_rates_in_names(rates),
+    ]
 
 
 def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:
@@ -144,14 +150,14 @@ def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:
     )
 
 
-def _copies(outcomes: Sequence[Outcome]) -> list[tuple[str, Finding]]:
+def _copies(outcomes: Sequence[Examination]) -> list[tuple[str, Finding]]:
     """Logs that came in twice under two names, with the finding of each: one would vouch for the
     other.
     """
     logs = ((outcome.report.file, outcome.report.sha256, outcome.content) for outcome in outcomes)
     return [
         (file, Finding(file, said, "another log", "keep one of the two logs", name="copy"))
-        for file, said in copies.of(logs)
+        for file, said in copies.find_copies(logs)
     ]
 
 
@@ -178,6 +184,8 @@ def _figure(log: Log, held: Sequence[HeldCondition], findings: Sequence[Finding]
         if finding.time_s is not None
     )
     spans = tuple((part.kind, part.first, part.last) for part in held)
-    occupancy = tuple((part.low, part.high, part.share) for part in facts.of(log).occupancy)
+    occupancy = tuple(
+        (part.low, part.high, part.share) for part in facts.describe_log(log).occupancy
+    )
     axis = "time [s]" if "time_s" in frame.columns else "row"
     return LogFigure(log.file, axis, curves, spans, marks, occupancy)

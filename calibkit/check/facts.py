@@ -64,13 +64,13 @@ class Facts:
     occupancy: tuple[Occupancy, ...]
 
 
-def of(log: Log) -> Facts:
+def describe_log(log: Log) -> Facts:
     """Facts of a log that was read."""
     frame = log.frame
     names = [name for name in frame.columns if name not in ("run", "time_s")]
     columns = tuple(_column(name, values(frame, name)) for name in names)
     temperature = next((name for name in names if name.endswith("_degc")), "")
-    occupancy = occupied(values(frame, temperature)) if temperature else ()
+    occupancy = _occupancy(values(frame, temperature)) if temperature else ()
     if "time_s" not in frame.columns or len(frame) < 2:
         return Facts(len(frame), 0.0, 0.0, 0.0, 0, columns, occupancy)
     time = values(frame, "time_s")
@@ -96,7 +96,7 @@ def _column(name: str, data: Array) -> ColumnFacts:
     )
 
 
-def occupied(temperature: Array) -> tuple[Occupancy, ...]:
+def _occupancy(temperature: Array) -> tuple[Occupancy, ...]:
     """Occupancy of a temperature [n, °C] in bins of ten degrees, from the coldest to the
     hottest.
     """
@@ -114,7 +114,7 @@ def occupied(temperature: Array) -> tuple[Occupancy, ...]:
     )
 
 
-def joined(parts: Sequence[Facts]) -> Facts:
+def merge_facts(parts: Sequence[Facts]) -> Facts:
     """Facts of a log from those of its pieces, one after the other."""
     rows = sum(part.rows for part in parts)
     names = [column.name for column in parts[0].columns]

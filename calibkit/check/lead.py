@@ -32,7 +32,7 @@ class Lead:
     """Range of the deficit that the rates make [unit]."""
 
 
-def of(time: Array, follower: Array, driver: Array) -> Lead:
+def fit_lead(time: Array, follower: Array, driver: Array) -> Lead:
     """Gain, offset and lag of a follower [n] to its driver [n] over time [n, s].
 
     The rate is that of the mean of both, by central differences of block means: an exchange of the

@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.check.content import at_row
+from calibkit.check.content import finding_at_row
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, order_statistics, segments
@@ -55,7 +55,7 @@ COMPENSATED = re.compile(
 """Words in a column's name that say it was corrected before."""
 
 
-def gyro(log: Log, column: str) -> list[Finding]:
+def check_gyro_unit(log: Log, column: str) -> list[Finding]:
     """A gyro at rest whose indication is too small or too large for °/h."""
     data = values(log.frame, column)
     low, high = log.extremes(column)
@@ -70,10 +70,12 @@ def gyro(log: Log, column: str) -> list[Finding]:
         expected = f"a bias below {FASTEST_DPH:g} deg/h"
     else:
         return []
-    return [at_row(log, 0, column, what, expected, advice, "unit", severity="warn", figure=span)]
+    return [
+        finding_at_row(log, 0, column, what, expected, advice, "unit", severity="warn", figure=span)
+    ]
 
 
-def at_rest(log: Log, column: str) -> list[Finding]:
+def check_noise_unit(log: Log, column: str) -> list[Finding]:
     """A gyro in a record of noise whose indication is too small or too large for °/h; what is
     missing is left out.
 
@@ -88,10 +90,10 @@ def at_rest(log: Log, column: str) -> list[Finding]:
         and abs(float(np.median(kept))) > QUIETEST_MEAN_DPH
     ):
         return []
-    return gyro(replace(log, frame=log.frame[np.isfinite(data)]), column)
+    return check_gyro_unit(replace(log, frame=log.frame[np.isfinite(data)]), column)
 
 
-def interval(log: Log) -> list[Finding]:
+def check_sampling_unit(log: Log) -> list[Finding]:
     """A clock whose unit makes a record of noise one sample in minutes."""
     step = float(np.median(np.diff(values(log.frame, "time_s"))))
     if step < SLOWEST_SAMPLING_S:
@@ -110,7 +112,7 @@ def interval(log: Log) -> list[Finding]:
     ]
 
 
-def clock(log: Log, air: str) -> list[Finding]:
+def check_time_unit(log: Log, air: str) -> list[Finding]:
     """A clock whose unit makes the chamber change at a rate that no chamber has."""
     thinned = slice(None, None, len(log.frame) // 20_000 + 1)
     time, data = values(log.frame, "time_s")[thinned], values(log.frame, air)[thinned]
@@ -129,7 +131,7 @@ def clock(log: Log, air: str) -> list[Finding]:
     return [_warn(log, "time_s", what, expected, advice, "unit", fastest)]
 
 
-def gravity(log: Log, axes: Sequence[str]) -> list[Finding]:
+def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
     """A triad whose length is not one g in most rows: another unit."""
     columns = [values(log.frame, axis) for axis in axes]
 
@@ -150,7 +152,9 @@ def gravity(log: Log, axes: Sequence[str]) -> list[Finding]:
     return [_warn(log, axes[0], what, "1 g", advice, "unit", usual)]
 
 
-def sense(log: Log, axes: Sequence[str], expected: Callable[[int, int], Array]) -> list[Finding]:
+def check_triad_sign(
+    log: Log, axes: Sequence[str], expected: Callable[[int, int], Array]
+) -> list[Finding]:
     """A triad that has the opposite sign of what its attitude lets expect in rows first … stop − 1:
     [k, 3].
     """
@@ -179,7 +183,7 @@ def sense(log: Log, axes: Sequence[str], expected: Callable[[int, int], Array]) 
     ]
 
 
-def rotation(log: Log, column: str, rate: str) -> list[Finding]:
+def check_gyro_sign(log: Log, column: str, rate: str) -> list[Finding]:
     """A gyro whose counts fall while the table turns faster."""
     data, turned = values(log.frame, column), values(log.frame, rate)
     if any(low == high for low, high in (log.extremes(column), log.extremes(rate))):
@@ -196,7 +200,7 @@ def rotation(log: Log, column: str, rate: str) -> list[Finding]:
     return [finding]
 
 
-def compensated(log: Log, recipe: Recipe, columns: Sequence[str]) -> list[Finding]:
+def find_compensated_names(log: Log, recipe: Recipe, columns: Sequence[str]) -> list[Finding]:
     """Indications whose own name in the log says that they were corrected before: never compensate
     twice.
     """
@@ -223,7 +227,7 @@ def compensated(log: Log, recipe: Recipe, columns: Sequence[str]) -> list[Findin
     return found
 
 
-def drift_slope(case: Array, indication: Array) -> float:
+def fit_drift_slope(case: Array, indication: Array) -> float:
     """Slope [°/h/K] of an indication [n, °/h] over the case temperature [n, °C] by least squares; 0
     where it stands still.
     """
@@ -232,7 +236,7 @@ def drift_slope(case: Array, indication: Array) -> float:
     return float(above @ indication) / power if power > 0.0 else 0.0
 
 
-def compensated_before(slopes: Mapping[str, float]) -> list[tuple[str, Finding]]:
+def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Finding]]:
     """Logs whose drift over temperature is missing, or the other way round, while that of all
     others agrees.
 
@@ -271,7 +275,7 @@ def compensated_before(slopes: Mapping[str, float]) -> list[tuple[str, Finding]]
     return found
 
 
-def undrifting(file: str, predicted: Array, indication: Array) -> list[str]:
+def flag_missing_drift(file: str, predicted: Array, indication: Array) -> list[str]:
     """Flag for a log [n, °/h] that does not show the drift [n, °/h] that is about to be taken off
     it.
 
@@ -287,7 +291,7 @@ def undrifting(file: str, predicted: Array, indication: Array) -> list[str]:
     power = float(np.sum((x - x.mean()) ** 2))
     if power == 0.0:
         return []
-    gain = drift_slope(x, y)
+    gain = fit_drift_slope(x, y)
     left = y - y.mean() - gain * (x - x.mean())
     # blocks of one log are not independent: a tenth of them counts
     uncertainty = float(np.sqrt(np.mean(left**2) * 10.0 / power))

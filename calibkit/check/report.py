@@ -62,7 +62,7 @@ class LogReport:
         return any(finding.refused for finding in self.findings)
 
 
-def document(reports: Sequence[LogReport]) -> dict[str, Any]:
+def report_document(reports: Sequence[LogReport]) -> dict[str, Any]:
     """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it,
     then each log.
     """
@@ -91,7 +91,7 @@ def _entry(report: LogReport) -> dict[str, Any]:
     }
 
 
-def lines(report: LogReport) -> list[str]:
+def report_lines(report: LogReport) -> list[str]:
     """Lines about one log: what it holds, then what was found, the worst first."""
     said = [f"{report.file}: ok" if not report.findings else report.file]
     if report.facts:

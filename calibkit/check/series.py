@@ -10,7 +10,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.check.content import at_row
+from calibkit.check.content import finding_at_row
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, order_statistics
 
@@ -38,52 +38,52 @@ LEVELS = 16
 """Distinct values of a quantised indication, at most."""
 
 
-def indication(log: Log, column: str, unit: str) -> list[Finding]:
+def check_indication(log: Log, column: str, unit: str) -> list[Finding]:
     """Spikes, stuck and clipped values, jumps of the bias, start-up rows and coarse steps of a
     static indication.
     """
     data = values(log.frame, column)
-    early = start_up(log, column, data, unit)
+    early = _start_up(log, column, data, unit)
     stuck = anomalies.stuck(data)
-    steps = coarse(log, column, data, unit)
+    steps = _coarse(log, column, data, unit)
     return [
         *early,
-        *spikes(log, column, data, unit),
-        *stuck_runs(log, column, data, stuck, unit),
-        *(() if len(stuck) else clipped(log, column, data, unit)),
-        *(() if steps else jumps(log, column, anomalies.despiked(data), unit)),
+        *_spikes(log, column, data, unit),
+        *_stuck_runs(log, column, data, stuck, unit),
+        *(() if len(stuck) else _clipped(log, column, data, unit)),
+        *(() if steps else _jumps(log, column, anomalies.despiked(data), unit)),
         *steps,
     ]
 
 
-def temperatures(log: Log, case: str, air: str) -> list[Finding]:
+def check_case_and_air(log: Log, case: str, air: str) -> list[Finding]:
     """Spikes and stuck thermometers of a case and the chamber air around it."""
     found = []
     of_case, of_air = values(log.frame, case), values(log.frame, air)
     for column, data in ((case, of_case), (air, of_air)):
-        found += spikes(log, column, data, "°C", least=SPIKE_DEGC)
+        found += _spikes(log, column, data, "°C", least=SPIKE_DEGC)
     moved = max(LEAD_DEGC, 5.0 * anomalies.resolution(of_case))
     runs = anomalies.equal_runs(of_case, anomalies.SHORTEST_RUN)
     frozen = (
         anomalies.stuck_against(of_air, moved, runs),
         anomalies.frozen(of_case, SPIKE_DEGC, runs),
     )
-    found += stuck_runs(log, case, of_case, np.unique(np.concatenate(frozen), axis=0), "°C")
+    found += _stuck_runs(log, case, of_case, np.unique(np.concatenate(frozen), axis=0), "°C")
     # a case comes to meet the air that stands still; a case that leaves it was driven by air that
     # the log does not show
     runs = anomalies.equal_runs(of_air, anomalies.SHORTEST_RUN)
     first, last = runs[:, 0], runs[:, 1] - 1
     left = np.abs(of_case[last] - of_air[last]) - np.abs(of_case[first] - of_air[first]) > moved
     frozen = (runs[left], anomalies.frozen(of_air, SPIKE_DEGC, runs))
-    return [*found, *stuck_runs(log, air, of_air, np.unique(np.concatenate(frozen), axis=0), "°C")]
+    return [*found, *_stuck_runs(log, air, of_air, np.unique(np.concatenate(frozen), axis=0), "°C")]
 
 
-def temperature(log: Log, column: str) -> list[Finding]:
+def check_temperature(log: Log, column: str) -> list[Finding]:
     """Spikes of one thermometer."""
-    return spikes(log, column, values(log.frame, column), "°C", least=SPIKE_DEGC)
+    return _spikes(log, column, values(log.frame, column), "°C", least=SPIKE_DEGC)
 
 
-def turned_back(log: Log, column: str) -> list[Finding]:
+def find_turn_back(log: Log, column: str) -> list[Finding]:
     """A run one way, from a temperature to another, that turns back on its way: the chamber stopped
     or was opened.
 
@@ -115,7 +115,7 @@ def turned_back(log: Log, column: str) -> list[Finding]:
     )
     expected = "a temperature that goes one way"
     return [
-        at_row(
+        finding_at_row(
             log,
             first * block,
             column,
@@ -129,7 +129,9 @@ def turned_back(log: Log, column: str) -> list[Finding]:
     ]
 
 
-def driven(log: Log, column: str, driver: str, unit: str, full_span: float) -> list[Finding]:
+def check_driven_indication(
+    log: Log, column: str, driver: str, unit: str, full_span: float
+) -> list[Finding]:
     """Stuck or clipped values of an indication: it stands still while what drives it moves by a
     hundredth of its span.
 
@@ -146,7 +148,7 @@ def driven(log: Log, column: str, driver: str, unit: str, full_span: float) -> l
     at_end = np.isin(data[noisy[:, 0]], log.extremes(column))
     joined = np.unique(np.concatenate((runs, noisy[at_end])), axis=0)
     return [
-        *stuck_runs(log, column, data, joined, unit),
+        *_stuck_runs(log, column, data, joined, unit),
         *_held_spikes(log, column, data, cause, unit, UNEVEN * full_span),
     ]
 
@@ -172,7 +174,7 @@ def _held_spikes(
     return _told(log, column, data, np.concatenate(found), unit) if found else []
 
 
-def spikes(log: Log, column: str, data: Array, unit: str, *, least: float = 0.0) -> list[Finding]:
+def _spikes(log: Log, column: str, data: Array, unit: str, *, least: float = 0.0) -> list[Finding]:
     """Single rows far from their neighbours, told in one finding at the worst."""
     return _told(
         log, column, data, _pieces(data, lambda part: anomalies.spikes(part, least=least)), unit
@@ -195,7 +197,7 @@ def _told(log: Log, column: str, data: Array, found: Integers, unit: str) -> lis
     advice = "leave spikes out with [[exclude]]; only the models on levels are robust against them"
     expected = "samples that scatter alike"
     return [
-        at_row(
+        finding_at_row(
             log,
             worst,
             column,
@@ -221,7 +223,7 @@ def _pieces(data: Array, look: Callable[[Array], Integers]) -> Integers:
     return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
 
 
-def stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) -> list[Finding]:
+def _stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) -> list[Finding]:
     """Values that stand still: saturated where they stand at the column's extreme, else stuck."""
     if not len(runs):
         return []
@@ -229,7 +231,7 @@ def stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) ->
     first, stop = runs[int(np.argmax(length))].tolist()
     value = float(data[first])
     at_end = value in chunks.extremes(data)
-    word = "saturated" if at_end and column_is_indication(column) else "stuck"
+    word = "saturated" if at_end and _is_indication(column) else "stuck"
     span = f" ({_seconds(log, first, stop)})" if "time_s" in log.frame.columns else ""
     others = f", the longest of {len(runs)} such runs" if len(runs) > 1 else ""
     what = f"{word} at {value:g} {unit} for {stop - first} rows{span}{others}"
@@ -241,7 +243,7 @@ def stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) ->
         )
     name = word
     return [
-        at_row(
+        finding_at_row(
             log,
             first,
             column,
@@ -255,7 +257,7 @@ def stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) ->
     ]
 
 
-def column_is_indication(column: str) -> bool:
+def _is_indication(column: str) -> bool:
     """Whether a column is what an instrument under calibration indicates, not a reference."""
     return column.startswith(("gyro", "accel"))
 
@@ -266,7 +268,7 @@ def _seconds(log: Log, first: int, stop: int) -> str:
     return f"{time[first]:g} s to {time[stop - 1]:g} s"
 
 
-def clipped(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+def _clipped(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """Values that pile up at the largest or smallest."""
     pile = anomalies.clipped(data)
     if pile is None:
@@ -280,11 +282,13 @@ def clipped(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     row = int(np.flatnonzero(data == value)[0])
     expected = "extremes that few rows reach"
     return [
-        at_row(log, row, column, what, expected, advice, "saturated", severity="warn", figure=value)
+        finding_at_row(
+            log, row, column, what, expected, advice, "saturated", severity="warn", figure=value
+        )
     ]
 
 
-def jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+def _jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """Sudden changes of the bias that stay, told in one finding at the largest."""
     window = int(np.clip(data.size // 50, 20, 2000))
     rows, change = anomalies.jumps(data, window)
@@ -300,7 +304,7 @@ def jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     expected = "a bias that drifts"
     figure = float(change[k])
     return [
-        at_row(
+        finding_at_row(
             log,
             int(rows[k]),
             column,
@@ -314,7 +318,7 @@ def jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     ]
 
 
-def start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+def _start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """Rows at the head of a log that were written before the instrument ran."""
     count = anomalies.start_up(data)
     if not count:
@@ -329,13 +333,13 @@ def start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
         advice += f": to_s = {float(log.frame['time_s'].iloc[count - 1]):g}"
     expected = "a log that begins with the instrument running"
     return [
-        at_row(
+        finding_at_row(
             log, 0, column, what, expected, advice, "start_up", severity="warn", figure=float(count)
         )
     ]
 
 
-def coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+def _coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """An indication whose steps hide its noise."""
     step = anomalies.resolution(data)
     if data.size < 100 or step == 0.0 or np.unique(anomalies.sample(data)).size > LEVELS:
@@ -352,5 +356,7 @@ def coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     )
     expected = "steps smaller than the noise"
     return [
-        at_row(log, 0, column, what, expected, advice, "quantisation", severity="warn", figure=step)
+        finding_at_row(
+            log, 0, column, what, expected, advice, "quantisation", severity="warn", figure=step
+        )
     ]

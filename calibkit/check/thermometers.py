@@ -51,7 +51,7 @@ that.
 """
 
 
-def pair(log: Log, case: str, air: str) -> list[Finding]:
+def check_pair(log: Log, case: str, air: str) -> list[Finding]:
     """Case and chamber air that do not move together, or do not meet in a soak, as one unit and
     sign do, or are exchanged.
     """
@@ -77,7 +77,7 @@ def pair(log: Log, case: str, air: str) -> list[Finding]:
                 together,
             )
         ]
-    found = lead.of(values(log.frame, "time_s"), a, b)
+    found = lead.fit_lead(values(log.frame, "time_s"), a, b)
     return [*_unit(log, case, air, found), *_apart(log, case, air, a, b)][:1] or _exchanged(
         log, case, air, found
     )
@@ -147,7 +147,7 @@ def _fahrenheit(case: str, air: str, of_case: float, of_air: float) -> str:
     )
 
 
-def given(log: Log, air: str, said: float, measured: float) -> list[Finding]:
+def check_stated_rate(log: Log, air: str, said: float, measured: float) -> list[Finding]:
     """A ramp whose measured rate [°C/min] is not the one that the recipe gives."""
     if said and abs(measured / said - 1.0) <= ORDERED:
         return []
@@ -161,7 +161,7 @@ def given(log: Log, air: str, said: float, measured: float) -> list[Finding]:
     return [_finding(log, air, what, "the rate that the recipe gives", advice, "unit", measured)]
 
 
-def named(measured: Mapping[str, float]) -> list[tuple[str, Finding]]:
+def check_rates_in_names(measured: Mapping[str, float]) -> list[tuple[str, Finding]]:
     """Logs that are named after their rates and ran 9/5 times as fast; `measured` is log file →
     rate [°C/min].
     """
@@ -170,10 +170,10 @@ def named(measured: Mapping[str, float]) -> list[tuple[str, Finding]]:
     }
     places = range(min(map(len, numbers.values()), default=0))
     rates = ({file: (numbers[file][k], rate) for file, rate in measured.items()} for k in places)
-    return next(filter(None, map(ordered, rates)), [])
+    return next(filter(None, map(_find_fahrenheit, rates)), [])
 
 
-def ordered(rates: Mapping[str, tuple[float, float]]) -> list[tuple[str, Finding]]:
+def _find_fahrenheit(rates: Mapping[str, tuple[float, float]]) -> list[tuple[str, Finding]]:
     """Logs whose chamber changed 9/5 times as fast as was ordered: all temperatures are in °F,
     which no other check can tell.
 

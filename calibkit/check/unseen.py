@@ -20,7 +20,7 @@ if TYPE_CHECKING:
     from calibkit.recipe import Exclude, Recipe
 
 
-def read(
+def read_unseen(
     procedure: Examiner,
     spec: Recipe,
     data: Path,
@@ -37,16 +37,16 @@ def read(
     if logs.digest_log(spec, data, file) in {entry["sha256"] for entry in inputs}:
         return f"{file} was fitted by this run and is left out"
     log = procedure.read(spec, data, file)
-    name = copies.fitted("", log.first_rows(), inputs)
+    name = copies.find_fitted_copy("", log.first_rows(), inputs)
     if not name and excluded and "time_s" in log.frame.columns:
         kept = replace(log, frame=mapping.drop_excluded_rows(log.frame, excluded, file)[0])
-        name = copies.fitted("", kept.first_rows(), inputs)
+        name = copies.find_fitted_copy("", kept.first_rows(), inputs)
     if name:
         return f"{file} holds the values of {name}, which this run was fitted to, and is left out"
     return log
 
 
-def new(read: Iterable[Log | str], seen: list[str], none: str) -> Iterator[Log]:
+def pass_unseen(read: Iterable[Log | str], seen: list[str], none: str) -> Iterator[Log]:
     """Logs as `read` gives them that a run has not seen; what is said of the others is added to
     `seen`.
 
@@ -63,9 +63,9 @@ def new(read: Iterable[Log | str], seen: list[str], none: str) -> Iterator[Log]:
         raise FrameError(f"{none}: {seen[0]}", hint="validate on logs that it has not seen")
 
 
-def untold(run: str, inputs: Sequence[Mapping[str, object]]) -> list[str]:
+def flag_missing_fingerprints(run: str, inputs: Sequence[Mapping[str, object]]) -> list[str]:
     """Flag of a run that keeps no fingerprints of its logs' values."""
-    names = copies.untold(inputs)
+    names = copies.logs_without_fingerprint(inputs)
     if not names:
         return []
     listed = f"{len(names)} of its logs" if len(names) > 1 else names[0]

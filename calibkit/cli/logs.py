@@ -109,14 +109,14 @@ def check(
     """
     tune_memory()
     from calibkit import pipeline
-    from calibkit.check.report import document, lines
+    from calibkit.check.report import report_document, report_lines
     from calibkit.recipe import find
 
     reports = pipeline.check(find(recipe, overrides), data, figure)
     if as_json:
-        print_json(document(reports))
+        print_json(report_document(reports))
     else:
-        click.echo("\n".join(line for report in reports for line in lines(report)))
+        click.echo("\n".join(line for report in reports for line in report_lines(report)))
     return FrameError.exit_code if any(report.refused for report in reports) else 0
 
 

@@ -39,7 +39,7 @@ def apply(
     structure, corrections = quantised.structure, chain.corrections
     names = [*(entry.name for entry in structure.inputs), *(entry.column for entry in corrections)]
     log = logs.read_log(spec, data, data.name, list(dict.fromkeys(names)))
-    refuse(check.rows(log, 1))
+    refuse(check.find_too_few_rows(log, 1))
     words = {
         e.name: twin.encode(quantised, e.name, values(log.frame, e.name)) for e in structure.inputs
     }

@@ -124,14 +124,14 @@ def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
     owners: dict[str, list[Row]] = {}
     for row in rows:
-        for mark in {mark for entry in row.inputs for mark in copies.marks(entry)}:
+        for mark in {mark for entry in row.inputs for mark in copies.digests_of_input(entry)}:
             owners.setdefault(mark, []).append(row)
     found: dict[str, str] = {}
     for row in rows:
         near = {
             id(other): other
             for entry in row.inputs
-            for mark in copies.marks(entry)
+            for mark in copies.digests_of_input(entry)
             for other in owners[mark]
         }
         alike = sorted(
@@ -145,7 +145,7 @@ def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
 def _same_logs(one: Row, other: Row) -> bool:
     """Whether two units have the same logs, all of them."""
     pairs = ((one.inputs, other.inputs), (other.inputs, one.inputs))
-    return all(len(copies.shared(some, others)) == len(some) for some, others in pairs)
+    return all(len(copies.shared_logs(some, others)) == len(some) for some, others in pairs)
 
 
 def _column(

@@ -321,7 +321,7 @@ def _flags(before: Run, after: Run) -> tuple[str, ...]:
     if before.document["serial"] != after.document["serial"]:
         flags.append(f"two instruments: {before.document['serial']} and {after.document['serial']}")
     old, new = (run.document["inputs"] for run in (before, after))
-    shared = len(copies.shared(new, old))
+    shared = len(copies.shared_logs(new, old))
     every = len(old) + len(new) - shared
     if shared:
         flags.append(

@@ -214,7 +214,7 @@ def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
         " slopes take the newer"
         for k, newer in enumerate(runs)
         for older in runs[:k]
-        if copies.shared(_logs(older), _logs(newer))
+        if copies.shared_logs(_logs(older), _logs(newer))
     ]
     procedures = dict.fromkeys(run.document["procedure"] for run in runs)
     if len(procedures) > 1:
@@ -232,7 +232,7 @@ def _independent(runs: Sequence[Run]) -> set[int]:
     seen: list[Mapping[str, object]] = []
     kept = set()
     for run in sorted(runs, key=lambda run: -int(run.document["revision"])):
-        if run.document["accepted"] and not copies.shared(_logs(run), seen):
+        if run.document["accepted"] and not copies.shared_logs(_logs(run), seen):
             kept.add(int(run.document["revision"]))
             seen += _logs(run)
     return kept

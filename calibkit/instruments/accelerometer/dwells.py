@@ -78,17 +78,20 @@ def needed_columns(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[st
 def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     """Check a log; nothing is fitted to one in which something is refused."""
     columns = [column for column in log.frame.columns if column != "time_s"]
-    early = [*check.rows(log, 1), *check.finite(log, list(log.frame.columns))]
+    early = [
+        *check.find_too_few_rows(log, 1),
+        *check.find_missing_values(log, list(log.frame.columns)),
+    ]
     if any(finding.refused for finding in early):
         return early
     timed = "time_s" in log.frame.columns
     found = [
         *early,
-        *(check.monotonic(log) if timed else ()),
+        *(check.find_unordered_times(log) if timed else ()),
         *_beyond(log, COMPONENTS, SATURATED_G, "g"),
     ]
     if TEMPERATURE in columns:
-        found += check.plausible_temperature(log, [TEMPERATURE])
+        found += check.find_implausible_temperatures(log, [TEMPERATURE])
     if spec.reference.kind == "attitude":
         found += [
             *_beyond(log, ["inclination_deg"], 180.0, "deg"),
@@ -104,13 +107,13 @@ def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     dwell.
     """
     found = [
-        *check.magnitude.gravity(log, COMPONENTS),
-        *check.magnitude.compensated(log, spec, COMPONENTS),
+        *check.magnitude.check_gravity_unit(log, COMPONENTS),
+        *check.magnitude.find_compensated_names(log, spec, COMPONENTS),
     ]
     if spec.dwells.mode == "series":
-        found += check.gaps(log, float("inf"))
+        found += check.find_gaps(log, float("inf"))
         if TEMPERATURE in log.frame.columns:
-            found += check.series.temperature(log, TEMPERATURE)
+            found += check.series.check_temperature(log, TEMPERATURE)
     if all(column in log.frame.columns for column in ATTITUDE) and not found:
         held = [chunks.row_reader(values(log.frame, column)) for column in ATTITUDE]
 
@@ -118,7 +121,7 @@ def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
             reference = attitude.gravity_vector(*(angle(first, stop) for angle in held))
             return attitude.gravity_positive(reference, spec.reference.convention)
 
-        found += check.magnitude.sense(log, COMPONENTS, expected)
+        found += check.magnitude.check_triad_sign(log, COMPONENTS, expected)
     return found
 
 
@@ -134,7 +137,9 @@ def _beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[F
             what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
             advice = f"state the log's unit in [columns.{column}]"
             expected = f"at most {limit:g} {unit}"
-            found.append(check.at_row(log, int(bad[0]), column, what, expected, advice, "range"))
+            found.append(
+                check.finding_at_row(log, int(bad[0]), column, what, expected, advice, "range")
+            )
     return found
 
 
@@ -197,7 +202,7 @@ def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
         optional_column(log, "toolface_deg"),
         np.full((count, 3), np.nan),
         np.zeros(count, dtype=np.int64),
-        tuple(f"{log.file}:{check.line(log, row)}" for row in range(count)),
+        tuple(f"{log.file}:{check.line_of_row(log, row)}" for row in range(count)),
         tuple(f"{log.file}: {note}" for note in log.notes),
     )
 
@@ -235,7 +240,7 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
         means.standard_error[:, :3],
         np.zeros(len(intervals), dtype=np.int64),
         tuple(
-            f"{log.file}:{check.line(log, a)}-{check.line(log, b - 1)}"
+            f"{log.file}:{check.line_of_row(log, a)}-{check.line_of_row(log, b - 1)}"
             for a, b in intervals.tolist()
         ),
         (

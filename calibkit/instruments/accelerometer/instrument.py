@@ -54,7 +54,7 @@ def _fit(
 ) -> Fitted[TriadReport]:
     """Fit K-factor, Q-factor and the affine triad to the dwells of all logs together."""
     logs = list(
-        copies.distinct(
+        copies.refuse_copies(
             ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
         )
     )

@@ -55,37 +55,41 @@ def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     """What is wrong with a log; one on disk is looked at in pieces."""
     if not log.on_disk:
         return _found(spec, log)
-    pieced = chunked.through(spec, log)
+    pieced = chunked.examine_on_disk(spec, log)
     if any(finding.refused for finding in pieced.findings):
         return list(pieced.findings)
-    rest = (finding for finding in _found(spec, pieced.log) if finding.name not in chunked.BY_PIECE)
-    return [*checks.rows(log, spec.polynomials.min_rows), *pieced.findings, *rest]
+    rest = (
+        finding
+        for finding in _found(spec, pieced.log)
+        if finding.name not in chunked.FOUND_IN_CHUNKS
+    )
+    return [*checks.find_too_few_rows(log, spec.polynomials.min_rows), *pieced.findings, *rest]
 
 
 def _found(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     """What is wrong with a log that is looked at whole."""
     early = [
-        *checks.rows(log, spec.polynomials.min_rows),
-        *checks.finite(log, list(log.frame.columns)),
+        *checks.find_too_few_rows(log, spec.polynomials.min_rows),
+        *checks.find_missing_values(log, list(log.frame.columns)),
     ]
     if any(finding.refused for finding in early):
         return early
     timed = "time_s" in log.frame.columns
     found = [
         *early,
-        *(checks.monotonic(log) if timed else ()),
-        *(checks.gaps(log, spec.polynomials.max_gap_s) if timed else ()),
-        *checks.varying(log, [spec.polynomials.abscissa]),
+        *(checks.find_unordered_times(log) if timed else ()),
+        *(checks.find_gaps(log, spec.polynomials.max_gap_s) if timed else ()),
+        *checks.find_constant_columns(log, [spec.polynomials.abscissa]),
     ]
     if any(finding.refused for finding in found):
         return found
     for entry in spec.polynomials.bias:
-        found += checks.series.indication(
+        found += checks.series.check_indication(
             log, entry.indication, units.column_unit(entry.indication)
         )
     return [
         *found,
-        *checks.magnitude.compensated(
+        *checks.magnitude.find_compensated_names(
             log, spec, [entry.indication for entry in spec.polynomials.bias]
         ),
     ]
@@ -101,7 +105,7 @@ def fit(
 ) -> Fitted[pages.BiasReport]:
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
-    for log in copies.distinct(
+    for log in copies.refuse_copies(
         ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
     ):
         found = _findings(spec, log)

@@ -90,7 +90,11 @@ def apply(
         f"{log.file}: each interval of {interval:g} s is corrected by the drift of the one before,"
         " the first by its own"
     )
-    flags = (*check.bridged(log), note, *as_firmware.status_flags(log.file, quantised, status))
+    flags = (
+        *check.flag_bridged_gaps(log),
+        note,
+        *as_firmware.status_flags(log.file, quantised, status),
+    )
     return write_back.rewrite_log(spec, data, {"gyro_dph": gyro - known}), flags
 
 

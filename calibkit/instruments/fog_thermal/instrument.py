@@ -7,7 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit.check import bridged, copies, magnitude, thermometers
+from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
 from calibkit.coefficients import at_least, at_most
 from calibkit.frame import refuse, values
 from calibkit.ingest import logs as ingest
@@ -97,17 +97,17 @@ def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[r
         findings[file] = ramps.find_faults(log, spec)
         return log
 
-    logs = copies.distinct(ingest.read_ahead(files, checked))
+    logs = copies.refuse_copies(ingest.read_ahead(files, checked))
     return [ramps.prepare(log, spec, findings[log.file]) for log in logs]
 
 
 def _flags(spec: FogThermalRecipe, logs: Sequence[ramps.PreparedLog]) -> list[str]:
     """Type B terms without effect, and what only the logs together show to be wrong."""
     slopes = {
-        log.source.name: magnitude.drift_slope(log.raw.case, log.raw.indication) for log in logs
+        log.source.name: magnitude.fit_drift_slope(log.raw.case, log.raw.indication) for log in logs
     }
     rates = {log.source.name: log.ramps[0].rate for log in logs if len(log.ramps) == 1}
-    found = (*magnitude.compensated_before(slopes), *thermometers.named(rates))
+    found = (*magnitude.find_compensated_logs(slopes), *thermometers.check_rates_in_names(rates))
     return [*uncertainty.flag_unused(spec.type_b), *(str(finding) for _, finding in found)]
 
 
@@ -171,7 +171,7 @@ def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> 
     gyro, drift = values(log.frame, "gyro_dph"), log.room(output.size)
     for a, b in chunks.ranges_along(gyro, output, drift):
         np.subtract(gyro[a:b], output[a:b], out=drift[a:b])
-    flags = (*bridged(log), *magnitude.undrifting(log.file, drift, gyro), *flags)
+    flags = (*flag_bridged_gaps(log), *magnitude.flag_missing_drift(log.file, drift, gyro), *flags)
     added = {}
     if spec.output.rate_uncertainty:
         added["gyro_standard_uncertainty_dph"] = uncertainty.along_rows(log, model, spec)

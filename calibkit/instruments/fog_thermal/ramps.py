@@ -72,13 +72,15 @@ def find_faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     """
     if not log.on_disk:
         return _faults(log, recipe)
-    pieced = chunked.through(recipe, log)
+    pieced = chunked.examine_on_disk(recipe, log)
     if any(finding.refused for finding in pieced.findings):
         return list(pieced.findings)
     rest = (
-        finding for finding in _faults(pieced.log, recipe) if finding.name not in chunked.BY_PIECE
+        finding
+        for finding in _faults(pieced.log, recipe)
+        if finding.name not in chunked.FOUND_IN_CHUNKS
     )
-    return [*check.rows(log, recipe.checks.min_rows), *pieced.findings, *rest]
+    return [*check.find_too_few_rows(log, recipe.checks.min_rows), *pieced.findings, *rest]
 
 
 def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
@@ -88,21 +90,21 @@ def _faults(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
         return found
     case, air = "temp_case_degc", "temp_env_degc"
     found += [
-        *check.gaps(log, recipe.checks.max_gap_s),
-        *check.varying(log, [case, air, "gyro_dph"]),
+        *check.find_gaps(log, recipe.checks.max_gap_s),
+        *check.find_constant_columns(log, [case, air, "gyro_dph"]),
     ]
     if any(finding.refused for finding in found):
         return found
     return [
         *found,
-        *check.magnitude.clock(log, air),
-        *check.thermometers.pair(log, case, air),
+        *check.magnitude.check_time_unit(log, air),
+        *check.thermometers.check_pair(log, case, air),
         *_as_ordered(log, recipe),
-        *check.magnitude.gyro(log, "gyro_dph"),
-        *check.magnitude.compensated(log, recipe, ["gyro_dph"]),
-        *check.series.temperatures(log, case, air),
-        *check.series.turned_back(log, case),
-        *check.series.indication(log, "gyro_dph", "deg/h"),
+        *check.magnitude.check_gyro_unit(log, "gyro_dph"),
+        *check.magnitude.find_compensated_names(log, recipe, ["gyro_dph"]),
+        *check.series.check_case_and_air(log, case, air),
+        *check.series.find_turn_back(log, case),
+        *check.series.check_indication(log, "gyro_dph", "deg/h"),
     ]
 
 
@@ -114,7 +116,9 @@ def _as_ordered(log: Log, recipe: FogThermalRecipe) -> list[Finding]:
     cuts, _ = _found(log, recipe)
     ramps = [segment.rate for segment in cuts if segment.kind == "ramp"]
     return (
-        check.thermometers.given(log, "temp_env_degc", given, max(ramps, key=abs)) if ramps else []
+        check.thermometers.check_stated_rate(log, "temp_env_degc", given, max(ramps, key=abs))
+        if ramps
+        else []
     )
 
 
@@ -122,11 +126,16 @@ def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
     """Check a log that is to be compensated, which may be at rest, and in which time may be
     missing.
     """
-    early = [*check.rows(log, min_rows), *check.finite(log, COLUMNS)]
+    early = [*check.find_too_few_rows(log, min_rows), *check.find_missing_values(log, COLUMNS)]
     if any(finding.refused for finding in early):
         return early
-    temperatures = check.plausible_temperature(log, ["temp_case_degc", "temp_env_degc"])
-    return [*early, *check.monotonic(log), *temperatures, *check.plausible_rate(log, "gyro_dph")]
+    temperatures = check.find_implausible_temperatures(log, ["temp_case_degc", "temp_env_degc"])
+    return [
+        *early,
+        *check.find_unordered_times(log),
+        *temperatures,
+        *check.find_implausible_rates(log, "gyro_dph"),
+    ]
 
 
 def leading(log: PreparedLog) -> None:

@@ -64,10 +64,13 @@ class NoiseFigures:
 def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
     """What is wrong with a log; missing rates and gaps in time are gaps and no faults."""
     spec = recipe.noise
-    early = [*check.rows(log, spec.min_rows), *check.finite(log, ["time_s"])]
+    early = [
+        *check.find_too_few_rows(log, spec.min_rows),
+        *check.find_missing_values(log, ["time_s"]),
+    ]
     if any(finding.refused for finding in early):
         return early
-    found = [*early, *check.monotonic(log)]
+    found = [*early, *check.find_unordered_times(log)]
     for column in spec.columns:
         rate = values(log.frame, column)
         present = rate[~np.isnan(rate)]
@@ -81,22 +84,22 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
                 )
             )
         elif np.ptp(present) == 0.0:
-            found += check.varying(log, [column])
+            found += check.find_constant_columns(log, [column])
         else:
-            wild = check.plausible_rate(log, column)
+            wild = check.find_implausible_rates(log, column)
             # where rates are missing the rows are no even series
-            found += wild or check.magnitude.at_rest(log, column)
+            found += wild or check.magnitude.check_noise_unit(log, column)
             found += (
                 []
                 if wild
                 else (
-                    check.series.indication(log, column, "deg/h")
+                    check.series.check_indication(log, column, "deg/h")
                     if present.size == rate.size
                     else []
                 )
             )
     if not any(finding.refused for finding in found):
-        found += check.magnitude.interval(log)
+        found += check.magnitude.check_sampling_unit(log)
     return [*found, *_steady(log)]
 
 
@@ -132,8 +135,8 @@ def read_records(log: Log, columns: Sequence[str]) -> list[Record]:
     worst = int(np.argmax(off))
     if off[worst] > OFF_GRID or not np.all(whole >= 1.0) or float(whole.sum()) > LONGEST_GRID:
         raise FitError(
-            f"{log.file}:{check.line(log, worst + 1)}: a step of {step[worst]:g} s, expected a"
-            f" multiple of {usual:g} s",
+            f"{log.file}:{check.line_of_row(log, worst + 1)}: a step of {step[worst]:g} s, expected"
+            f" a multiple of {usual:g} s",
             hint="an Allan deviation wants even sampling; resampling would change it",
         )
     place = np.concatenate(([0], np.cumsum(whole.astype(np.int64))))

@@ -68,7 +68,7 @@ def fit(
 ) -> Fitted[pages.NoiseReport]:
     """Estimate the noise of every record."""
     inputs, figures, flags = [], [], []
-    for log in copies.distinct(
+    for log in copies.refuse_copies(
         ingest.read_ahead(
             progress(files, "reading and averaging"), lambda file: read(spec, data, file)
         )

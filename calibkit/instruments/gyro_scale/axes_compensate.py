@@ -134,9 +134,11 @@ def read(spec: GyroTriadRecipe, data: Path, known: Base) -> Log:
         log = logs.read_log(spec, data, data.name, (*needed, TEMPERATURE), ())
     else:
         log = logs.read_log(spec, data, data.name, needed, (TEMPERATURE,))
-    refuse([*check.rows(log, 1), *check.finite(log, list(log.frame.columns))])
+    refuse(
+        [*check.find_too_few_rows(log, 1), *check.find_missing_values(log, list(log.frame.columns))]
+    )
     if TEMPERATURE in log.frame.columns:
-        refuse(check.plausible_temperature(log, [TEMPERATURE]))
+        refuse(check.find_implausible_temperatures(log, [TEMPERATURE]))
     return log
 
 

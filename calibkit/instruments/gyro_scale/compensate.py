@@ -135,9 +135,11 @@ def read(spec: GyroRecipe, data: Path, coefficients: Sequence[Frozen]) -> Log:
     log = logs.read_log(spec, data, data.name, (), ("time_s", TEMPERATURE, *columns))
     if not set(columns) & set(log.frame.columns):
         log = logs.read_log(spec, data, data.name, columns[:1], ())
-    refuse([*check.rows(log, 1), *check.finite(log, list(log.frame.columns))])
+    refuse(
+        [*check.find_too_few_rows(log, 1), *check.find_missing_values(log, list(log.frame.columns))]
+    )
     if TEMPERATURE in log.frame.columns:
-        refuse(check.plausible_temperature(log, [TEMPERATURE]))
+        refuse(check.find_implausible_temperatures(log, [TEMPERATURE]))
     return log
 
 

@@ -71,7 +71,7 @@ def _fit(
 ) -> pair_files.PairFit:
     """Both runs and what they say of the pair."""
     axes = {file: axis for axis, file in _axes(spec, files).items()}
-    logs = copies.distinct(
+    logs = copies.refuse_copies(
         ingest.read_ahead(
             progress(list(axes), "reading and averaging"), lambda file: read(spec, data, file)
         )

@@ -54,7 +54,7 @@ def fit(
     spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[pages.GyroReport]:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
-    logs = copies.distinct(
+    logs = copies.refuse_copies(
         ingest.read_ahead(
             progress(files, "reading and averaging"), lambda file: read(spec, data, file)
         )

@@ -152,15 +152,18 @@ def _examined(
     log: Log, gyros: Sequence[str], spec: GyroRecipe
 ) -> tuple[list[Finding], Plateaus | None]:
     """What is wrong with a log, and its held rates where it is fit for them."""
-    early = [*check.rows(log, LEAST_ROWS), *check.finite(log, list(log.frame.columns))]
+    early = [
+        *check.find_too_few_rows(log, LEAST_ROWS),
+        *check.find_missing_values(log, list(log.frame.columns)),
+    ]
     if not early:
         early = [
-            *check.monotonic(log),
-            *check.varying(log, [RATE, *map(column, gyros)]),
+            *check.find_unordered_times(log),
+            *check.find_constant_columns(log, [RATE, *map(column, gyros)]),
             *_too_fast(log),
             *(finding for gyro in gyros for finding in _beyond(log, column(gyro))),
             *(
-                check.plausible_temperature(log, [TEMPERATURE])
+                check.find_implausible_temperatures(log, [TEMPERATURE])
                 if TEMPERATURE in log.frame.columns
                 else ()
             ),
@@ -183,17 +186,22 @@ def _examined(
 
 def _suspicious(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
     """What a sensor or its logger did, and signs: a fit goes on and says so."""
-    found = check.series.temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
+    found = (
+        check.series.check_temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
+    )
     reach = {gyro: _span(values(log.frame, column(gyro))) for gyro in gyros}
     # a gyro across the table axis answers with its misalignment, of either sign
     along = max(reach, key=lambda gyro: reach[gyro])
     for gyro in gyros:
-        found += check.series.driven(log, column(gyro), RATE, "1/s", reach[along])
+        found += check.series.check_driven_indication(log, column(gyro), RATE, "1/s", reach[along])
     if not (
         spec.procedure == "gyro_triad" and len(gyros) < LEAST_TRIAD
     ):  # none of two need be along this axis
-        found += check.magnitude.rotation(log, column(along), RATE)
-    return [*found, *check.magnitude.compensated(log, spec, [column(gyro) for gyro in gyros])]
+        found += check.magnitude.check_gyro_sign(log, column(along), RATE)
+    return [
+        *found,
+        *check.magnitude.find_compensated_names(log, spec, [column(gyro) for gyro in gyros]),
+    ]
 
 
 def _held(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Plateaus:
@@ -240,7 +248,9 @@ def _too_fast(log: Log) -> list[Finding]:
     what = f"{rate[bad[0]]:g} °/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
     advice = f"state the log's unit in [columns.{RATE}]"
     return [
-        check.at_row(log, int(bad[0]), RATE, what, f"at most {FASTEST_DPS:g} °/s", advice, "range")
+        check.finding_at_row(
+            log, int(bad[0]), RATE, what, f"at most {FASTEST_DPS:g} °/s", advice, "range"
+        )
     ]
 
 
@@ -270,7 +280,7 @@ def _beyond(log: Log, name: str) -> list[Finding]:
     )
     expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
     return [
-        check.at_row(
+        check.finding_at_row(
             log, int(bad[0]), name, what, expected, advice, "range", figure=float(data[bad[0]])
         )
     ]

@@ -59,7 +59,7 @@ def fit(
     """
     axes = gyro_axes.axis_of(spec, files)
     runs: dict[str, tuple[TableRun, ...]] = {}
-    for log in copies.distinct(
+    for log in copies.refuse_copies(
         ingest.read_ahead(
             progress(files, "reading and averaging"), lambda file: read(spec, data, file)
         )

@@ -211,7 +211,7 @@ def _open(log: Log, errors: Mapping[str, Array], spec: InclinometerRecipe) -> li
                     "the tool was moved between these dwells: give a column station, or leave out"
                     " with [[exclude]] the dwells that make no four",
                     name="closure",
-                    line=check.line(log, row),
+                    line=check.line_of_row(log, row),
                 )
             )
     return found

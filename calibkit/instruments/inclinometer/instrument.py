@@ -61,7 +61,7 @@ def fit(
 ) -> Fitted[pages.SeekingReport]:
     """Fit s(T) of each gyro to the stations of all logs together."""
     logs = list(
-        copies.distinct(
+        copies.refuse_copies(
             ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
         )
     )

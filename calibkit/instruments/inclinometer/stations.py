@@ -92,7 +92,7 @@ def examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None,
     and its stations.
     """
     columns = [name for name in log.frame.columns if name not in REFERENCE]
-    found = [*check.rows(log, 3), *check.finite(log, columns)]
+    found = [*check.find_too_few_rows(log, 3), *check.find_missing_values(log, columns)]
     if any(finding.refused for finding in found):
         return None, found
     found += find_unusable(log, spec)
@@ -104,19 +104,23 @@ def examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None,
         found += _positions(dwelt.log)
     if not any(finding.refused for finding in found):
         gyros = [f"gyro_{axis}_dph" for axis in spec.axes]
-        found += [finding for gyro in gyros for finding in check.magnitude.gyro(log, gyro)]
-        found += check.magnitude.compensated(log, spec, gyros)
+        found += [
+            finding for gyro in gyros for finding in check.magnitude.check_gyro_unit(log, gyro)
+        ]
+        found += check.magnitude.find_compensated_names(log, spec, gyros)
     return dwelt, found
 
 
 def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
     """What is wrong with a log as a whole; nothing of it can be used."""
     timed = "time_s" in log.frame.columns
-    found = check.finite(log, [name for name in ("station", "time_s") if name in log.frame.columns])
+    found = check.find_missing_values(
+        log, [name for name in ("station", "time_s") if name in log.frame.columns]
+    )
     if timed:
-        found += check.monotonic(log)
+        found += check.find_unordered_times(log)
     if TEMPERATURE in log.frame.columns:
-        found += check.plausible_temperature(log, [TEMPERATURE])
+        found += check.find_implausible_temperatures(log, [TEMPERATURE])
     for axis in spec.axes:
         for kind, suffix in (("accel", "g"), ("gyro", "dph")):
             found += _implausible(log, f"{kind}_{axis}_{suffix}", *PLAUSIBLE[kind])
@@ -132,7 +136,7 @@ def _implausible(log: Log, column: str, limit: float, unit: str) -> list[Finding
     what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
     expected = f"at most {limit:g} {unit} of a tool at rest"
     return [
-        check.at_row(
+        check.finding_at_row(
             log,
             int(bad[0]),
             column,
@@ -154,7 +158,7 @@ def _positions(log: Log) -> list[Finding]:
         fault = position_fault(position[rows])
         if fault is not None:
             at, what = fault
-            line = check.line(log, int(rows[at]))
+            line = check.line_of_row(log, int(rows[at]))
             found.append(
                 Finding(
                     f"{log.file}:{line}: station {name:g}",
