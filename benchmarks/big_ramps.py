@@ -21,8 +21,7 @@ import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as gyros
 from calibkit.simulate import noise
-from calibkit.simulate.chamber import Chamber, ramp, set_points
-from calibkit.simulate.chamber import air as air_of
+from calibkit.simulate.chamber import Chamber, air as air_of, ramp, set_points
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

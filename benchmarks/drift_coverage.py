@@ -19,8 +19,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog
-from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice
 from calibkit.instruments.fog_thermal.numeric import (
+    choice as thermal_choice,
     coil,
     evaluate,
     lagged,

@@ -19,8 +19,7 @@ from dataclasses import dataclass, replace
 import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog
-from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice
-from calibkit.instruments.fog_thermal.numeric import evaluate, pooled_fit
+from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice, evaluate, pooled_fit
 from calibkit.simulate.chamber import Chamber
 
 INTERVAL_S = 10.0

@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.gyro_scale import simulate_pair as simulated
-from calibkit.instruments.gyro_scale import simulate_rate_table
+from calibkit.instruments.gyro_scale import simulate_pair as simulated, simulate_rate_table
 from calibkit.instruments.gyro_scale.numeric import pair, plateau_means, scale_factor
 
 if TYPE_CHECKING:

@@ -9,15 +9,13 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from calibkit import coefficients, frame, instruments, pipeline, store
-from calibkit import recipe as recipes
+from calibkit import coefficients, frame, instruments, pipeline, recipe as recipes, store
 from calibkit.certificate import certify as certificates
 from calibkit.check import examination
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.ingest import logs
 from calibkit.instruments import silent
-from calibkit.numeric.gum import Component as UncertaintyComponent
-from calibkit.numeric.gum import combine as combine_uncertainty
+from calibkit.numeric.gum import Component as UncertaintyComponent, combine as combine_uncertainty
 from calibkit.numeric.noise.allan import overlapping as allan_deviation
 from calibkit.numeric.wavelet.denoise import denoise
 from calibkit.recipe import Source

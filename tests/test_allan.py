@@ -6,8 +6,7 @@ import tracemalloc
 import allantools
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric.noise import allan, allan_fit

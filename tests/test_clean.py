@@ -5,8 +5,7 @@ any other.
 import numpy as np
 import pandas as pd
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import clean, delimited

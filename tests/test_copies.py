@@ -7,8 +7,7 @@ import shutil
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit import coefficients, store
 from calibkit.check import copies
@@ -143,8 +142,7 @@ def test_a_log_that_was_fitted_but_for_its_start_is_known_again(tmp_path, calibk
 
 def test_validation_reads_each_log_once(fitted, tmp_path, calibkit, monkeypatch):
     """What tells a copy is taken from the log that is validated, not from another reading of it."""
-    from calibkit.ingest import logs as ingest
-    from calibkit.ingest import mapping
+    from calibkit.ingest import logs as ingest, mapping
 
     read, kept = [], mapping.read_file
 

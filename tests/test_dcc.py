@@ -15,8 +15,15 @@ import pytest
 from scipy import stats
 
 from calibkit import cli, instruments, store, units
-from calibkit.certificate import content, dcc, dcc_check, dcc_results, profile, run_files
-from calibkit.certificate import dcc_xml as xml
+from calibkit.certificate import (
+    content,
+    dcc,
+    dcc_check,
+    dcc_results,
+    dcc_xml as xml,
+    profile,
+    run_files,
+)
 from calibkit.certificate.dcc_units import dsi
 from calibkit.errors import OutputError, UsageError
 from conftest import REAL, ROOT, write_log

@@ -5,8 +5,7 @@ uncertainties, intervals, conditions, lists and covariances, each in hand-comput
 import numpy as np
 import pytest
 
-from calibkit.certificate import dcc_results
-from calibkit.certificate import dcc_xml as xml
+from calibkit.certificate import dcc_results, dcc_xml as xml
 from calibkit.certificate.as_found import AsFoundAsLeft, BeforeAfter
 from calibkit.certificate.dcc_units import ATOMS, dsi
 from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty

@@ -4,12 +4,10 @@ import json
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import compensation, gradient_order
-from calibkit.instruments.fog_thermal.numeric import gradient as drift
+from calibkit.instruments.fog_thermal.numeric import compensation, gradient as drift, gradient_order
 from conftest import AUTHORITIES
 from naive import block_means, compensate
 

@@ -8,10 +8,8 @@ import pytest
 from calibkit.firmware import bounds, exact, formats, program, ranges, twin
 from calibkit.instruments.accelerometer import coefficient_files, firmware
 from calibkit.instruments.fog_thermal import compensate, forms
-from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.instruments.fog_thermal.numeric import gradient as drift
-from calibkit.instruments.gyro_scale import axes_compensate
-from calibkit.instruments.gyro_scale import compensate as gyro_compensate
+from calibkit.instruments.fog_thermal.numeric import evaluate, gradient as drift
+from calibkit.instruments.gyro_scale import axes_compensate, compensate as gyro_compensate
 from calibkit.instruments.inclinometer import coefficient_files as inclinometer_results
 from firmware_runs import MEMORYLESS, RUNS, cached
 

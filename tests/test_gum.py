@@ -3,8 +3,7 @@ from __future__ import annotations
 import GTC
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric import gum

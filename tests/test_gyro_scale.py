@@ -4,12 +4,10 @@ figures, other shapes.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale import simulate_pair as simulated_pair
-from calibkit.instruments.gyro_scale import simulate_rate_table
+from calibkit.instruments.gyro_scale import simulate_pair as simulated_pair, simulate_rate_table
 from calibkit.instruments.gyro_scale.numeric import (
     gjb_figures,
     plateau_means,

@@ -4,8 +4,7 @@ temperature.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.numeric import scale_factor, triad

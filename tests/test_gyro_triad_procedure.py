@@ -9,8 +9,7 @@ import pytest
 
 from calibkit import instruments, recipe, store
 from calibkit.instruments import silent
-from calibkit.instruments.gyro_scale import simulate_triad
-from calibkit.instruments.gyro_scale import triad as procedure
+from calibkit.instruments.gyro_scale import simulate_triad, triad as procedure
 from calibkit.report import figures as drawing
 
 LATITUDE = "site.latitude_deg=34.2"

@@ -10,9 +10,11 @@ import pytest
 
 from calibkit import instruments, recipe, store
 from calibkit.instruments import silent
-from calibkit.instruments.inclinometer import instrument
-from calibkit.instruments.inclinometer import rows as inclinometer_rows
-from calibkit.instruments.inclinometer import simulate as simulator
+from calibkit.instruments.inclinometer import (
+    instrument,
+    rows as inclinometer_rows,
+    simulate as simulator,
+)
 from calibkit.simulate.campaign import csv_text
 from conftest import AUTHORITIES, ROOT
 

@@ -4,13 +4,16 @@ units.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import evaluate, level, pooled_fit
-from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
-from calibkit.instruments.fog_thermal.numeric import terms as thermal_terms
+from calibkit.instruments.fog_thermal.numeric import (
+    evaluate,
+    level,
+    noise as thermal_noise,
+    pooled_fit,
+    terms as thermal_terms,
+)
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, Drivers, Scales, Valid, raw_design
 

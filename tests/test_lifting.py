@@ -9,8 +9,7 @@ import dataclasses
 import numpy as np
 import pytest
 import pywt
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet import lifting

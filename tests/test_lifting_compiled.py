@@ -9,8 +9,7 @@ import dataclasses
 
 import numpy as np
 import pytest
-from hypothesis import example, given, settings
-from hypothesis import strategies as st
+from hypothesis import example, given, settings, strategies as st
 
 from calibkit import native
 from calibkit.numeric import compiled

@@ -13,13 +13,13 @@ from calibkit.errors import FitError
 from calibkit.instruments.inclinometer import simulate
 from calibkit.instruments.inclinometer.numeric import (
     closure,
+    covariance as northseek_covariance,
     published,
     refusals,
     root_choice,
     scale_prior,
     sensor_pairs,
 )
-from calibkit.instruments.inclinometer.numeric import covariance as northseek_covariance
 from conftest import AUTHORITIES
 from test_northseek import forward, vector_components, wrapped
 

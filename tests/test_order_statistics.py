@@ -4,8 +4,7 @@ sample of them misleads.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit import native
 from calibkit.errors import FitError

@@ -8,8 +8,12 @@ from pathlib import Path
 import numpy as np
 import pytest
 
-from calibkit.instruments.accelerometer.numeric import affine as accel_affine
-from calibkit.instruments.accelerometer.numeric import affine_model, magnitude, q_factor
+from calibkit.instruments.accelerometer.numeric import (
+    affine as accel_affine,
+    affine_model,
+    magnitude,
+    q_factor,
+)
 from calibkit.numeric import dwells
 
 

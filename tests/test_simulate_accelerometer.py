@@ -8,8 +8,11 @@ import numpy as np
 import pytest
 
 from calibkit.instruments.accelerometer import simulate
-from calibkit.instruments.accelerometer.numeric import affine as accel_affine
-from calibkit.instruments.accelerometer.numeric import affine_model, k_factor
+from calibkit.instruments.accelerometer.numeric import (
+    affine as accel_affine,
+    affine_model,
+    k_factor,
+)
 from calibkit.numeric import attitude, dwells
 
 

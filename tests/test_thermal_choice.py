@@ -9,15 +9,15 @@ import pytest
 
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import simulate as fog
-from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice
 from calibkit.instruments.fog_thermal.numeric import (
+    choice as thermal_choice,
     evaluate,
     lagged,
     level,
+    noise as thermal_noise,
     pooled_fit,
     uncertainty,
 )
-from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
 from calibkit.instruments.fog_thermal.numeric.choice import (
     CANDIDATES,
     Candidate,

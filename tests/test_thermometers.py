@@ -4,8 +4,7 @@ rates that were ordered.
 
 import numpy as np
 import pytest
-from hypothesis import given, settings
-from hypothesis import strategies as st
+from hypothesis import given, settings, strategies as st
 
 from calibkit import recipe
 from calibkit.check import lead, thermometers

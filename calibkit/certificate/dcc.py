@@ -11,8 +11,7 @@ from __future__ import annotations
 from typing import TYPE_CHECKING
 
 from calibkit import coefficients
-from calibkit.certificate import dcc_check, dcc_results
-from calibkit.certificate import dcc_xml as xml
+from calibkit.certificate import dcc_check, dcc_results, dcc_xml as xml
 from calibkit.certificate.content import Attachment, Relationship
 from calibkit.certificate.dcc_xml import Notation, add
 from calibkit.certificate.words import CONDITIONS, HEADINGS, SENTENCES, Words, unit_mark

@@ -60,8 +60,7 @@ def certify(
     calibkit certify FOG-0001 --profile lab.toml --sign key.p12 --out certificate.pdf
     """
     from calibkit import store
-    from calibkit.certificate import certify as certificates
-    from calibkit.certificate import sign
+    from calibkit.certificate import certify as certificates, sign
     from calibkit.instruments import certificate_layout
 
     issued = certificates.certify(

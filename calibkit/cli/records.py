@@ -187,8 +187,7 @@ def history(
     before.
     """
     from calibkit import instruments, new_files
-    from calibkit.history import figure as drawing
-    from calibkit.history import timeline_tables as tables
+    from calibkit.history import figure as drawing, timeline_tables as tables
     from calibkit.history.timeline import read_timeline
 
     _one_format(as_csv=as_csv, as_json=as_json)

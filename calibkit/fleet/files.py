@@ -8,8 +8,7 @@ import hashlib
 from typing import TYPE_CHECKING, Any
 
 from calibkit import coefficients, pipeline, store
-from calibkit.report import control_charts
-from calibkit.report import figures as drawing
+from calibkit.report import control_charts, figures as drawing
 from calibkit.report.table import Column, Table, number_or_none, tabulate
 
 if TYPE_CHECKING:

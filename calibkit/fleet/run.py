@@ -11,8 +11,7 @@ from typing import TYPE_CHECKING
 from calibkit import atomic, instruments, new_files, store
 from calibkit.errors import FrameError, OutputError, StoppedError, UsageError
 from calibkit.fleet import cluster, files, local, table
-from calibkit.fleet.unit import Failure, Plan, Row
-from calibkit.fleet.unit import outcome as of_unit
+from calibkit.fleet.unit import Failure, Plan, Row, outcome as of_unit
 
 if TYPE_CHECKING:
     from collections.abc import Generator, Sequence

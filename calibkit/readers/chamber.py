@@ -20,8 +20,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, times
-from calibkit.readers import encoding as encodings
+from calibkit.readers import delimited, encoding as encodings, times
 from calibkit.readers.table import FIRST_ROW, Table
 
 if TYPE_CHECKING:

@@ -16,8 +16,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import arrays, delimited
-from calibkit.readers import encoding as encodings
+from calibkit.readers import arrays, delimited, encoding as encodings
 from calibkit.readers.table import Table
 
 if TYPE_CHECKING:

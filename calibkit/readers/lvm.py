@@ -21,8 +21,7 @@ import numpy as np
 
 from calibkit import units
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, tokens
-from calibkit.readers import encoding as encodings
+from calibkit.readers import delimited, encoding as encodings, tokens
 from calibkit.readers.table import FIRST_ROW, Table
 
 if TYPE_CHECKING:

@@ -14,8 +14,7 @@ from typing import TYPE_CHECKING
 
 from calibkit import units
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, times, tokens
-from calibkit.readers import encoding as encodings
+from calibkit.readers import delimited, encoding as encodings, times, tokens
 from calibkit.readers.dialect import Dialect, TextColumn
 from calibkit.recipe.logs import TextSpec
 

@@ -20,8 +20,7 @@ import re
 from typing import TYPE_CHECKING
 
 from calibkit.errors import LogFormatError
-from calibkit.readers import delimited, sniff, tokens
-from calibkit.readers import encoding as encodings
+from calibkit.readers import delimited, encoding as encodings, sniff, tokens
 from calibkit.readers.table import FIRST_ROW, Table
 
 if TYPE_CHECKING:

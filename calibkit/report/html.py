@@ -13,8 +13,7 @@ import hashlib
 from importlib import resources
 from typing import TYPE_CHECKING, Any
 
-from calibkit.report import html_tables as tables
-from calibkit.report import svg
+from calibkit.report import html_tables as tables, svg
 from calibkit.report.markup import Markup, element, escaped, joined
 
 if TYPE_CHECKING:

@@ -9,11 +9,15 @@ import numpy as np
 from calibkit.check import copies
 from calibkit.coefficients import Criterion, Input
 from calibkit.frame import refuse, require
-from calibkit.ingest import logs as ingest
-from calibkit.ingest import write_back
+from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
-from calibkit.instruments.accelerometer import coefficient_files, errors, forms, tables
-from calibkit.instruments.accelerometer import dwells as triad_dwells
+from calibkit.instruments.accelerometer import (
+    coefficient_files,
+    dwells as triad_dwells,
+    errors,
+    forms,
+    tables,
+)
 from calibkit.instruments.accelerometer.figures import TriadReport, draw_pages
 from calibkit.instruments.accelerometer.fit import fit_triad
 from calibkit.instruments.accelerometer.propose import propose

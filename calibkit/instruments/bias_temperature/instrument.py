@@ -6,17 +6,14 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING, Any
 
-from calibkit import check as checks
-from calibkit import units
+from calibkit import check as checks, units
 from calibkit.check import chunked, copies
 from calibkit.coefficients import Input
 from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Examined, Finding, refuse
-from calibkit.ingest import logs as ingest
-from calibkit.ingest import write_back
+from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
-from calibkit.instruments.bias_temperature import figures as pages
-from calibkit.instruments.bias_temperature import polynomials
+from calibkit.instruments.bias_temperature import figures as pages, polynomials
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.report.documents import Drawn
 

@@ -14,8 +14,7 @@ import numpy as np
 
 from calibkit.coefficients import Condition, Figure
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.instruments.fog_thermal.numeric import uncertainty as thermal_uncertainty
+from calibkit.instruments.fog_thermal.numeric import evaluate, uncertainty as thermal_uncertainty
 from calibkit.numeric import earth, gum
 from calibkit.recipe import type_b
 from calibkit.report import budget

@@ -10,8 +10,7 @@ import numpy as np
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
 from calibkit.coefficients import at_least, at_most
 from calibkit.frame import refuse, values
-from calibkit.ingest import logs as ingest
-from calibkit.ingest import write_back
+from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.fog_thermal import (
     bias,

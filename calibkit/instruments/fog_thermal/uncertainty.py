@@ -12,8 +12,12 @@ import numpy as np
 from calibkit.errors import UsageError
 from calibkit.frame import values
 from calibkit.instruments.fog_thermal import ramps
-from calibkit.instruments.fog_thermal.numeric import compensation, evaluate, uncertainty
-from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
+from calibkit.instruments.fog_thermal.numeric import (
+    compensation,
+    evaluate,
+    noise as thermal_noise,
+    uncertainty,
+)
 from calibkit.numeric import chunks, gum
 from calibkit.recipe.type_b import RELATIVE
 from calibkit.report.summary import number

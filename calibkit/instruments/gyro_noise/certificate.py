@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
 
     from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Figure as Found
-    from calibkit.coefficients import Record
+    from calibkit.coefficients import Figure as Found, Record
     from calibkit.instruments.gyro_noise.forms import Deviation
 
 ALLAN = Equation(

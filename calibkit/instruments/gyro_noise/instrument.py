@@ -12,8 +12,7 @@ from calibkit.errors import FitError, UsageError
 from calibkit.frame import Examined, Finding, refuse
 from calibkit.ingest import logs as ingest
 from calibkit.instruments import Fitted, Instrument
-from calibkit.instruments.gyro_noise import deviations, tables
-from calibkit.instruments.gyro_noise import figures as pages
+from calibkit.instruments.gyro_noise import deviations, figures as pages, tables
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary

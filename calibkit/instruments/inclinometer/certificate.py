@@ -17,8 +17,7 @@ from calibkit.certificate.results import (
 )
 from calibkit.certificate.stated import powers, range_words, residual_words
 from calibkit.certificate.words import Words
-from calibkit.instruments.inclinometer.forms import SCALE as SCALE_FORM
-from calibkit.instruments.inclinometer.forms import TEMPERATURE
+from calibkit.instruments.inclinometer.forms import SCALE as SCALE_FORM, TEMPERATURE
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -11,20 +11,19 @@ from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import FrameError
 from calibkit.frame import refuse, values
-from calibkit.ingest import logs as ingest
-from calibkit.ingest import write_back
+from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
 from calibkit.instruments.inclinometer import (
     coefficient_files,
     dwells,
     errors,
+    figures as pages,
     latitude,
+    rows as inclinometer_rows,
     solve,
+    stations as inclinometer_stations,
     tables,
 )
-from calibkit.instruments.inclinometer import figures as pages
-from calibkit.instruments.inclinometer import rows as inclinometer_rows
-from calibkit.instruments.inclinometer import stations as inclinometer_stations
 from calibkit.instruments.inclinometer.forms import SCALE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.report.documents import Drawn

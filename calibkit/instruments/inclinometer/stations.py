@@ -12,8 +12,10 @@ import numpy as np
 from calibkit import check
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Examined, Finding, Log, refuse, values
-from calibkit.instruments.inclinometer import dwells as inclinometer_dwells
-from calibkit.instruments.inclinometer import noise as inclinometer_noise
+from calibkit.instruments.inclinometer import (
+    dwells as inclinometer_dwells,
+    noise as inclinometer_noise,
+)
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.noise import Closing, Noise
 from calibkit.instruments.inclinometer.numeric import published, sinusoid_fit

@@ -13,8 +13,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.numeric import chunks
-from calibkit.numeric.least_squares import fit as least_squares
-from calibkit.numeric.least_squares import gram
+from calibkit.numeric.least_squares import fit as least_squares, gram
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Sequence

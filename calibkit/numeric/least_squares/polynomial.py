@@ -12,8 +12,7 @@ import numpy as np
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
-from calibkit.numeric.least_squares import fit as least_squares
-from calibkit.numeric.least_squares import leave_out
+from calibkit.numeric.least_squares import fit as least_squares, leave_out
 
 if TYPE_CHECKING:
     from collections.abc import Callable

@@ -27,8 +27,7 @@ from calibkit.instruments.accelerometer.numeric.affine_model import (
     rotation,
     tilted_gravity,
 )
-from calibkit.numeric.least_squares import fit as least_squares
-from calibkit.numeric.least_squares import gauss_newton, polynomial, robust
+from calibkit.numeric.least_squares import fit as least_squares, gauss_newton, polynomial, robust
 
 if TYPE_CHECKING:
     from numpy.typing import NDArray

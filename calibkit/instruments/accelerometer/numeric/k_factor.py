@@ -20,8 +20,14 @@ import numpy as np
 
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import determination
-from calibkit.numeric.least_squares import fit as least_squares
-from calibkit.numeric.least_squares import fold, gram, leave_out, polynomial, robust
+from calibkit.numeric.least_squares import (
+    fit as least_squares,
+    fold,
+    gram,
+    leave_out,
+    polynomial,
+    robust,
+)
 
 if TYPE_CHECKING:
     from collections.abc import Sequence

@@ -21,8 +21,7 @@ from calibkit.instruments.accelerometer.numeric.norms import (
     lower_matrix,
     sum_squares,
 )
-from calibkit.numeric.least_squares import fit as least_squares
-from calibkit.numeric.least_squares import fold, gauss_newton, gram, robust
+from calibkit.numeric.least_squares import fit as least_squares, fold, gauss_newton, gram, robust
 
 if TYPE_CHECKING:
     from collections.abc import Mapping

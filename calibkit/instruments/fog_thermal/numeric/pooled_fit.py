@@ -15,8 +15,7 @@ from typing import TYPE_CHECKING, Literal
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
-from calibkit.instruments.fog_thermal.numeric import occupancy
+from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise, occupancy
 from calibkit.instruments.fog_thermal.numeric.terms import (
     TERMS,
     ThermalModel,

@@ -11,8 +11,7 @@ import numpy as np
 
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
-from calibkit.instruments.fog_thermal.numeric import evaluate
-from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise
+from calibkit.instruments.fog_thermal.numeric import evaluate, noise as thermal_noise
 from calibkit.numeric import gum
 
 if TYPE_CHECKING:
