@@ -1,7 +1,5 @@
 """Types of the arrays that pass between functions; shapes and units stand in docstrings."""
 
-from __future__ import annotations
-
 from typing import TypeAlias
 
 import numpy as np

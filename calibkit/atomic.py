@@ -2,19 +2,14 @@
 between processes.
 """
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os
 import time
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator
+from pathlib import Path
 
 from calibkit.errors import OutputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-    from pathlib import Path
 
 _WAIT_S = 120.0
 """Seconds to wait for another process that holds a lock: it draws a report and writes a run folder

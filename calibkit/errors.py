@@ -1,7 +1,5 @@
 """What can go wrong, one class a kind, each with the exit code that a script can rely on."""
 
-from __future__ import annotations
-
 
 class CalibkitError(Exception):
     """Anything calibkit refuses to do, with one line that says where, what was found, what was

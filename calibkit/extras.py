@@ -1,7 +1,5 @@
 """Libraries that are installed with one of the package's extras: `pip install 'calibkit[pdf]'`."""
 
-from __future__ import annotations
-
 import importlib
 from typing import Any
 

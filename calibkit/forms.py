@@ -2,20 +2,15 @@
 how a result follows from them.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, TypeAlias
+from typing import TypeAlias
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Coefficient, Model, Parameter
 from calibkit.errors import CoefficientError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from calibkit.arrays import Array, Mask
 
 Inputs: TypeAlias = "Mapping[str, Array]"
 """Canonical column → values [n] in its unit."""

@@ -3,19 +3,14 @@
 Nothing is overwritten, and nothing is added to a run folder.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import tempfile
+from collections.abc import Iterable, Iterator, Mapping
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 from calibkit import atomic
 from calibkit.errors import OutputError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
 
 RUN_FILE = "run.json"
 """File by which a run folder is known."""

@@ -10,20 +10,16 @@ and the module states the version of the interface that it was written for:
 `CALIBKIT_INTERFACE = 1`.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import sys
+from collections.abc import Mapping
 from dataclasses import dataclass
+from importlib.metadata import EntryPoint
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit.errors import UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from importlib.metadata import EntryPoint
 
 READERS, INSTRUMENTS = "calibkit.readers", "calibkit.instruments"
 """Groups of entry points."""

@@ -1,16 +1,12 @@
 """What a run.json holds: the keys that every format ever released has, and their types."""
 
-from __future__ import annotations
-
 import datetime as dt
 import re
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from calibkit.errors import CoefficientError
 from calibkit.frame import KEPT_DIGITS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
 
 Kind = type | tuple[type, ...]
 SHAPE: dict[str, Kind] = {

@@ -2,24 +2,20 @@
 digests.
 """
 
-from __future__ import annotations
-
 import contextlib
 import hashlib
 import os
 import re
 import shutil
 import tempfile
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit import atomic, coefficients, run_document
 from calibkit.errors import CoefficientError, OutputError, UsageError
 from calibkit.new_files import RUN_FILE, WRITING, output_errors, refuse_run_folder
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
 
 RUN_FORMAT = "calibkit-run/1"
 RUN_FORMATS = (RUN_FORMAT,)

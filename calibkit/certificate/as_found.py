@@ -2,22 +2,16 @@
 were not fitted.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from calibkit import coefficients
-from calibkit.certificate.run_files import stated_criteria, stated_inputs
+from calibkit.certificate.run_files import RunFiles, stated_criteria, stated_inputs
 from calibkit.certificate.words import Words
+from calibkit.coefficients import Criterion, Input
 from calibkit.errors import CoefficientError, UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping
-    from pathlib import Path
-
-    from calibkit.certificate.run_files import RunFiles
-    from calibkit.coefficients import Criterion, Input
 
 FORMATS = ("calibkit-validation/1",)
 

@@ -1,20 +1,16 @@
 """The command: a run folder, a profile, a validation and a date → a certificate, written once."""
 
-from __future__ import annotations
-
 import datetime as dt
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit import new_files, store
 from calibkit.certificate import as_found, content, dcc, pdf, profile, run_files, sign
+from calibkit.certificate.checklist import Missing
+from calibkit.certificate.words import Lang
 from calibkit.errors import RecipeError, UsageError
 from calibkit.recipe import loader
-
-if TYPE_CHECKING:
-    from calibkit.certificate.checklist import Missing
-    from calibkit.certificate.words import Lang
 
 
 @dataclass(frozen=True, slots=True)

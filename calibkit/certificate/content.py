@@ -2,29 +2,22 @@
 validation and a date.
 """
 
-from __future__ import annotations
-
+import datetime as dt
 import hashlib
+from collections.abc import Callable, Iterable, Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Any, Literal, TypeAlias
+from typing import Any, Literal, TypeAlias
 
 from calibkit.certificate import checklist, conformity, uncertainty
-from calibkit.certificate.run_files import run_facts
+from calibkit.certificate.as_found import AsFoundAsLeft
+from calibkit.certificate.profile import Profile
+from calibkit.certificate.results import Block, Result
+from calibkit.certificate.run_files import RunFacts, RunFiles, run_facts
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
 from calibkit.new_files import RUN_FILE
-from calibkit.recipe import type_b
-
-if TYPE_CHECKING:
-    import datetime as dt
-    from collections.abc import Callable, Iterable, Mapping
-
-    from calibkit.certificate.as_found import AsFoundAsLeft
-    from calibkit.certificate.profile import Profile
-    from calibkit.certificate.results import Block, Result
-    from calibkit.certificate.run_files import RunFacts, RunFiles
-    from calibkit.recipe import Recipe
+from calibkit.recipe import Recipe, type_b
 
 TITLE = Words("Calibration certificate", "校准证书")
 Relationship = Literal["source", "data", "alternative", "supplement"]

@@ -2,28 +2,22 @@
 attached.
 """
 
-from __future__ import annotations
-
 import datetime as dt
 import json
 import re
 import shutil
 import tempfile
 import unicodedata
+from collections.abc import Sequence
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit import extras
 from calibkit.certificate.checklist import character_code
+from calibkit.certificate.content import Certificate
 from calibkit.certificate.sheet import sheet
-from calibkit.certificate.words import HEADINGS, SENTENCES
+from calibkit.certificate.words import HEADINGS, SENTENCES, Lang
 from calibkit.errors import OutputError, RecipeError, UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.certificate.content import Certificate
-    from calibkit.certificate.words import Lang
 
 TEMPLATE = Path(__file__).with_name("certificate.typ")
 LONGEST_WORD = 36

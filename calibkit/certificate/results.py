@@ -2,16 +2,12 @@
 are rendered as.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from decimal import Context, Decimal
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from calibkit.certificate.words import Words
 from calibkit.numeric import gum
-
-if TYPE_CHECKING:
-    from calibkit.certificate.words import Words
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,22 +2,18 @@
 over the whole file.
 """
 
-from __future__ import annotations
-
 import asyncio
 import contextlib
+import datetime as dt
 import io
 import logging
+from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from calibkit import extras
 from calibkit.errors import UsageError
-
-if TYPE_CHECKING:
-    import datetime as dt
-    from collections.abc import Iterator
-    from pathlib import Path
 
 FIELD = "Signature"
 PASSPHRASE = "CALIBKIT_SIGN_PASSPHRASE"  # noqa: S105 (the name of the variable, not what it holds)

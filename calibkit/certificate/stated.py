@@ -2,23 +2,16 @@
 the covariance gives it.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit.certificate.results import GridTable, ListTable, Result
-from calibkit.certificate.uncertainty import TYPE_A, magnitude_interval
+from calibkit.certificate.uncertainty import TYPE_A, Source, magnitude_interval
 from calibkit.certificate.words import Words, unit_mark
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-
-    from calibkit.certificate.uncertainty import Source
-    from calibkit.coefficients import Figure, Model, Record
+from calibkit.coefficients import Figure, Model, Record
 
 TEMPERATURE = "temp_case_degc"
 MOST_NOTES = 8

@@ -2,21 +2,21 @@
 per table or one per row.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterable, Sequence
 from decimal import Decimal
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from calibkit.certificate.results import GridTable, ListTable, descriptor, printed
-from calibkit.certificate.words import POWERS, Words, unit_mark
+from calibkit.certificate.results import (
+    GridTable,
+    ListTable,
+    Result,
+    Uncertainty,
+    descriptor,
+    printed,
+)
+from calibkit.certificate.words import POWERS, Lang, Words, unit_mark
 from calibkit.numeric import gum
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from calibkit.certificate.results import Result, Uncertainty
-    from calibkit.certificate.words import Lang
 
 WIDEST = 130
 """Characters that stand side by side in a table."""

@@ -2,20 +2,16 @@
 whether the signer is trusted.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from calibkit import extras
 from calibkit.certificate.sign import quiet
 from calibkit.errors import UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-    from pathlib import Path
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,27 +5,21 @@ The memory of a check is that of a piece and of the thinned log, whatever the si
 clean CSV can be looked at like this; another format is read whole.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from calibkit import check, units
 from calibkit.check import facts
+from calibkit.check.facts import Facts
 from calibkit.frame import Finding, Log, values
 from calibkit.ingest import logs_on_disk, mapping
 from calibkit.numeric.chunks import release
 from calibkit.readers import clean
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from calibkit.check.facts import Facts
-    from calibkit.recipe import Recipe
+from calibkit.recipe import Recipe
 
 LARGEST = 100_000_000
 """Bytes of a log up to which it is read whole."""

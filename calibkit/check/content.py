@@ -2,21 +2,14 @@
 plausible values.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
-from calibkit.frame import Finding, Log, values
+from calibkit.arrays import Array, Integers
+from calibkit.frame import Finding, Log, Severity, values
 from calibkit.numeric import chunks
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.frame import Severity
 
 LARGEST_RATE_DPH = 1e7
 """Indication [°/h] beyond which a log is not a gyro's: some 2800 °/s."""

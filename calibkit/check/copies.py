@@ -6,20 +6,13 @@ separators, a row less. Of logs that are at hand the first rows are compared, of
 fingerprints that its run.json keeps of them.
 """
 
-from __future__ import annotations
-
 import functools
-from typing import TYPE_CHECKING
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 
+from calibkit.coefficients import Input
 from calibkit.errors import FrameError
-from calibkit.frame import KEPT_DIGITS, KEPT_ROWS, fingerprint
+from calibkit.frame import KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
 from calibkit.readers.table import Guess
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from calibkit.coefficients import Input
-    from calibkit.frame import Log
 
 SHARED = 0.9
 """Share of the shorter log's rows from which two logs are copies; noise makes the rows of two

@@ -2,22 +2,15 @@
 temperature occupancy.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import units
+from calibkit.arrays import Array
 from calibkit.frame import Log, values
 from calibkit.numeric import anomalies
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-
 
 BIN_DEGC = 10.0
 """Width of a temperature bin of the occupancy."""

@@ -1,15 +1,10 @@
 """Which of two temperatures follows the other, by how much, and with which gain."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-
+from calibkit.arrays import Array
 
 BLOCKS = 600
 """Block means that the two are compared by."""

@@ -2,18 +2,13 @@
 people.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from calibkit.check.facts import Facts
 from calibkit.errors import FrameError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.check.facts import Facts
-    from calibkit.frame import Finding
+from calibkit.frame import Finding
 
 WORDS = {"refuse": "REFUSED", "warn": "flagged", "note": "note   "}
 """Severity → the word that begins a line."""

@@ -4,21 +4,14 @@ A column is judged in pieces of at most PIECE rows, so that a log of any length 
 whether it is read whole or a piece at a time.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.check.content import finding_at_row
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, order_statistics
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from calibkit.arrays import Array, Integers
-
 
 SPIKE_DEGC = 0.5
 """Departure from its neighbours [°C] below which a temperature is no spike: air is turbulent."""

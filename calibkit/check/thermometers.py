@@ -5,22 +5,14 @@ On a ramp the case follows the air behind a lag, and in time it moves as far: ca
 zero point of °F is a unit, a negative lag an exchange.
 """
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.check import lead
-from calibkit.frame import Finding, Log, values
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.arrays import Array
-    from calibkit.frame import Severity
-
+from calibkit.frame import Finding, Log, Severity, values
 
 SPAN_DEGC = 5.0
 """Change of temperature from which rates and slopes tell units apart."""

@@ -2,10 +2,9 @@
 the commands.
 """
 
-from __future__ import annotations
-
 import os
 import sys
+from collections.abc import Sequence
 from typing import TYPE_CHECKING, NoReturn
 
 import click
@@ -16,9 +15,6 @@ from calibkit.cli.ending import run_to_exit_code
 from calibkit.cli.options import JSON, Group
 from calibkit.cli.pipe import tolerate_closed_pipes
 from calibkit.version import __version__
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 
 @click.group(

@@ -2,8 +2,6 @@
 line.
 """
 
-from __future__ import annotations
-
 import datetime as dt
 
 from calibkit.errors import UsageError

@@ -2,18 +2,13 @@
 makes it do so.
 """
 
-from __future__ import annotations
-
 import os
 from pathlib import Path
-from typing import TYPE_CHECKING
 
+import click
 from click.shell_completion import CompletionItem, get_completion_class
 
 from calibkit.errors import UsageError
-
-if TYPE_CHECKING:
-    import click
 
 Items = list[CompletionItem]
 SHELLS = ("bash", "zsh", "fish")

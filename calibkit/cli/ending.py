@@ -1,22 +1,17 @@
 """How a command ends: the exit codes of the contract, one message per failure."""
 
-from __future__ import annotations
-
 import contextlib
 import errno
 import os
 import sys
-from typing import TYPE_CHECKING, Any
+from collections.abc import Callable
+from typing import Any
 
 import click
 
 from calibkit.cli.console import log_line, print_json, print_message
 from calibkit.cli.pipe import discard
 from calibkit.errors import CalibkitError, OutputError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
 
 _BROKEN_PIPE = 141
 """Exit code of a command that a closed pipe ended, as shells count it (128 + SIGPIPE); 1 would say

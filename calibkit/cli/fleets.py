@@ -1,8 +1,6 @@
 """The command for many units at once."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import click
 
@@ -10,9 +8,6 @@ from calibkit.cli.clock import date_or_today
 from calibkit.cli.console import print_guesses, print_json, progress
 from calibkit.cli.options import DRY, JSON, KEEP, PATH, RECIPE, SET, SINCE, command
 from calibkit.errors import UsageError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 @command()

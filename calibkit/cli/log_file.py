@@ -2,16 +2,11 @@
 read from it.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from calibkit import new_files
 from calibkit.cli.clock import now
 from calibkit.errors import OutputError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 
 def append(path: Path, level: str, text: str) -> None:

@@ -1,8 +1,6 @@
 """Commands on logs: fit, check, init, apply, validate, simulate."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import click
 
@@ -22,9 +20,6 @@ from calibkit.cli.console import (
 from calibkit.cli.memory import tune_memory
 from calibkit.cli.options import DATA, DRY, JSON, KEEP, PATH, RECIPE, RUN, RUNS, SET, SINCE, command
 from calibkit.errors import FrameError
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 VERDICT_KEYS = (
     "serial",

@@ -1,7 +1,5 @@
 """Options and arguments that commands share, and the group that they belong to."""
 
-from __future__ import annotations
-
 import functools
 import shlex
 from pathlib import Path

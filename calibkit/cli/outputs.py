@@ -1,20 +1,14 @@
 """Commands that hand a run on: certify, export."""
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import click
 
+from calibkit.certificate.words import Lang
 from calibkit.cli.clock import date_or_today, now
 from calibkit.cli.console import print_flags, print_message, print_result
 from calibkit.cli.options import DRY, JSON, PATH, RUN, RUNS, command
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from calibkit.certificate.words import Lang
 
 
 @command()

@@ -2,27 +2,20 @@
 target cannot know.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Mapping, Sequence
+from pathlib import Path
 
 import numpy as np
 
 from calibkit import check
+from calibkit.arrays import Array, Integers
 from calibkit.firmware import twin
-from calibkit.frame import refuse, values
+from calibkit.firmware.chain import Chain, Correction
+from calibkit.firmware.program import Program
+from calibkit.frame import Log, refuse, values
 from calibkit.ingest import logs, write_back
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.firmware.chain import Chain, Correction
-    from calibkit.firmware.program import Program
-    from calibkit.frame import Log
-    from calibkit.ingest.write_back import Applied
-    from calibkit.recipe import Recipe
+from calibkit.ingest.write_back import Applied
+from calibkit.recipe import Recipe
 
 
 def apply(

@@ -10,8 +10,6 @@ and, as numbers, updates and status; the facts and the layout as text; CRC-32 (I
 everything before it.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import json
@@ -19,14 +17,11 @@ import struct
 import zlib
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_selftest, c_text, layout, vectors
-
-if TYPE_CHECKING:
-    from calibkit.firmware.export import Export
-    from calibkit.firmware.program import Program
+from calibkit.firmware.export import Export
+from calibkit.firmware.program import Program
 
 MAGIC, MAJOR, MINOR = b"CALB", 1, 0
 HEADER = struct.Struct("<4sHHIHH8sI32s32s12sII")

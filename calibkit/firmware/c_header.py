@@ -1,14 +1,8 @@
 """The header: facts, statuses, inputs and outputs with units, functions."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from calibkit.firmware import c_text
+from calibkit.firmware.export import Export
 from calibkit.firmware.twin import INVALID
-
-if TYPE_CHECKING:
-    from calibkit.firmware.export import Export
 
 STATUS = {
     "TEMP_CLAMPED": "temperature outside the fitted range: the correction at its end was used",

@@ -1,7 +1,5 @@
 """Helper functions of the generated sources; a source holds only those that it calls."""
 
-from __future__ import annotations
-
 
 def _slope(value: str, weight: str, arguments: str, product: str) -> str:
     """Function of a slope for types of values and weights, its last arguments, and the product of a

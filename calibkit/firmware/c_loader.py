@@ -2,17 +2,11 @@
 device.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from calibkit.firmware import blob, c_header, c_helpers, c_reader, c_selftest, c_source, c_text
+from calibkit.firmware.blob import Shape
 from calibkit.firmware.chain import Limit, Slope, Sum
+from calibkit.firmware.export import Export
 from calibkit.firmware.twin import INVALID
-
-if TYPE_CHECKING:
-    from calibkit.firmware.blob import Shape
-    from calibkit.firmware.export import Export
 
 NOT_LOADED = 0x4000
 REASONS = (

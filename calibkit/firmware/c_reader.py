@@ -2,18 +2,13 @@
 again.
 """
 
-from __future__ import annotations
-
 import re
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from calibkit.errors import CoefficientError
 from calibkit.firmware import c_text, layout, vectors
-
-if TYPE_CHECKING:
-    from calibkit.firmware.formats import Format
-    from calibkit.firmware.program import Program
+from calibkit.firmware.formats import Format
+from calibkit.firmware.program import Program
 
 CONSTANT = re.compile(r"static const \w+ (\w+)(?:\[\w+\])? = ([^;]*);")
 NUMBER = re.compile(r"(?<![\w.])-?(?:0x[0-9a-f]+|\d+(?:\.\d*)?(?:e[-+]?\d+)?)(?=[UF]?\b)")

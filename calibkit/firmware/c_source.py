@@ -2,18 +2,11 @@
 `calibkit verify` reads them.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
 
 from calibkit.firmware import c_helpers, c_selftest, c_steps, c_text, layout
-from calibkit.firmware.chain import Limit, Map, Select, Slope, Sum
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from calibkit.firmware.chain import Step
-    from calibkit.firmware.export import Export
+from calibkit.firmware.chain import Limit, Map, Select, Slope, Step, Sum
+from calibkit.firmware.export import Export
 
 CONTRACT = {
     False: (

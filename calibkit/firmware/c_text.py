@@ -1,19 +1,12 @@
 """The facts that stand at the top of every generated file, and the digest at its end."""
 
-from __future__ import annotations
-
 import hashlib
 import re
 import textwrap
-from typing import TYPE_CHECKING
+from collections.abc import Iterable
 
 from calibkit.errors import CoefficientError
-from calibkit.firmware.export import SCHEMA
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from calibkit.firmware.export import Export
+from calibkit.firmware.export import SCHEMA, Export
 
 NUMBERS = {
     "f32": "IEEE 754 single precision",

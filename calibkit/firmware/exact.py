@@ -2,15 +2,10 @@
 library.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from decimal import Context, Decimal
 from fractions import Fraction
 from itertools import zip_longest
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 Poly = tuple[Fraction, ...]
 """Coefficients of a polynomial, ascending: index = power."""

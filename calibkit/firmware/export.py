@@ -2,20 +2,14 @@
 bounds and test vectors.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from calibkit.firmware import bounds, identifiers, program, vectors
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.firmware.chain import Chain, Structure
-    from calibkit.firmware.formats import Format
-    from calibkit.firmware.program import Program
-    from calibkit.firmware.vectors import Vectors
+from calibkit.firmware.chain import Chain, Structure
+from calibkit.firmware.formats import Format
+from calibkit.firmware.program import Program
+from calibkit.firmware.vectors import Vectors
 
 SCHEMA = "calibkit-firmware/1"
 

@@ -2,8 +2,6 @@
 Motorola S-records.
 """
 
-from __future__ import annotations
-
 from typing import Any
 
 from calibkit import extras

@@ -1,7 +1,5 @@
 """Number formats of firmware: IEEE 754 single and double, two's complement of 32 and 16 bits."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 from fractions import Fraction
 

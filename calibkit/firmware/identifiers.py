@@ -1,7 +1,5 @@
 """Names that generated code may have."""
 
-from __future__ import annotations
-
 import re
 
 from calibkit.errors import UsageError

@@ -2,18 +2,14 @@
 evaluated again.
 """
 
-from __future__ import annotations
-
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit.errors import CoefficientError
 from calibkit.firmware import chain, formats
 from calibkit.firmware.program import Program
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
 
 STEPS = {
     kind.__name__.lower(): kind

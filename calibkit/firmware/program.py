@@ -1,21 +1,14 @@
 """A chain in one number format: the same steps, with the numbers that the firmware holds."""
 
-from __future__ import annotations
-
 import itertools
+from collections.abc import Mapping
 from dataclasses import dataclass
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from calibkit.firmware import exact, ranges
-from calibkit.firmware.chain import Limit, Map, Quotient, Select, Slope, Sum
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.firmware.chain import Chain, Step, Structure
-    from calibkit.firmware.formats import Format
-    from calibkit.firmware.ranges import Range
+from calibkit.firmware.chain import Chain, Limit, Map, Quotient, Select, Slope, Step, Structure, Sum
+from calibkit.firmware.formats import Format
+from calibkit.firmware.ranges import Range
 
 SLACK = {16: 64, 32: 4096}
 """Words at either end that roundings may not reach: 64 of 32768."""

@@ -2,17 +2,21 @@
 and errors scale with it.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
-from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Select, Slope, Sum
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.firmware.chain import Chain, Step, Term
+from calibkit.firmware.chain import (
+    Chain,
+    Limit,
+    Map,
+    Memory,
+    Quotient,
+    Select,
+    Slope,
+    Step,
+    Sum,
+    Term,
+)
 
 Range = tuple[Fraction, Fraction]
 ONE = (Fraction(1), Fraction(1))

@@ -2,23 +2,17 @@
 what the row can be verified by.
 """
 
-from __future__ import annotations
-
 import csv
 import hashlib
 import io
 import json
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING
 
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_text, layout, vectors
+from calibkit.firmware.export import Export
 from calibkit.report.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.firmware.export import Export
 
 FACTS = (
     "serial",

@@ -2,11 +2,11 @@
 is verified again.
 """
 
-from __future__ import annotations
-
 import hashlib
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from calibkit import coefficients
 from calibkit.errors import CoefficientError, OutputError, UsageError
@@ -21,12 +21,7 @@ from calibkit.firmware import (
     parameters,
     table,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.firmware.export import Export
+from calibkit.firmware.export import Export
 
 MANIFEST = "calibkit-manifest/1"
 FLOATS = ("f32", "f64")

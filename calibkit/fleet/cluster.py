@@ -2,21 +2,16 @@
 same paths.
 """
 
-from __future__ import annotations
-
 import threading
+from collections.abc import Generator, Sequence
 from functools import partial
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit.errors import UsageError
 from calibkit.fleet import unit
+from calibkit.fleet.unit import Outcome, Plan
 from calibkit.version import __version__
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
-
-    from calibkit.fleet.unit import Outcome, Plan
 
 PATIENCE_S = 15
 """How long a scheduler, then a first worker, is waited for."""

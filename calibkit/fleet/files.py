@@ -2,22 +2,16 @@
 all of them.
 """
 
-from __future__ import annotations
-
 import hashlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Mapping
+from typing import Any
 
 from calibkit import coefficients, pipeline, store
+from calibkit.fleet.table import FleetTable
+from calibkit.fleet.unit import Plan
 from calibkit.report import control_charts, figures as drawing
-from calibkit.report.table import Column, Table, number_or_none, tabulate
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.fleet.table import FleetTable
-    from calibkit.fleet.unit import Plan
-    from calibkit.report.control_charts import ControlChart
-    from calibkit.report.table import Cell
+from calibkit.report.control_charts import ControlChart
+from calibkit.report.table import Cell, Column, Table, number_or_none, tabulate
 
 DEVICE_KEYS = ("serial", "run", "run_sha256", "verdict", "error", "flags")
 TEXTS = ("serial", "run", "run_sha256", "verdict", "error", "outlier_in")

@@ -1,27 +1,18 @@
 """A fleet from start to end: units found, each fitted once, one table of all."""
 
-from __future__ import annotations
-
 import contextlib
 import os
 from collections import Counter
+from collections.abc import Generator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
-from calibkit import atomic, instruments, new_files, store
-from calibkit.errors import FrameError, OutputError, StoppedError, UsageError
+from calibkit import atomic, instruments, new_files, recipe, store
+from calibkit.errors import CalibkitError, FrameError, OutputError, StoppedError, UsageError
 from calibkit.fleet import cluster, files, local, table
-from calibkit.fleet.unit import Failure, Plan, Row, outcome as of_unit
-
-if TYPE_CHECKING:
-    from collections.abc import Generator, Sequence
-    from pathlib import Path
-
-    from calibkit import recipe
-    from calibkit.errors import CalibkitError
-    from calibkit.fleet.table import FleetTable
-    from calibkit.fleet.unit import Outcome
-    from calibkit.instruments import Progress
+from calibkit.fleet.table import FleetTable
+from calibkit.fleet.unit import Failure, Outcome, Plan, Row, outcome as of_unit
+from calibkit.instruments import Progress
 
 
 @dataclass(frozen=True, slots=True)

@@ -6,18 +6,13 @@ process begins anew: copies of a process are not safe there with the libraries t
 figures use.
 """
 
-from __future__ import annotations
-
 import contextlib
 import os
 import signal
 import sys
+from collections.abc import Iterator
 from multiprocessing import get_context
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from multiprocessing.context import ForkServerContext, SpawnContext
+from multiprocessing.context import ForkServerContext, SpawnContext
 
 COPIES = sys.platform == "linux"
 NEEDED = (

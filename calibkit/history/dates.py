@@ -1,19 +1,13 @@
 """What a date does to the selection of runs by date, said when the run is made."""
 
-from __future__ import annotations
-
 import contextlib
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
+from typing import Any
 
 from calibkit import store
 from calibkit.errors import CoefficientError
-
-if TYPE_CHECKING:
-    from pathlib import Path
-    from typing import Any
-
-    from calibkit.report.summary import Summary
+from calibkit.report.summary import Summary
 
 
 def flagged(summary: Summary, runs: Path, serial: str, revision: int, date: str) -> Summary:

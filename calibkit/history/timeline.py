@@ -2,32 +2,25 @@
 numbers moved.
 """
 
-from __future__ import annotations
-
 import datetime as dt
 import fnmatch
 import itertools
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from calibkit import store
 from calibkit.check import copies
-from calibkit.coefficients import Coefficient
+from calibkit.coefficients import Coefficient, Record
 from calibkit.errors import CoefficientError, UsageError
+from calibkit.forms import Form, FormsOf
 from calibkit.history import difference
+from calibkit.history.difference import Change
 from calibkit.numeric import change
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.coefficients import Record
-    from calibkit.forms import Form, FormsOf
-    from calibkit.history.difference import Change
-    from calibkit.numeric.change import Trend
-    from calibkit.store import Run
+from calibkit.numeric.change import Trend
+from calibkit.store import Run
 
 YEAR_DAYS = 365.25
 

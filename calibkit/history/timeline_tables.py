@@ -1,19 +1,13 @@
 """A timeline as `history` prints it: tables for a person, a JSON object and CSV for a script."""
 
-from __future__ import annotations
-
 from dataclasses import asdict, fields
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit.history.difference_tables import CHANGE_KEYS, TYPE_A, identify_run
-from calibkit.history.timeline import Point, Quantity
+from calibkit.history.timeline import Point, Quantity, Series, Timeline
 from calibkit.report.summary import Summary
-from calibkit.report.table import Column, Table, number_or_none, tabulate
-
-if TYPE_CHECKING:
-    from calibkit.history.timeline import Series, Timeline
-    from calibkit.report.table import Cell
-    from calibkit.store import Run
+from calibkit.report.table import Cell, Column, Table, number_or_none, tabulate
+from calibkit.store import Run
 
 OVER_TIME = (
     "change: from the first date to the last; step: largest between neighbours; a year: slope of"

@@ -8,20 +8,14 @@ tell an offset from a lag: on 18 simulated ramps with an exact clock, fits of of
 first-order lag were off by 19 to 51 s and claimed 0.7 to 2.2 s.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric import anomalies, dispersion
 from calibkit.numeric.least_squares import hac
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-
 
 _MOST_POINTS = 20_000
 """Rows of logger A that enter the estimate: more would add only correlated noise."""

@@ -2,17 +2,12 @@
 columns.
 """
 
-from __future__ import annotations
-
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 from calibkit import units
 from calibkit.frame import is_canonical
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 _TEMPERATURE = r"temp|^t[_ .]?\d*$|thermo|^pt\d|温|℃|therm"
 _AIR = r"env|air|chamb|amb|kammer|luft|umgeb|箱|环境|外|oven|^pv$|istwert|soll"

@@ -1,20 +1,16 @@
 """The logs of a folder, grouped by how they are written and what they hold."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, TypeAlias
+from pathlib import Path
+from typing import TypeAlias
 
 from calibkit.errors import FrameError, LogFormatError, UsageError
 from calibkit.ingest import column_names
 from calibkit.readers import registry, sniff, times
 from calibkit.recipe.logs import Logs
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
 
 _SKIPPED = re.compile(
     r"\.(json|md|toml|pdf|png|py|txt\.gz|zip|log\.gz)$|^(SHA256SUMS|LICENSE|README|SOURCE)",

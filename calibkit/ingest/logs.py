@@ -1,24 +1,18 @@
 """The logs of a data folder: which they are, and how each is read."""
 
-from __future__ import annotations
-
 import difflib
 import importlib
 from collections import deque
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from itertools import islice
-from typing import TYPE_CHECKING, Protocol, TypeVar
+from pathlib import Path
+from typing import Protocol, TypeVar
 
 from calibkit.errors import FrameError, RecipeError, UsageError
+from calibkit.frame import Log
 from calibkit.ingest.mapping import log_name, read_file
 from calibkit.readers import parts
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator, Sequence
-    from pathlib import Path
-
-    from calibkit.frame import Log
-    from calibkit.recipe import Recipe
-
+from calibkit.recipe import Recipe
 
 _Read = TypeVar("_Read")
 _NEEDED_LATER = (

@@ -6,27 +6,21 @@ goes span by span into arrays that lie there too, so that the numbers are those 
 Only clean CSV can be read like this.
 """
 
-from __future__ import annotations
-
 import os
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
+from pathlib import Path
 
 import numpy as np
 import pandas as pd
 
 from calibkit import units
+from calibkit.arrays import Array
 from calibkit.errors import UsageError
 from calibkit.frame import Log, values
 from calibkit.ingest import mapping, scratch
 from calibkit.numeric.chunks import release
 from calibkit.readers import clean
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from calibkit.arrays import Array
-    from calibkit.recipe import Recipe
+from calibkit.recipe import Recipe
 
 SETTING = "CALIBKIT_LARGEST_LOG_MB"
 """Environment variable: megabytes of a log up to which it is held in memory."""

@@ -1,18 +1,13 @@
 """Arrays on disk, for what memory should not hold: in unnamed files that vanish with the array."""
 
-from __future__ import annotations
-
 import mmap
 import os
 import tempfile
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import OutputError
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
 
 
 def allocate_column(rows: int) -> Array:

@@ -1,27 +1,19 @@
 """A log and its second logger, joined: the second logger's columns on the clock of the log."""
 
-from __future__ import annotations
-
 import fnmatch
+from collections.abc import Sequence
 from dataclasses import replace
-from pathlib import PurePosixPath
-from typing import TYPE_CHECKING
+from pathlib import Path, PurePosixPath
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Log, values
 from calibkit.ingest import clocks, mapping
+from calibkit.recipe import Recipe
 from calibkit.recipe.logs import Logs
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from calibkit.arrays import Array, Mask
-    from calibkit.recipe import Recipe
-    from calibkit.recipe.tables import SecondLogger
-
+from calibkit.recipe.tables import SecondLogger
 
 _GAIN = 0.1
 """Departure from 1 of the gain between two sensors of one quantity that is noted."""

@@ -6,15 +6,11 @@ decides how long calibkit takes, and nothing else. `CALIBKIT_NATIVE=off` leaves 
 calibkit.native` compiles them again.
 """
 
-from __future__ import annotations
-
 import os
+from ctypes import CDLL
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from ctypes import CDLL
 
 __all__ = ["kernels", "state"]
 

@@ -1,7 +1,5 @@
 """Compilation of the kernels: by whatever C compiler there is, into one library, or not at all."""
 
-from __future__ import annotations
-
 import hashlib
 import os
 import sys

@@ -5,20 +5,13 @@ The thresholds are wide on purpose: a false alarm in a healthy log costs more tr
 six standard deviations.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.dispersion import mad_sigma
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from calibkit.arrays import Array, Integers, Mask
-
 
 SAMPLE = 1 << 16
 """Rows that the noise and the resolution of a series are taken from."""

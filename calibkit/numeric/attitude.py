@@ -6,19 +6,14 @@ the gravity vector in the tool is R_z(φ) R_y(θ) (0, 0, 1) = (−sin θ cos φ,
 indications positive along gravity.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import rms
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-
 
 Convention = Literal["gravity", "specific_force"]
 """What a positive indication means: "gravity" is positive along gravity, "specific_force" is

@@ -2,17 +2,12 @@
 their uncertainties.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-
+from calibkit.arrays import Array
 
 SIGNIFICANT = 2.0
 """Standard uncertainties of a difference beyond which a number has moved."""

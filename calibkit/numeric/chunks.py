@@ -5,21 +5,14 @@ What is computed along a column is computed over the same chunks wherever the co
 the numbers are the same.
 """
 
-from __future__ import annotations
-
 import math
 import mmap
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterator
 
 import numpy as np
+from numpy.typing import NDArray
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from numpy.typing import NDArray
-
-    from calibkit.arrays import Array, Integers, Mask
-
+from calibkit.arrays import Array, Integers, Mask
 
 ROWS = 1 << 17
 """Rows of a chunk: a few columns of them stay in a cache."""

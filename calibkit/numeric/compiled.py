@@ -1,17 +1,11 @@
 """The compiled kernels, for arrays that they can read and write as these lie in memory."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from ctypes import CDLL
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.native import kernels
-
-if TYPE_CHECKING:
-    from ctypes import CDLL
-
-    from calibkit.arrays import Array
 
 
 def kernels_for(*arrays: Array) -> CDLL | None:

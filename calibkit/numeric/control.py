@@ -1,18 +1,12 @@
 """Control charts of individuals: which of many alike is not like the others."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.numeric.dispersion import mad_sigma
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-
 
 FEWEST = 10
 """Values below which none is named: the MAD of fewer is too uncertain to judge one of them by."""

@@ -2,17 +2,10 @@
 deviation stands for.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from calibkit.arrays import Array
-
+from calibkit.arrays import Array
 
 MAD_TO_SIGMA = 1.4826022185056018
 """Standard deviation of a normal distribution over its median absolute deviation, 1/Φ⁻¹(3/4)."""

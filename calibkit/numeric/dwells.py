@@ -1,18 +1,12 @@
 """Dwells in continuous logs: where a triad was held still, and the mean and noise of each hold."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, order_statistics
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Integers
-
 
 STILL_FACTOR = 2.0
 """Windowed noise, over the noise at rest, up to which a sample counts as held still."""

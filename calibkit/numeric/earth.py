@@ -1,17 +1,10 @@
 """The earth's rotation as a gyro at rest sees it."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
+from numpy.typing import ArrayLike
 
+from calibkit.arrays import Array
 from calibkit.constants import EARTH_RATE_DPH
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from calibkit.arrays import Array
 
 
 def vertical_rate(latitude_deg: ArrayLike) -> Array:

@@ -1,7 +1,5 @@
 """Local gravity where no gravimeter has been."""
 
-from __future__ import annotations
-
 import math
 
 from calibkit.errors import FitError

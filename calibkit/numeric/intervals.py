@@ -1,19 +1,13 @@
 """Model intervals of a log: which rows fall into which, and means over them."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, order_statistics
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator
-
-    from calibkit.arrays import Array, Integers, Mask
 
 
 @dataclass(frozen=True, slots=True)

@@ -5,22 +5,15 @@ those inside, and only these are partitioned (Floyd & Rivest 1975). Where the sa
 the next bracket is within the part that holds the statistic.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Iterable, Iterator
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
 from calibkit.numeric.compiled import kernels_for
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterable, Iterator
-
-    from calibkit.arrays import Array
-
 
 COLLECTED = 1 << 19
 """Values that a search holds at once."""

@@ -1,7 +1,5 @@
 """The dialect of a text log, as the recipe pins it or as it was guessed."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from calibkit.readers.table import Guess

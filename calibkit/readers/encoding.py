@@ -8,8 +8,6 @@ for Windows-1252. Nothing is ever replaced or ignored: a byte that does not fit 
 with its line.
 """
 
-from __future__ import annotations
-
 import codecs
 import re
 

@@ -8,25 +8,18 @@ to the microsecond, which is what their float64 resolves; formulas give their sa
 cells (`#N/A`) have no value.
 """
 
-from __future__ import annotations
-
 import datetime as dt
 import hashlib
 import io
+from collections.abc import Collection
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited, optional, sniff, text
-from calibkit.readers.table import Guess
-from calibkit.recipe.logs import TextSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    from calibkit.readers.table import Table
-    from calibkit.recipe.logs import Logs
+from calibkit.readers.table import Guess, Table
+from calibkit.recipe.logs import Logs, TextSpec
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:

@@ -1,15 +1,11 @@
 """Libraries that only some formats need, and the exceptions that they raise on damaged files."""
 
-from __future__ import annotations
-
 import importlib
+from collections.abc import Iterator
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit.errors import CalibkitError, LogFormatError, UsageError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
 
 
 def import_library(module: str, extra: str, file: str) -> Any:  # noqa: ANN401 (a module of a library that may be absent)

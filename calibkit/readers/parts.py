@@ -5,26 +5,20 @@ and without a gap; each in the same format with the same columns. The digest of 
 of its files' bytes one after another.
 """
 
-from __future__ import annotations
-
 import hashlib
 import itertools
 import re
+from collections.abc import Collection, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import registry
 from calibkit.readers.keysight import SCAN_NUMBERS
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-    from pathlib import Path
-
-    from calibkit.readers.table import Table
-    from calibkit.recipe.logs import Logs
+from calibkit.readers.table import Table
+from calibkit.recipe.logs import Logs
 
 _NUMBERED = re.compile(r"(?P<stem>.*?)(?P<number>\d+)(?P<suffix>\.[^.]*)?")
 _BLOCK = 1 << 20

@@ -2,27 +2,20 @@
 shows; calibkit's own, then those of plugins.
 """
 
-from __future__ import annotations
-
 import hashlib
 import importlib
 import re
+from collections.abc import Collection
 from dataclasses import replace
-from typing import TYPE_CHECKING, Protocol, cast
+from pathlib import Path
+from typing import Protocol, cast
 
 from calibkit import plugins, units
 from calibkit.errors import LogFormatError, UsageError
 from calibkit.readers import clean, delimited, optional
-from calibkit.readers.table import Guess
+from calibkit.readers.table import Guess, Table
 from calibkit.recipe.formats import AUTO, FORMATS
-from calibkit.recipe.logs import TextSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    from calibkit.readers.table import Table
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs, TextSpec
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:

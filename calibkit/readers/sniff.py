@@ -6,21 +6,16 @@ it. Where two dialects are possible that would give different numbers, nothing i
 is refused with the key of the recipe that decides it.
 """
 
-from __future__ import annotations
-
 import re
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 from calibkit import units
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited, encoding as encodings, times, tokens
 from calibkit.readers.dialect import Dialect, TextColumn
 from calibkit.recipe.logs import TextSpec
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
 
 _HEAD_LINES = 400
 """Lines from which a dialect is guessed."""

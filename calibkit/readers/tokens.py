@@ -1,14 +1,9 @@
 """Fields of a text log: how a line is cut, and what a field can be."""
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from calibkit.readers import times
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 NUMBER = {
     ".": re.compile(r"\s*[+-]? ?(?:\d+\.?\d*|\.\d+)(?:[eE][+-]?\d+)?\s*", re.ASCII),

@@ -1,7 +1,5 @@
 """The log formats that calibkit reads by itself: the one list, for recipes and readers."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
 
 from calibkit import plugins

@@ -2,27 +2,21 @@
 closest known name.
 """
 
-from __future__ import annotations
-
 import codecs
 import difflib
 import hashlib
 import re
 import tomllib
+from collections.abc import Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, Protocol, TypeVar, get_args, get_origin
+from typing import Any, Protocol, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
 from calibkit.errors import RecipeError, UsageError
 from calibkit.frame import CANONICAL, is_canonical
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.recipe.tables import Recipe
-
+from calibkit.recipe.tables import Recipe
 
 _KEY = re.compile(
     r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*="""

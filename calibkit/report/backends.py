@@ -1,7 +1,5 @@
 """What matplotlib makes PDF and SVG with, imported without what it never uses for them."""
 
-from __future__ import annotations
-
 import contextlib
 import importlib.util
 import sys

@@ -2,19 +2,13 @@
 uncertainty, beside its type A one.
 """
 
-from __future__ import annotations
+from collections.abc import Iterator, Sequence
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
+from calibkit.coefficients import Coefficient, StageResult
 from calibkit.numeric import gum
-from calibkit.recipe import type_b
+from calibkit.recipe import TypeB, type_b
 from calibkit.report.table import number_or_none
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from calibkit.coefficients import Coefficient, StageResult
-    from calibkit.recipe import TypeB
 
 
 def _named(results: Sequence[StageResult]) -> Iterator[tuple[str, str, Coefficient, float]]:

@@ -6,21 +6,16 @@ and its content security policy lets it load nothing: no script and no style but
 named by their digests.
 """
 
-from __future__ import annotations
-
 import base64
 import hashlib
+from collections.abc import Mapping
 from importlib import resources
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from calibkit.coefficients import Record
 from calibkit.report import html_tables as tables, svg
+from calibkit.report.documents import Drawn
 from calibkit.report.markup import Markup, element, escaped, joined
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.coefficients import Record
-    from calibkit.report.documents import Drawn
 
 SECTIONS = (
     "Verdict",

@@ -2,20 +2,13 @@
 uncertainties, logs, digests.
 """
 
-from __future__ import annotations
+from collections.abc import Mapping, Sequence
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
-from calibkit.report.markup import Markup, element, joined, row, table
+from calibkit.coefficients import Model, Record
+from calibkit.report.markup import Content, Markup, element, joined, row, table
 from calibkit.report.run import quantity_table
-from calibkit.report.table import Column, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.coefficients import Model, Record
-    from calibkit.report.markup import Content
-    from calibkit.report.table import Cell
+from calibkit.report.table import Cell, Column, Table
 
 FOLDED = 40
 """Rows of a table beyond which it is folded up."""

@@ -1,18 +1,11 @@
 """A run's coefficient files as tables: for people, and as CSV."""
 
-from __future__ import annotations
+from collections.abc import Iterable, Iterator, Mapping
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
-from calibkit.coefficients import Criterion
+from calibkit.coefficients import Coefficient, Condition, Criterion, Model, Record
 from calibkit.report.summary import Summary
-from calibkit.report.table import Column, Table, tabulate
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping
-
-    from calibkit.coefficients import Coefficient, Condition, Model, Record
-    from calibkit.report.table import Cell
+from calibkit.report.table import Cell, Column, Table, tabulate
 
 MOST_FIGURES = 40
 """Figures of a stage that the console shows."""

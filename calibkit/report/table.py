@@ -2,16 +2,12 @@
 JSON. The console stands in `summary`, HTML in `html_tables`.
 """
 
-from __future__ import annotations
-
 import csv
 import io
 import math
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+from typing import Any
 
 
 @dataclass(frozen=True, slots=True)

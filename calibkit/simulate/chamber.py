@@ -2,19 +2,14 @@
 ends, and cycles.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.simulate.noise import reading
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

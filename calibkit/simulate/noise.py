@@ -2,17 +2,12 @@
 952.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_HOUR
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
 
 
 def angle_random_walk(

@@ -2,10 +2,8 @@
 temperature.
 """
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 from calibkit.certificate.results import (
     Block,
@@ -19,19 +17,14 @@ from calibkit.certificate.results import (
 from calibkit.certificate.stated import (
     COEFFICIENT_NOTE,
     COEFFICIENTS,
+    Stated,
     range_words,
     residual_words,
 )
 from calibkit.certificate.words import Words
+from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.instruments.accelerometer import forms
-from calibkit.instruments.accelerometer.numeric.affine_model import AXES, find_entry
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Coefficient, Model, Record
-    from calibkit.instruments.accelerometer.numeric.affine_model import Entry
+from calibkit.instruments.accelerometer.numeric.affine_model import AXES, Entry, find_entry
 
 Column = tuple[Words, str, "Callable[[float], Result | None]"]
 ATTITUDE = {

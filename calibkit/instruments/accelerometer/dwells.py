@@ -1,26 +1,19 @@
 """Logs of a triad → dwells: mean indication, temperature, reference attitude, noise."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import check
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import stated_segments
 from calibkit.instruments.accelerometer.forms import COMPONENTS, TEMPERATURE
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude, chunks, dwells
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-
 
 ATTITUDE = ("inclination_deg", "toolface_deg")
 SATURATED_G = 50.0

@@ -1,23 +1,17 @@
 """Dwells under a correction → errors of inclination and toolface, and what a recipe accepts."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import Figure, at_most
+from calibkit.arrays import Array
+from calibkit.coefficients import Criterion, Figure, Model, at_most
 from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer.coefficient_files import Correction
+from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Criterion, Model
-    from calibkit.instruments.accelerometer.coefficient_files import Correction
-    from calibkit.instruments.accelerometer.dwells import DwellSet
-    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 
 @dataclass(frozen=True, slots=True)

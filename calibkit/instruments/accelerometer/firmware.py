@@ -2,34 +2,27 @@
 Q-factor, or affine.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
+from calibkit.arrays import Array
+from calibkit.coefficients import Model, Record
 from calibkit.firmware import as_firmware, exact
+from calibkit.firmware.chain import Chain, Term
 from calibkit.firmware.draft import Draft, factor, numbers
+from calibkit.firmware.program import Program
 from calibkit.firmware.sources import required_record
+from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware
 from calibkit.instruments.accelerometer import coefficient_files, forms
 from calibkit.instruments.accelerometer.numeric import q_factor
-from calibkit.instruments.accelerometer.numeric.affine_model import AXES, find_entry
+from calibkit.instruments.accelerometer.numeric.affine_model import AXES, Entry, find_entry
 from calibkit.instruments.accelerometer.numeric.k_factor import CROSS
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Model, Record
-    from calibkit.firmware.chain import Chain, Term
-    from calibkit.firmware.program import Program
-    from calibkit.ingest.write_back import Applied
-    from calibkit.instruments.accelerometer.numeric.affine_model import Entry
-    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 LARGEST_G = Fraction(2)
 """Indication [g] beyond which it is clamped: a triad is calibrated in the field of the earth."""

@@ -1,28 +1,22 @@
 """Dwells of a triad → models of its K-factor, Q-factor and affine triad."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.coefficients import Figure, Model, Parameter
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.numeric import affine, k_factor, magnitude, q_factor
+from calibkit.instruments.accelerometer.numeric.affine import AffineFit
 from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.accelerometer.dwells import DwellSet
-    from calibkit.instruments.accelerometer.numeric.affine import AffineFit
-    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-
 
 LEAST_GROUPS = 12
 """Logs below which leaving out one at a time gives no covariance: six sweeps understated it

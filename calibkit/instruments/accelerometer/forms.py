@@ -1,18 +1,11 @@
 """Model forms of a triad: K-factor of one axis, Q-factor, and the affine triad over temperature."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from calibkit.forms import Form
+from calibkit.arrays import Array
+from calibkit.coefficients import Model
+from calibkit.forms import Form, Inputs
 from calibkit.instruments.accelerometer.numeric import affine_model, k_factor, q_factor
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Model
-    from calibkit.forms import Inputs
 
 COMPONENTS = ("accel_x_g", "accel_y_g", "accel_z_g")
 TEMPERATURE = "temp_case_degc"

@@ -7,19 +7,13 @@ cross products, a sensor that lags its case, a thermometer with an error of its 
 positive along gravity.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass, field
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.numeric import attitude
 from calibkit.simulate.campaign import Campaign
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-
 
 TEMPERATURES_DEGC = (-20.0, -5.0, 10.0, 25.0, 45.0, 65.0, 85.0, 105.0, 125.0)
 AXES = "xyz"

@@ -6,18 +6,11 @@ second-order errors, white noise and a bias that wanders, and a hand that never 
 smooth. Indications are positive along gravity.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.instruments.accelerometer.numeric import q_factor
 from calibkit.simulate.campaign import Campaign
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-
 
 INTERVAL_S = 0.04
 HOLD_S, TURN_S = 4.0, 1.2

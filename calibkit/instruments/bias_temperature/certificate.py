@@ -1,9 +1,5 @@
 """Bias results: each channel's bias as a polynomial of its abscissa."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 from calibkit import units
 from calibkit.certificate.results import (
     Block,
@@ -14,13 +10,10 @@ from calibkit.certificate.results import (
     Result,
     Series,
 )
-from calibkit.certificate.stated import powers, range_words, residual_words
+from calibkit.certificate.stated import Stated, powers, range_words, residual_words
 from calibkit.certificate.words import Words, unit_mark
+from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
-
-if TYPE_CHECKING:
-    from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Model, Record
 
 CURVE = Equation(
     POLYNOMIAL.name,

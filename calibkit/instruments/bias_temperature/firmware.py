@@ -1,25 +1,18 @@
 """bias.json → chain without memory, one correction per channel."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Mapping
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
 from calibkit import units
+from calibkit.coefficients import Record
 from calibkit.errors import OutputError
 from calibkit.firmware import as_firmware, exact
+from calibkit.firmware.chain import Chain
 from calibkit.firmware.draft import BEYOND, Draft, powers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.coefficients import Record
-    from calibkit.firmware.chain import Chain
-    from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
-
+from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 
 FILE = "bias.json"
 

@@ -2,34 +2,26 @@
 bias.json.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
 from calibkit import check as checks, units
+from calibkit.certificate.results import Block
+from calibkit.certificate.stated import Stated
 from calibkit.check import chunked, copies
-from calibkit.coefficients import Input
+from calibkit.coefficients import Input, Record
 from calibkit.forms import POLYNOMIAL
-from calibkit.frame import Examined, Finding, refuse
+from calibkit.frame import Examined, Finding, Log, refuse
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.instruments import Fitted, Instrument
+from calibkit.ingest.logs import Reader
+from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.write_back import Applied
+from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.bias_temperature import figures as pages, polynomials
 from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 from calibkit.report.documents import Drawn
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Record
-    from calibkit.frame import Log
-    from calibkit.ingest.logs import Reader
-    from calibkit.ingest.proposal import Choice, Evidence
-    from calibkit.ingest.write_back import Applied
-    from calibkit.instruments import Firmware, Progress
-    from calibkit.report.summary import Summary
+from calibkit.report.summary import Summary
 
 
 def _columns(spec: BiasTemperatureRecipe) -> tuple[str, ...]:

@@ -1,7 +1,5 @@
 """Recipe of a bias as a polynomial of any abscissa."""
 
-from __future__ import annotations
-
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field

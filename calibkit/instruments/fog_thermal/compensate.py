@@ -1,29 +1,22 @@
 """Drift model of a run and a log → compensated indication, and what the compensation is worth."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array
+from calibkit.coefficients import Record
 from calibkit.errors import CoefficientError, FitError
-from calibkit.frame import values
+from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import forms, ramps
 from calibkit.instruments.fog_thermal.forms import FILE
 from calibkit.instruments.fog_thermal.numeric import compensation, evaluate
+from calibkit.instruments.fog_thermal.numeric.gradient import Blocks, RatePolynomial
+from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Record
-    from calibkit.frame import Log
-    from calibkit.instruments.fog_thermal.numeric.gradient import Blocks, RatePolynomial
-    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
-    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-
 
 FLAGGED_SHARE = 0.005
 """Share of a log up to which a bound may be met without a flag."""

@@ -2,26 +2,19 @@
 drift_rate.json.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit.coefficients import Figure, StageResult
 from calibkit.instruments.fog_thermal import forms, gradient_file
-from calibkit.instruments.fog_thermal.compensate import DriftModel
+from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
+from calibkit.instruments.fog_thermal.gradient_file import SideChoice
 from calibkit.instruments.fog_thermal.numeric import choice, compensation
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.instruments.fog_thermal.compensate import LogFigures
-    from calibkit.instruments.fog_thermal.gradient_file import SideChoice
-    from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
-    from calibkit.instruments.fog_thermal.ramps import PreparedLog
-    from calibkit.instruments.fog_thermal.recipe import Drift, FogThermalRecipe
+from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
+from calibkit.instruments.fog_thermal.ramps import PreparedLog
+from calibkit.instruments.fog_thermal.recipe import Drift, FogThermalRecipe
 
 
 @dataclass(frozen=True, slots=True)

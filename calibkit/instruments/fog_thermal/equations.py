@@ -1,7 +1,5 @@
 """Equations of the thermal drift as a certificate prints them."""
 
-from __future__ import annotations
-
 from calibkit.certificate.results import Equation
 from calibkit.certificate.words import Words
 from calibkit.instruments.fog_thermal import forms

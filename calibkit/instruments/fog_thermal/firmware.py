@@ -2,16 +2,15 @@
 recursive gradient form.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import replace
 from fractions import Fraction
 from math import comb
-from typing import TYPE_CHECKING
 
+from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
 from calibkit.firmware import exact
-from calibkit.firmware.chain import Case, Map, Memory, Select, Slope, Term
+from calibkit.firmware.chain import Case, Chain, Map, Memory, Select, Slope, Term
 from calibkit.firmware.draft import BEYOND, Draft, factor, numbers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
@@ -27,13 +26,7 @@ from calibkit.instruments.fog_thermal.forms import (
     rate_names,
 )
 from calibkit.instruments.fog_thermal.numeric.terms import LAGS, TERMS
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.coefficients import Model, Record
-    from calibkit.firmware.chain import Chain
-    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 GRADIENT_RATE = DRIVERS[3]
 AIR, AIR_RATE = "temp_env_degc", "temp_env_rate_degc_min"

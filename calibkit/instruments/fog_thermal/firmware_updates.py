@@ -1,27 +1,20 @@
 """A drift chain update by update: over a log, and over the thermal history of its self-test."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from calibkit import check
 from calibkit.firmware import as_firmware, twin, vectors
-from calibkit.firmware.chain import Trials
+from calibkit.firmware.chain import Chain, Trials
+from calibkit.firmware.program import Program
 from calibkit.frame import refuse, values
 from calibkit.ingest import logs, write_back
+from calibkit.ingest.write_back import Applied
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.numeric import gradient
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import segments
-
-if TYPE_CHECKING:
-    from pathlib import Path
-
-    from calibkit.firmware.chain import Chain
-    from calibkit.firmware.program import Program
-    from calibkit.ingest.write_back import Applied
-    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 SUMMED = 3
 """Updates of each row of a chain that sums increments: the error bound grows with them."""

@@ -6,17 +6,15 @@ it, the lags are followed from sample to sample: `numeric.evaluate` does that wi
 `read_thermal` returns.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import astuple
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import Parameter
+from calibkit.arrays import Array
+from calibkit.coefficients import Model, Parameter
 from calibkit.constants import SECONDS_PER_MINUTE
-from calibkit.forms import Form, power_unit
+from calibkit.forms import Form, Inputs, power_unit
 from calibkit.instruments.fog_thermal.numeric import coil, gradient
 from calibkit.instruments.fog_thermal.numeric.noise import Noise
 from calibkit.instruments.fog_thermal.numeric.terms import (
@@ -30,11 +28,6 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
     slope_over_gradient,
     slope_over_temperature,
 )
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Model
-    from calibkit.forms import Inputs
 
 FILE = "drift_rate.json"
 """Coefficient file of the exported drift term."""

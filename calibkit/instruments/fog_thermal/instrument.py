@@ -1,17 +1,22 @@
 """Thermal drift of a fibre-optic gyro: ramps → denoise.json, drift.json, drift_rate.json."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from calibkit.certificate.results import Block
+from calibkit.certificate.stated import Stated
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
-from calibkit.coefficients import at_least, at_most
-from calibkit.frame import refuse, values
+from calibkit.coefficients import Criterion, Record, at_least, at_most
+from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.instruments import Fitted, Instrument
+from calibkit.ingest.logs import Reader
+from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.write_back import Applied
+from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.fog_thermal import (
     bias,
     compensate,
@@ -29,20 +34,7 @@ from calibkit.numeric import chunks
 from calibkit.numeric.dispersion import rms
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Criterion, Record
-    from calibkit.frame import Examined, Finding, Log
-    from calibkit.ingest.logs import Reader
-    from calibkit.ingest.proposal import Choice, Evidence
-    from calibkit.ingest.write_back import Applied
-    from calibkit.instruments import Firmware, Progress
-    from calibkit.simulate.campaign import Campaign
+from calibkit.simulate.campaign import Campaign
 
 
 def fit(

@@ -2,17 +2,10 @@
 each averaging time.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.numeric.noise import allan
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-
 
 UNEVEN = 0.05
 """Deviation of a sampling step from the usual one, relative to it, from which a log is not evenly

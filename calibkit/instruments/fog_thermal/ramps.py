@@ -2,30 +2,23 @@
 interval.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import check
+from calibkit.arrays import Array
 from calibkit.check import chunked
 from calibkit.coefficients import Figure, Input, StageResult
 from calibkit.errors import FitError, FrameError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import stated_segments
 from calibkit.instruments.fog_thermal.numeric import gradient, pooled_fit
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, intervals, segments
 from calibkit.numeric.wavelet import denoise
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
-    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-
 
 LONGER_WINDOWS = 3
 """How often the window of the slope is doubled where a log moves and shows no ramp: a chamber that

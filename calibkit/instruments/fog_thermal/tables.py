@@ -1,12 +1,14 @@
 """Results of a gyro's thermal run → the records that the report draws and prints."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal.compensate import drift_along
+from calibkit.frame import Log
+from calibkit.instruments.fog_thermal.bias import BothWays
+from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures, drift_along
+from calibkit.instruments.fog_thermal.decision import Export
 from calibkit.instruments.fog_thermal.figures import (
     DriftLog,
     DriftReport,
@@ -15,24 +17,14 @@ from calibkit.instruments.fog_thermal.figures import (
     RateCurve,
     Tested,
 )
+from calibkit.instruments.fog_thermal.gradient_file import FittedRamp, SideChoice
 from calibkit.instruments.fog_thermal.numeric import gradient
-from calibkit.instruments.fog_thermal.uncertainty import tabulate_statements
+from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
+from calibkit.instruments.fog_thermal.ramps import PreparedLog
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
+from calibkit.instruments.fog_thermal.uncertainty import Statement, tabulate_statements
 from calibkit.report.summary import number
 from calibkit.report.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from typing import Any
-
-    from calibkit.frame import Log
-    from calibkit.instruments.fog_thermal.bias import BothWays
-    from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
-    from calibkit.instruments.fog_thermal.decision import Export
-    from calibkit.instruments.fog_thermal.gradient_file import FittedRamp, SideChoice
-    from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
-    from calibkit.instruments.fog_thermal.ramps import PreparedLog
-    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-    from calibkit.instruments.fog_thermal.uncertainty import Statement
 
 
 def drift_report(

@@ -2,39 +2,32 @@
 what is left on logs that were not fitted.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import UsageError
-from calibkit.frame import values
+from calibkit.frame import Log, values
 from calibkit.instruments.fog_thermal import ramps
+from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import (
     compensation,
     evaluate,
     noise as thermal_noise,
     uncertainty,
 )
+from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
+from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
+from calibkit.instruments.fog_thermal.ramps import PreparedLog
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import chunks, gum
+from calibkit.recipe import TypeB
 from calibkit.recipe.type_b import RELATIVE
 from calibkit.report.summary import number
 from calibkit.report.table import Table, number_or_none
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.frame import Log
-    from calibkit.instruments.fog_thermal.compensate import DriftModel
-    from calibkit.instruments.fog_thermal.numeric.gradient import Blocks
-    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
-    from calibkit.instruments.fog_thermal.ramps import PreparedLog
-    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-    from calibkit.recipe import TypeB
-
 
 RESULT = "gyro_dph"
 """Name under which type B terms speak of the compensated rate."""

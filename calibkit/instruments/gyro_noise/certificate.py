@@ -1,9 +1,7 @@
 """Results of a gyro at rest: noise terms, bias stability, Allan and wavelet deviation."""
 
-from __future__ import annotations
-
 import math
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from calibkit.certificate.results import (
     Block,
@@ -14,20 +12,16 @@ from calibkit.certificate.results import (
     Result,
     Series,
 )
+from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
+from calibkit.coefficients import Figure as Found, Record
 from calibkit.instruments.gyro_noise.forms import (
     ALLAN_DEVIATION,
     KINDS,
+    Deviation,
     read_deviation,
     read_term,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Figure as Found, Record
-    from calibkit.instruments.gyro_noise.forms import Deviation
 
 ALLAN = Equation(
     ALLAN_DEVIATION,

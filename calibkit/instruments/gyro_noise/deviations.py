@@ -2,26 +2,19 @@
 and gyro_noise.json.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import check
+from calibkit.arrays import Array
 from calibkit.coefficients import Figure, StageResult
 from calibkit.errors import FitError
 from calibkit.frame import Finding, Log, values
 from calibkit.instruments.gyro_noise import forms
+from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.numeric.noise import allan, allan_fit
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-
 
 CASE = "temp_case_degc"
 STEADY_DEGC = 2.0

@@ -1,7 +1,5 @@
 """What the figures of gyro_noise.json are called: written and read back here alone."""
 
-from __future__ import annotations
-
 import re
 from typing import NamedTuple
 

@@ -2,35 +2,27 @@
 gyro_noise.json.
 """
 
-from __future__ import annotations
+from collections.abc import Iterable, Mapping, Sequence
+from pathlib import Path
+from typing import Any
 
-from typing import TYPE_CHECKING, Any
-
+from calibkit.certificate.results import Block
+from calibkit.certificate.stated import Stated
 from calibkit.check import copies
-from calibkit.coefficients import Input
+from calibkit.coefficients import Input, Record
 from calibkit.errors import FitError, UsageError
-from calibkit.frame import Examined, Finding, refuse
+from calibkit.frame import Examined, Finding, Log, refuse
 from calibkit.ingest import logs as ingest
-from calibkit.instruments import Fitted, Instrument
+from calibkit.ingest.logs import Reader
+from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.write_back import Applied
+from calibkit.instruments import Fitted, Instrument, Progress
 from calibkit.instruments.gyro_noise import deviations, figures as pages, tables
+from calibkit.instruments.gyro_noise.deviations import NoiseFigures
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Record
-    from calibkit.frame import Log
-    from calibkit.ingest.logs import Reader
-    from calibkit.ingest.proposal import Choice, Evidence
-    from calibkit.ingest.write_back import Applied
-    from calibkit.instruments import Progress
-    from calibkit.instruments.gyro_noise.deviations import NoiseFigures
-    from calibkit.simulate.campaign import Campaign
+from calibkit.simulate.campaign import Campaign
 
 
 def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:

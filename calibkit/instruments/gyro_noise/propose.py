@@ -1,24 +1,18 @@
 """Logs of gyros at rest → the recipe that fits them."""
 
-from __future__ import annotations
-
 import json
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from calibkit.errors import CalibkitError
 from calibkit.frame import values
 from calibkit.ingest import logs
+from calibkit.ingest.proposal import Choice, Evidence
 from calibkit.instruments.gyro_noise.deviations import STEADY_DEGC
 from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from calibkit.ingest.proposal import Choice, Evidence
 
 TEMPERATURES = ("temp_case_degc", "temp_env_degc")
 LONG_S = 600.0

@@ -1,7 +1,5 @@
 """Recipe of the noise of gyros at rest: Allan deviation, its noise terms, bias stability."""
 
-from __future__ import annotations
-
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator

@@ -1,27 +1,18 @@
 """What a noise run states: acceptance limits, tables, JSON and figures of each record."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
-from calibkit.coefficients import at_most
+from calibkit.arrays import Array
+from calibkit.coefficients import Criterion, at_most
 from calibkit.constants import SECONDS_PER_HOUR
-from calibkit.instruments.gyro_noise.deviations import stability_uncertainty
+from calibkit.instruments.gyro_noise.deviations import NoiseFigures, stability_uncertainty
 from calibkit.instruments.gyro_noise.figures import NoiseReport, NoiseView
-from calibkit.numeric.noise import allan_fit
+from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
+from calibkit.numeric.noise import allan, allan_fit
 from calibkit.report.summary import number
 from calibkit.report.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Criterion
-    from calibkit.instruments.gyro_noise.deviations import NoiseFigures
-    from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
-    from calibkit.numeric.noise import allan
 
 LIMITS = {
     "angle_random_walk": "max_angle_random_walk",

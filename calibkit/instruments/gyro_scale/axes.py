@@ -12,8 +12,7 @@ import numpy as np
 
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError, RecipeError
-from calibkit.instruments.gyro_scale.numeric import scale_factor
-from calibkit.instruments.gyro_scale.numeric import triad as gyro_triad
+from calibkit.instruments.gyro_scale.numeric import scale_factor, triad as gyro_triad
 from calibkit.instruments.gyro_scale.pair_files import UNCERTAIN
 from calibkit.instruments.gyro_scale.runs import vertical_rate_dps
 

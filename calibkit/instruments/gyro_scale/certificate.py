@@ -26,8 +26,7 @@ if TYPE_CHECKING:
     from collections.abc import Sequence
 
     from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Figure as Found
-    from calibkit.coefficients import Model, Record
+    from calibkit.coefficients import Figure as Found, Model, Record
 
 LINE = Equation(
     "gyro-scale/1",

@@ -9,13 +9,15 @@ from typing import TYPE_CHECKING, Any
 from calibkit.check import copies
 from calibkit.coefficients import Input
 from calibkit.errors import CoefficientError, RecipeError
-from calibkit.ingest import logs as ingest
-from calibkit.ingest import write_back
+from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
-from calibkit.instruments.gyro_scale import compensate, pair_files
-from calibkit.instruments.gyro_scale import figures as pages
-from calibkit.instruments.gyro_scale import runs as gyro_runs
-from calibkit.instruments.gyro_scale import tables as gyro_report
+from calibkit.instruments.gyro_scale import (
+    compensate,
+    figures as pages,
+    pair_files,
+    runs as gyro_runs,
+    tables as gyro_report,
+)
 from calibkit.instruments.gyro_scale.recipe import GyroPairRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary

@@ -13,8 +13,7 @@ from calibkit.coefficients import Coefficient, Condition, Figure, Model, Paramet
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale import shape
-from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
-from calibkit.instruments.gyro_scale.numeric import pair as gyro_pair
+from calibkit.instruments.gyro_scale.numeric import gjb_figures, pair as gyro_pair, scale_factor
 from calibkit.instruments.gyro_scale.runs import RATE, TEMPERATURE, vertical_rate_dps
 
 if TYPE_CHECKING:

@@ -8,13 +8,15 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit.check import copies
 from calibkit.coefficients import Input
-from calibkit.ingest import logs as ingest
-from calibkit.ingest import write_back
+from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
-from calibkit.instruments.gyro_scale import compensate, over_runs
-from calibkit.instruments.gyro_scale import figures as pages
-from calibkit.instruments.gyro_scale import runs as gyro_runs
-from calibkit.instruments.gyro_scale import tables as gyro_report
+from calibkit.instruments.gyro_scale import (
+    compensate,
+    figures as pages,
+    over_runs,
+    runs as gyro_runs,
+    tables as gyro_report,
+)
 from calibkit.instruments.gyro_scale.recipe import RateTableRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary

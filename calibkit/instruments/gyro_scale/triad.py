@@ -8,14 +8,17 @@ from typing import TYPE_CHECKING, Any
 
 from calibkit.check import copies
 from calibkit.coefficients import Input
-from calibkit.ingest import logs as ingest
-from calibkit.ingest import write_back
+from calibkit.ingest import logs as ingest, write_back
 from calibkit.instruments import Fitted, Instrument
-from calibkit.instruments.gyro_scale import axes as gyro_axes
-from calibkit.instruments.gyro_scale import axes_compensate, axes_files, axes_tables
-from calibkit.instruments.gyro_scale import axes_figures as pages
-from calibkit.instruments.gyro_scale import runs as gyro_runs
-from calibkit.instruments.gyro_scale import tables as gyro_report
+from calibkit.instruments.gyro_scale import (
+    axes as gyro_axes,
+    axes_compensate,
+    axes_figures as pages,
+    axes_files,
+    axes_tables,
+    runs as gyro_runs,
+    tables as gyro_report,
+)
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary

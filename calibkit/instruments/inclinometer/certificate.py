@@ -1,10 +1,8 @@
 """Inclinometer results: the in-situ scale factor s of each gyro over temperature."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable
 from functools import partial
-from typing import TYPE_CHECKING
 
 from calibkit.certificate.results import (
     Block,
@@ -15,15 +13,10 @@ from calibkit.certificate.results import (
     Result,
     Series,
 )
-from calibkit.certificate.stated import powers, range_words, residual_words
+from calibkit.certificate.stated import Stated, powers, range_words, residual_words
 from calibkit.certificate.words import Words
+from calibkit.coefficients import Model, Record
 from calibkit.instruments.inclinometer.forms import SCALE as SCALE_FORM, TEMPERATURE
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Model, Record
 
 SCALE = Equation(
     SCALE_FORM.name,

@@ -1,21 +1,15 @@
 """inclinometer_scale.json → chain without memory: s(T) of each gyro."""
 
-from __future__ import annotations
+from collections.abc import Mapping
 
-from typing import TYPE_CHECKING
-
+from calibkit.coefficients import Record
 from calibkit.firmware import as_firmware, exact
+from calibkit.firmware.chain import Chain
 from calibkit.firmware.draft import Draft, powers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.coefficients import Record
-    from calibkit.firmware.chain import Chain
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 FILE = "inclinometer_scale.json"
 

@@ -1,21 +1,12 @@
 """Model form of inclinometer_scale.json: the in-situ scale factor s(T) of one gyro."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-from calibkit.coefficients import Parameter
-from calibkit.forms import Form
+from calibkit.arrays import Array
+from calibkit.coefficients import Model, Parameter
+from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.scale_model import ScaleModel
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Model
-    from calibkit.forms import Inputs
-    from calibkit.instruments.inclinometer.scale_model import ScaleFit
+from calibkit.instruments.inclinometer.scale_model import ScaleFit, ScaleModel
 
 TEMPERATURE = "temp_case_degc"
 

@@ -1,18 +1,23 @@
 """Four-position inclinometer: stations → inclinometer_scale.json."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from calibkit.certificate.results import Block
+from calibkit.certificate.stated import Stated
 from calibkit.check import copies
-from calibkit.coefficients import Input
+from calibkit.coefficients import Input, Record
 from calibkit.errors import FrameError
-from calibkit.frame import refuse, values
+from calibkit.frame import Examined, Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
-from calibkit.instruments import Fitted, Instrument
+from calibkit.ingest.logs import Reader
+from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.write_back import Applied
+from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.inclinometer import (
     coefficient_files,
     dwells,
@@ -28,20 +33,7 @@ from calibkit.instruments.inclinometer.forms import SCALE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Record
-    from calibkit.frame import Examined, Log
-    from calibkit.ingest.logs import Reader
-    from calibkit.ingest.proposal import Choice, Evidence
-    from calibkit.ingest.write_back import Applied
-    from calibkit.instruments import Firmware, Progress
-    from calibkit.simulate.campaign import Campaign
+from calibkit.simulate.campaign import Campaign
 
 
 def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:

@@ -2,22 +2,16 @@
 calibration knew it.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric import closure
+from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.numeric import gum
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Integers
-    from calibkit.instruments.inclinometer.numeric.published import Sensor
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-
 
 CONTRADICTED = 1e-6
 """Probability of closures so much smaller or larger than the known noise, below which they have a

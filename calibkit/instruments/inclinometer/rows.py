@@ -1,26 +1,19 @@
 """Logs of one row per position → the rows of all logs, numbered by station."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import check
+from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Log, values
 from calibkit.ingest.column_values import unmap_values
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.numeric import published
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.instruments.inclinometer.numeric.published import Sensor
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-
+from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 
 REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 

@@ -1,18 +1,13 @@
 """s(T) of one gyro as a file holds it, and as a fit found it."""
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
+from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import scale_prior
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Mask
-    from calibkit.instruments.inclinometer.noise import Noise
 
 
 @dataclass(frozen=True, slots=True)

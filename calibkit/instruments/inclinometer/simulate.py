@@ -2,19 +2,13 @@
 in time.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.numeric import earth
 from calibkit.simulate.campaign import Campaign
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Integers
-
 
 REFERENCE_DEGC = 25.0
 POSITIONS_DEG = np.array([0, 90, 180, 270])

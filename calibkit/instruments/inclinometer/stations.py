@@ -2,34 +2,27 @@
 a station is refused.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import check
+from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.instruments.inclinometer import (
     dwells as inclinometer_dwells,
     noise as inclinometer_noise,
 )
+from calibkit.instruments.inclinometer.dwells import DwellLog
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
 from calibkit.instruments.inclinometer.noise import Closing, Noise
 from calibkit.instruments.inclinometer.numeric import published, sinusoid_fit
+from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.rows import REFERENCE, Rows
 from calibkit.numeric import attitude
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.instruments.inclinometer.dwells import DwellLog
-    from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-
 
 PLAIN = ("position_deg",)
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}

@@ -6,20 +6,13 @@ digits are those of an orthogonal factorisation. Either way the memory is that o
 block stays in the cache.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fit as least_squares, gram
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.arrays import Array
-
 
 BLOCK_ROWS = 2048
 """Rows of a block that is factorised: 150 kilobytes at nine columns, which stay in the cache."""

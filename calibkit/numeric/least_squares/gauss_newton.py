@@ -1,20 +1,14 @@
 """Nonlinear least squares by Gauss-Newton steps over blocks of rows, with a guard on every step."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Protocol
+from typing import Protocol
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric.least_squares import fold, gram
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-
 
 ITERATIONS = 200
 STEP_TOLERANCE = 1e-13

@@ -10,20 +10,13 @@ leaves the correction its digits; elsewhere `solve` gives nothing, and the calle
 rows.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.numeric import chunks
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from calibkit.arrays import Array
-
 
 TALL = 20_000
 """Rows from which blocks are worth their while."""

@@ -2,19 +2,12 @@
 a model by them.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Integers
-
 
 MARGIN = 0.9
 """Factor by which a model with more coefficients must lower the left-out error: by chance alone a

@@ -2,24 +2,17 @@
 too, and the order by the errors at left-out values.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, gum
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import fit as least_squares, leave_out
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from numpy.typing import ArrayLike, NDArray
-
-    from calibkit.arrays import Array
 
 
 @dataclass(frozen=True, slots=True)

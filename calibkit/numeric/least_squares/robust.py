@@ -7,22 +7,15 @@ the finish is Tukey's biweight on residuals studentised by leverage, at the scal
 (Yohai 1987).
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import mad_sigma
 from calibkit.numeric.least_squares import fit as least_squares
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from calibkit.arrays import Array
-
 
 HUBER = 1.345
 """Studentised residual above which Huber's weights fall: 95 % efficient on normal noise (Huber

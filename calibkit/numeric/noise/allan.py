@@ -2,21 +2,15 @@
 2426A.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Integers
-
 
 Noise = Literal["quantization", "angle_random_walk", "bias_instability", "rate_random_walk"]
 Spacing = Literal["octave", "decade"]

@@ -2,20 +2,14 @@
 deviation curve.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Mask
-    from calibkit.numeric.noise.allan import DeviationCurve
-
+from calibkit.numeric.noise.allan import DeviationCurve
 
 SIGNIFICANCE = 0.00135
 """One-sided probability (3σ of a normal) under which chance is ruled out as the cause of a term or

@@ -5,25 +5,18 @@ Every sum and product is done in the order and with the rounding of the arrays' 
 memory is walked differs.
 """
 
-from __future__ import annotations
-
 import ctypes
+from collections.abc import Callable
+from ctypes import CDLL
 from dataclasses import dataclass
 from functools import cache
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from calibkit.arrays import Array
 from calibkit.numeric.compiled import kernels_for
-from calibkit.numeric.wavelet.reach import passes
+from calibkit.numeric.wavelet.factor import Scheme
+from calibkit.numeric.wavelet.reach import Pass, Span, passes
 from calibkit.numeric.wavelet.shrinkage import Shrinkage
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-    from ctypes import CDLL
-
-    from calibkit.arrays import Array
-    from calibkit.numeric.wavelet.factor import Scheme
-    from calibkit.numeric.wavelet.reach import Pass, Span
-
 
 CODES = {"soft": 1, "hard": 2, "garrote": 3, "firm": 4}
 """Shrinkage rules as the compiled steps number them; 0 leaves details as they are."""

@@ -1,18 +1,20 @@
 """Wavelet denoising of one segment of a signal."""
 
-from __future__ import annotations
-
 import difflib
 from bisect import bisect_left
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.chunks import all_finite, release
 from calibkit.numeric.wavelet.lifting import (
+    Decomposition,
+    Extension,
+    Room,
+    Scheme,
     forward,
     inverse,
     scheme,
@@ -22,17 +24,13 @@ from calibkit.numeric.wavelet.lifting import (
 from calibkit.numeric.wavelet.shrinkage import (
     RULES,
     THRESHOLDS,
+    Rule,
     Shrinkage,
+    Threshold,
     noise,
     noise_gains,
     universal,
 )
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Mask
-    from calibkit.numeric.wavelet.lifting import Decomposition, Extension, Room, Scheme
-    from calibkit.numeric.wavelet.shrinkage import Rule, Threshold
-
 
 OWN_NOISE_FROM = 16
 """Details that a level must have on the signal to have its noise told from them (29 % standard

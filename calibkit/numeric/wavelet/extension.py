@@ -1,18 +1,13 @@
 """What stands beyond the ends of a signal when a filter reaches over them."""
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, get_args
+from typing import Literal, get_args
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.numeric.wavelet.shrinkage import noise
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Integers
-
 
 Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic"]
 EXTENSIONS: tuple[Extension, ...] = get_args(Extension)

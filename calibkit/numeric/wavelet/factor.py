@@ -2,22 +2,16 @@
 search on condition.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from calibkit.arrays import Array
-
 
 Channel = Literal["approximation", "detail"]
 Laurent = tuple[int, tuple[float, ...]]

@@ -1,22 +1,24 @@
 """One level of the lifting transform, forth and back, in blocks that stay in the cache."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable, Sequence
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.numeric.wavelet import compiled
 from calibkit.numeric.wavelet.extension import Beyond, continued
-from calibkit.numeric.wavelet.reach import both, cut, made_of, pairs, passes, sources
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.numeric.wavelet.factor import Scheme
-    from calibkit.numeric.wavelet.reach import Move, Pass, Span
-
+from calibkit.numeric.wavelet.factor import Scheme
+from calibkit.numeric.wavelet.reach import (
+    Move,
+    Pass,
+    Span,
+    both,
+    cut,
+    made_of,
+    pairs,
+    passes,
+    sources,
+)
 
 BLOCK = 1 << 15
 """Pairs of samples that go through the lifting steps at a time: their buffers stay in a

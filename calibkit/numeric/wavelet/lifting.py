@@ -2,29 +2,20 @@
 length.
 """
 
-from __future__ import annotations
-
 import difflib
+from collections.abc import Callable, Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric.chunks import release
 from calibkit.numeric.wavelet import reach
 from calibkit.numeric.wavelet.extension import EXTENSIONS, Beyond, Extension, end_values, extended
 from calibkit.numeric.wavelet.factor import LITERAL, Scheme, Step, factored
 from calibkit.numeric.wavelet.level import BLOCK, analysed, synthesised
-from calibkit.numeric.wavelet.reach import untouched
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.numeric.wavelet.reach import Span
-
-    Room = Callable[[int], Array]
+from calibkit.numeric.wavelet.reach import Span, untouched
 
 __all__ = [
     "BLOCK",
@@ -41,6 +32,8 @@ __all__ = [
     "untouched",
 ]
 
+Room = Callable[[int], Array]
+"""Gives an array for so many values."""
 CHUNK = 1 << 18
 """Samples that go through all levels at a time, so that approximations stay in the cache too."""
 TOGETHER = 10

@@ -2,16 +2,11 @@
 the steps.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import cache, lru_cache
-from typing import TYPE_CHECKING
 
 from calibkit.numeric.wavelet.factor import Scheme, Step
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
 
 Span = tuple[int, int]
 """First index and one past the last."""

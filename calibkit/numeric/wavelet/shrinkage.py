@@ -2,26 +2,19 @@
 them.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric import order_statistics
 from calibkit.numeric.dispersion import MAD_OF_UNIT_NORMAL
-from calibkit.numeric.wavelet.factor import polyphase
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping
-
-    from calibkit.arrays import Array
-    from calibkit.numeric.wavelet.factor import Laurent, Scheme
-
+from calibkit.numeric.wavelet.factor import Laurent, Scheme, polyphase
 
 Threshold = Literal["universal", "sure", "bayes", "minimax"]
 Rule = Literal["soft", "hard", "garrote", "firm"]

@@ -8,13 +8,13 @@ the angles of the fixture, which otherwise land in the cross-axis terms. A fixtu
 as M could too, so with fixture angles M is lower triangular: the frame of the triad is e1 = x.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import determination, magnitude, q_factor
 from calibkit.instruments.accelerometer.numeric.affine_model import (
@@ -28,12 +28,6 @@ from calibkit.instruments.accelerometer.numeric.affine_model import (
     tilted_gravity,
 )
 from calibkit.numeric.least_squares import fit as least_squares, gauss_newton, polynomial, robust
-
-if TYPE_CHECKING:
-    from numpy.typing import NDArray
-
-    from calibkit.arrays import Array
-
 
 WEAKEST = 1e-4
 """Smallest singular value of the scaled Jacobian, relative to the largest, that counts as

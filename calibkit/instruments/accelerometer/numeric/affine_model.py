@@ -2,20 +2,14 @@
 derivatives.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-
 
 AXES = "xyz"
 TILT = ("tilt_north_rad", "tilt_east_rad")

@@ -6,22 +6,15 @@ any matrix look full; and from singular values, never from an assumed grid, so t
 sweeps at a few attitudes count for what they are.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import attitude
 from calibkit.numeric.least_squares import fold, gram, polynomial
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.arrays import Array, Integers
-
 
 TEMPERATURE_STEP_DEGC = 1.0
 """Temperatures closer than this count as one."""

@@ -10,14 +10,14 @@ the indications, so noise of the indications is noise of the regressors too; at 
 coefficient by a hundredth of its standard uncertainty (Fuller 1987, section 2.2).
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import determination
 from calibkit.numeric.least_squares import (
@@ -28,12 +28,6 @@ from calibkit.numeric.least_squares import (
     polynomial,
     robust,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Integers
-
 
 AXES = ("x", "y", "z")
 NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")

@@ -6,13 +6,13 @@ corrected vector is Q diag(1/k) (V − b) with Q the inverse of the unit axes, a
 local gravity. Which way the triad is mounted is nothing that lengths can tell.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import profile, q_factor
 from calibkit.instruments.accelerometer.numeric.norms import (
@@ -22,12 +22,6 @@ from calibkit.instruments.accelerometer.numeric.norms import (
     sum_squares,
 )
 from calibkit.numeric.least_squares import fit as least_squares, fold, gauss_newton, gram, robust
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.arrays import Array
-
 
 NAMES = ("k_x", "k_y", "k_z", "b_x", "b_y", "b_z", "Q1", "Q2", "Q3")
 LARGEST_Q = 0.35

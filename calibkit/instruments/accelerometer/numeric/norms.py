@@ -1,18 +1,11 @@
 """Lengths of the corrected vectors of a triad and their derivatives, many at a time."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from ctypes import CDLL
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.numeric.compiled import kernels_for
-
-if TYPE_CHECKING:
-    from ctypes import CDLL
-
-    from calibkit.arrays import Array
-
 
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 """Entries of the lower triangular correction matrix, in the order of the fast solver's parameters.

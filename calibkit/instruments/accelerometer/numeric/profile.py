@@ -1,19 +1,14 @@
 """Least squares with named, bounded parameters by lmfit, and their profile intervals."""
 
-from __future__ import annotations
-
 import warnings
+from collections.abc import Callable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from calibkit.arrays import Array
 
 TOLERANCES = {"xtol": 1e-14, "ftol": 1e-14, "gtol": 0.0, "max_nfev": 2000}
 """Of lmfit's leastsq: to the last digits."""

@@ -5,19 +5,12 @@ The x axis is kept and y and z are corrected: e1 is the x axis, e2 lies in the p
 the unit axes x, y, z are the rows of a lower triangular matrix; x is (1, 0, 0).
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from calibkit.arrays import Array
-
 
 NAMES = ("Q1", "Q2", "Q3")
 DERIVATIVE_STEP = 1e-5

@@ -2,26 +2,19 @@
 that it has not seen.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import lagged, level, pooled_fit, uncertainty
-from calibkit.instruments.fog_thermal.numeric.terms import TERMS, chosen_columns
+from calibkit.instruments.fog_thermal.numeric.lagged import Survey
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, chosen_columns
 from calibkit.numeric.dispersion import rms
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.fog_thermal.numeric.lagged import Survey
-    from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
-    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
-
 
 CLEARLY = 0.95
 """Share of the raw drift figure that a model must get below on left-out ramps."""

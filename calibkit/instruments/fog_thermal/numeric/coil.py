@@ -7,21 +7,14 @@ The rates are exact by the equations themselves, T_o' = (T_s − T_o)/τ_o and T
 no difference of a quantised thermometer is ever taken.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.instruments.fog_thermal.numeric.terms import Drivers
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Mask
-
 
 LONGEST_EXPONENT = 200.0
 """Exponent up to which decays are summed in one go: e^200 squared is still a number."""

@@ -1,19 +1,12 @@
 """Thermal drift taken out of a gyro's indication, and the check that its rate was left in."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.instruments.fog_thermal.numeric import gradient as drift
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.arrays import Array, Mask
-
 
 FIGURE_INTERVAL_S = 100.0
 """Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""

@@ -2,20 +2,18 @@
 the model was clamped.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.instruments.fog_thermal.numeric import coil, level
-from calibkit.instruments.fog_thermal.numeric.terms import Drivers, clamped, raw_design
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Mask
-    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
-
+from calibkit.instruments.fog_thermal.numeric.terms import (
+    Drivers,
+    ThermalModel,
+    clamped,
+    raw_design,
+)
 
 REFERENCE_DEGC = 25.0
 RELATIVE_STEP = 1e-3

@@ -2,21 +2,14 @@
 has not seen.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.instruments.fog_thermal.numeric import compensation, gradient
 from calibkit.numeric.dispersion import rms
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-
 
 SAME_RATE = 0.1
 """Relative difference up to which two ramps count as one temperature rate."""

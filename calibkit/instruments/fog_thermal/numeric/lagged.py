@@ -8,33 +8,26 @@ coefficients are eliminated at every step, so that the descent is over the lags 
 Pereyra 1973).
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import coil, pooled_fit
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
 from calibkit.instruments.fog_thermal.numeric.terms import (
     LAGS,
     TERMS,
     Drivers,
+    Scales,
+    ThermalModel,
     chosen_columns,
     scaled_design,
     scales_of,
     valid_of,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Integers, Mask
-    from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack, ThermalLog
-    from calibkit.instruments.fog_thermal.numeric.terms import Scales, ThermalModel
-
 
 LAGGED_TERMS = tuple(term for term in TERMS if term != "s_grad_rate")
 BOUNDS_S = (20.0, 3600.0)

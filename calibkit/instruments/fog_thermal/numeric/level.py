@@ -6,34 +6,27 @@ trailing window, so that they can be had at run time, come without delay, and do
 of a quantised thermometer.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import pooled_fit
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
 from calibkit.instruments.fog_thermal.numeric.terms import (
     TERMS,
     Drivers,
+    Scales,
+    ThermalModel,
     chosen_columns,
     joined,
     scaled_design,
     scales_of,
     valid_of,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.instruments.fog_thermal.numeric.pooled_fit import Stack, ThermalLog
-    from calibkit.instruments.fog_thermal.numeric.terms import Scales, ThermalModel
-
 
 WINDOW_S = 90.0
 """Trailing window of the rates: a 0.0625 °C step then moves them by less than 0.1 °C/min."""

@@ -7,18 +7,12 @@ whose level B is found by restricted maximum likelihood: unlike a kernel estimat
 1987) it does not lose the correlation that is as long as the log.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-
+from calibkit.arrays import Array
 
 LEVELS = np.concatenate([np.linspace(0.0, 2.0, 51), np.geomspace(2.0, 200.0, 31)[1:]])
 """Flicker levels that are compared, in standard deviations of the white noise of a group."""

@@ -2,21 +2,14 @@
 ruling the fit.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Iterator, Sequence
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.numeric.intervals import Intervals
-
+from calibkit.numeric.intervals import Intervals
 
 SPIKE = 5.0
 """Deviation from its interval's median, in standard deviations, above which a sample is a spike: 6

@@ -6,18 +6,20 @@ choice of ramps at the cost of a small linear system, which is what leaving out 
 and fitting lags, ask for again and again.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise, occupancy
 from calibkit.instruments.fog_thermal.numeric.terms import (
     TERMS,
+    Drivers,
+    Scales,
     ThermalModel,
     chosen_columns,
     to_raw,
@@ -25,16 +27,9 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
 )
 from calibkit.numeric import intervals
 from calibkit.numeric.dispersion import mad_sigma, rms
+from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
 from calibkit.numeric.least_squares.robust import HUBER, TUKEY
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Integers, Mask
-    from calibkit.instruments.fog_thermal.numeric.terms import Drivers, Scales
-    from calibkit.numeric.intervals import Intervals
-
 
 NEIGHBOURS = 7
 """Blocks whose median residual a block is compared with: a misfit that lasts longer is the model's,

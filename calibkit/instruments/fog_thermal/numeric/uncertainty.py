@@ -2,26 +2,19 @@
 and the hysteresis left.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import evaluate, noise as thermal_noise
+from calibkit.instruments.fog_thermal.numeric.evaluate import Evaluation
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
+from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
 from calibkit.numeric import gum
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.fog_thermal.numeric.evaluate import Evaluation
-    from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
-    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
-
 
 NEIGHBOURING = (1, 2, 3)
 """How many means apart left-out errors are compared: 100 to 300 s."""

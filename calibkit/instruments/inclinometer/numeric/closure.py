@@ -2,15 +2,9 @@
 none.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Integers, Mask
-
+from calibkit.arrays import Array, Integers, Mask
 
 FEWEST = 8
 """Stations below which their median does not tell what is usual."""

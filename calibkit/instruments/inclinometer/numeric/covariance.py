@@ -1,17 +1,11 @@
 """How noise of the components, of the latitude and of the prior of s comes into θ, φ, s and ψ."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.constants import EARTH_RATE_DPH
 from calibkit.instruments.inclinometer.numeric import published
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-    from calibkit.instruments.inclinometer.numeric.published import Attitude, Components
+from calibkit.instruments.inclinometer.numeric.published import Attitude, Components
 
 
 def _inner_jacobian(parts: Components, found: Attitude) -> tuple[Array, Array, Array]:

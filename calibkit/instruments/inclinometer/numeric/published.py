@@ -6,21 +6,15 @@ rotations; indications positive along gravity; rates in °/h, accelerations in l
 is one gyro and one accelerometer on one axis.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from calibkit.arrays import Array, Mask
 from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from calibkit.arrays import Array, Mask
-
 
 Sensor = Literal["x", "y"]
 """Axis of a sensor pair: at 90° the x sensor lies where y was, the y sensor where −x was."""

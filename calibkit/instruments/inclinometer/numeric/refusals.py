@@ -1,20 +1,14 @@
 """Why a station is refused before its root is chosen."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric import published
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.inclinometer.numeric.published import Attitude, Components
+from calibkit.instruments.inclinometer.numeric.published import Attitude, Components
 
 
 @dataclass(frozen=True, slots=True)

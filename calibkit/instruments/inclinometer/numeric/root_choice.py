@@ -2,26 +2,20 @@
 of θ, φ, s and ψ.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric import published
 from calibkit.instruments.inclinometer.numeric.covariance import covariance, root_gradient
+from calibkit.instruments.inclinometer.numeric.published import Attitude, Components, Roots
 from calibkit.instruments.inclinometer.numeric.refusals import Limits, _joined, _refusals
 from calibkit.numeric.attitude import wrapped
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike
-
-    from calibkit.arrays import Array, Integers, Mask
-    from calibkit.instruments.inclinometer.numeric.published import Attitude, Components, Roots
 LIKELIER = 3.0
 """Difference of log-likelihood, odds of 20 to 1, by which one of two positive roots must win."""
 DISAGREES = 5.0

@@ -2,14 +2,16 @@
 calibration.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
+from calibkit.instruments.inclinometer.numeric.published import Components
+from calibkit.instruments.inclinometer.numeric.refusals import Limits
 from calibkit.instruments.inclinometer.numeric.root_choice import (
     DEFAULT_LIMITS,
     LIKELIER,
@@ -25,16 +27,6 @@ from calibkit.numeric import gum
 from calibkit.numeric.least_squares import polynomial
 from calibkit.numeric.least_squares.fit import linear
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import ArrayLike
-
-    from calibkit.arrays import Array, Mask
-    from calibkit.instruments.inclinometer.numeric.published import Components
-    from calibkit.instruments.inclinometer.numeric.refusals import Limits
-
 
 GAIN = 4.0
 """Mean squares by which a higher order must lower the sum of squares: a coefficient of two standard

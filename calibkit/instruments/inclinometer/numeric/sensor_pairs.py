@@ -2,19 +2,13 @@
 combined.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
+from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 from calibkit.numeric.attitude import wrapped
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Mask
-    from calibkit.instruments.inclinometer.numeric.root_choice import Solution
-
 
 ANGLES = (0, 1, 3)
 """Rows of a solution's covariance that are angles: inclination, toolface, azimuth."""

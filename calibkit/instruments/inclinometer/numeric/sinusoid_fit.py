@@ -2,24 +2,16 @@
 least squares.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer.numeric.published import Components
+from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
 from calibkit.numeric.least_squares.fit import LinearFit, linear, undetermined
-
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.instruments.inclinometer.numeric.published import Sensor
-
 
 NAMES = ("x", "y", "bias", "ramp")
 
