@@ -10,7 +10,6 @@ import os
 from ctypes import CDLL
 from functools import cache
 from pathlib import Path
-from typing import TYPE_CHECKING
 
 __all__ = ["kernels", "state"]
 
