@@ -213,7 +213,7 @@ def _clocks(inputs: Sequence[Input]) -> tuple[Condition, ...]:
     )
 
 
-def digest(document: Mapping[str, Any]) -> str:
+def _digest(document: Mapping[str, Any]) -> str:
     """SHA-256 of the canonical JSON (RFC 8785) of every key but `sha256`; raises CoefficientError
     for what JSON lacks.
     """
@@ -236,7 +236,7 @@ def seal(document: Mapping[str, Any]) -> str:
     """
     plain: dict[str, Any] = json.loads(json.dumps(document, allow_nan=True))
     body = {"format": plain.pop("format"), "sha256": "", **plain}
-    body["sha256"] = digest(body)
+    body["sha256"] = _digest(body)
     return json.dumps(body, ensure_ascii=False, indent=1, allow_nan=False) + "\n"
 
 
@@ -257,7 +257,7 @@ def unseal(text: str, name: str, formats: tuple[str, ...] = FORMATS) -> dict[str
             f"{name}: format '{document['format']}', expected one of {', '.join(formats)}",
             hint="use a newer calibkit",
         )
-    expected = digest(document)
+    expected = _digest(document)
     if document.get("sha256") != expected:
         raise CoefficientError(
             f"{name}: digest {str(document.get('sha256'))[:12]}… is not that of its content,"

@@ -46,7 +46,7 @@ VALIDATION_FORMAT = "calibkit-validation/1"
 
 
 @dataclass(frozen=True, slots=True)
-class FitOutcome:
+class _FitOutcome:
     """A finished fit: where its run folder is, what it says, whether its limits held."""
 
     folder: Path
@@ -68,7 +68,7 @@ def fit(
     progress: Progress,
     *,
     dry_run: bool = False,
-) -> FitOutcome:
+) -> _FitOutcome:
     """Fit a recipe to the logs of a folder and write the next revision of the serial's run folder;
     a dry run only names it.
     """
@@ -108,7 +108,7 @@ def fit(
     summary = replace(
         fitted.summary, title=f"{name}: {spec.title or spec.procedure}", flags=tuple(built["flags"])
     )
-    return FitOutcome(folder, name, summary, built, made, guesses(fitted.inputs))
+    return _FitOutcome(folder, name, summary, built, made, _guesses(fitted.inputs))
 
 
 @contextlib.contextmanager
@@ -120,7 +120,7 @@ def _placed(source: recipe.Source) -> Iterator[None]:
         raise recipe.located(source, error) from None
 
 
-def guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
+def _guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
     """What was guessed of how the logs are written: one line a guess, with the logs that it was
     made of.
     """
@@ -374,7 +374,7 @@ def _firmware(spec: recipe.Recipe) -> Firmware[Any]:
     return firmware()
 
 
-def firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected: bool) -> Export:
+def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected: bool) -> Export:
     """A run's correction chain in a number format; refuses a run that failed its acceptance limits
     unless told not to.
     """
@@ -426,7 +426,7 @@ def export(
     from calibkit.firmware import targets
 
     chosen = targets.find_target(target, number)
-    exports = [firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
+    exports = [_firmware_export(run, number, prefix, allow_rejected=allow_rejected) for run in runs]
     files = targets.files(chosen, exports, address)
     new_files.write_all({out / name: content for name, content in files.items()}, dry_run=dry_run)
     return [out / name for name in sorted(files)]

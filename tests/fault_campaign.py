@@ -124,7 +124,7 @@ def after(folder, what):
 
 def main(root, what, fault):
     """Let every step fail once and print what was left."""
-    coefficients.digest({"a": 1})
+    coefficients._digest({"a": 1})
     for at in range(1, 500):
         folder = Path(root) / f"{what}-{fault}-{at}"
         folder.mkdir()

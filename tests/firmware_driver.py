@@ -64,7 +64,7 @@ def raw(one, lanes):
 def expected(one, lanes):
     """Number that the twin's outputs and statuses make."""
     program, names = one.program, [entry.name for entry in one.chain.structure.inputs]
-    state = twin.reset(program, lanes) if one.chain.structure.interval_s is not None else None
+    state = twin._reset(program, lanes) if one.chain.structure.interval_s is not None else None
     rows, total = raw(one, lanes), 0
     outputs = [output.name for output in one.chain.structure.outputs]
     for j, row in enumerate(rows):

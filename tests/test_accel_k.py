@@ -141,7 +141,7 @@ def test_three_temperatures_are_refused_by_name_with_reason_and_remedy():
     ]
     assert len(added) in range(2, 7)
     extra = np.array(added)
-    k_factor.require_determined(
+    k_factor._require_determined(
         np.concatenate([reference, attitude.gravity_vector(extra[:, 1], extra[:, 2])]),
         np.concatenate([temperature, extra[:, 0]]),
         (k_factor.KTerms(),) * 3,

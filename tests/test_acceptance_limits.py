@@ -9,10 +9,10 @@ import pytest
 
 from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer import errors as triad_errors
-from calibkit.instruments.accelerometer.recipe import AccelAcceptance
+from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
 from calibkit.instruments.fog_thermal.compensate import LogFigures
-from calibkit.instruments.fog_thermal.recipe import Acceptance
+from calibkit.instruments.fog_thermal.recipe import _Acceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
 from calibkit.instruments.gyro_scale import axes_tables, tables
@@ -22,7 +22,7 @@ from calibkit.instruments.gyro_scale.recipe import (
     TriadAcceptance,
 )
 from calibkit.instruments.inclinometer import errors as angle_limits
-from calibkit.instruments.inclinometer.recipe import InclinometerAcceptance
+from calibkit.instruments.inclinometer.recipe import _InclinometerAcceptance
 from calibkit.numeric.attitude import AttitudeErrors
 
 LIMIT = 0.5
@@ -48,7 +48,7 @@ def fog_gain(value, **limits):
 
 def fog_fit(figures, share=0.25, **limits):
     """Criteria of a fit in recursive mode."""
-    spec = SimpleNamespace(acceptance=Acceptance(**limits))
+    spec = SimpleNamespace(acceptance=_Acceptance(**limits))
     export = SimpleNamespace(
         share_of_raw=share, model=SimpleNamespace(mode="recursive", exported=True)
     )
@@ -67,13 +67,13 @@ def fog_withheld(value, **limits):
 
 def fog_unseen(value, **limits):
     """Validation of two logs with a drift rms of 1 before and this after."""
-    spec = SimpleNamespace(acceptance=Acceptance(**limits))
+    spec = SimpleNamespace(acceptance=_Acceptance(**limits))
     return fog._validation_criteria(spec, [fog_log(before=1.0, after=value)] * 2)
 
 
 def fog_covered(value, **limits):
     """Validation of two logs, of whose 300 and 100 means this share lies within the uncertainty."""
-    spec = SimpleNamespace(acceptance=Acceptance(**limits))
+    spec = SimpleNamespace(acceptance=_Acceptance(**limits))
     shares = ((300, value + 0.1), (100, value - 0.3))
     logs = [
         {
@@ -102,7 +102,7 @@ def triad_stand(**limits):
         figures["toolface"],
     )
     found = triad_errors.DwellErrors(np.full((1, 3), figures["residual"]), errors)
-    return triad_errors.judge_errors(found, SimpleNamespace(acceptance=AccelAcceptance(**limits)))
+    return triad_errors.judge_errors(found, SimpleNamespace(acceptance=_AccelAcceptance(**limits)))
 
 
 def triad_unseen(value):
@@ -118,7 +118,7 @@ def station(*, unseen=False, angle="after", value=0.1, **limits):
     columns[angle] = np.array([columns[angle][0], -value, np.nan])
     return angle_limits.criteria(
         angle_limits.AngleErrors(**columns),
-        SimpleNamespace(acceptance=InclinometerAcceptance(**limits)),
+        SimpleNamespace(acceptance=_InclinometerAcceptance(**limits)),
         unseen=unseen,
     )
 
@@ -129,7 +129,7 @@ def azimuth_rms(value, **limits):
     same = np.array([0.0, 0.0, np.nan])
     return angle_limits.criteria(
         angle_limits.AngleErrors(same, same, same, found, np.ones(3)),
-        SimpleNamespace(acceptance=InclinometerAcceptance(**limits)),
+        SimpleNamespace(acceptance=_InclinometerAcceptance(**limits)),
         unseen=False,
     )
 
@@ -349,7 +349,7 @@ def test_an_azimuth_may_be_worse_than_uncorrected_by_its_uncertainty():
 
 def test_the_rate_gain_has_a_limit_without_being_asked():
     """One part in a thousand, in the mode that has a gain, and for terms that are exported."""
-    assert Acceptance().rate_gain_tolerance == 1e-3
+    assert _Acceptance().rate_gain_tolerance == 1e-3
     for gain, passed in ((1.0009, True), (1.0011, False), (0.9989, False)):
         (one,) = (c for c in fog_fit([fog_log(gain=gain)]) if c.name == "rate gain off 1 by")
         assert (one.limit, one.passed) == (1e-3, passed)

@@ -18,7 +18,7 @@ MOST = 12
 CHAIN = [
     "cli.logs.apply",
     "pipeline.apply",
-    "instruments.fog_thermal.instrument.apply",
+    "instruments.fog_thermal.instrument._apply",
     "instruments.fog_thermal.compensate.compensate_log",
     "instruments.fog_thermal.compensate.drift_along",
     "instruments.fog_thermal.numeric.evaluate.evaluate",
@@ -32,7 +32,7 @@ STOPS = [
     "instruments.fitted_recipe",
     "instruments.parse_recipe",
     "instruments.find",
-    "instruments.fog_thermal.instrument.apply",
+    "instruments.fog_thermal.instrument._apply",
     "instruments.fog_thermal.compensate.read_model",
     "instruments.fog_thermal.forms.read_thermal",
     "instruments.fog_thermal.ramps.find_unusable",

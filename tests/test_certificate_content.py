@@ -97,14 +97,14 @@ def test_decision_rules_split_a_tolerance_of_ten_with_an_uncertainty_of_two(
 ):
     """Acceptance limit 8, tolerance limit 10, rejection limit 12; compared unrounded."""
     for rule, verdict in (("guarded", guarded), ("simple", simple), ("four_way", four_way)):
-        assert conformity.judge(result(value, 2.0), -10.0, 10.0, rule)[0] == verdict, rule
+        assert conformity._judge(result(value, 2.0), -10.0, 10.0, rule)[0] == verdict, rule
 
 
 def test_no_statement_is_possible_where_the_uncertainty_exceeds_the_tolerance_or_is_unknown():
     """U = 11 on ± 10, and a descriptor: whatever the value and the rule."""
     for rule in ("guarded", "simple", "four_way"):
-        assert conformity.judge(result(0.0, 11.0), -10.0, 10.0, rule)[0] == "no statement possible"
-        assert conformity.judge(result(0.0), -10.0, 10.0, rule)[0] == "no statement possible"
+        assert conformity._judge(result(0.0, 11.0), -10.0, 10.0, rule)[0] == "no statement possible"
+        assert conformity._judge(result(0.0), -10.0, 10.0, rule)[0] == "no statement possible"
 
 
 def test_a_magnitude_is_judged_by_the_upper_end_of_its_interval():
@@ -112,15 +112,15 @@ def test_a_magnitude_is_judged_by_the_upper_end_of_its_interval():
     no statement.
     """
     magnitude = result(1.5, 2.0, interval=(0.0, 3.1))
-    assert conformity.judge(magnitude, None, 3.0, "guarded")[0] == "fail"
-    assert conformity.judge(magnitude, None, 3.2, "guarded")[0] == "pass"
-    assert conformity.judge(magnitude, None, 1.4, "guarded")[0] == "no statement possible"
+    assert conformity._judge(magnitude, None, 3.0, "guarded")[0] == "fail"
+    assert conformity._judge(magnitude, None, 3.2, "guarded")[0] == "pass"
+    assert conformity._judge(magnitude, None, 1.4, "guarded")[0] == "no statement possible"
 
 
 def test_the_guarded_rule_is_the_default():
     """A specification that names no rule is judged with the guard band."""
     found = conformity.statements(
-        [limits(None, 10.0, rule=None)], [result(9.0, 2.0)], profile.Results().decision_rule
+        [limits(None, 10.0, rule=None)], [result(9.0, 2.0)], profile._Results().decision_rule
     )
     assert (found[0].rule, found[0].verdict, found[0].acceptance) == (
         "guarded",
@@ -253,7 +253,7 @@ def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
 @given(st.floats(-200.0, 200.0).map(lambda low: round(low, 3)), st.floats(0.5, 400.0))
 def test_default_temperatures_are_round_and_inside_the_range(low, width):
     """Between two and eight numbers of at most three digits' step, none outside."""
-    found = stated.round_numbers(low, low + width)
+    found = stated._round_numbers(low, low + width)
     assert 2 <= len(found) <= stated.MOST_TEMPERATURES
     assert all(low <= t <= low + width for t in found)
     assert len(set(np.round(np.diff(found), 9))) == 1
@@ -268,8 +268,8 @@ def test_a_temperature_outside_the_range_is_left_out_and_named():
 
 def test_a_table_says_which_coverage_factor_its_uncertainties_have():
     """The factor k, and the degrees of freedom where Student's distribution gave it."""
-    assert "k = 2.23 (Student, ν_eff = 12)" in tables.factor_words([at(0.0)]).en
-    assert tables.factor_words([result(1.0)]) is None
+    assert "k = 2.23 (Student, ν_eff = 12)" in tables._factor_words([at(0.0)]).en
+    assert tables._factor_words([result(1.0)]) is None
 
 
 WHOLE = """

@@ -340,7 +340,7 @@ def test_every_command_has_the_common_options(command):
     """--json, --quiet, --verbose and --log-file are on all commands."""
     found = {name for parameter in cli.cli.commands[command].params for name in parameter.opts}
     assert {"--json", "--quiet", "--verbose", "--log-file"} <= found
-    assert isinstance(cli.cli.commands[command], options.Command)
+    assert isinstance(cli.cli.commands[command], options._Command)
 
 
 def test_every_example_can_be_parsed():

@@ -50,7 +50,7 @@ def test_outliers_are_named_furthest_first_and_do_not_cover_for_one_another():
     values[13] -= 100.0
     assert control.control(values).outliers[0] == 13
     assert set(control.control(values).outliers) == {2, 5, 7, 11, 13}
-    assert np.max(np.abs(values - values.mean())) / values.std(ddof=1) < control.limit(20)
+    assert np.max(np.abs(values - values.mean())) / values.std(ddof=1) < control._limit(20)
 
 
 @pytest.mark.parametrize(
@@ -83,6 +83,6 @@ def test_the_limit_falls_while_the_spread_gets_known_and_rises_with_the_number_o
     """Fewer than ten cannot judge; from ten on the limit falls to about 200 values and rises
     beyond.
     """
-    limits = [control.limit(count) for count in (9, 10, 20, 50, 200, 1000, 10_000)]
+    limits = [control._limit(count) for count in (9, 10, 20, 50, 200, 1000, 10_000)]
     assert math.isinf(limits[0])
     assert limits[1] > limits[2] > limits[3] > limits[4] < limits[5] < limits[6]

@@ -132,28 +132,28 @@ def sample(name):
 
 def filled(text):
     """A profile with one text in every field that takes text."""
-    person = profile.Person(name=text, role=text, email=text)
+    person = profile._Person(name=text, role=text, email=text)
     party = {"name": text, "address": text, "email": text, "phone": text, "country": "CN"}
     return profile.Profile(
-        certificate=profile.Numbering(
+        certificate=profile._Numbering(
             number=text, title=text, amends=f"not {text}", changes=(text,)
         ),
         laboratory=profile.Laboratory(**party, place_of_work=text),
         customer=profile.Party(**party),
-        item=profile.Item(type=text, maker=text, model=text, identification=text, condition=text),
-        dates=profile.Dates(performed=ISSUED),
-        method=profile.Method(name=text, revision=text, deviations=text, external_providers=text),
-        conditions=profile.Conditions(
+        item=profile._Item(type=text, maker=text, model=text, identification=text, condition=text),
+        dates=profile._Dates(performed=ISSUED),
+        method=profile._Method(name=text, revision=text, deviations=text, external_providers=text),
+        conditions=profile._Conditions(
             **{
                 key: text
-                for key in profile.Conditions.model_fields
+                for key in profile._Conditions.model_fields
                 if key not in {"others", "local_gravity_mps2"}
             },
             others=(text,),
         ),
         standard=(profile.Standard(name=text, serial=text, certificate=text, laboratory=text),),
         authorised_by=person,
-        adjustment=profile.Adjustment(statement=text),
+        adjustment=profile._Adjustment(statement=text),
         specification=(
             profile.Specification(
                 result="gyro_scale.a_about_a.K", unit="1/deg", name=text, source=text, upper=1.0
@@ -298,7 +298,7 @@ def test_every_result_of_the_pdf_stands_in_the_dcc_with_its_uncertainty(run):
     found = {}
     for real in root.iter(f"{{{xml.SI}}}real"):
         if key := real.findtext("si:label", "", xml.NAMES):
-            found[xml.label(key)] = (
+            found[xml._label(key)] = (
                 numbers(real, "value")[0],
                 numbers(real, "valueExpandedMU"),
                 numbers(real, "coverageFactor"),
@@ -311,7 +311,7 @@ def test_every_result_of_the_pdf_stands_in_the_dcc_with_its_uncertainty(run):
             found[key] = (numbers(values, "valueXMLList")[j], [U[j]], [k[j]])
     assert len(made.results) > 50
     for result in made.results:
-        value, U, k = found[xml.label(result.key)]
+        value, U, k = found[xml._label(result.key)]
         factor = dsi(result.unit).factor
         assert value == pytest.approx(result.value * factor, rel=1e-15)
         if result.uncertainty is not None and result.interval is None:
@@ -328,7 +328,7 @@ def test_accelerations_are_in_si_where_the_local_gravity_is_known_and_ratios_whe
     """
     made = run("accelerometer")
     bias = made.records["accel_affine.json"].models[0].value("b_x0")
-    conditions = profile.Conditions(local_gravity_mps2=9.7967)
+    conditions = profile._Conditions(local_gravity_mps2=9.7967)
     known = valid(dcc.render(certificate(made, profile.Profile(conditions=conditions)), "en"))
     unknown = valid(dcc.render(certificate(made), "en"))
     for root, factor, unit in (
@@ -353,7 +353,7 @@ def test_the_region_of_all_parameters_holds_the_truth_as_often_as_it_says(n, dof
     """The ellipsoid's factor squared over n is the 95 % quantile of F: against scipy.stats, and by
     drawing where dof is large.
     """
-    factor = dcc_results.region_factor(n, dof)
+    factor = dcc_results._region_factor(n, dof)
     assert factor == pytest.approx(math.sqrt(n * stats.f.ppf(0.95, n, dof)), rel=1e-9)
     if dof == 100000:
         drawn = np.random.default_rng(n).normal(size=(20000, n))

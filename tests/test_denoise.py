@@ -10,7 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.denoise import deepest, denoise, shortest
+from calibkit.numeric.wavelet.denoise import _deepest, denoise, shortest
 from calibkit.numeric.wavelet.lifting import EXTENSIONS, forward, inverse, scheme
 from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
 
@@ -226,9 +226,9 @@ def test_a_signal_too_short_for_one_level_is_refused():
 
 def test_the_default_depth_is_an_eighth_of_the_length_at_most_and_fits():
     """2^levels stays at or below n/8, and no deeper than the filter fits."""
-    assert [deepest("cdf97", n) for n in (39, 600, 960, 2400, 6000)] == [2, 6, 6, 8, 9]
-    assert [deepest("haar", n) for n in (39, 600, 6000)] == [2, 6, 9]
-    assert all(shortest("db20", deepest("db20", n)) <= n for n in (100, 1000, 10_000))
+    assert [_deepest("cdf97", n) for n in (39, 600, 960, 2400, 6000)] == [2, 6, 6, 8, 9]
+    assert [_deepest("haar", n) for n in (39, 600, 6000)] == [2, 6, 9]
+    assert all(shortest("db20", _deepest("db20", n)) <= n for n in (100, 1000, 10_000))
     assert denoise(ramp_log(600)[1]).levels == 6
 
 

@@ -307,7 +307,7 @@ def test_ramps_of_one_rate_are_left_out_together():
     rng = np.random.default_rng(11)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 5.2, 10.0)]
     fits = [drift.ramp(log, log.rate[0]) for log in logs]
-    assert gradient_order.rate_groups(fits) == [[0], [1, 2], [3]]
+    assert gradient_order._rate_groups(fits) == [[0], [1, 2], [3]]
 
 
 def test_drift_rms_ignores_the_mean_and_averages_noise():

@@ -39,7 +39,7 @@ def test_windowed_noise_is_the_loop_over_windows():
     """The running sums equal the standard deviation of every window, offset and all."""
     log = handled(rows=1700)[:200] + 3e4
     twin = [np.sqrt(np.sum(np.var(log[i : i + 16], axis=0))) for i in range(185)]
-    np.testing.assert_allclose(dwells.windowed_noise(log, 16), twin, rtol=1e-8)
+    np.testing.assert_allclose(dwells._windowed_noise(log, 16), twin, rtol=1e-8)
 
 
 def test_short_pauses_are_no_dwells():

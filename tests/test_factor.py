@@ -10,7 +10,7 @@ import pywt
 
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet import factor
-from calibkit.numeric.wavelet.factor import condition, factored, polyphase
+from calibkit.numeric.wavelet.factor import _condition, factored, polyphase
 from calibkit.numeric.wavelet.lifting import LITERAL
 
 SPLINES = [name for name in pywt.wavelist(kind="discrete") if name.startswith(("bior", "rbio"))]
@@ -83,7 +83,7 @@ def test_the_steps_found_are_well_conditioned(bank):
     """The norms of steps and gains multiply to less than e⁸ = 3000, so that at most 4 of 16 digits
     can be lost.
     """
-    assert condition(factored(bank)) < 8.0
+    assert _condition(factored(bank)) < 8.0
 
 
 @pytest.mark.parametrize("name", sorted(LITERAL))
@@ -115,7 +115,9 @@ def best_condition(bank):
     rows = [
         (factor._polyphase(wavelet.dec_lo, p), factor._polyphase(wavelet.dec_hi, p)) for p in (0, 1)
     ]
-    return min(condition(scheme) for p in (0, 1) for scheme in factor._factorings(bank, rows[p], p))
+    return min(
+        _condition(scheme) for p in (0, 1) for scheme in factor._factorings(bank, rows[p], p)
+    )
 
 
 def test_textbook_euclid_that_always_cancels_the_same_end_explodes(monkeypatch):

@@ -147,7 +147,7 @@ def history(interval=10.0):
 def along(quantised, columns):
     """Drift [n, °/h] of the twin, update by update."""
     words = {name: twin.encode(quantised, name, values) for name, values in columns.items()}
-    state, found = twin.reset(quantised, 1), []
+    state, found = twin._reset(quantised, 1), []
     for k in range(len(next(iter(words.values())))):
         result = twin.call(
             quantised, {name: column[k : k + 1] for name, column in words.items()}, state
@@ -240,7 +240,7 @@ def test_statuses_say_what_was_clamped_and_what_is_no_number(name, runs):
     }
     first = this.chain.structure.inputs[0].name
     middle[first] = np.array([middle[first][0], np.nan, 1e9 + middle[first][0]])
-    state = twin.reset(quantised, 3) if this.chain.structure.interval_s else None
+    state = twin._reset(quantised, 3) if this.chain.structure.interval_s else None
     words = {column: twin.encode(quantised, column, values) for column, values in middle.items()}
     result = twin.call(quantised, words, state)
     still = {flag: 1 << k for k, flag in enumerate(this.chain.structure.flags)}
@@ -260,7 +260,7 @@ def test_a_sensor_of_specific_force_is_corrected_in_its_own_sign(name, runs):
     this = runs(name)
     reference = this.spec.reference.model_copy(update={"convention": "specific_force"})
     spec = this.spec.model_copy(update={"reference": reference})
-    turned = firmware.chain(spec, this.run.records)
+    turned = firmware._chain(spec, this.run.records)
     columns = within_ranges(this.chain, 500, 4)
     opposite = {column: -v if column.startswith("accel") else v for column, v in columns.items()}
     expected = twin.call(program.quantise(this.chain, formats.find_format("f64")), columns).outputs

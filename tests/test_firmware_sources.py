@@ -102,7 +102,7 @@ def test_a_column_name_cannot_leave_its_comment():
     """Ends of comments, line joins, trigraphs, marks of the generator and other alphabets are
     escaped, one to one.
     """
-    text = sources.quoted(NASTY)
+    text = sources._quoted(NASTY)
     assert text.isascii()
     assert text.isprintable()
     for part in ("*", "?", "@", "{", "}", "'"):

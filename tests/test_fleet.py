@@ -29,7 +29,7 @@ from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 @pytest.fixture
 def quick(monkeypatch):
     """Units are fitted without their figures, here and in other processes."""
-    monkeypatch.setattr(instrument, "draw", instrument.draw)  # restored after the test
+    monkeypatch.setattr(instrument, "_draw", instrument._draw)  # restored after the test
     monkeypatch.setattr(run, "of_unit", quick_unit.outcome)
 
 
@@ -667,4 +667,4 @@ def test_figures_of_different_forms_or_units_are_not_compared():
     ]
     assert [column.unit for column in made.columns] == ["deg/h", "deg/h", "deg/s"]
     assert [np.isfinite(column.values).sum() for column in made.columns] == [1, 1, 1]
-    assert len(set(files.flat_table(made).to_csv().splitlines()[0].split(","))) == 12
+    assert len(set(files._flat_table(made).to_csv().splitlines()[0].split(","))) == 12

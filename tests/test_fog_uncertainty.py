@@ -93,7 +93,7 @@ def test_a_validation_by_such_a_file_flags_it(run, campaign):
     records = {**run[0].records, "drift_rate.json": replace(record, models=(older,))}
     file = min(path.name for path in campaign.glob("*.csv"))
     for held, flagged in ((records, True), (run[0].records, False)):
-        _, summary = instrument.validate(spec, held, [instrument.read(spec, campaign, file)])
+        _, summary = instrument._validate(spec, held, [instrument._read(spec, campaign, file)])
         assert (forms.UNKNOWN_DOF in summary.flags) is flagged
 
 
@@ -133,7 +133,7 @@ def test_a_thermometer_that_is_off_moves_the_compensated_rate_by_the_drift_s_slo
     (term,) = instruments.parse_recipe(
         recipe.Source("r", recipe.find("fog_thermal").text + TERMS)
     ).type_b[:1]
-    found = uncertainty.propagate(model, time, case, case, (term,), 25.0)
+    found = uncertainty._propagate(model, time, case, case, (term,), 25.0)
     moved, still = (evaluate.evaluate(model, time, case + by, case).drift for by in (0.2, 0.0))
     assert found.contributions[-1] == pytest.approx(np.abs(moved - still), rel=0.02, abs=1e-5)
     assert found.standard == pytest.approx(

@@ -77,12 +77,12 @@ def test_the_verdict_names_models_that_are_in_one_run_only(tmp_path):
         {"models": [more, model(K, name="lost")]},
         {"models": [kept, model(K, name="new")]},
     )
-    verdict = difference_tables.state_verdict(difference.compare_runs(old, new, FORMS))
+    verdict = difference_tables._state_verdict(difference.compare_runs(old, new, FORMS))
     assert verdict.startswith(
         f"model lost only in {old.name}; 1 coefficient more only in {old.name}; model new only in "
     )
     assert "0 of 1 coefficients moved" in verdict
-    assert difference_tables.state_verdict(difference.compare_runs(old, old, FORMS)).startswith(
+    assert difference_tables._state_verdict(difference.compare_runs(old, old, FORMS)).startswith(
         "0 of 3"
     )
 
@@ -106,7 +106,7 @@ def test_what_cannot_be_judged_is_not_judged(tmp_path):
     }
     assert verdicts == expected
     assert found.models[0].joint is None
-    assert "no coefficient could be compared" in difference_tables.state_verdict(found)
+    assert "no coefficient could be compared" in difference_tables._state_verdict(found)
 
 
 @pytest.mark.parametrize(
@@ -235,7 +235,7 @@ def test_how_many_would_move_by_chance_is_said(tmp_path):
     )
     found = between(tmp_path, old, new)
     assert 2 <= found.count("moved") <= 18  # 9.1 expected, three standard deviations
-    assert "9.1 would by chance" in difference_tables.state_verdict(found)
+    assert "9.1 would by chance" in difference_tables._state_verdict(found)
 
 
 def test_shared_logs_two_instruments_and_a_rejected_run_are_flagged(tmp_path):

@@ -15,7 +15,7 @@ from calibkit.instruments.inclinometer import (
     rows as inclinometer_rows,
     simulate as simulator,
 )
-from calibkit.simulate.campaign import csv_text
+from calibkit.simulate.campaign import _csv_text
 from conftest import AUTHORITIES, ROOT
 
 VECTORS = json.loads((AUTHORITIES / "four_position.json").read_text(encoding="utf-8"))["stations"]
@@ -66,7 +66,7 @@ def simulated(folder, seed, *, part=slice(None), references=True, **options):
     chosen = np.unique(columns["station"])[part]
     keep = np.isin(columns["station"], chosen)
     folder.mkdir(parents=True, exist_ok=True)
-    text = csv_text(
+    text = _csv_text(
         {name: values[keep] for name, values in columns.items()},
         {**campaign.decimals, **dict.fromkeys(ANGLES, 9)},
     )
@@ -288,7 +288,7 @@ def test_a_single_station_states_an_interval_that_holds(tmp_path):
     spec, inside = instruments.parse_recipe(recipe.find("inclinometer")), 0
     for seed in range(3000, 3040):
         truth = simulated(tmp_path / str(seed), seed, count=1, references=False)
-        fitted = instrument.fit(spec, tmp_path / str(seed), ["stations.csv"], silent)
+        fitted = instrument._fit(spec, tmp_path / str(seed), ["stations.csv"], silent)
         row = next(table for table in fitted.summary.tables if "before" in table.title).rows[0]
         inside += abs(wrapped(float(row[4]) - truth["azimuth_deg"][0])) < float(row[5])
     assert inside >= 34
@@ -414,13 +414,13 @@ def test_the_last_digit_of_a_log_is_found_in_its_own_unit():
     """
     source = recipe.find("inclinometer")
     data = np.array([8.25, -3.5, np.nan, 12.0])
-    assert inclinometer_rows.resolution(
+    assert inclinometer_rows._resolution(
         data, "gyro_x_dph", instruments.parse_recipe(source)
     ) == pytest.approx(0.01)
     mapped = source.text + '[columns]\ngyro_x_dph = { from = "wx", unit = "deg/s" }\n'
     spec = instruments.parse_recipe(recipe.Source("mapped", mapped))
     data = 3600.0 * np.array([0.0023, -0.0011, 0.004])
-    assert inclinometer_rows.resolution(data, "gyro_x_dph", spec) == pytest.approx(0.36)
+    assert inclinometer_rows._resolution(data, "gyro_x_dph", spec) == pytest.approx(0.36)
 
 
 def spoilt(rows, how):
@@ -598,8 +598,8 @@ def test_least_squares_takes_any_sequence_and_removes_a_bias_ramp(tmp_path, comm
         truth.append(psi)
         attitude = simulator.Attitudes(*(np.full(6, v) for v in (theta, phi, psi)))
         latitude = np.radians(34.2)
-        gravity = simulator.rotated(attitude, np.array([0.0, 0.0, 1.0]))
-        rate = simulator.rotated(
+        gravity = simulator._rotated(attitude, np.array([0.0, 0.0, 1.0]))
+        rate = simulator._rotated(
             attitude, 15.041067 * np.array([np.cos(latitude), 0.0, -np.sin(latitude)])
         )
         for k, turn in enumerate(sequence):

@@ -73,7 +73,7 @@ def test_the_coil_follows_the_matrix_exponential_on_any_sampling(lags):
     time = np.cumsum(rng.uniform(1.0, 40.0, 200))
     time[120:] += 5000.0
     case = np.cumsum(rng.normal(0.0, 1.0, 200))
-    outer, inner, rate = coil.temperatures(coil.path([(time, case)]), *lags)
+    outer, inner, rate = coil._temperatures(coil.path([(time, case)]), *lags)
     state = np.array([case[0], case[0]])
     for k in range(1, time.size):
         h = time[k] - time[k - 1]
@@ -100,8 +100,8 @@ def test_the_sampling_makes_no_difference(outer, inner, finer):
     fine = np.sort(
         np.concatenate([time, *(time[:-1] + np.diff(time) * k / finer for k in range(1, finer))])
     )
-    coarse = coil.temperatures(coil.path([(time, case)]), outer, inner)
-    finely = coil.temperatures(coil.path([(fine, np.interp(fine, time, case))]), outer, inner)
+    coarse = coil._temperatures(coil.path([(time, case)]), outer, inner)
+    finely = coil._temperatures(coil.path([(fine, np.interp(fine, time, case))]), outer, inner)
     for a, b in zip(coarse, finely, strict=True):
         assert b[::finer] == pytest.approx(a, abs=1e-8)  # °C
 
@@ -121,7 +121,7 @@ def test_on_a_long_ramp_each_temperature_is_behind_by_rate_times_lag():
 def test_a_gap_of_days_leaves_the_coil_where_the_case_is():
     """After a gap a thousand lags long the coil is behind its case by slope times lag."""
     time = np.array([0.0, 10.0, 20.0, 1e6, 1e6 + 10.0])
-    outer, inner, _ = coil.temperatures(
+    outer, inner, _ = coil._temperatures(
         coil.path([(time, np.array([0.0, 1.0, 2.0, 30.0, 30.0]))]), 150.0, 80.0
     )
     slope = 28.0 / (1e6 - 20.0)
@@ -133,8 +133,8 @@ def test_logs_side_by_side_are_logs_one_by_one():
     """Logs of different lengths and samplings do not mix."""
     rng = np.random.default_rng(4)
     logs = [(np.cumsum(rng.uniform(1.0, 50.0, n)), rng.normal(0.0, 9.0, n)) for n in (400, 30, 120)]
-    together = coil.temperatures(coil.path(logs), 60.0, 20.0)
-    alone = [coil.temperatures(coil.path([log]), 60.0, 20.0) for log in logs]
+    together = coil._temperatures(coil.path(logs), 60.0, 20.0)
+    alone = [coil._temperatures(coil.path([log]), 60.0, 20.0) for log in logs]
     for k, joined in enumerate(together):
         assert joined == pytest.approx(np.concatenate([each[k] for each in alone]), abs=1e-11)  # °C
 
@@ -295,7 +295,7 @@ def test_leaving_out_a_ramp_is_fitting_the_others():
         others = lagged.Problem(
             surveyed, np.arange(1, 8), solution.weights, np.arange(len(logs)) != ramp
         )
-        full = lagged.projected(others, solution.log_lags)
+        full = lagged._projected(others, solution.log_lags)
         expected = (others.design(full.log_lags) @ full.coefficients)[rows]
         found = lagged.without(near, ramp)[1][rows]
         moved = (problem.design(solution.log_lags) @ solution.coefficients)[rows]
@@ -368,7 +368,7 @@ def test_a_ramp_faster_than_any_fitted_is_clamped_and_flagged():
     model = lagged.fit(campaign())
     time, case = case_of(30.0, 4000.0, lag=60.0)
     found = evaluate.evaluate(model, time, case, case)
-    drivers = evaluate.drivers(model, time, case, case)
+    drivers = evaluate._drivers(model, time, case, case)
     assert np.array_equal(found.rate_clamped, drivers.rate > model.valid.rate[1])
     assert np.array_equal(found.gradient_clamped, drivers.gradient > model.valid.gradient[1])
     assert found.rate_clamped.any()

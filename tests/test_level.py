@@ -73,7 +73,7 @@ def test_the_rate_of_a_parabola_is_exact_at_every_instant_on_any_sampling():
     rng = np.random.default_rng(0)
     time = np.cumsum(rng.uniform(2.0, 12.0, 300))
     time[150:] += 60.0
-    rate = level.end_slope(time, 3.0 + 0.02 * time - 1e-5 * time**2, 120.0)
+    rate = level._end_slope(time, 3.0 + 0.02 * time - 1e-5 * time**2, 120.0)
     started = rate != 0.0
     assert started.sum() > 280
     assert rate[started] == pytest.approx(60.0 * (0.02 - 2e-5 * time[started]), abs=1e-8)  # °C/min
@@ -84,7 +84,7 @@ def test_the_rate_is_that_of_a_fitted_parabola():
     rng = np.random.default_rng(1)
     time = np.cumsum(rng.uniform(4.0, 16.0, 120))
     values = np.cumsum(rng.normal(0.0, 0.3, 120))
-    rate = level.end_slope(time, values, 90.0)
+    rate = level._end_slope(time, values, 90.0)
     for k in range(12, 120):
         window = (time >= time[k] - 90.0) & (time <= time[k])
         slope = np.polynomial.Polynomial.fit(time[window] - time[k], values[window], 2).deriv()(0.0)
@@ -97,7 +97,7 @@ def test_the_rate_knows_no_future():
     time, values = np.arange(200) * 10.0, rng.normal(0.0, 1.0, 200)
     other = values.copy()
     other[100:] += 7.0
-    assert np.array_equal(level.end_slope(time, values)[:100], level.end_slope(time, other)[:100])
+    assert np.array_equal(level._end_slope(time, values)[:100], level._end_slope(time, other)[:100])
 
 
 def test_a_quantised_thermometer_shows_no_steps_in_the_rate():
@@ -107,13 +107,13 @@ def test_a_quantised_thermometer_shows_no_steps_in_the_rate():
     rng = np.random.default_rng(3)
     true = np.arange(6000) / 60.0
     read = np.round((true + rng.normal(0.0, 0.02, 6000)) / 0.0625) * 0.0625
-    rate = level.end_slope(np.arange(600) * 10.0, read.reshape(600, 10).mean(axis=1))
+    rate = level._end_slope(np.arange(600) * 10.0, read.reshape(600, 10).mean(axis=1))
     assert np.max(np.abs(rate[20:] - 1.0)) < 0.1  # °C/min
 
 
 def test_a_log_is_taken_to_start_at_rest():
     """Until half of the window has been seen the rate is 0."""
-    rate = level.end_slope(np.arange(30) * 10.0, np.arange(30) * 1.0, 90.0)
+    rate = level._end_slope(np.arange(30) * 10.0, np.arange(30) * 1.0, 90.0)
     assert np.array_equal(rate[:5] == 0.0, [True] * 5)
     assert rate[6] == pytest.approx(6.0)  # °C/min
 

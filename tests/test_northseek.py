@@ -143,7 +143,7 @@ def test_four_differences_cancel_a_constant_bias(sensor):
     readings = np.array(
         [[forward(30.0, 40.0, 70.0, 34.2, position=p)[1][axis] + 0.3 for p in (0, 90, 180, 270)]]
     )
-    x, y = published.four_differences(readings, sensor)
+    x, y = published._four_differences(readings, sensor)
     assert (x[0], y[0]) == pytest.approx(tuple(forward(30.0, 40.0, 70.0, 34.2)[1][:2]), abs=1e-12)
 
 
@@ -301,7 +301,7 @@ def test_the_earths_rate_has_the_components_of_the_latitude():
         (90.0, 15.041067),
     ):
         assert float(earth.vertical_rate(latitude)) == pytest.approx(value, abs=1e-9)
-        whole = np.hypot(earth.vertical_rate(latitude), earth.horizontal_rate(latitude))
+        whole = np.hypot(earth.vertical_rate(latitude), earth._horizontal_rate(latitude))
         assert float(whole) == pytest.approx(15.041067, abs=1e-12)
     # WGS 84, NIMA TR8350.2, table 3.1
     assert np.degrees(7.292115e-5) * 3600.0 == pytest.approx(EARTH_RATE_DPH, rel=2e-8)

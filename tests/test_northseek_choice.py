@@ -212,7 +212,7 @@ def test_derivatives_are_those_of_differences():
     found = published.attitude(parts.accel_x, parts.accel_y)
     s = np.array([both(values)[0]])
     by_root = northseek_covariance.root_gradient(parts, found, latitude, s)[0]
-    by_psi, by_s = northseek_covariance.azimuth_gradient(parts, found, latitude, s)
+    by_psi, by_s = northseek_covariance._azimuth_gradient(parts, found, latitude, s)
     step = 1e-6 * np.maximum(np.abs(values), 0.1)
     for k in range(5):
         up, down = values.copy(), values.copy()

@@ -211,4 +211,4 @@ def test_what_cannot_be_fitted_at_all_is_refused():
     with pytest.raises(FitError, match="none of 1 stations"):
         fit(log_of((0.0, 90.0)))
     with pytest.raises(FitError, match="without times"):
-        sinusoid_fit.fit_harmonics(columns["position"], columns["gyro_x"], "x", ramp=True)
+        sinusoid_fit._fit_harmonics(columns["position"], columns["gyro_x"], "x", ramp=True)

@@ -6,7 +6,7 @@ import pytest
 
 from calibkit import instruments, recipe
 from calibkit.errors import RecipeError, UsageError
-from calibkit.recipe.loader import key_lines
+from calibkit.recipe.loader import _key_lines
 
 GOOD = 'procedure = "fog_thermal"\n[logs]\nfiles = ["*.csv"]\n'
 
@@ -140,7 +140,7 @@ def test_line_numbers_follow_tables_arrays_and_dotted_keys():
     """Every way of writing a key in TOML is located."""
     text = 'a.b = 1\n["quoted key"]\nx = 1\n[[t]]\ny = 1\n[[t]]\ny = 2\n'
     tomllib.loads(text)
-    lines = key_lines(text)
+    lines = _key_lines(text)
     assert lines[("a", "b")] == "1"
     assert lines[("quoted key", "x")] == "3"
     assert lines[("t", 0, "y")] == "5"

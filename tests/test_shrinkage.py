@@ -14,11 +14,11 @@ from calibkit.numeric.wavelet.lifting import forward, scheme
 from calibkit.numeric.wavelet.shrinkage import (
     RULES,
     THRESHOLDS,
-    bayes,
-    minimax,
+    _bayes,
+    _minimax,
+    _sure,
     noise,
     noise_gains,
-    sure,
     universal,
 )
 
@@ -120,19 +120,19 @@ def test_universal_and_minimax_have_their_closed_forms():
     assert universal(np.zeros(5), 0.6, 6000) == pytest.approx(
         0.6 * math.sqrt(2.0 * math.log(6000)), rel=1e-15
     )
-    assert minimax(np.zeros(64), 2.0, 6000) == pytest.approx(
+    assert _minimax(np.zeros(64), 2.0, 6000) == pytest.approx(
         2.0 * (0.3936 + 0.1829 * 6.0), rel=1e-15
     )
-    assert minimax(np.zeros(32), 2.0, 6000) == 0.0
+    assert _minimax(np.zeros(32), 2.0, 6000) == 0.0
     assert universal(np.zeros(0), 1.0, 1) == 0.0
 
 
 def test_bayes_is_noise_variance_over_signal_deviation():
     """σ²/√(mean d² − σ²) where there is signal; everything goes where there is none."""
     details = np.array([3.0, -4.0, 0.0, 5.0])
-    assert bayes(details, 2.0, 4) == pytest.approx(4.0 / math.sqrt(50.0 / 4.0 - 4.0), rel=1e-15)
-    assert bayes(details, 10.0, 4) == 5.0
-    assert not RULES["hard"](details, bayes(details, 10.0, 4)).any()
+    assert _bayes(details, 2.0, 4) == pytest.approx(4.0 / math.sqrt(50.0 / 4.0 - 4.0), rel=1e-15)
+    assert _bayes(details, 10.0, 4) == 5.0
+    assert not RULES["hard"](details, _bayes(details, 10.0, 4)).any()
 
 
 @given(
@@ -146,7 +146,7 @@ def test_sure_minimises_the_risk_estimate_found_by_brute_force(counts, sigma):
     sigma = sigma / 100.0
     scaled = [abs(d) / sigma for d in details]
     ceiling = math.sqrt(2.0 * math.log(n))
-    found = sure(details, sigma, 1000) / sigma
+    found = _sure(details, sigma, 1000) / sigma
     if sum(x * x for x in scaled) / n - 1.0 <= math.log2(n) ** 1.5 / math.sqrt(n):
         assert found == pytest.approx(ceiling, rel=1e-12)
         return

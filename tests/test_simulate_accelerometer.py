@@ -93,8 +93,8 @@ def test_the_sensors_are_not_the_model_that_is_fitted():
     """Without any noise the K model leaves tens of µg, the affine model with turning axes a tenth
     of that.
     """
-    quiet = simulate.Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
-    campaign = simulate.run(0, quiet)
+    quiet = simulate._Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
+    campaign = simulate._run(0, quiet)
     fitted, _ = k_corrected(campaign)
     assert max(axis.residual_rms for axis in fitted) > 1e-5  # g
     indicated, temperature, inclination, toolface = read(campaign)
@@ -109,7 +109,7 @@ def test_one_indication_is_the_sensor_written_out():
     """Flux loss by an exponential, a bias that saturates, an axis that turns, IEEE 1293 terms: one
     dwell by hand.
     """
-    sensor = simulate.Sensor(
+    sensor = simulate._Sensor(
         scale_factor=1.01,
         flux_loss=1e-3,
         flux_curvature=1e-5,
@@ -124,7 +124,7 @@ def test_one_indication_is_the_sensor_written_out():
         axis_turn=(0.0, 0.0, 1e-3),
     )
     other = replace(sensor, axis=(0.0, 1.0, 0.0))
-    found = simulate.indications(
+    found = simulate._indications(
         (sensor, other, sensor), np.array([[0.6, 0.8, 0.0]]), np.array([75.0])
     )
     turned, crossed = np.array([1.0, 0.05]), np.array([-0.05, 1.0])
@@ -139,15 +139,15 @@ def test_one_indication_is_the_sensor_written_out():
 
 def test_truth_describes_the_sensors():
     """The noise-free indications follow from the sensors and angles of the truth."""
-    campaign = simulate.run(5, simulate.Conditions(noise_g=0.0, thermometer_noise_degc=0.0))
+    campaign = simulate._run(5, simulate._Conditions(noise_g=0.0, thermometer_noise_degc=0.0))
     told = campaign.truth
-    sensors = tuple(simulate.Sensor(**told["sensors"][f"accel_{axis}"]) for axis in "xyz")
+    sensors = tuple(simulate._Sensor(**told["sensors"][f"accel_{axis}"]) for axis in "xyz")
     vector = attitude.gravity_vector(
         np.array(told["inclination_deg"]), np.array(told["toolface_deg"])
     )
     indicated, temperature, _, _ = read(campaign)
     np.testing.assert_allclose(
-        simulate.indications(sensors, vector, temperature), indicated, atol=1e-12
+        simulate._indications(sensors, vector, temperature), indicated, atol=1e-12
     )  # g
 
 
@@ -179,8 +179,8 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     """A second campaign of the same triad errs within the propagated uncertainty and the dwell
     noise, 90 % of the time.
     """
-    quiet = simulate.Conditions(table_noise_deg=0.0, thermometer_noise_degc=0.0)
-    campaign = simulate.run(7, quiet)
+    quiet = simulate._Conditions(table_noise_deg=0.0, thermometer_noise_degc=0.0)
+    campaign = simulate._run(7, quiet)
     indicated, temperature, inclination, toolface = read(campaign)
     even = np.arange(len(temperature)) % 2 == 0
     terms = affine_model.AffineTerms(3, 1, 3, second_order=True, third_order=True)
@@ -264,7 +264,7 @@ def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():
     samples = np.column_stack([log[f"accel_{axis}_g"] for axis in "xyz"]).reshape(12, 130, 3)
     holds = samples[:, :100].mean(axis=1)
     parameters = np.concatenate([truth["k"], truth["b"], truth["Q"]])
-    corrected = (holds - truth["b"]) @ magnitude.correction_matrix(parameters).T
+    corrected = (holds - truth["b"]) @ magnitude._correction_matrix(parameters).T
     np.testing.assert_allclose(np.linalg.norm(corrected, axis=1), 1.0, atol=5e-4)  # g
     assert np.abs(np.linalg.norm(holds, axis=1) - 1.0).max() > 5e-3
     np.testing.assert_allclose(corrected, truth["gravity"]["tumble.csv"], atol=5e-4)

@@ -16,8 +16,8 @@ from calibkit.simulate.campaign import Campaign
 from calibkit.simulate.chamber import (
     Chamber,
     Programme,
+    _controlled,
     air,
-    controlled,
     ramp,
     set_points,
     staircase,
@@ -47,7 +47,7 @@ def linear(device):
 def still(degc):
     """Return a gyro that went through temperatures so slowly that it was always in equilibrium."""
     rest = np.zeros(len(degc))
-    return fog.Heat(degc, degc, degc, rest, rest)
+    return fog._Heat(degc, degc, degc, rest, rest)
 
 
 def rows(text):
@@ -82,7 +82,7 @@ def test_a_step_of_the_air_is_answered_as_the_matrix_exponential_says():
     balances.
     """
     device = linear(fog.gyro(2))
-    matrix = np.column_stack([fog.flows(device, 0.0, *unit) for unit in np.eye(3)])
+    matrix = np.column_stack([fog._flows(device, 0.0, *unit) for unit in np.eye(3)])
     heat = fog.heat_flow(device, np.full(2001, 10.0), 0.0)
     for second in (0, 1, 37, 600, 2000):
         exact = 10.0 - expm(matrix * second) @ np.full(3, 10.0)
@@ -96,7 +96,7 @@ def test_the_heat_that_flows_in_is_the_heat_that_is_stored():
     """
     device = fog.gyro(3)
     _, set_degc = set_points(ramp(-40.0, 60.0, 10.0, soak_before_s=100.0, soak_after_s=900.0))
-    air_degc = controlled(CALM, set_degc)
+    air_degc = _controlled(CALM, set_degc)
     heat = fog.heat_flow(device, air_degc, -40.0)
     difference = air_degc - heat.case
     inflow = (
@@ -156,7 +156,7 @@ def test_without_hysteresis_drift_is_a_function_of_the_thermal_state():
     device = fog.scaled(fog.gyro(7), hysteresis_scale=0.0)
     there = np.linspace(-40.0, 60.0, 201)
     path = np.concatenate((there, there[::-1]))
-    heat = fog.Heat(path, path + 1.0, path - 2.0, np.full(402, 0.02), np.full(402, 0.01))
+    heat = fog._Heat(path, path + 1.0, path - 2.0, np.full(402, 0.02), np.full(402, 0.01))
     drift = fog.drift(device, heat)
     assert drift[:201] == pytest.approx(drift[:200:-1], abs=1e-15)
 
@@ -186,8 +186,8 @@ def test_a_small_loop_leaves_no_trace_once_it_is_overrun():
     """Play operators wipe out the memory of an excursion that the path later goes beyond."""
     straight = np.linspace(25.0, 60.0, 71)
     detour = np.concatenate((straight[:41], straight[40:19:-1], straight[20:]))
-    assert fog.play(detour, 5.0)[-1] == fog.play(straight, 5.0)[-1]
-    assert fog.play(detour, 5.0)[60] != fog.play(straight, 5.0)[20]
+    assert fog._play(detour, 5.0)[-1] == fog._play(straight, 5.0)[-1]
+    assert fog._play(detour, 5.0)[60] != fog._play(straight, 5.0)[20]
 
 
 @pytest.mark.parametrize("rate", [3.0, -3.0])
@@ -241,7 +241,7 @@ def test_the_indication_is_rotation_bias_and_drift_when_noise_is_taken_away():
     a pulse.
     """
     device = replace(fog.gyro(12), **NOISELESS)
-    logged = fog.log(
+    logged = fog._log(
         device, CALM, fog.programmes()["ramp_cooling_10.csv"], np.random.default_rng(0)
     )
     assert abs(logged.turn_on_dph) > 0.001
@@ -284,7 +284,7 @@ def test_the_air_is_late_on_the_ramp_and_overshoots_its_end(rate):
     """
     programme = ramp(-40.0, 60.0, rate, soak_before_s=600.0, soak_after_s=1800.0)
     _, set_degc = set_points(programme)
-    air_degc = controlled(CALM, set_degc)
+    air_degc = _controlled(CALM, set_degc)
     late = int(programme.time_s[2]) - 60
     assert set_degc[late] - air_degc[late] == pytest.approx(rate / 60.0 * CALM.lag_s, rel=1e-3)
     overshoot = air_degc.max() - 60.0

@@ -20,9 +20,9 @@ from calibkit.instruments.fog_thermal.numeric import (
 )
 from calibkit.instruments.fog_thermal.numeric.choice import (
     CANDIDATES,
-    Candidate,
-    LeftOut,
-    best_of,
+    _best_of,
+    _Candidate,
+    _LeftOut,
     choose,
 )
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
@@ -201,11 +201,11 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
     """For each ramp a least-squares fit with a dummy for each other log gives the same compensated
     figure.
     """
-    candidate = Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
+    candidate = _Candidate("cubic", "level", ("b0", "b1", "b2", "b3"))
     stacked = pooled_fit.stack(fitted(logs))
-    solved, _ = thermal_choice.solutions_of(stacked, (candidate,))
+    solved, _ = thermal_choice._solutions_of(stacked, (candidate,))
     solution = solved[0].solution
-    found = thermal_choice.left_out(solved[0], stacked, 10)
+    found = thermal_choice._left_out(solved[0], stacked, 10)
     for ramp, rows in enumerate(stacked.ramps):
         kept = np.ones(stacked.indication.size, dtype=bool)
         kept[rows] = False
@@ -214,7 +214,7 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
         root = np.sqrt(solution.weights[kept])
         fit = np.linalg.lstsq(design * root[:, None], stacked.indication[kept] * root)[0][8:]
         left = stacked.indication[rows] - solution.columns[rows] @ fit
-        expected = np.std(thermal_choice.figure_means(left, solution.trust[rows], 10))
+        expected = np.std(thermal_choice._figure_means(left, solution.trust[rows], 10))
         assert found.compensated[ramp] == pytest.approx(expected, rel=1e-6)
 
 
@@ -226,13 +226,13 @@ def test_figure_means_leave_out_spikes_and_the_rest():
     trust = np.ones(34)
     values[5], trust[5] = 1000.0, 0.0
     trust[10:17] = 0.0
-    assert thermal_choice.figure_means(values, trust, 10) == pytest.approx([40.0 / 9.0, 24.5])
+    assert thermal_choice._figure_means(values, trust, 10) == pytest.approx([40.0 / 9.0, 24.5])
 
 
 def result(compensated, raw=(0.2, 0.2, 0.2), *, parameters=5, endless=False):
     """Return left-out figures of some candidate."""
     zeros = tuple(np.zeros(3) for _ in raw)
-    return LeftOut(
+    return _LeftOut(
         CANDIDATES[0],
         ("a", "b", "c"),
         np.array(raw),
@@ -260,17 +260,17 @@ def test_of_candidates_that_are_alike_the_simplest_is_exported():
     a condition.
     """
     assert (
-        best_of([result((0.1, 0.1, 0.1), parameters=4), result((0.0999,) * 3, parameters=7)]) == 0
+        _best_of([result((0.1, 0.1, 0.1), parameters=4), result((0.0999,) * 3, parameters=7)]) == 0
     )
-    assert best_of([result((0.1, 0.1, 0.1), parameters=4), result((0.09,) * 3, parameters=7)]) == 1
-    assert best_of([result((0.001, 0.001, 0.3)), result((0.15,) * 3)]) == 1
-    assert best_of([result((0.3,) * 3)]) is None
+    assert _best_of([result((0.1, 0.1, 0.1), parameters=4), result((0.09,) * 3, parameters=7)]) == 1
+    assert _best_of([result((0.001, 0.001, 0.3)), result((0.15,) * 3)]) == 1
+    assert _best_of([result((0.3,) * 3)]) is None
 
 
 def test_a_lag_without_end_is_only_taken_where_nothing_else_helps():
     """A lag on its upper bound stands for something that is not a lag."""
-    assert best_of([result((0.05,) * 3, endless=True), result((0.06,) * 3)]) == 1
-    assert best_of([result((0.05,) * 3, endless=True), result((0.3,) * 3)]) == 0
+    assert _best_of([result((0.05,) * 3, endless=True), result((0.06,) * 3)]) == 1
+    assert _best_of([result((0.05,) * 3, endless=True), result((0.3,) * 3)]) == 0
 
 
 # uncertainty

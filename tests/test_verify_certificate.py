@@ -439,7 +439,7 @@ def test_a_draft_that_hides_it_and_a_name_that_was_changed_are_named(run, record
 
 def replace_profile(stated):
     """The profile with what its text leaves out."""
-    return stated.model_copy(update={"adjustment": profile.Adjustment(statement="made up")})
+    return stated.model_copy(update={"adjustment": profile._Adjustment(statement="made up")})
 
 
 @pytest.mark.parametrize(
@@ -522,8 +522,8 @@ def test_text_of_every_kind_in_a_profile_raises_no_false_alarm(text, run, tmp_pa
 )
 def test_a_row_is_found_as_it_is_and_not_with_a_digit_or_sign_more(printed, found):
     """Blanks do not matter, digits and signs do."""
-    text = verify_text.Text.of([f"before {printed} behind"])
-    assert (text.find(verify_text.segments(["K0", "1.003253", "0.000040", "1"]), 0) >= 0) is found
+    text = verify_text._Text.of([f"before {printed} behind"])
+    assert (text.find(verify_text._segments(["K0", "1.003253", "0.000040", "1"]), 0) >= 0) is found
 
 
 def test_the_dcc_alone_is_checked_by_structure_and_digests(unsigned, tmp_path, calibkit):

@@ -113,14 +113,14 @@ def _spellings(unit: str) -> tuple[str, ...]:
 def _statement(result: Result, specification: Specification, rule: Rule) -> Statement:
     """Judge one result, on unrounded numbers."""
     lower, upper = specification.lower, specification.upper
-    below, above = expansion(result)
+    below, above = _expansion(result)
     acceptance = (lower, upper)
     if rule != "simple" and math.isfinite(above):
         acceptance = (
             None if lower is None else lower + below,
             None if upper is None else upper - above,
         )
-    verdict, reason = judge(result, lower, upper, rule)
+    verdict, reason = _judge(result, lower, upper, rule)
     return Statement(
         result,
         specification.name,
@@ -134,7 +134,7 @@ def _statement(result: Result, specification: Specification, rule: Rule) -> Stat
     )
 
 
-def expansion(result: Result) -> tuple[float, float]:
+def _expansion(result: Result) -> tuple[float, float]:
     """How far the result may lie below and above its value: ± U, or the ends of its interval;
     infinite where unknown.
     """
@@ -145,7 +145,7 @@ def expansion(result: Result) -> tuple[float, float]:
     return result.uncertainty.expanded_uncertainty, result.uncertainty.expanded_uncertainty
 
 
-def tolerance(result: Result, lower: float | None, upper: float | None) -> float:
+def _tolerance(result: Result, lower: float | None, upper: float | None) -> float:
     """Half the width between two limits; of one limit on a quantity that cannot be negative, the
     limit; else unbounded.
     """
@@ -156,16 +156,16 @@ def tolerance(result: Result, lower: float | None, upper: float | None) -> float
     return math.inf
 
 
-def judge(
+def _judge(
     result: Result, lower: float | None, upper: float | None, rule: Rule
 ) -> tuple[Verdict, Words]:
     """Verdict and why, or that none is possible: no uncertainty, or one larger than the
     tolerance.
     """
-    below, above = expansion(result)
+    below, above = _expansion(result)
     if not math.isfinite(above):
         return "no statement possible", Words("no uncertainty was determined", "未评定不确定度")
-    if max(below, above) > tolerance(result, lower, upper):
+    if max(below, above) > _tolerance(result, lower, upper):
         return "no statement possible", Words("U exceeds the tolerance", "U 大于允差")
     inside = _margin(result.value, lower, upper)
     guarded = min(

@@ -167,11 +167,11 @@ def _covariance(parent: _Element, model: Model, units: Sequence[Unit]) -> None:
             covariance = model.covariance[i][j] * first.factor * second.factor
             add(entry, "si:valueXMLList", xml.number(covariance))
             add(entry, "si:unitXMLList", (first * second).text)
-    add(region, "si:coverageFactorXMLList", xml.factor(region_factor(len(units), model.dof)))
+    add(region, "si:coverageFactorXMLList", xml.factor(_region_factor(len(units), model.dof)))
     add(region, "si:coverageProbabilityXMLList", xml.probability(REGION))
 
 
-def region_factor(parameters: int, dof: float) -> float:
+def _region_factor(parameters: int, dof: float) -> float:
     """Factor of the ellipsoid that holds all parameters at once with 95 %: √(n·F) (JCGM 102,
     6.5).
     """

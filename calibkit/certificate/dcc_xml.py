@@ -70,7 +70,7 @@ def add(parent: _Element, name: str, text: str | None = None, **attributes: str)
     return child
 
 
-def content(parent: _Element, words: Words | str, lang: Lang) -> None:
+def _content(parent: _Element, words: Words | str, lang: Lang) -> None:
     """`dcc:content` in each language of the certificate; a user's text has no language of its
     own.
     """
@@ -85,7 +85,7 @@ def content(parent: _Element, words: Words | str, lang: Lang) -> None:
 def text(parent: _Element, name: str, words: Words | str, lang: Lang) -> _Element:
     """Element of the schema's text type."""
     made = add(parent, name)
-    content(made, words, lang)
+    _content(made, words, lang)
     return made
 
 
@@ -120,7 +120,7 @@ def rich(
         return
     made = add(parent, name)
     for words in shown:
-        content(made, words, lang)
+        _content(made, words, lang)
     for formula in latex:
         add(add(made, "dcc:formula"), "dcc:latex", formula)
 
@@ -153,7 +153,7 @@ def probability(value: float) -> str:
     return f"{value:.12f}".rstrip("0").ljust(3, "0")
 
 
-def label(key: str) -> str:
+def _label(key: str) -> str:
     """A key as an item of an XML list, which blanks would split."""
     return line(key).replace(" ", "_")
 
@@ -174,7 +174,7 @@ def real_list(
     """`si:realListXMLList` of values, each converted to its D-SI unit."""
     made = add(parent, "si:realListXMLList")
     if keys:
-        add(made, "si:labelXMLList", " ".join(map(label, keys)))
+        add(made, "si:labelXMLList", " ".join(map(_label, keys)))
     scaled = [number(value * unit.factor) for value, unit in zip(values, units, strict=True)]
     add(made, "si:valueXMLList", " ".join(scaled))
     add(made, "si:unitXMLList", " ".join(unit.text for unit in units))

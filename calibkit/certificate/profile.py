@@ -53,7 +53,7 @@ class Laboratory(Party):
     place_of_work: str = ""
 
 
-class Numbering(Table):
+class _Numbering(Table):
     """The certificate's own number; of an amendment, which certificate it replaces and what
     changed.
     """
@@ -71,7 +71,7 @@ class Numbering(Table):
     _dates = field_validator("amends_issued", mode="before")(_as_date)
 
     @model_validator(mode="after")
-    def _another_number(self) -> Numbering:
+    def _another_number(self) -> _Numbering:
         if self.amends and self.amends == self.number:
             raise ValueError(f"an amendment of {self.amends} needs a number of its own")
         if self.amends_issued is not None and not self.amends.strip():
@@ -81,7 +81,7 @@ class Numbering(Table):
         return self
 
 
-class Item(Table):
+class _Item(Table):
     """The calibrated item; its serial number is the run's."""
 
     type: str = ""
@@ -91,7 +91,7 @@ class Item(Table):
     condition: str = ""
 
 
-class Dates(Table):
+class _Dates(Table):
     """When the item came, and when the work was done."""
 
     received: dt.date | None = None
@@ -101,7 +101,7 @@ class Dates(Table):
     _dates = field_validator("received", "performed", "performed_until", mode="before")(_as_date)
 
     @model_validator(mode="after")
-    def _ordered(self) -> Dates:
+    def _ordered(self) -> _Dates:
         stated = [
             date
             for date in (self.received, self.performed, self.performed_until)
@@ -112,7 +112,7 @@ class Dates(Table):
         return self
 
 
-class Method(Table):
+class _Method(Table):
     """The procedure with its revision; deviations and external providers are answered, if only with
     "none".
     """
@@ -123,7 +123,7 @@ class Method(Table):
     external_providers: str = ""
 
 
-class Conditions(Table):
+class _Conditions(Table):
     """What may have influenced the results."""
 
     chamber: str = ""
@@ -153,7 +153,7 @@ class Standard(Table):
     _dates = field_validator("date", "valid_until", mode="before")(_as_date)
 
 
-class Person(Table):
+class _Person(Table):
     """Who authorises the certificate."""
 
     name: str = ""
@@ -161,13 +161,13 @@ class Person(Table):
     email: str = ""
 
 
-class Adjustment(Table):
+class _Adjustment(Table):
     """What is said of adjustments where no validation gives as-found and as-left results."""
 
     statement: str = ""
 
 
-class Results(Table):
+class _Results(Table):
     """At which temperatures values are stated, and the decision rule where a specification names
     none.
     """
@@ -205,17 +205,17 @@ class Profile(Table):
     was said.
     """
 
-    certificate: Numbering = Numbering()
+    certificate: _Numbering = _Numbering()
     laboratory: Laboratory = Laboratory()
     customer: Party = Party()
-    item: Item = Item()
-    dates: Dates = Dates()
-    method: Method = Method()
-    conditions: Conditions = Conditions()
+    item: _Item = _Item()
+    dates: _Dates = _Dates()
+    method: _Method = _Method()
+    conditions: _Conditions = _Conditions()
     standard: Annotated[tuple[Standard, ...], Many] = ()
-    authorised_by: Person = Person()
-    adjustment: Adjustment = Adjustment()
-    results: Results = Results()
+    authorised_by: _Person = _Person()
+    adjustment: _Adjustment = _Adjustment()
+    results: _Results = _Results()
     specification: Annotated[tuple[Specification, ...], Many] = ()
     type_b: Annotated[tuple[TypeB, ...], Many] = ()
     remarks: Annotated[tuple[str, ...], Many] = ()

@@ -174,7 +174,7 @@ class Block:
 
 
 @dataclass(frozen=True, slots=True)
-class Printed:
+class _Printed:
     """A value and its uncertainty as they are printed: mantissas and a power of ten common to both
     (0: none).
     """
@@ -194,30 +194,30 @@ COUNTS = 100_000
 """Whole numbers below this are printed as they are."""
 
 
-def printed(value: float, uncertainty: float, *, digits: int = 2) -> Printed:
+def printed(value: float, uncertainty: float, *, digits: int = 2) -> _Printed:
     """Value and uncertainty with two significant digits of the uncertainty, the value to the same
     place (JCGM 100 7.2.6).
     """
     shown, u = gum.rounded(value, uncertainty, digits=digits)
     exponent = max(Decimal(shown).adjusted() if Decimal(shown) else -999, Decimal(u).adjusted())
     if exponent in PLAIN:
-        return Printed(shown, u)
+        return _Printed(shown, u)
     place = Decimal(1).scaleb(
         Decimal(u).adjusted() - digits + 1 - exponent
     )  # zeros before the point are no digits behind it
     scaled = [
         Decimal(text).scaleb(-exponent).quantize(place, context=DIGITS) for text in (shown, u)
     ]
-    return Printed(f"{scaled[0]:f}", f"{scaled[1]:f}", exponent)
+    return _Printed(f"{scaled[0]:f}", f"{scaled[1]:f}", exponent)
 
 
-def descriptor(value: float) -> Printed:
+def descriptor(value: float) -> _Printed:
     """A number without an uncertainty: a count as it is, anything else to three significant
     digits.
     """
     if value == int(value) and abs(value) < COUNTS:
-        return Printed(f"{int(value)}", "")
+        return _Printed(f"{int(value)}", "")
     exact = Decimal(f"{value:.2e}")
     if not exact or exact.adjusted() in PLAIN:
-        return Printed(f"{exact:f}", "")
-    return Printed(f"{exact.scaleb(-exact.adjusted()):f}", "", exact.adjusted())
+        return _Printed(f"{exact:f}", "")
+    return _Printed(f"{exact.scaleb(-exact.adjusted()):f}", "", exact.adjusted())

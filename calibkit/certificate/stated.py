@@ -47,7 +47,7 @@ class Stated:
         low, high = model.valid[column]
         if self.temperatures and column == TEMPERATURE:
             return tuple(t for t in self.temperatures if low <= t <= high)
-        found = set(round_numbers(low, high))
+        found = set(_round_numbers(low, high))
         if column == TEMPERATURE and low <= self.reference_degc <= high:
             found.add(self.reference_degc)
         return tuple(sorted(found))
@@ -128,10 +128,10 @@ class Stated:
         """Σ w_i c_i of a model's coefficients with u² = wᵀ C w; slope holds dw/dT where it depends
         on temperature.
         """
-        value, type_a = weighted(model, weights)
+        value, type_a = _weighted(model, weights)
         known = dict(sensitivities or {})
         if slope is not None and at is not None:
-            known[condition[0]] = (at, weighted(model, slope)[0])
+            known[condition[0]] = (at, _weighted(model, slope)[0])
         quantity = f"{record.stage}.{model.name}.{name}"
         return self.result(
             f"{record.stage}.json",
@@ -225,7 +225,7 @@ class Stated:
         )
 
 
-def weighted(model: Model, weights: Mapping[str, float]) -> tuple[float, float]:
+def _weighted(model: Model, weights: Mapping[str, float]) -> tuple[float, float]:
     """Σ w_i c_i of a model's coefficients, and its type A standard uncertainty from the
     covariance.
     """
@@ -250,7 +250,7 @@ def powers(
     return weights, slope
 
 
-def round_numbers(low: float, high: float) -> list[float]:
+def _round_numbers(low: float, high: float) -> list[float]:
     """At most eight round numbers from low to high."""
     scale = 10.0 ** math.floor(math.log10(max(high - low, 1e-12)) - 1.0)
     for step in (factor * scale for factor in STEPS):

@@ -114,7 +114,7 @@ def acceptance(limit: float | None, stated: float | None, result: Result) -> str
     return number(shown.value, shown.exponent)
 
 
-def significant(value: float) -> str:
+def _significant(value: float) -> str:
     """A standard uncertainty with two significant digits, a trailing zero kept."""
     if not value:
         return "0"
@@ -133,7 +133,7 @@ def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
     parts = 1 if named else min(3, -(-len(rows) // LONGEST))
     heads = [*[Words("")] * (2 if named else 1), VALUE, U, UNIT] * parts
     align = ("llrrl" if named else "lrrl") * parts
-    notes = (table.note, factor_words(table.results))
+    notes = (table.note, _factor_words(table.results))
     return text_table(heads, align, _side_by_side(rows, parts), lang, table.title, notes)
 
 
@@ -200,7 +200,7 @@ def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[st
         for row, unit in zip(rows, table.units, strict=True):
             row.append(unit_mark(unit) or "1")
     every = [r for row in table.cells for r in row if r is not None]
-    notes = (table.note, factor_words(every)) if last else ()
+    notes = (table.note, _factor_words(every)) if last else ()
     return text_table(heads, align, rows, lang, table.title, notes, groups)
 
 
@@ -237,7 +237,7 @@ def text_table(
     }
 
 
-def factor_words(results: Sequence[Result]) -> Words | None:
+def _factor_words(results: Sequence[Result]) -> Words | None:
     """What U is in a table: its coverage factor and degrees of freedom, or the range of them."""
     found = [r.uncertainty for r in results if r.uncertainty is not None]
     if not found:
@@ -276,10 +276,10 @@ def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, An
             part.name.of(lang),
             part.kind,
             DISTRIBUTIONS[part.distribution].of(lang),
-            f"{significant(part.standard_uncertainty)}"
+            f"{_significant(part.standard_uncertainty)}"
             f" {unit_mark(part.unit) if part.quantity else unit}".strip(),
             plain(part.sensitivity, 3),
-            significant(part.contribution),
+            _significant(part.contribution),
             _dof(part.dof),
         ]
         for part in uncertainty.contributions
@@ -287,11 +287,11 @@ def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, An
     value, expanded = cells(result)
     k = f"{uncertainty.coverage_factor:.2f}".removesuffix(".00")
     return {
-        "title": describe(result, lang),
+        "title": _describe(result, lang),
         "value": f"{value} {unit}".strip(),
         "rows": rows,
         "sum": [
-            f"u_c = {significant(uncertainty.standard_uncertainty)} {unit}".strip(),
+            f"u_c = {_significant(uncertainty.standard_uncertainty)} {unit}".strip(),
             f"ν_eff = {_dof(uncertainty.effective_dof)}",
             f"k = {k}",
             f"U = {expanded} {unit}".strip(),
@@ -304,7 +304,7 @@ def _dof(dof: float) -> str:
     return "∞" if dof >= MANY else f"{math.floor(dof + 1e-9)}"
 
 
-def describe(result: Result, lang: Lang) -> str:
+def _describe(result: Result, lang: Lang) -> str:
     """A result by its key, with its name."""
     name, key = result.name.of(lang), breakable(result.key)
     return f"{key} ({name})" if name and name != result.symbol else key

@@ -25,7 +25,7 @@ PART_OF_NUMBER = frozenset("0123456789.−")
 
 
 @dataclass(frozen=True, slots=True)
-class Text:
+class _Text:
     """A PDF's text without blanks, and for each character whether a blank stands before it; pages
     apart.
     """
@@ -35,7 +35,7 @@ class Text:
     pages: tuple[str, ...]
 
     @classmethod
-    def of(cls, pages: Sequence[str]) -> Text:
+    def of(cls, pages: Sequence[str]) -> _Text:
         """Text of extracted pages."""
         whole = "\n".join(map(_plain, pages))
         characters, apart, blank = [], [], True
@@ -99,7 +99,7 @@ def compact(text: str) -> str:
     return "".join(_plain(text).split())
 
 
-def readable(text: str) -> bool:
+def _readable(text: str) -> bool:
     """Whether a text comes out of a PDF as it went in: Latin, Greek, Cyrillic, signs; no combining
     marks, no right-to-left.
     """
@@ -111,11 +111,11 @@ def readable(text: str) -> bool:
     )
 
 
-def segments(cells: Sequence[str]) -> Segments:
+def _segments(cells: Sequence[str]) -> Segments:
     """Cells of a row as texts that stand behind each other."""
     found: Segments = []
     for cell in cells:
-        if not readable(cell):
+        if not _readable(cell):
             found.append(None)
         elif text := compact(cell):
             found.append(text)
@@ -126,11 +126,11 @@ def segments(cells: Sequence[str]) -> Segments:
 
 def faults(sheet: dict[str, Any], pages: Sequence[str]) -> tuple[list[str], int]:
     """Everything that the sheet holds and the pages do not, and how many rows were found."""
-    text = Text.of(pages)
+    text = _Text.of(pages)
     missing = [*_marks(sheet, text), *_facts(sheet, text)]
     place, count = 0, 0
-    for where, cells in rows(sheet):
-        row = segments(cells)
+    for where, cells in _rows(sheet):
+        row = _segments(cells)
         if not row:
             continue
         end = text.find(row, place)
@@ -142,19 +142,19 @@ def faults(sheet: dict[str, Any], pages: Sequence[str]) -> tuple[list[str], int]
     return missing, count
 
 
-def _marks(sheet: dict[str, Any], text: Text) -> Iterator[str]:
+def _marks(sheet: dict[str, Any], text: _Text) -> Iterator[str]:
     """What stands on every page: the number; DRAFT, where the certificate is one."""
     marks = [sheet["number"], sheet["words"]["s_draft_line"] if sheet["draft"] else ""]
-    for mark in filter(readable, filter(None, marks)):
+    for mark in filter(_readable, filter(None, marks)):
         absent = [str(k) for k, page in enumerate(text.pages, 1) if compact(mark) not in page]
         if absent:
             yield f"'{mark}' is not on page {', '.join(absent)}"
 
 
-def _facts(sheet: dict[str, Any], text: Text) -> Iterator[str]:
+def _facts(sheet: dict[str, Any], text: _Text) -> Iterator[str]:
     """Laboratory, customer, item, method, conditions, person: each text somewhere on the pages."""
     body = "".join(_body(sheet, page) for page in text.pages)
-    if readable(sheet["rejected"]) and compact(sheet["rejected"]) not in body:
+    if _readable(sheet["rejected"]) and compact(sheet["rejected"]) not in body:
         yield f"'{sheet['rejected']}' is not printed"
     groups = [
         *sheet["parties"],
@@ -164,7 +164,7 @@ def _facts(sheet: dict[str, Any], text: Text) -> Iterator[str]:
         sheet["authorisation"],
     ]
     for label, value in (row for group in groups for row in group):
-        if value.strip() and readable(value) and compact(value) not in body:
+        if value.strip() and _readable(value) and compact(value) not in body:
             yield f"{label}: '{' '.join(value.split())[:60]}' is not printed"
 
 
@@ -184,7 +184,7 @@ def _body(sheet: dict[str, Any], page: str) -> str:
     return page if foot < 0 else page[:foot]
 
 
-def rows(sheet: dict[str, Any]) -> Iterator[tuple[str, list[str]]]:
+def _rows(sheet: dict[str, Any]) -> Iterator[tuple[str, list[str]]]:
     """Every row of numbers in the order of printing, with where it belongs."""
     for block in sheet["blocks"]:
         for table in block["tables"]:

@@ -38,7 +38,7 @@ class Examiner(Protocol):
 
 
 @dataclass(frozen=True, slots=True)
-class Examination:
+class _Examination:
     """What was found in a log, and its figure where it could be read."""
 
     report: LogReport
@@ -52,7 +52,7 @@ class Examination:
 
 def examine_log(
     procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = chunked.LARGEST
-) -> Examination:
+) -> _Examination:
     """Read and examine one log, in pieces where its file is larger; one that cannot be read or used
     is a refused finding.
     """
@@ -70,7 +70,7 @@ def examine_log(
     try:
         log = procedure.read(spec, data, file, reader)
     except (LogFormatError, FrameError, FitError) as error:
-        return Examination(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
+        return _Examination(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
     try:
         examined = procedure.examine(spec, log)
         findings, found = examined.findings, examined.held
@@ -82,7 +82,7 @@ def examine_log(
         findings, whole = (*seen[0].findings, *rest), seen[0].facts
     held = tuple(_condition(log, part) for part in found)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
-    return Examination(
+    return _Examination(
         report,
         _figure(log, held, findings),
         None if report.refused else _drift_slope(log),
@@ -123,7 +123,7 @@ def _drift_slope(log: Log) -> float | None:
     )
 
 
-def compare_logs(outcomes: Sequence[Examination]) -> list[tuple[str, Finding]]:
+def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     """What only several logs show: copies, and logs that do not drift like the others."""
     slopes = {
         outcome.report.file: outcome.drift_slope
@@ -150,7 +150,7 @@ def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:
     )
 
 
-def _copies(outcomes: Sequence[Examination]) -> list[tuple[str, Finding]]:
+def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     """Logs that came in twice under two names, with the finding of each: one would vouch for the
     other.
     """

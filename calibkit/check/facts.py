@@ -19,7 +19,7 @@ GAP = 2.5
 
 
 @dataclass(frozen=True, slots=True)
-class ColumnFacts:
+class _ColumnFacts:
     """One column: unit, smallest and largest value, resolution, standard deviation of its noise,
     missing values.
     """
@@ -34,7 +34,7 @@ class ColumnFacts:
 
 
 @dataclass(frozen=True, slots=True)
-class Occupancy:
+class _Occupancy:
     """Share of a log's rows that lie in a bin of a temperature [°C], low ≤ T < high."""
 
     low: float
@@ -53,8 +53,8 @@ class Facts:
     rate_hz: float
     irregularity: float
     gaps: int
-    columns: tuple[ColumnFacts, ...]
-    occupancy: tuple[Occupancy, ...]
+    columns: tuple[_ColumnFacts, ...]
+    occupancy: tuple[_Occupancy, ...]
 
 
 def describe_log(log: Log) -> Facts:
@@ -76,20 +76,20 @@ def describe_log(log: Log) -> Facts:
     return Facts(len(frame), float(time[-1] - time[0]), rate, spread, gaps, columns, occupancy)
 
 
-def _column(name: str, data: Array) -> ColumnFacts:
+def _column(name: str, data: Array) -> _ColumnFacts:
     """Facts of a column."""
     good = data[np.isfinite(data)]
     unit = units.column_unit(name)
     if not good.size:
-        return ColumnFacts(name, unit, 0.0, 0.0, 0.0, 0.0, data.size)
+        return _ColumnFacts(name, unit, 0.0, 0.0, 0.0, 0.0, data.size)
     low, high = float(good.min()), float(good.max())
     missing = int(data.size - good.size)
-    return ColumnFacts(
+    return _ColumnFacts(
         name, unit, low, high, anomalies.resolution(good), anomalies.scatter(good), missing
     )
 
 
-def _occupancy(temperature: Array) -> tuple[Occupancy, ...]:
+def _occupancy(temperature: Array) -> tuple[_Occupancy, ...]:
     """Occupancy of a temperature [n, °C] in bins of ten degrees, from the coldest to the
     hottest.
     """
@@ -102,7 +102,7 @@ def _occupancy(temperature: Array) -> tuple[Occupancy, ...]:
         return ()
     share = np.bincount(number) / good.size
     return tuple(
-        Occupancy((first + k) * BIN_DEGC, (first + k + 1) * BIN_DEGC, float(part))
+        _Occupancy((first + k) * BIN_DEGC, (first + k + 1) * BIN_DEGC, float(part))
         for k, part in enumerate(share)
     )
 
@@ -127,15 +127,15 @@ def merge_facts(parts: Sequence[Facts]) -> Facts:
         sum(part.gaps for part in parts),
         tuple(_joined([part.columns[k] for part in parts]) for k in range(len(names))),
         tuple(
-            Occupancy(low, high, share / rows) for (low, high), share in sorted(occupancy.items())
+            _Occupancy(low, high, share / rows) for (low, high), share in sorted(occupancy.items())
         ),
     )
 
 
-def _joined(parts: Sequence[ColumnFacts]) -> ColumnFacts:
+def _joined(parts: Sequence[_ColumnFacts]) -> _ColumnFacts:
     """Facts of one column from those of its pieces."""
     steps = [part.resolution for part in parts if part.resolution]
-    return ColumnFacts(
+    return _ColumnFacts(
         parts[0].name,
         parts[0].unit,
         min(part.low for part in parts),

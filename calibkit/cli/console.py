@@ -62,7 +62,7 @@ _STAND_INS = {
 
 
 @dataclass(slots=True)
-class Settings:
+class _Settings:
     """What the running command prints beside its result, and where that is kept."""
 
     quiet: bool = False
@@ -73,7 +73,7 @@ class Settings:
     """Arguments of the command line."""
 
 
-SETTINGS = Settings()
+SETTINGS = _Settings()
 """Settings of the command that is running; `main` sets them for each."""
 DRY_RUN = " (dry run: not written)"
 

@@ -119,7 +119,7 @@ def _examples(text: str) -> list[str]:
     return [line.strip() for line in text.splitlines() if line.strip().startswith(_EXAMPLE)]
 
 
-class Command(_Explained):
+class _Command(_Explained):
     """A command that can be quiet, verbose and logged."""
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:  # noqa: ANN401 (click's own parameters)
@@ -127,14 +127,14 @@ class Command(_Explained):
         self.params += _common()
 
 
-command = functools.partial(click.command, cls=Command)
+command = functools.partial(click.command, cls=_Command)
 """Decorator of a command."""
 
 
 class Group(_Explained, click.Group):
     """Commands in the order of the work, not of the alphabet."""
 
-    command_class = Command
+    command_class = _Command
 
     def list_commands(self, ctx: click.Context) -> list[str]:  # noqa: ARG002 (click's signature)
         """Names of the commands as they were added."""

@@ -35,7 +35,7 @@ def verify_source(name: str, content: bytes) -> str:
     text = c_text.unseal(content, name)
     if LOADER in text[:200]:
         return "C source of a loader of blobs"
-    program, stated = read(text, name)
+    program, stated = _read(text, name)
     vectors.require_recomputed(program, stated, name, of="coefficients")
     count, number = len(stated.status), program.format.name
     return (
@@ -44,7 +44,7 @@ def verify_source(name: str, content: bytes) -> str:
     )
 
 
-def read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
+def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
     """Program and vectors of a source's text, every number as the compiler reads it."""
     prefix, lines = _found(INCLUDE, text, name), LINE.findall(text)
     bare = layout.program(lines, {}, name)

@@ -173,11 +173,11 @@ def _used(steps: Sequence[Step], wanted: Sequence[str]) -> set[str]:
         name = open_.pop()
         if name not in used:
             used.add(name)
-            open_ += sources(known[name]) if name in known else ()
+            open_ += _sources(known[name]) if name in known else ()
     return used
 
 
-def sources(step: Step) -> tuple[str, ...]:
+def _sources(step: Step) -> tuple[str, ...]:
     """Values that a step takes."""
     if isinstance(step, Sum):
         return tuple(name for term in step.terms for name in (term.over, *term.factors) if name)

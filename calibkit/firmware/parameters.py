@@ -46,7 +46,7 @@ Values = Mapping[str, float]
 
 
 @dataclass(frozen=True, slots=True)
-class Channel:
+class _Channel:
     """Bias of one axis as powers of T − reference, in the autopilot's unit, and over u as the run
     has it.
     """
@@ -63,10 +63,10 @@ class Channel:
 
 
 @dataclass(frozen=True, slots=True)
-class Thermal:
+class _Thermal:
     """All channels of a run, their reference and range [°C], and the map of T to u."""
 
-    channels: tuple[Channel, ...]
+    channels: tuple[_Channel, ...]
     reference: Fraction
     limits: tuple[float, float]
     middle: Fraction
@@ -74,14 +74,14 @@ class Thermal:
 
 
 @dataclass(frozen=True, slots=True)
-class Pilot:
+class _Pilot:
     """An autopilot: how it names its parameters and what it calculates with them."""
 
     name: str
     title: str
-    lines: Callable[[Thermal], list[str]]
+    lines: Callable[[_Thermal], list[str]]
     """Lines of its parameter file."""
-    offset: Callable[[Channel, Values, Single], Single]
+    offset: Callable[[_Channel, Values, Single], Single]
     """What it subtracts on one axis at temperatures [°C], in single precision."""
     remarks: tuple[str, ...]
     reference: Fraction | None = None
@@ -93,7 +93,7 @@ class Pilot:
     """
 
 
-def _px4_lines(thermal: Thermal) -> list[str]:
+def _px4_lines(thermal: _Thermal) -> list[str]:
     """PX4 parameters (tab-separated, as ground stations load them)."""
     lines = []
     limits = [
@@ -113,7 +113,7 @@ def _px4_lines(thermal: Thermal) -> list[str]:
     return lines
 
 
-def _px4_offset(channel: Channel, values: Values, temperature: Single) -> Single:
+def _px4_offset(channel: _Channel, values: Values, temperature: Single) -> Single:
     """X0 + X1 d + X2 d² + X3 d³ with d = T − TREF."""
     one, axis = np.float32, "xyz".index(channel.axis)
     stem = f"TC_{'G' if channel.sensor == 'gyro' else 'A'}0"
@@ -123,7 +123,7 @@ def _px4_offset(channel: Channel, values: Values, temperature: Single) -> Single
     return np.asarray(c[0] + c[1] * d + c[2] * square + c[3] * (square * d), dtype=one)
 
 
-def _ardupilot_lines(thermal: Thermal) -> list[str]:
+def _ardupilot_lines(thermal: _Thermal) -> list[str]:
     """ArduPilot parameters (name, comma, value)."""
     lines = ["INS_TCAL1_ENABLE,1"]
     for name, limit in zip(("TMIN", "TMAX"), thermal.limits, strict=True):
@@ -137,13 +137,13 @@ def _ardupilot_lines(thermal: Thermal) -> list[str]:
     return lines
 
 
-def _ardupilot_name(channel: Channel, power: int) -> str:
+def _ardupilot_name(channel: _Channel, power: int) -> str:
     """Name of the coefficient of a power."""
     letters = "GYR" if channel.sensor == "gyro" else "ACC"
     return f"INS_TCAL1_{letters}{power}_{channel.axis.upper()}"
 
 
-def _ardupilot_offset(channel: Channel, values: Values, temperature: Single) -> Single:
+def _ardupilot_offset(channel: _Channel, values: Values, temperature: Single) -> Single:
     """(C1 d + C2 d² + C3 d³)/1e6 with d = T − 35 °C."""
     one = np.float32
     d = temperature - one(35.0)
@@ -151,7 +151,7 @@ def _ardupilot_offset(channel: Channel, values: Values, temperature: Single) -> 
     return np.asarray((c[0] + (c[1] + c[2] * d) * d) * d * one(1e-6), dtype=one)
 
 
-PX4 = Pilot(
+PX4 = _Pilot(
     "px4",
     "PX4",
     _px4_lines,
@@ -167,7 +167,7 @@ PX4 = Pilot(
         ),
     ),
 )
-ARDUPILOT = Pilot(
+ARDUPILOT = _Pilot(
     "ardupilot",
     "ArduPilot",
     _ardupilot_lines,
@@ -188,7 +188,7 @@ ARDUPILOT = Pilot(
 PILOTS = {pilot.name: pilot for pilot in (PX4, ARDUPILOT)}
 
 
-def render(export: Export, pilot: Pilot) -> bytes:
+def render(export: Export, pilot: _Pilot) -> bytes:
     """Parameter file of a run: facts, error after printing, polynomials, parameters, digest;
     OutputError where the autopilot cannot hold its corrections.
     """
@@ -230,7 +230,7 @@ def render(export: Export, pilot: Pilot) -> bytes:
     return c_text.seal(text, comment="# {}").encode("ascii")
 
 
-def _thermal(export: Export, pilot: Pilot) -> Thermal:
+def _thermal(export: Export, pilot: _Pilot) -> _Thermal:
     """Polynomials of a run about the autopilot's reference temperature; or why it has none."""
     structure, tables = export.structure, export.chain.tables
     columns = {c.output: c.column for c in export.chain.corrections if not c.product}
@@ -255,10 +255,10 @@ def _thermal(export: Export, pilot: Pilot) -> Thermal:
         powers = exact.mapped(channel.over_u, (about - middle) * reciprocal, reciprocal)
         channels.append(replace(channel, powers=powers))
     limits = float(_single(middle + half * low)), float(_single(middle + half * high))
-    return Thermal(tuple(channels), about, limits, middle, half)
+    return _Thermal(tuple(channels), about, limits, middle, half)
 
 
-def _channel(column: str, over_u: exact.Poly, title: str) -> Channel:
+def _channel(column: str, over_u: exact.Poly, title: str) -> _Channel:
     """One axis in the autopilot's unit."""
     found = CHANNEL.fullmatch(column)
     if found is None:
@@ -272,7 +272,7 @@ def _channel(column: str, over_u: exact.Poly, title: str) -> Channel:
             hint="fit it with order = 3 or less",
         )
     sensor, axis = found.groups()
-    return Channel(sensor, axis, exact.scale(over_u, SI[sensor]))
+    return _Channel(sensor, axis, exact.scale(over_u, SI[sensor]))
 
 
 def _single(value: Fraction) -> Fraction:
@@ -295,7 +295,7 @@ def _values(lines: Sequence[str]) -> dict[str, float]:
     return found
 
 
-def _errors(thermal: Thermal, values: Values, pilot: Pilot) -> dict[str, tuple[float, float]]:
+def _errors(thermal: _Thermal, values: Values, pilot: _Pilot) -> dict[str, tuple[float, float]]:
     """Largest difference [rad/s, m/s²] over the range between what the autopilot calculates with
     the printed parameters and the run's own chain, and the span of the chain, of each channel.
     """
@@ -334,15 +334,15 @@ def verify(name: str, content: bytes) -> str:
     return f"{stated['pilot']} parameters of {device}, {len(errors)} channels recomputed{mark}"
 
 
-def _stated(stated: Mapping[str, Any], values: Values) -> Thermal:
+def _stated(stated: Mapping[str, Any], values: Values) -> _Thermal:
     """Channels, range and map that a file states."""
     channels = []
     for name, entry in stated["channels"].items():
         sensor, _, axis = name.partition("_")
-        channels.append(Channel(sensor, axis, tuple(Fraction(x) for x in entry["u"])))
+        channels.append(_Channel(sensor, axis, tuple(Fraction(x) for x in entry["u"])))
     low, high = (
         next(value for key, value in values.items() if key.endswith(end))
         for end in ("TMIN", "TMAX")
     )
     middle, half = Fraction(stated["middle"]), Fraction(stated["half"])
-    return Thermal(tuple(channels), Fraction(0), (low, high), middle, half)
+    return _Thermal(tuple(channels), Fraction(0), (low, high), middle, half)

@@ -22,7 +22,7 @@ Range = tuple[Fraction, Fraction]
 ONE = (Fraction(1), Fraction(1))
 
 
-def times(a: Range, b: Range) -> Range:
+def _times(a: Range, b: Range) -> Range:
     """Range of a product."""
     corners = [x * y for x in a for y in b]
     return min(corners), max(corners)
@@ -33,7 +33,7 @@ def magnitude(a: Range) -> Fraction:
     return max(abs(a[0]), abs(a[1]))
 
 
-def polynomial(c: Sequence[Fraction], over: Range) -> Range:
+def _polynomial(c: Sequence[Fraction], over: Range) -> Range:
     """Range of a polynomial around its constant; not sharp, never too small."""
     reach = magnitude(over)
     spread = sum((abs(x) * reach**k for k, x in enumerate(c[1:], start=1)), Fraction(0))
@@ -49,11 +49,11 @@ def total(parts: Sequence[Range]) -> Range:
 def term(chain: Chain, entry: Term, known: Mapping[str, Range]) -> list[Range]:
     """Ranges of a term: of its polynomial, then of each product with one more factor."""
     c = chain.tables[entry.table] if entry.table else ()
-    first = polynomial(c, known[entry.over] if entry.over else ONE) if c else ONE
+    first = _polynomial(c, known[entry.over] if entry.over else ONE) if c else ONE
     first = first if entry.sign > 0 else (-first[1], -first[0])
     found = [first]
     for name in entry.factors:
-        found.append(times(found[-1], known[name]))
+        found.append(_times(found[-1], known[name]))
     return found
 
 
@@ -89,7 +89,7 @@ def _step(  # noqa: PLR0911 (one return per kind of step)
             return total([term(chain, entry, known)[-1] for entry in step.terms])
         case Quotient():
             low, high = known[step.denominator]
-            return times(known[step.numerator], (1 / high, 1 / low))
+            return _times(known[step.numerator], (1 / high, 1 / low))
         case Slope():
             reach = heaviest(chain, step) * difference(step, known, bounds)
             return -reach, reach

@@ -27,7 +27,7 @@ around the name.
 """
 
 
-def quoted(name: str) -> str:
+def _quoted(name: str) -> str:
     """A column's name as it is safe in a C comment: printable ASCII, anything else by its number,
     in hexadecimal.
     """
@@ -71,9 +71,9 @@ def _made(spec: Recipe, name: str) -> str:
     column, logger = spec.columns.get(name), ""
     if spec.chamber is not None and name in spec.chamber.provides:
         column, logger = spec.chamber.columns.get(name), " of the chamber's logger"
-    source = quoted(column.source if column else name)
+    source = _quoted(column.source if column else name)
     certificates = "".join(
-        f", + correction of certificate {quoted(entry.certificate)}"
+        f", + correction of certificate {_quoted(entry.certificate)}"
         for entry in spec.correction
         if entry.column == name
     )

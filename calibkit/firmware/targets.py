@@ -28,7 +28,7 @@ FLOATS = ("f32", "f64")
 
 
 @dataclass(frozen=True, slots=True)
-class Target:
+class _Target:
     """A kind of export: its number formats, the files of one device, the files of all devices."""
 
     numbers: tuple[str, ...]
@@ -68,28 +68,28 @@ def _loader(exports: Sequence[Export]) -> dict[str, bytes]:
     }
 
 
-TARGETS: Mapping[str, Target] = {
-    "c": Target((*FLOATS, "q31", "q15"), _c, _none, several=False),
-    "blob": Target(FLOATS, lambda export, _: {".bin": blob.render(export)}, _loader),
-    "hex": Target(
+TARGETS: Mapping[str, _Target] = {
+    "c": _Target((*FLOATS, "q31", "q15"), _c, _none, several=False),
+    "blob": _Target(FLOATS, lambda export, _: {".bin": blob.render(export)}, _loader),
+    "hex": _Target(
         FLOATS,
         lambda export, address: {".hex": flash.intel_hex(blob.render(export), address)},
         _loader,
     ),
-    "srec": Target(
+    "srec": _Target(
         FLOATS,
         lambda export, address: {".srec": flash.s_records(blob.render(export), address)},
         _loader,
     ),
-    "px4": Target(
+    "px4": _Target(
         ("f32",), lambda export, _: {".params": parameters.render(export, parameters.PX4)}, _none
     ),
-    "ardupilot": Target(
+    "ardupilot": _Target(
         ("f32",),
         lambda export, _: {".param": parameters.render(export, parameters.ARDUPILOT)},
         _none,
     ),
-    "csv": Target(
+    "csv": _Target(
         (*FLOATS, "q31", "q15"),
         _none,
         lambda exports: {f"{exports[0].prefix}.csv": table.render(exports)},
@@ -111,7 +111,7 @@ CoefficientError.
 """
 
 
-def find_target(name: str, number: str) -> Target:
+def find_target(name: str, number: str) -> _Target:
     """Target of that name, or UsageError where there is none or it has no such number format."""
     if name not in TARGETS:
         raise UsageError(
@@ -126,7 +126,7 @@ def find_target(name: str, number: str) -> Target:
     return target
 
 
-def files(target: Target, exports: Sequence[Export], address: int) -> dict[str, bytes]:
+def files(target: _Target, exports: Sequence[Export], address: int) -> dict[str, bytes]:
     """Files of one run, or of several with a manifest; OutputError for runs that one set of files
     cannot hold.
     """

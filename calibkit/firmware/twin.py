@@ -32,7 +32,7 @@ INVALID = 1 << 15
 
 
 @dataclass(frozen=True, slots=True)
-class State:
+class _State:
     """What a chain keeps from update to update."""
 
     values: Mapping[str, Words]
@@ -44,12 +44,12 @@ class State:
 
 
 @dataclass(frozen=True, slots=True)
-class Result:
+class _Result:
     """Outputs and status of one call, and the state after it."""
 
     outputs: Mapping[str, Words]
     status: Words
-    state: State | None
+    state: _State | None
 
 
 def encode(program: Program, name: str, physical: Array) -> Words:
@@ -73,10 +73,10 @@ def decode(program: Program, name: str, words: Words) -> Array:
     return np.where(words == program.format.no_number, np.nan, physical)
 
 
-def reset(program: Program, lanes: int) -> State:
+def _reset(program: Program, lanes: int) -> _State:
     """State of a device that has just been switched on."""
     zero = np.zeros(lanes, dtype=dtype(program))
-    return State(
+    return _State(
         {memory.name: zero for memory in program.structure.memories},
         {
             slope.name: np.zeros((slope.length, lanes), dtype=dtype(program))
@@ -87,7 +87,7 @@ def reset(program: Program, lanes: int) -> State:
     )
 
 
-def call(program: Program, inputs: Mapping[str, Words], state: State | None = None) -> Result:
+def call(program: Program, inputs: Mapping[str, Words], state: _State | None = None) -> _Result:
     """One call of the firmware's function on lanes of inputs [n]; a chain with memory needs its
     state.
     """
@@ -108,9 +108,9 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
         outputs = {
             name: np.where(bad, none, words).astype(words.dtype) for name, words in fresh.items()
         }
-        return Result(outputs, status, None)
+        return _Result(outputs, status, None)
     outputs = {name: np.where(bad, state.held[name], words) for name, words in fresh.items()}
-    after = State(
+    after = _State(
         {
             m.name: np.where(bad, state.values[m.name], run.values[m.source])
             for m in program.structure.memories
@@ -119,19 +119,19 @@ def call(program: Program, inputs: Mapping[str, Words], state: State | None = No
         np.where(bad, state.updates, state.updates + 1),
         outputs,
     )
-    return Result(outputs, status, after)
+    return _Result(outputs, status, after)
 
 
 def run_in_turn(
     program: Program, inputs: Mapping[str, Words], updates: Sequence[int], *, anew: bool = False
-) -> Iterator[Result]:
+) -> Iterator[_Result]:
     """Last result of each row of inputs [n] of a chain with memory, which lasts as many updates as
     stated; from a reset on, or `anew` from a reset in each row.
     """
-    state: State | None = reset(program, 1)
+    state: _State | None = _reset(program, 1)
     for k, count in enumerate(updates):
         if anew:
-            state = reset(program, 1)
+            state = _reset(program, 1)
         row = {name: words[k : k + 1] for name, words in inputs.items()}
         for _ in range(count):
             result = call(program, row, state)
@@ -158,7 +158,7 @@ class _Run:
     selection.
     """
 
-    def __init__(self, program: Program, state: State | None, status: Words) -> None:
+    def __init__(self, program: Program, state: _State | None, status: Words) -> None:
         self.program, self.state, self.status = program, state, status
         self.fixed = program.format.fixed
         self.values: dict[str, Words] = {}

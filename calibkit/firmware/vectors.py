@@ -44,10 +44,10 @@ def make_vectors(chain: Chain, program: Program) -> Vectors:
     if program.format.fixed and chain.trials is None:  # the word that stands for no number
         words[program.structure.inputs[0].name][-1] = program.format.no_number
     columns = {name: tuple(column.tolist()) for name, column in words.items()}
-    return recomputed(program, columns, trials.updates)
+    return _recomputed(program, columns, trials.updates)
 
 
-def recomputed(
+def _recomputed(
     program: Program, inputs: Mapping[str, tuple[float, ...]], updates: tuple[int, ...]
 ) -> Vectors:
     """Outputs and statuses of the twin for rows of inputs, in turn where the chain has memory."""
@@ -67,7 +67,7 @@ def recomputed(
 
 def require_recomputed(program: Program, stated: Vectors, name: str, of: str = "numbers") -> None:
     """CoefficientError for a file whose vectors are not those that its numbers give."""
-    again = recomputed(program, stated.inputs, stated.updates)
+    again = _recomputed(program, stated.inputs, stated.updates)
     if (again.outputs, again.status) != (stated.outputs, stated.status):
         raise CoefficientError(
             f"{name}: its vectors are not those of its {of}", hint="export it again"

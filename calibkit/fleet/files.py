@@ -19,7 +19,7 @@ TEXTS = ("serial", "run", "run_sha256", "verdict", "error", "outlier_in")
 
 def make_files(table: FleetTable, plan: Plan, title: str) -> dict[str, bytes]:
     """File name → bytes of everything that tells of a fleet."""
-    flat = flat_table(table)
+    flat = _flat_table(table)
     contents = {"fleet.csv": flat.to_csv().encode()}
     parquet = _parquet(flat)
     if parquet is not None:
@@ -70,7 +70,7 @@ def _figure(table: FleetTable, chart: ControlChart) -> dict[str, Any]:
     }
 
 
-def flat_table(table: FleetTable) -> Table:
+def _flat_table(table: FleetTable) -> Table:
     """One row per device: what became of it, then each key figure, and its uncertainty where one is
     stated.
     """

@@ -27,7 +27,7 @@ FAILED = "failed"
 
 
 @dataclass(frozen=True, slots=True)
-class Outlier:
+class _Outlier:
     """A unit that stands out in one figure."""
 
     serial: str
@@ -54,7 +54,7 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class KeyColumn:
+class _KeyColumn:
     """A key figure of all units; NaN where a unit has none."""
 
     name: str
@@ -70,9 +70,9 @@ class FleetTable:
     """
 
     entries: tuple[Entry, ...]
-    columns: tuple[KeyColumn, ...]
+    columns: tuple[_KeyColumn, ...]
     charts: tuple[ControlChart, ...]
-    outliers: tuple[Outlier, ...]
+    outliers: tuple[_Outlier, ...]
     """In the order of the figures, then the furthest first."""
 
 
@@ -152,7 +152,7 @@ def _column(
     identity: Identity,
     identities: Sequence[Identity],
     figures: Sequence[Mapping[Identity, KeyFigure]],
-) -> KeyColumn:
+) -> _KeyColumn:
     """Values of one key figure; its form or unit is part of the name where the name alone is not
     unique.
     """
@@ -163,7 +163,7 @@ def _column(
     elif len(alike) > 1:
         name = f"{name} ({unit})"
     having = [unit_figures.get(identity) for unit_figures in figures]
-    return KeyColumn(
+    return _KeyColumn(
         name,
         unit,
         tuple(figure.value if figure else math.nan for figure in having),
@@ -178,7 +178,7 @@ def _limit(identity: Identity, figures: Sequence[Mapping[Identity, KeyFigure]]) 
     return math.nan if limit is None else limit
 
 
-def _chart(column: KeyColumn, serials: Sequence[str], acceptance: float) -> ControlChart:
+def _chart(column: _KeyColumn, serials: Sequence[str], acceptance: float) -> ControlChart:
     """Control chart of the units that have a figure."""
     values = np.array(column.values)
     there = np.isfinite(values)
@@ -194,10 +194,10 @@ def _chart(column: KeyColumn, serials: Sequence[str], acceptance: float) -> Cont
     )
 
 
-def _outliers(chart: ControlChart) -> list[Outlier]:
+def _outliers(chart: ControlChart) -> list[_Outlier]:
     """Units that one chart names, the furthest first."""
     return [
-        Outlier(
+        _Outlier(
             chart.serials[k],
             chart.name,
             float(chart.values[k]),

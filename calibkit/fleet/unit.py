@@ -113,7 +113,7 @@ def _finished(plan: Plan, serial: str) -> Row:
     # no serial begins with "-": this is not the lock that the fit itself holds while it writes
     with atomic.locked(plan.out / f".-{serial}.lock", f"{plan.out / serial}", WAIT_S):
         store.clear(plan.out, serial)
-        run = already(plan, serial, spec)
+        run = _already(plan, serial, spec)
         if run is not None:
             return _row(run, spec, before=True)
         outcome = pipeline.fit(
@@ -126,7 +126,7 @@ def _rehearsed(plan: Plan, serial: str, spec: recipe.Recipe) -> Row:
     """Row that a unit would have: everything is done but for what changes a disk, locks
     included.
     """
-    run = already(plan, serial, spec)
+    run = _already(plan, serial, spec)
     if run is not None:
         return _row(run, spec, before=True)
     outcome = pipeline.fit(
@@ -141,7 +141,7 @@ def _rehearsed(plan: Plan, serial: str, spec: recipe.Recipe) -> Row:
     return _row(store.Run(outcome.folder, outcome.document, outcome.records), spec, before=False)
 
 
-def already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
+def _already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
     """Newest run of a unit by this software with this recipe, date and logs, whole and with right
     digests, or None.
     """

@@ -81,7 +81,7 @@ class ModelChange:
 
 
 @dataclass(frozen=True, slots=True)
-class Setting:
+class _Setting:
     """Something beside the coefficients that the two runs do not share."""
 
     what: str
@@ -97,7 +97,7 @@ class Difference:
     after: Run
     models: tuple[ModelChange, ...]
     figures: tuple[ModelChange, ...]
-    settings: tuple[Setting, ...]
+    settings: tuple[_Setting, ...]
     flags: tuple[str, ...]
 
     def all_changes(self) -> Iterator[tuple[ModelChange, Change]]:
@@ -267,29 +267,29 @@ def _figures(old: Record | None, new: Record | None) -> Iterator[ModelChange]:
         yield ModelChange(old.stage if old else new.stage if new else "", "", "", changes, None, ())
 
 
-def _settings(before: Run, after: Run) -> Iterator[Setting]:
+def _settings(before: Run, after: Run) -> Iterator[_Setting]:
     """Recipe lines, overrides, conditions, software and libraries that differ."""
     a, b = before.document, after.document
     for what in ("serial", "software", "python"):
         if a[what] != b[what]:
-            yield Setting(what, a[what], b[what])
+            yield _Setting(what, a[what], b[what])
     for name in sorted({*a["libraries"], *b["libraries"]}):
         versions = a["libraries"].get(name, "-"), b["libraries"].get(name, "-")
         if versions[0] != versions[1]:
-            yield Setting(name, *versions)
+            yield _Setting(name, *versions)
     yield from _conditions(before, after)
     for what, old, new in _recipe_lines(a["recipe"], b["recipe"]):
-        yield Setting(what, old, new)
+        yield _Setting(what, old, new)
 
 
-def _conditions(before: Run, after: Run) -> Iterator[Setting]:
+def _conditions(before: Run, after: Run) -> Iterator[_Setting]:
     """Conditions of a stage that differ."""
     for stage in before.records.keys() & after.records.keys():
         olds = {c.name: f"{c.value:.9g} {c.unit}" for c in before.records[stage].conditions}
         news = {c.name: f"{c.value:.9g} {c.unit}" for c in after.records[stage].conditions}
         for name in sorted({*olds, *news}):
             if olds.get(name) != news.get(name):
-                yield Setting(
+                yield _Setting(
                     f"{before.records[stage].stage}: {name}",
                     olds.get(name, "-"),
                     news.get(name, "-"),

@@ -65,10 +65,10 @@ def summarize_difference(found: Difference) -> Summary:
         for run in (found.before, found.after)
     )
     flags = (*found.flags, TYPE_A)
-    return Summary(f"{old} → {new}", tuple(tables), flags, (), state_verdict(found))
+    return Summary(f"{old} → {new}", tuple(tables), flags, (), _state_verdict(found))
 
 
-def state_verdict(found: Difference) -> str:
+def _state_verdict(found: Difference) -> str:
     """How many coefficients moved, against how many would by chance."""
     judged, unpaired = found.count("moved", "held"), _unpaired(found)
     if not judged:

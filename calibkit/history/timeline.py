@@ -26,7 +26,7 @@ YEAR_DAYS = 365.25
 
 
 @dataclass(frozen=True, slots=True)
-class Refused:
+class _Refused:
     """A revision that cannot be trusted, and why."""
 
     revision: int
@@ -34,7 +34,7 @@ class Refused:
 
 
 @dataclass(frozen=True, slots=True)
-class Holds:
+class _Holds:
     """From when and, where another takes over, up to which date (exclusive) a revision is in force;
     empty: never.
     """
@@ -93,8 +93,8 @@ class Timeline:
 
     serial: str
     runs: tuple[Run, ...]
-    holds: Mapping[int, Holds]
-    refused: tuple[Refused, ...]
+    holds: Mapping[int, _Holds]
+    refused: tuple[_Refused, ...]
     breaks: tuple[str, ...]
     flags: tuple[str, ...]
     series: tuple[Series, ...]
@@ -122,7 +122,7 @@ def read_timeline(serial: str, runs_folder: Path, forms_of: FormsOf, pattern: st
         try:
             runs.append(store.load_revision(runs_folder, serial, number))
         except CoefficientError as error:
-            refused.append(Refused(number, str(error)))
+            refused.append(_Refused(number, str(error)))
     series = tuple(entry for entry in _series(runs, forms_of) if _wanted(entry.quantity, pattern))
     if runs and not series and pattern:
         raise UsageError(
@@ -133,7 +133,7 @@ def read_timeline(serial: str, runs_folder: Path, forms_of: FormsOf, pattern: st
         tuple(runs),
         _holds(runs),
         tuple(refused),
-        tuple(chain(runs, numbers)),
+        tuple(_chain(runs, numbers)),
         _flags(runs),
         series,
     )
@@ -144,7 +144,7 @@ def _wanted(quantity: Quantity, pattern: str) -> bool:
     return fnmatch.fnmatchcase(quantity.label, pattern) if pattern else bool(quantity.form)
 
 
-def chain(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
+def _chain(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
     """One line a fault of the chain: a revision that is missing, a file that does not supersede the
     one before it.
     """
@@ -177,14 +177,14 @@ def _break(number: int, record: Record, expected: str) -> str:
     return f"r{number:03d}: {record.stage} supersedes {said}, expected {wanted}"
 
 
-def _holds(runs: Sequence[Run]) -> dict[int, Holds]:
+def _holds(runs: Sequence[Run]) -> dict[int, _Holds]:
     """Revision → dates between which it is in force."""
     winners = store.in_force([run.document for run in runs])
     dates = sorted(winners)
     until = dict(itertools.pairwise([*dates, ""]))
-    held = {revision: Holds(date, until[date]) for date, revision in winners.items()}
+    held = {revision: _Holds(date, until[date]) for date, revision in winners.items()}
     return {
-        run.document["revision"]: held.get(run.document["revision"], Holds("", "")) for run in runs
+        run.document["revision"]: held.get(run.document["revision"], _Holds("", "")) for run in runs
     }
 
 

@@ -29,7 +29,7 @@ ROWS = 1 << 19
 """Rows that are read at a time."""
 
 
-def largest_in_memory() -> float:
+def _largest_in_memory() -> float:
     """Bytes of a log up to which it is held in memory; raises UsageError for a setting that is not
     a number.
     """
@@ -54,7 +54,7 @@ def read_to_disk(
     if (
         not (recipe.along_chunks and can_be_chunked(recipe))
         or not path.is_file()
-        or path.stat().st_size <= largest_in_memory()
+        or path.stat().st_size <= _largest_in_memory()
     ):
         return None
     scan = clean.scan_file(path, file)

@@ -69,7 +69,7 @@ class Fitted(Generic[Drawing]):
     """Combined and expanded uncertainties of results, as JSON objects."""
 
 
-def draw_tables(_: str, fitted: Fitted[Any]) -> Drawn:
+def _draw_tables(_: str, fitted: Fitted[Any]) -> Drawn:
     """Report without figures."""
     from calibkit.report.documents import Drawn
 
@@ -104,7 +104,7 @@ class Instrument(Generic[Spec, Drawing]):
     """Test frozen coefficients on unseen logs, which are read one after the other."""
     apply: Callable[[Spec, Mapping[str, Record], Path], Applied]
     """Compensate a log; raises before the first part where it cannot be compensated."""
-    draw: Callable[[str, Fitted[Drawing]], Drawn] = draw_tables
+    draw: Callable[[str, Fitted[Drawing]], Drawn] = _draw_tables
     """Figures of a fit under a title, and its summary in full."""
     certificate: Callable[[Stated], tuple[Block, ...]] | None = None
     """Blocks of results on a certificate; None where there is none."""

@@ -94,7 +94,7 @@ def resolution(values: Array, rows: int = 20_000) -> float:
     return float(steps.min()) if steps.size else 0.0
 
 
-def span(values: Array) -> float:
+def _span(values: Array) -> float:
     """Span of a series [n] without its outermost hundredths, from at most 20,000 of its rows."""
     thinned = chunks.take_slice(values, slice(0, values.size, max(1, values.size // 20_000)))
     return order_statistics.quantile(thinned, 0.99) - order_statistics.quantile(thinned, 0.01)
@@ -116,7 +116,7 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     """
     if values.size < 8 * WIDTH:
         return np.zeros(0, dtype=np.int64)
-    floor = max(least, 5.0 * resolution(values), SMALL * span(values))
+    floor = max(least, 5.0 * resolution(values), SMALL * _span(values))
     # whatever stands out steps away from a neighbour: only rows after a large step are looked at
     # closer
     usual = HIGH_TO_SIGMA * order_statistics.quantile(_sampled_steps(values), HIGH) / np.sqrt(2.0)
@@ -231,7 +231,7 @@ def stuck(values: Array) -> Integers:
     inside = int(np.sum(runs[:, 1] - runs[:, 0] - 1))
     others = max(values.size - 1 - inside, 1)
     share = (repeats(values) * (values.size - 1) - inside) / others
-    if share > NOISY or others < values.size // 4 or scatter(values) < QUIET * span(values):
+    if share > NOISY or others < values.size // 4 or scatter(values) < QUIET * _span(values):
         return runs[:0]
     shortest = SHORTEST_RUN
     if share > 0.0:
@@ -300,7 +300,11 @@ def clipped(values: Array) -> tuple[int, float] | None:
     """Rows at the largest or smallest value of a noisy series [n], and the value, where they pile
     up there; else none.
     """
-    if values.size < 10 * PILE or repeats(values) > NOISY or scatter(values) < QUIET * span(values):
+    if (
+        values.size < 10 * PILE
+        or repeats(values) > NOISY
+        or scatter(values) < QUIET * _span(values)
+    ):
         return None
     low, high = chunks.extremes(values)
     for end, sense in ((high, 1.0), (low, -1.0)):
@@ -348,7 +352,7 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
         & (np.abs(brief) > SUDDEN * np.abs(change))
     )
     sure &= np.abs(brief) > JUMP * noise * np.sqrt(2.0 / short)
-    sure &= np.abs(change) > max(2.0 * resolution(values), 2.0 * SMALL * span(values))
+    sure &= np.abs(change) > max(2.0 * resolution(values), 2.0 * SMALL * _span(values))
     return _peaks(row[sure], change[sure], 2 * window)
 
 

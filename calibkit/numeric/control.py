@@ -52,7 +52,7 @@ class Control:
         return tuple(int(k) for k in order if abs(self.z[k]) > self.limit)
 
 
-def limit(count: int) -> float:
+def _limit(count: int) -> float:
     """Robust z that no one of `count` normal values exceeds in 99 samples of 100; infinite for
     fewer than 10.
 
@@ -72,4 +72,4 @@ def control(values: Array) -> Control:
     sigma = mad_sigma(values - centre)
     if sigma <= ROUNDING * float(np.max(np.abs(values))):
         return Control(centre, 0.0, math.inf, np.zeros(len(values)))
-    return Control(centre, sigma, limit(len(values)), (values - centre) / sigma)
+    return Control(centre, sigma, _limit(len(values)), (values - centre) / sigma)

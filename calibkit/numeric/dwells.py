@@ -17,7 +17,7 @@ BATCHES = 16
 
 
 @dataclass(frozen=True, slots=True)
-class Dwells:
+class _Dwells:
     """Means of columns over held intervals."""
 
     intervals: Integers
@@ -88,7 +88,7 @@ def still(
 
     def noise(first: int, stop: int) -> Array:
         chunks.release(indication)
-        return windowed_noise(indication[first : stop + window - 1], window, middle)
+        return _windowed_noise(indication[first : stop + window - 1], window, middle)
 
     if threshold is None:
         at_rest = order_statistics.quantile_of_chunks(
@@ -112,7 +112,7 @@ def still(
     return intervals
 
 
-def windowed_noise(indication: Array, window: int, middle: Array | None = None) -> Array:
+def _windowed_noise(indication: Array, window: int, middle: Array | None = None) -> Array:
     """Standard deviation [n − window + 1] of sliding windows, the three axes of [n, 3] together
     (root sum of squares).
 
@@ -142,7 +142,7 @@ def pieces(intervals: Integers, rows: int) -> Integers:
     return np.array(cut, dtype=np.int64).reshape(-1, 2)
 
 
-def averages(columns: Array, intervals: Integers) -> Dwells:
+def averages(columns: Array, intervals: Integers) -> _Dwells:
     """Means, noise and creep of columns [n, c] over intervals [m, 2] of at least two rows."""
     lengths = intervals[:, 1] - intervals[:, 0]
     if len(intervals) == 0 or lengths.min() < 2:
@@ -151,7 +151,7 @@ def averages(columns: Array, intervals: Integers) -> Dwells:
         )
     found = [_averaged(columns[start:stop]) for start, stop in intervals.tolist()]
     mean, deviation, error, drift = (np.array(figures) for figures in zip(*found, strict=True))
-    return Dwells(intervals, mean, deviation, error, drift)
+    return _Dwells(intervals, mean, deviation, error, drift)
 
 
 def _averaged(rows: Array) -> tuple[Array, Array, Array, Array]:

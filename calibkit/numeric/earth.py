@@ -14,14 +14,14 @@ def vertical_rate(latitude_deg: ArrayLike) -> Array:
     return np.asarray(EARTH_RATE_DPH * np.sin(np.radians(latitude_deg)), dtype=np.float64)
 
 
-def horizontal_rate(latitude_deg: ArrayLike) -> Array:
+def _horizontal_rate(latitude_deg: ArrayLike) -> Array:
     """Component of the earth's rate about the horizontal that points north [°/h]: ω_e cos α."""
     return np.asarray(EARTH_RATE_DPH * np.cos(np.radians(latitude_deg)), dtype=np.float64)
 
 
 def north_east_down(latitude_deg: ArrayLike) -> Array:
     """Earth's rate [..., 3] [°/h] in the axes north, east, down: ω_e (cos α, 0, −sin α)."""
-    north, up = horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
+    north, up = _horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
     return np.stack((north, np.zeros_like(north), -up), axis=-1)
 
 
@@ -34,7 +34,7 @@ def along_axis(
     ω_e (sin α sin el + cos α cos el cos az): vertical_rate for an axis that points up.
     """
     el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
-    along = vertical_rate(latitude_deg) * np.sin(el) + horizontal_rate(latitude_deg) * np.cos(
+    along = vertical_rate(latitude_deg) * np.sin(el) + _horizontal_rate(latitude_deg) * np.cos(
         el
     ) * np.cos(az)
     return np.asarray(along, dtype=np.float64)
@@ -47,7 +47,7 @@ def along_axis_by_latitude(
     π/180.
     """
     el, az = np.radians(elevation_deg), np.radians(azimuth_deg)
-    north, up = horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
+    north, up = _horizontal_rate(latitude_deg), vertical_rate(latitude_deg)
     return np.asarray(
         np.radians(north * np.sin(el) - up * np.cos(el) * np.cos(az)), dtype=np.float64
     )

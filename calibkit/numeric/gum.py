@@ -55,7 +55,7 @@ class Component:
 
 
 @dataclass(frozen=True, slots=True)
-class Expanded:
+class _Expanded:
     """A combined and expanded uncertainty, in the unit of the result, and how it was expanded."""
 
     standard_uncertainty: float
@@ -66,7 +66,7 @@ class Expanded:
 
 
 @dataclass(frozen=True, slots=True)
-class Propagated:
+class _Propagated:
     """What a Monte Carlo propagation found: moments and a coverage interval, in the unit of the
     result.
     """
@@ -84,7 +84,7 @@ def combine(
     *,
     correlation: Array | None = None,
     probability: float = TWO_SIGMA,
-) -> Expanded:
+) -> _Expanded:
     """Combine components into one standard uncertainty and expand it.
 
     Each estimate times its sensitivity has the unit of the result; inputs are independent without a
@@ -112,7 +112,7 @@ def combine(
     dof = _welch_satterthwaite(
         variance, pairwise, _tied(matrix), np.array([part.dof for part in components])
     )
-    return expand(largest * float(np.sqrt(variance)), dof, probability=probability)
+    return _expand(largest * float(np.sqrt(variance)), dof, probability=probability)
 
 
 def _welch_satterthwaite(variance: float, pairwise: Array, tied: Integers, dof: Array) -> float:
@@ -151,15 +151,15 @@ def _require_correlation(correlation: Array, size: int) -> Array:
     return correlation
 
 
-def expand(
+def _expand(
     standard_uncertainty: float, effective_dof: float, *, probability: float = TWO_SIGMA
-) -> Expanded:
+) -> _Expanded:
     """Expanded uncertainty U = k u_c (JCGM 100 6.2.1) in the unit of the standard uncertainty.
 
     Raises FitError for less than one effective degree of freedom.
     """
     factor = coverage_factor(effective_dof, probability=probability)
-    return Expanded(
+    return _Expanded(
         standard_uncertainty, effective_dof, factor, factor * standard_uncertainty, probability
     )
 
@@ -282,7 +282,7 @@ def sensitivities(
 
 def monte_carlo(
     function: Callable[[Array], Array], inputs: Array, *, probability: float = 0.95
-) -> Propagated:
+) -> _Propagated:
     """Propagate distributions through a function (JCGM 101 section 7), with the shortest coverage
     interval (5.3.4).
 
@@ -309,7 +309,7 @@ def monte_carlo(
         )
     inside = min(int(probability * trials + 0.5), trials - 1)  # JCGM 101 7.7
     start = int(np.argmin(results[inside:] - results[: trials - inside]))
-    return Propagated(
+    return _Propagated(
         float(results.mean()),
         float(results.std(ddof=1)),
         float(results[start]),

@@ -121,7 +121,7 @@ def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
     `step_s` is the log's sampling interval, where it is known already. Raises FitError when the log
     is sampled more slowly than the interval, because coefficients are per interval.
     """
-    step = sampling_interval(time) if step_s is None else step_s
+    step = _sampling_interval(time) if step_s is None else step_s
     if step > length_s * 1.01:
         raise FitError(
             f"sampled every {step:g} s, the model interval is {length_s:g} s",
@@ -186,7 +186,7 @@ def _steps(time: Array) -> Iterator[Array]:
     return (np.diff(time[max(a - 1, 0) : b]) for a, b in chunks.ranges_along(time))
 
 
-def sampling_interval(time: Array) -> float:
+def _sampling_interval(time: Array) -> float:
     """Median sampling interval [s] of a log's time [n, s]."""
     return steps(time).usual
 

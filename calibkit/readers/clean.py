@@ -114,7 +114,7 @@ def _wait(under_way: deque[tuple[Future[bool], Future[None]]], but: int = 0) -> 
 
 
 @dataclass(frozen=True, slots=True)
-class Scan:
+class _Scan:
     """What is known of a clean file that was not parsed: its columns, digest and rows."""
 
     header: tuple[str, ...]
@@ -122,7 +122,7 @@ class Scan:
     rows: int
 
 
-def scan_file(path: Path, file: str) -> Scan | None:
+def scan_file(path: Path, file: str) -> _Scan | None:
     """Scan a file in the memory of a block; None where it is not clean. Raises LogFormatError where
     it cannot be read.
     """
@@ -137,10 +137,10 @@ def scan_file(path: Path, file: str) -> Scan | None:
             if not clean:
                 return None
             rows += clean
-    return Scan(tuple(header), sha256.hexdigest(), rows) if rows else None
+    return _Scan(tuple(header), sha256.hexdigest(), rows) if rows else None
 
 
-def read_chunks(path: Path, file: str, scan: Scan, rows: int) -> Iterator[Table]:
+def read_chunks(path: Path, file: str, scan: _Scan, rows: int) -> Iterator[Table]:
     """Tables of at most `rows` rows of a scanned file, one after the other; the index counts on.
 
     Raises LogFormatError for a line of anything but numbers, and for a file that changed since it
@@ -176,7 +176,7 @@ def changed(file: str) -> LogFormatError:
     )
 
 
-def _chunk_table(file: str, scan: Scan, columns: list[Array], first: int) -> Table:
+def _chunk_table(file: str, scan: _Scan, columns: list[Array], first: int) -> Table:
     """Table of the rows of a file from a first one on."""
     import pandas as pd
 

@@ -53,7 +53,7 @@ _DATES = (
 
 
 @dataclass(frozen=True, slots=True)
-class TimeColumn:
+class _TimeColumn:
     """Seconds since the first row [n], NaN where no time is written, and what was decided on the
     way.
     """
@@ -115,7 +115,7 @@ def _time_form(field: str) -> str:
     return form + ("%z" if found["zone"] else "")
 
 
-def to_seconds(fields: pd.Series, form: str, place: str) -> TimeColumn:
+def to_seconds(fields: pd.Series, form: str, place: str) -> _TimeColumn:
     """Seconds since the first row of a column of times; `place` is file and column, the index
     counts the file's lines.
 
@@ -126,7 +126,7 @@ def to_seconds(fields: pd.Series, form: str, place: str) -> TimeColumn:
     if form == DECIMAL:
         return _since_first(_decimal(texts, missing, place), missing, ())
     if form == ELAPSED:
-        return TimeColumn(_elapsed(texts, missing, place), ())
+        return _TimeColumn(_elapsed(texts, missing, place), ())
     if EITHER in form:
         return _day_or_month(texts, missing, form, place)
     nanoseconds = _instants(texts, missing, form, place)
@@ -146,19 +146,19 @@ def spreadsheet_to_seconds(days: Array) -> Array:
     return _since_first(microseconds * 1000, ~finite, ()).seconds
 
 
-def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...]) -> TimeColumn:
+def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...]) -> _TimeColumn:
     """Seconds since the first time that is there; each the float64 nearest to the written
     digits.
     """
     there = np.flatnonzero(~missing)
     if not there.size:
-        return TimeColumn(np.full(nanoseconds.shape, np.nan), notes)
+        return _TimeColumn(np.full(nanoseconds.shape, np.nan), notes)
     apart = nanoseconds - nanoseconds[there[0]]
     seconds = apart / 1e6 / 1e3 if np.any(apart % 1000) else (apart // 1000) / 1e6
     seconds = (
         np.where(np.abs(apart) < 1 << 53, apart / 1e9, seconds) if np.any(apart % 1000) else seconds
     )
-    return TimeColumn(np.where(missing, np.nan, seconds), notes)
+    return _TimeColumn(np.where(missing, np.nan, seconds), notes)
 
 
 def _instants(texts: pd.Series, missing: Mask, form: str, place: str) -> Integers:
@@ -211,13 +211,13 @@ def _three_digits(texts: pd.Series, missing: Mask, place: str) -> None:
         )
 
 
-def _day_or_month(texts: pd.Series, missing: Mask, form: str, place: str) -> TimeColumn:
+def _day_or_month(texts: pd.Series, missing: Mask, form: str, place: str) -> _TimeColumn:
     """Seconds where day and month could be either: the order that can be, and that runs
     forwards.
     """
     mark = form[len(EITHER)]
     orders = {"day first": f"%d{mark}%m", "month first": f"%m{mark}%d"}
-    clocks: dict[str, TimeColumn] = {}
+    clocks: dict[str, _TimeColumn] = {}
     for name, order in orders.items():
         try:
             nanoseconds = _instants(texts, missing, form.replace(EITHER, order), place)
@@ -245,13 +245,13 @@ def _day_or_month(texts: pd.Series, missing: Mask, form: str, place: str) -> Tim
             ),
         )
     if len(left) == 2:
-        return TimeColumn(
+        return _TimeColumn(
             left[0].seconds, ("dates: day and month could be either, the seconds are the same",)
         )
     return left[0]
 
 
-def _unbroken(clocks: list[TimeColumn], missing: Mask) -> list[TimeColumn]:
+def _unbroken(clocks: list[_TimeColumn], missing: Mask) -> list[_TimeColumn]:
     """The clock that runs on at midnight where the other leaps by weeks; both where neither
     shows.
     """

@@ -9,7 +9,7 @@ AUTO = "auto"
 
 
 @dataclass(frozen=True, slots=True)
-class LogFormat:
+class _LogFormat:
     """A log format: the module of `calibkit.readers` that reads it, the bytes that its files begin
     with where they always do, and the keys of [logs] that can describe it further.
     """
@@ -19,24 +19,24 @@ class LogFormat:
     keys: tuple[str, ...] = ()
 
 
-FORMATS: dict[str, LogFormat] = {
-    "csv": LogFormat("delimited"),
-    "text": LogFormat("text", keys=("text", "names")),
-    "keysight": LogFormat("keysight", keys=("text",)),
-    "lvm": LogFormat("lvm", (b"LabVIEW Measurement",), ("text", "names")),
-    "tdms": LogFormat("tdms", (b"TDSm",), ("table",)),
-    "excel": LogFormat(
+FORMATS: dict[str, _LogFormat] = {
+    "csv": _LogFormat("delimited"),
+    "text": _LogFormat("text", keys=("text", "names")),
+    "keysight": _LogFormat("keysight", keys=("text",)),
+    "lvm": _LogFormat("lvm", (b"LabVIEW Measurement",), ("text", "names")),
+    "tdms": _LogFormat("tdms", (b"TDSm",), ("table",)),
+    "excel": _LogFormat(
         "excel", (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), ("text", "table", "names")
     ),
-    "matlab": LogFormat(
+    "matlab": _LogFormat(
         "matlab", (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"), ("table", "names")
     ),
-    "hdf5": LogFormat("hdf5", (b"\x89HDF\r\n\x1a\n",), ("table", "names")),
-    "parquet": LogFormat("parquet", (b"PAR1",)),
-    "ulog": LogFormat("ulog", (b"ULog\x01\x12\x35",), ("table",)),
-    "json": LogFormat("json_arrays", keys=("table", "names")),
-    "chamber": LogFormat("chamber", keys=("text", "names")),
-    "binary": LogFormat("binary"),
+    "hdf5": _LogFormat("hdf5", (b"\x89HDF\r\n\x1a\n",), ("table", "names")),
+    "parquet": _LogFormat("parquet", (b"PAR1",)),
+    "ulog": _LogFormat("ulog", (b"ULog\x01\x12\x35",), ("table",)),
+    "json": _LogFormat("json_arrays", keys=("table", "names")),
+    "chamber": _LogFormat("chamber", keys=("text", "names")),
+    "binary": _LogFormat("binary"),
 }
 """Value of [logs] format → format."""
 

@@ -79,7 +79,7 @@ def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
     return Source(path.name, text.replace("\r\n", "\n"), overrides)
 
 
-class Kind(Protocol):
+class _Kind(Protocol):
     """What the recipes of a procedure are read into."""
 
     @property
@@ -88,7 +88,7 @@ class Kind(Protocol):
         ...
 
 
-def parse(source: Source, kinds: Mapping[str, Kind]) -> Recipe:
+def parse(source: Source, kinds: Mapping[str, _Kind]) -> Recipe:
     """Turn a recipe's text into its frozen record, or raise RecipeError with every fault, one a
     line; `kinds` are the known procedures.
     """
@@ -126,7 +126,7 @@ def _tables(source: Source) -> tuple[dict[str, Any], dict[Location, str]]:
         raise RecipeError(
             f"{place}: not TOML: {error}", hint="see the shipped recipes for the syntax"
         ) from None
-    lines = key_lines(source.text)
+    lines = _key_lines(source.text)
     for override in source.overrides:
         lines |= _override(data, override)
     return data, lines
@@ -172,7 +172,7 @@ def located(source: Source, error: RecipeError) -> RecipeError:
     return RecipeError(f"{place}: {error.message}", hint=error.hint)
 
 
-def key_lines(text: str) -> dict[Location, str]:
+def _key_lines(text: str) -> dict[Location, str]:
     """Location of every table and key of a TOML text → its line number, as text."""
     lines: dict[Location, str] = {}
     table: Location = ()

@@ -184,7 +184,7 @@ def _require_unit(term: TypeB) -> None:
 
 
 @dataclass(frozen=True, slots=True)
-class Applied:
+class _Applied:
     """Components that a result has from type B terms, and the names of terms that say nothing of
     it.
     """
@@ -198,7 +198,7 @@ def terms_of(
     result: str,
     estimate: float,
     sensitivities: Mapping[str, tuple[float, float]] | None = None,
-) -> Applied:
+) -> _Applied:
     """Components of one result.
 
     Parameters
@@ -227,7 +227,7 @@ def terms_of(
             components.append(term.component(at, derivative))
         else:
             unused.append(term.name)
-    return Applied(tuple(components), tuple(unused))
+    return _Applied(tuple(components), tuple(unused))
 
 
 def require_known(terms: Iterable[TypeB], names: Iterable[str]) -> None:

@@ -26,24 +26,24 @@ COMBINED = (
 )
 
 
-def shown(column: Column, cell: Cell) -> Content:
+def _shown(column: Column, cell: Cell) -> Content:
     """A cell as people read it; a number with every digit as its machine value."""
     text = column.text(cell)
     return element("data", text, value=repr(float(cell))) if isinstance(cell, float) else text
 
 
-def rows_of(made: Table, numbers: Sequence[int]) -> list[Markup]:
+def _rows_of(made: Table, numbers: Sequence[int]) -> list[Markup]:
     """Rows of a table of records."""
     columns = made.formats
-    return [row(*map(shown, columns, cells), numbers=numbers) for cells in made.rows]
+    return [row(*map(_shown, columns, cells), numbers=numbers) for cells in made.rows]
 
 
 def _record_table(made: Table, numbers: Sequence[int]) -> Markup:
     """A table of records, its numbers with every digit."""
-    return table(made.title, made.heads, [rows_of(made, numbers)], numbers)
+    return table(made.title, made.heads, [_rows_of(made, numbers)], numbers)
 
 
-def folded(caption: str, rows: int, made: Markup) -> Markup:
+def _folded(caption: str, rows: int, made: Markup) -> Markup:
     """A table as it is, or behind its caption where it is long."""
     if rows <= FOLDED:
         return made
@@ -55,7 +55,7 @@ def summary_table(made: Table) -> Markup:
     width = len(made.columns)
     numbers = range(1, width)
     rows = [row(*cells, *[""] * (width - len(cells)), numbers=numbers) for cells in made.texts]
-    return folded(made.title, len(rows), table(made.title, made.heads, [rows], numbers))
+    return _folded(made.title, len(rows), table(made.title, made.heads, [rows], numbers))
 
 
 def acceptance(criteria: Sequence[Mapping[str, Any]]) -> Markup:
@@ -65,8 +65,8 @@ def acceptance(criteria: Sequence[Mapping[str, Any]]) -> Markup:
     rows = [
         row(
             entry["name"],
-            shown(six, float(entry["value"])),
-            shown(six, float(entry["limit"])),
+            _shown(six, float(entry["value"])),
+            _shown(six, float(entry["limit"])),
             entry["unit"],
             "held" if entry["passed"] else element("strong", "FAILED"),
             kind="" if entry["passed"] else "failed",
@@ -85,11 +85,11 @@ def coefficients(record: Record) -> Markup:
         for model in record.models
     ]
     bodies = [
-        [_model_row(model), *rows_of(one, (1, 2))]
+        [_model_row(model), *_rows_of(one, (1, 2))]
         for model, one in zip(record.models, made, strict=True)
     ]
     count = sum(len(one.rows) for one in made)
-    return folded(caption, count, table(caption, made[0].heads, bodies, (1, 2)))
+    return _folded(caption, count, table(caption, made[0].heads, bodies, (1, 2)))
 
 
 def _model_row(model: Model) -> Markup:
@@ -122,7 +122,7 @@ def figures(record: Record) -> Markup:
         digits=EXACT,
         unstated="not stated",
     )
-    return folded(made.title, len(made.rows), _record_table(made, (1, 2)))
+    return _folded(made.title, len(made.rows), _record_table(made, (1, 2)))
 
 
 def conditions(records: Sequence[Record]) -> Markup:
@@ -180,7 +180,7 @@ def logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:
         for entry in inputs
     ]
     made = table("Logs", ("log", "rows", "SHA-256", "how it was read"), [rows], (1,))
-    return folded("Logs", len(rows), made)
+    return _folded("Logs", len(rows), made)
 
 
 def entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:

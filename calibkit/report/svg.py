@@ -92,7 +92,7 @@ def _thin(line: Line2D, most: int) -> bool:
         return False
     joined = line.get_linestyle() not in {"None", "none", " ", ""}
     kept = (
-        extremes(x, y, most)
+        _extremes(x, y, most)
         if joined
         else _apart(line.get_transform().transform(np.column_stack([x, y])), most)
     )
@@ -100,7 +100,7 @@ def _thin(line: Line2D, most: int) -> bool:
     return True
 
 
-def extremes(x: Array, y: Array, most: int) -> Integers:
+def _extremes(x: Array, y: Array, most: int) -> Integers:
     """Indices, ascending, of a curve's smallest and largest x and y [n] in equal pieces, and of its
     gaps; about `most`.
     """

@@ -41,7 +41,7 @@ class Campaign:
             For a float column without its decimals.
 
         """
-        texts = {name: csv_text(columns, self.decimals) for name, columns in self.logs.items()}
+        texts = {name: _csv_text(columns, self.decimals) for name, columns in self.logs.items()}
         truth = (
             json.dumps(self.truth, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
             + "\n"
@@ -49,7 +49,7 @@ class Campaign:
         return {name: text.encode() for name, text in (texts | {TRUTH_FILE: truth}).items()}
 
 
-def csv_text(columns: Mapping[str, NDArray[Any]], decimals: Mapping[str, int]) -> str:
+def _csv_text(columns: Mapping[str, NDArray[Any]], decimals: Mapping[str, int]) -> str:
     """Columns of one length as CSV text with a header; a negative zero is written as zero, a NaN as
     an empty field.
     """

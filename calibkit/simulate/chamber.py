@@ -81,7 +81,7 @@ def set_points(programme: Programme) -> tuple[Array, Array]:
     return time, set_degc
 
 
-def controlled(chamber: Chamber, set_degc: Array) -> Array:
+def _controlled(chamber: Chamber, set_degc: Array) -> Array:
     """Air [n] [°C] at 1 Hz that follows set points [n] [°C], at rest at the first: T'' + 2ζω T' +
     ω² T = ω² set.
 
@@ -114,7 +114,7 @@ def air(chamber: Chamber, set_degc: Array, rng: np.random.Generator) -> Array:
     white[0] = rng.normal(0.0, 1.0)
     turbulence: Array = np.asarray(lfilter([1.0], [1.0, -memory], white))
     disturbed: Array = (
-        controlled(chamber, set_degc) + cycling + chamber.turbulence_degc * turbulence
+        _controlled(chamber, set_degc) + cycling + chamber.turbulence_degc * turbulence
     )
     return disturbed
 

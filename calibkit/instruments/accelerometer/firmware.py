@@ -32,7 +32,7 @@ SENSE = {
 }
 
 
-def chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
+def _chain(spec: AccelerometerRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the correction that the recipe names; indications and results have the recipe's sign
     convention.
     """
@@ -173,7 +173,7 @@ def _apply(spec: AccelerometerRecipe, chain: Chain, quantised: Program, data: Pa
 
 FIRMWARE = Firmware(
     files=_files,
-    chain=chain,
+    chain=_chain,
     apply=_apply,
     conventions=lambda spec: (f"accelerometers in and out: {SENSE[spec.reference.convention]}",),
 )

@@ -12,7 +12,7 @@ Order = Annotated[int, Field(ge=0, le=3)]
 Inclination = Annotated[float, Field(gt=0.0, lt=180.0)]
 
 
-class Reference(Table):
+class _Reference(Table):
     """What the indications are fitted to, and the sign that a positive indication has."""
 
     kind: Literal["attitude", "magnitude"] = "attitude"
@@ -20,7 +20,7 @@ class Reference(Table):
     solver: Literal["gauss_newton", "lmfit"] = "gauss_newton"
 
 
-class DwellSpec(Table):
+class _DwellSpec(Table):
     """How a log is cut into dwells: one row a dwell, or holds found in a continuous log."""
 
     mode: Literal["rows", "series"] = "rows"
@@ -31,7 +31,7 @@ class DwellSpec(Table):
     max_gap_s: Positive = 1.0
 
 
-class KAxisSpec(Table):
+class _KAxisSpec(Table):
     """Orders of one axis."""
 
     scale_order: Order = 3
@@ -39,22 +39,22 @@ class KAxisSpec(Table):
     cross: bool = True
 
 
-class KSpec(KAxisSpec):
+class _KSpec(_KAxisSpec):
     """K-factor: the same orders for the three axes, or each its own."""
 
     enabled: bool = True
     groups: Literal["none", "log"] = "none"
-    x: KAxisSpec | None = None
-    y: KAxisSpec | None = None
-    z: KAxisSpec | None = None
+    x: _KAxisSpec | None = None
+    y: _KAxisSpec | None = None
+    z: _KAxisSpec | None = None
 
     @property
-    def axes(self) -> tuple[KAxisSpec, KAxisSpec, KAxisSpec]:
+    def axes(self) -> tuple[_KAxisSpec, _KAxisSpec, _KAxisSpec]:
         """Orders of x, y and z."""
         return self.x or self, self.y or self, self.z or self
 
 
-class AffineSpec(Table):
+class _AffineSpec(Table):
     """The affine triad M(t)(V − b(t)): orders over temperature, higher-order terms, nuisance
     angles.
     """
@@ -69,7 +69,7 @@ class AffineSpec(Table):
     fixture: bool = False
 
 
-class AccelAcceptance(Table):
+class _AccelAcceptance(Table):
     """Limits on the attitude after correction; a limit that is not stated is not tested."""
 
     max_inclination_error_deg: Positive | None = None
@@ -83,17 +83,17 @@ class AccelerometerRecipe(Recipe):
     along_chunks: ClassVar[bool] = True
 
     procedure: Literal["accelerometer"]
-    reference: Reference = Reference()
-    dwells: DwellSpec = DwellSpec()
+    reference: _Reference = _Reference()
+    dwells: _DwellSpec = _DwellSpec()
     loss: Literal["robust", "least_squares"] = "robust"
-    k: KSpec = KSpec()
-    affine: AffineSpec = AffineSpec()
+    k: _KSpec = _KSpec()
+    affine: _AffineSpec = _AffineSpec()
     compensation: Literal["affine", "k", "kq"] = "affine"
     toolface_range_deg: Annotated[tuple[Inclination, Inclination], Field(strict=False)] = (
         10.0,
         170.0,
     )
-    acceptance: AccelAcceptance = AccelAcceptance()
+    acceptance: _AccelAcceptance = _AccelAcceptance()
 
     @model_validator(mode="after")
     def _compensated_by_what_is_fitted(self) -> AccelerometerRecipe:

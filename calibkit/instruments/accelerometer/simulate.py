@@ -29,7 +29,7 @@ DECIMALS = {
 
 
 @dataclass(frozen=True, slots=True)
-class Sensor:
+class _Sensor:
     """One servo accelerometer; temperatures relative to 25 °C."""
 
     scale_factor: float
@@ -59,7 +59,7 @@ class Sensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
+class _Conditions:
     """How a campaign is run."""
 
     noise_g: float = 2e-5
@@ -115,12 +115,12 @@ def campaign(
     table's true angles and the wild dwells.
 
     """
-    return run(
-        seed, Conditions(noise_g=noise_g, table_noise_deg=table_noise_deg, wild=wild, sweep=sweep)
+    return _run(
+        seed, _Conditions(noise_g=noise_g, table_noise_deg=table_noise_deg, wild=wild, sweep=sweep)
     )
 
 
-def run(seed: int, conditions: Conditions) -> Campaign:
+def _run(seed: int, conditions: _Conditions) -> Campaign:
     """Run a campaign under conditions of one's own."""
     rng = np.random.default_rng(seed)
     sensors = tuple(_sensor(rng, i) for i in range(3))
@@ -131,12 +131,12 @@ def run(seed: int, conditions: Conditions) -> Campaign:
     )
 
 
-def indications(sensors: tuple[Sensor, ...], gravity: Array, temperature: Array) -> Array:
+def _indications(sensors: tuple[_Sensor, ...], gravity: Array, temperature: Array) -> Array:
     """Indications [n, 3] without noise of three sensors in gravity [n, 3] [g] at sensor
     temperatures [n] [°C].
     """
     along = np.column_stack(
-        [np.sum(gravity * sensitive_axis(s, temperature), axis=1) for s in sensors]
+        [np.sum(gravity * _sensitive_axis(s, temperature), axis=1) for s in sensors]
     )
     warm = temperature - 25.0
     columns = []
@@ -159,7 +159,7 @@ def indications(sensors: tuple[Sensor, ...], gravity: Array, temperature: Array)
     return np.column_stack(columns)
 
 
-def sensitive_axis(sensor: Sensor, temperature: Array) -> Array:
+def _sensitive_axis(sensor: _Sensor, temperature: Array) -> Array:
     """Unit vectors [n, 3] of the sensitive axis at temperatures [n] [°C]."""
     turned = np.cross(
         np.array(sensor.axis_turn) * (temperature - 25.0)[:, None], np.array(sensor.axis)
@@ -168,12 +168,12 @@ def sensitive_axis(sensor: Sensor, temperature: Array) -> Array:
     return np.asarray(vectors / np.linalg.norm(vectors, axis=1, keepdims=True), dtype=np.float64)
 
 
-def _sensor(rng: np.random.Generator, index: int) -> Sensor:
+def _sensor(rng: np.random.Generator, index: int) -> _Sensor:
     """Draw one accelerometer of the kind that goes down a hole."""
     axis = np.eye(3)[index] + rng.normal(0.0, 3e-3, 3)
     first, second, third = (axis / np.linalg.norm(axis)).tolist()
     turn_x, turn_y, turn_z = rng.normal(0.0, 8e-7, 3).tolist()
-    return Sensor(
+    return _Sensor(
         scale_factor=1.0 + rng.normal(0.0, 3e-3),
         flux_loss=rng.normal(1.2e-4, 2e-5),
         flux_curvature=rng.normal(1e-7, 3e-8),
@@ -190,7 +190,7 @@ def _sensor(rng: np.random.Generator, index: int) -> Sensor:
 
 
 def _grid(
-    rng: np.random.Generator, sensors: tuple[Sensor, ...], conditions: Conditions
+    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: _Conditions
 ) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
     """Every attitude at every temperature, one row a dwell."""
     rolls = np.arange(conditions.toolfaces) * 360.0 / conditions.toolfaces
@@ -206,7 +206,7 @@ def _grid(
     )
     stood = angle + rng.normal(0.0, conditions.table_noise_deg, angle.shape)
     vector = attitude.gravity_vector(stood[:, 0], stood[:, 1])
-    indicated = indications(sensors, vector, held) + rng.normal(
+    indicated = _indications(sensors, vector, held) + rng.normal(
         0.0, conditions.noise_g, (len(angle), 3)
     )
     wild = np.sort(rng.choice(len(angle), conditions.wild, replace=False))
@@ -223,7 +223,7 @@ def _grid(
 
 
 def _sweeps(
-    rng: np.random.Generator, sensors: tuple[Sensor, ...], conditions: Conditions
+    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: _Conditions
 ) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
     """One attitude a log while the chamber goes from its lowest to its highest temperature."""
     low, high = min(conditions.temperatures_degc), max(conditions.temperatures_degc)
@@ -238,7 +238,7 @@ def _sweeps(
         angle = np.tile(np.array(spot), (time.size, 1))
         stood = angle[0] + rng.normal(0.0, conditions.table_noise_deg, 2)
         vector = attitude.gravity_vector(np.full(time.size, stood[0]), np.full(time.size, stood[1]))
-        indicated = indications(sensors, vector, sensor) + rng.normal(
+        indicated = _indications(sensors, vector, sensor) + rng.normal(
             0.0, conditions.noise_g, (time.size, 3)
         )
         shown = case + rng.normal(0.0, conditions.thermometer_noise_degc, time.size)

@@ -17,7 +17,7 @@ from calibkit.instruments.bias_temperature.recipe import BiasTemperatureRecipe
 FILE = "bias.json"
 
 
-def chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
+def _chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
     """Bias of each channel, zero at the reference temperature; of an abscissa that is no
     temperature at the middle of its range.
     """
@@ -58,4 +58,4 @@ def chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
     )
 
 
-FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=as_firmware.apply)
+FIRMWARE = Firmware(files=lambda _: (FILE,), chain=_chain, apply=as_firmware.apply)

@@ -33,7 +33,7 @@ def _columns(spec: BiasTemperatureRecipe) -> tuple[str, ...]:
     )
 
 
-def read(
+def _read(
     spec: BiasTemperatureRecipe, data: Path, file: str, reader: Reader = ingest.read_log
 ) -> Log:
     """One log in the recipe's columns; time is read where the log has it."""
@@ -84,18 +84,18 @@ def _found(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     ]
 
 
-def examine(spec: BiasTemperatureRecipe, log: Log) -> Examined:
+def _examine(spec: BiasTemperatureRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
     return Examined(tuple(_findings(spec, log)))
 
 
-def fit(
+def _fit(
     spec: BiasTemperatureRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[pages.BiasReport]:
     """Fit every polynomial to the rows of all logs together."""
     logs, flags = [], []
     for log in copies.refuse_copies(
-        ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+        ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
     ):
         found = _findings(spec, log)
         refuse(found)
@@ -114,15 +114,15 @@ def fit(
     )
 
 
-def apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def _apply(spec: BiasTemperatureRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Take each channel's polynomial, zero at the reference, out of every row."""
-    log = read(spec, data.parent, data.name)
+    log = _read(spec, data.parent, data.name)
     refuse(_findings(spec, log))
     columns, flags = polynomials.compensate(log, records["bias.json"], spec)
     return write_back.rewrite_log(spec, data, columns), flags
 
 
-def validate(
+def _validate(
     spec: BiasTemperatureRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Standard deviation of each channel before and after, of logs that were not fitted."""
@@ -133,7 +133,7 @@ def validate(
     return {"logs": entries}, polynomials.validation_summary(entries)
 
 
-def draw(title: str, fitted: Fitted[pages.BiasReport]) -> Drawn:
+def _draw(title: str, fitted: Fitted[pages.BiasReport]) -> Drawn:
     """Figures and summary of a fit."""
     return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
 
@@ -161,12 +161,12 @@ def _propose(evidence: Evidence) -> Choice | None:
 
 INSTRUMENT = Instrument(
     recipe=BiasTemperatureRecipe,
-    read=read,
-    examine=examine,
-    fit=fit,
-    draw=draw,
-    validate=validate,
-    apply=apply,
+    read=_read,
+    examine=_examine,
+    fit=_fit,
+    draw=_draw,
+    validate=_validate,
+    apply=_apply,
     certificate=_certificate,
     forms=lambda: (POLYNOMIAL,),
     firmware=_firmware,

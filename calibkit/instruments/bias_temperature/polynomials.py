@@ -35,7 +35,7 @@ if TYPE_CHECKING:
 
 
 @dataclass(frozen=True, slots=True)
-class BiasFit:
+class _BiasFit:
     """One channel's polynomial: raw powers of the abscissa in its own unit, with their
     covariance.
     """
@@ -50,7 +50,7 @@ class BiasFit:
     curve: BiasCurve
 
 
-def fit(logs: Sequence[Log], spec: Polynomials) -> list[BiasFit]:
+def fit(logs: Sequence[Log], spec: Polynomials) -> list[_BiasFit]:
     """Fit each channel's polynomial by least squares on the abscissa mapped to [−1, 1], over the
     rows of all logs.
 
@@ -82,7 +82,7 @@ def _joined(logs: Sequence[Log], column: str) -> tuple[Array, Room]:
     return whole, room
 
 
-def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Room) -> BiasFit:
+def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Room) -> _BiasFit:
     """One channel's polynomial over the abscissa of that name."""
     design, to_raw = polynomial.mapped_powers(abscissa, entry.order)
     names = [f"p{k}" for k in range(entry.order + 1)]
@@ -92,7 +92,7 @@ def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Ro
     )
     shown = bin_means(abscissa, indication)
     curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
-    return BiasFit(
+    return _BiasFit(
         entry.indication,
         name,
         raw,
@@ -104,14 +104,14 @@ def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Ro
     )
 
 
-def result(fits: Sequence[BiasFit], flags: Sequence[str]) -> StageResult:
+def result(fits: Sequence[_BiasFit], flags: Sequence[str]) -> StageResult:
     """bias.json: one polynomial/1 model a channel, coefficients ascending, p<k> multiplies the k-th
     power.
     """
     return StageResult("bias", models=tuple(map(_model, fits)), flags=tuple(flags))
 
 
-def _model(found: BiasFit) -> Model:
+def _model(found: _BiasFit) -> Model:
     """polynomial/1 model of one channel."""
     unit, per = units.column_unit(found.indication), units.column_unit(found.abscissa)
     return POLYNOMIAL.write(
@@ -128,7 +128,7 @@ def _model(found: BiasFit) -> Model:
     )
 
 
-def summary(title: str, fits: Sequence[BiasFit], flags: Sequence[str]) -> Summary:
+def summary(title: str, fits: Sequence[_BiasFit], flags: Sequence[str]) -> Summary:
     """What the console says: coefficients of every channel, highest power last."""
     rows = []
     for found in fits:
@@ -145,7 +145,7 @@ def summary(title: str, fits: Sequence[BiasFit], flags: Sequence[str]) -> Summar
     return Summary(title, (table,), tuple(flags), ())
 
 
-def drawing(title: str, fits: Sequence[BiasFit]) -> BiasReport:  # noqa: ARG001 (the shape of every drawing function)
+def drawing(title: str, fits: Sequence[_BiasFit]) -> BiasReport:  # noqa: ARG001 (the shape of every drawing function)
     """What the figures show."""
     return BiasReport(fits[0].abscissa, tuple(found.curve for found in fits))
 

@@ -34,7 +34,7 @@ RESULT = "bias_at_reference"
 
 
 @dataclass(frozen=True, slots=True)
-class Rest:
+class _Rest:
     """Rate at rest at a temperature with its type A standard uncertainty, and the earth's along the
     input axis, where known.
     """
@@ -54,7 +54,7 @@ class Rest:
         return None if self.earth_dph is None else self.rate_dph - self.earth_dph
 
 
-def earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
+def _earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
     """Earth's rate [°/h] along the input axis and its derivative by latitude [°/h/°]; none and 0
     where it is not known.
 
@@ -69,7 +69,7 @@ def earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
 
 def at_rest(
     model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
-) -> Rest | None:
+) -> _Rest | None:
     """Rate at rest at the reference temperature; none without a model on levels, which alone tells
     it from the drift.
     """
@@ -80,10 +80,10 @@ def at_rest(
     rate = float(row @ model.thermal.coefficients)
     u = float(np.sqrt(row @ model.thermal.covariance[:9, :9] @ row))
     turn_on = tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True))
-    return Rest(temperature, rate, u, *earth_rate(recipe), turn_on)
+    return _Rest(temperature, rate, u, *_earth_rate(recipe), turn_on)
 
 
-def flags(rest: Rest | None, recipe: FogThermalRecipe) -> list[str]:
+def flags(rest: _Rest | None, recipe: FogThermalRecipe) -> list[str]:
     """Why no rate at rest is stated, or that it is not at the temperature that was asked for."""
     if rest is None:
         return [
@@ -113,7 +113,7 @@ def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
     return tuple(found)
 
 
-def figures(rest: Rest | None) -> tuple[Figure, ...]:
+def figures(rest: _Rest | None) -> tuple[Figure, ...]:
     """Figures of drift_rate.json, type A."""
     if rest is None:
         return ()
@@ -127,7 +127,7 @@ def figures(rest: Rest | None) -> tuple[Figure, ...]:
     )
 
 
-def uncertainty(rest: Rest | None, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
+def uncertainty(rest: _Rest | None, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
     """Combined uncertainty of the bias as a JSON object, type B terms of the latitude and of the
     rate in it; none without one.
     """
@@ -144,7 +144,7 @@ def uncertainty(rest: Rest | None, recipe: FogThermalRecipe) -> list[dict[str, A
     return [budget.combine(f"drift_rate: {RESULT}", "deg/h", [own, *parts])]
 
 
-def tables(rest: Rest | None) -> tuple[Table, ...]:
+def tables(rest: _Rest | None) -> tuple[Table, ...]:
     """Mean rate, the earth's part, the bias, and the turn-on bias of each log."""
     if rest is None:
         return ()

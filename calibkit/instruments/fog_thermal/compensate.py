@@ -24,7 +24,7 @@ Mode = Literal["recursive", "one_step"]
 
 
 @dataclass(frozen=True, slots=True)
-class Drift:
+class _Drift:
     """Drift [n, °/h] along block means, its increments from block to block, and the share of the
     log over which each bound was met.
     """
@@ -115,7 +115,7 @@ def read_model(records: Mapping[str, Record], recipe: FogThermalRecipe) -> Drift
     )
 
 
-def drift_along(model: DriftModel, blocks: Blocks) -> Drift:
+def drift_along(model: DriftModel, blocks: Blocks) -> _Drift:
     """Drift along block means, zero at the reference temperature (clamped to the fitted range).
 
     A model on levels needs no integration and forgets nothing in soaks.
@@ -137,10 +137,10 @@ def drift_along(model: DriftModel, blocks: Blocks) -> Drift:
             f"{name} clamped to the fitted range": float(where.mean())
             for name, where in clamped.items()
         }
-        return Drift(found.drift, np.diff(found.drift, prepend=found.drift[:1]), bounds)
+        return _Drift(found.drift, np.diff(found.drift, prepend=found.drift[:1]), bounds)
     steps = compensation.increments(model.polynomials, blocks.gradient, blocks.rate)
     if not model.polynomials:
-        return Drift(np.zeros_like(steps.delta), steps.delta, {})
+        return _Drift(np.zeros_like(steps.delta), steps.delta, {})
     cases = np.array([polynomial.case for polynomial in model.polynomials])
     level = compensation.referenced(
         compensation.recursive(steps.delta),
@@ -153,7 +153,7 @@ def drift_along(model: DriftModel, blocks: Blocks) -> Drift:
         "temperature rate clamped to the fitted range": float(steps.rate_clamped[1:].mean()),
         "gradient clamped to the fitted range": float(steps.gradient_clamped[1:].mean()),
     }
-    return Drift(level, steps.delta, bounds)
+    return _Drift(level, steps.delta, bounds)
 
 
 def summarize_log(name: str, blocks: Blocks, model: DriftModel) -> LogFigures:

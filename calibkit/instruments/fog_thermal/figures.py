@@ -100,7 +100,7 @@ class DriftReport:
 
 def pages(report: DriftReport) -> list[Figure]:
     """Pages of the report: logs, coefficients over rate, residuals."""
-    return [*_log_pages(report), coefficients_page(report), residual_page(report)]
+    return [*_log_pages(report), _coefficients_page(report), _residual_page(report)]
 
 
 def _log_pages(report: DriftReport) -> list[Figure]:
@@ -138,7 +138,7 @@ def logs_page(report: DriftReport, logs: Sequence[DriftLog]) -> Figure:
     return figure
 
 
-def coefficients_page(report: DriftReport) -> Figure:
+def _coefficients_page(report: DriftReport) -> Figure:
     """a_j against temperature rate with error bars (k = 2), the exported polynomials over their
     fitted range, the orders.
     """
@@ -203,7 +203,7 @@ def _tested(ax: Axes, tested: Sequence[Tested]) -> None:
     ax.grid(visible=False, axis="y")
 
 
-def residual_page(report: DriftReport) -> Figure:
+def _residual_page(report: DriftReport) -> Figure:
     """What is left after compensation, mean of each log removed, against case temperature and
     against time.
     """

@@ -37,7 +37,7 @@ from calibkit.report.summary import Summary
 from calibkit.simulate.campaign import Campaign
 
 
-def fit(
+def _fit(
     spec: FogThermalRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[figures.DriftReport]:
     """Fit the drift coefficients of every ramp and their polynomials over temperature rate."""
@@ -84,7 +84,7 @@ def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[r
     findings: dict[str, list[Finding]] = {}
 
     def checked(file: str) -> Log:
-        log = read(spec, data, file)
+        log = _read(spec, data, file)
         findings[file] = ramps.find_faults(log, spec)
         return log
 
@@ -102,7 +102,7 @@ def _flags(spec: FogThermalRecipe, logs: Sequence[ramps.PreparedLog]) -> list[st
     return [*uncertainty.flag_unused(spec.type_b), *(str(finding) for _, finding in found)]
 
 
-def read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def _read(spec: FogThermalRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns."""
     return reader(spec, data / file, file, ramps.COLUMNS)
 
@@ -148,12 +148,12 @@ def _common_criteria(
     return tuple(criteria)
 
 
-def examine(spec: FogThermalRecipe, log: Log) -> Examined:
+def _examine(spec: FogThermalRecipe, log: Log) -> Examined:
     """Find what is wrong with one log, all that would stop a fit, and its soaks and ramps."""
     return ramps.examine(log, spec)
 
 
-def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def _apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Compensate every row of a log; the indication keeps the log's own unit and sign."""
     model = compensate.read_model(records, spec)
     log = ingest.read_log(spec, data, data.name, ramps.COLUMNS)
@@ -169,7 +169,7 @@ def apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> 
     return write_back.rewrite_log(spec, data, {"gyro_dph": output}, added), flags
 
 
-def validate(
+def _validate(
     spec: FogThermalRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Drift rms before and after, and the rate gain, of logs that were not fitted."""
@@ -231,7 +231,7 @@ def _validation_criteria(
     return tuple(criteria)
 
 
-def draw(title: str, fitted: Fitted[figures.DriftReport]) -> Drawn:
+def _draw(title: str, fitted: Fitted[figures.DriftReport]) -> Drawn:
     """Figures and summary of a fit."""
     return Drawn(tuple(figures.pages(replace(fitted.drawing, title=title))), fitted.summary)
 
@@ -266,12 +266,12 @@ def _propose(evidence: Evidence) -> Choice | None:
 
 INSTRUMENT = Instrument(
     recipe=FogThermalRecipe,
-    read=read,
-    examine=examine,
-    fit=fit,
-    draw=draw,
-    validate=validate,
-    apply=apply,
+    read=_read,
+    examine=_examine,
+    fit=_fit,
+    draw=_draw,
+    validate=_validate,
+    apply=_apply,
     certificate=_certificate,
     forms=lambda: (forms.PER_RAMP, forms.OVER_RATES, *forms.ON_LEVELS.values()),
     firmware=_firmware,

@@ -131,7 +131,7 @@ def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
     ]
 
 
-def leading(log: PreparedLog) -> None:
+def _leading(log: PreparedLog) -> None:
     """Refuse a case that runs ahead of the air that drives it: the two columns are swapped.
 
     Without a soak after the ramp rates do not tell it (`check.thermometers`). From the ramp's
@@ -159,7 +159,7 @@ def prepare(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> Pre
     try:
         prepared = _prepared(log, recipe, found)
         if suspected is None:
-            leading(prepared)
+            _leading(prepared)
     except (FrameError, FitError) as error:
         if suspected is None:
             raise
@@ -175,7 +175,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
         held = intervals.of(time, recipe.drift.interval_s, log.steps.usual)
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
-    cuts, slope = cut(log, recipe)
+    cuts, slope = _cut(log, recipe)
     chunks.release(time, env)
     smooth, noise, flags = _denoised(log, gyro, cuts, held, recipe)
     middle, t_case, t_env = (held.means(values) for values in (time, case, env))
@@ -202,7 +202,7 @@ def block_means(
     """
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     held = intervals.of(time, recipe.drift.interval_s, log.steps.usual)
-    slope = cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
+    slope = _cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
     middle, t_case, t_env, rate = (held.means(column) for column in (time, case, env, gyro))
     return held, gradient.blocks_of(held, middle, t_case, t_env, rate, slope)
 
@@ -225,7 +225,7 @@ def _begins(cuts: Sequence[segments.Segment]) -> list[int]:
     return [segment.start for segment in cuts if segment.kind == "ramp"][1:]
 
 
-def cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
+def _cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:
     """Segments of a log and the causal slope [°C/min] of its chamber air; a rate given in the
     recipe replaces both.
 
@@ -277,7 +277,7 @@ def examine(log: Log, recipe: FogThermalRecipe) -> Examined:
     env = values(log.frame, "temp_env_degc")
     held: tuple[Held, ...] = ()
     try:
-        cuts, _ = cut(log, recipe)
+        cuts, _ = _cut(log, recipe)
         pinned = stated_segments.stated_rows(log, recipe, ["soak", "ramp"]) is not None
         held = tuple(
             (

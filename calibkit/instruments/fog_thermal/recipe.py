@@ -10,14 +10,14 @@ from pydantic import Field, field_validator, model_validator
 from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
 
 
-class Checks(Table):
+class _Checks(Table):
     """What a log must be like before anything is fitted to it."""
 
     min_rows: Annotated[int, Field(ge=3)] = 100
     max_gap_s: Positive = 60.0
 
 
-class Segments(Table):
+class _Segments(Table):
     """How soaks and ramps are told apart from the chamber air's measured rate."""
 
     slope_window_s: Positive = 60.0
@@ -63,7 +63,7 @@ class Drift(Table):
     rates_degc_min: dict[str, float] = {}
 
 
-class InputAxis(Table):
+class _InputAxis(Table):
     """Where the gyro's input axis points in the chamber: elevation above the horizontal, azimuth
     from north [°].
     """
@@ -72,7 +72,7 @@ class InputAxis(Table):
     azimuth_deg: Annotated[float, Field(ge=-360.0, le=360.0)] | None = None
 
     @model_validator(mode="after")
-    def _azimuth_known(self) -> InputAxis:
+    def _azimuth_known(self) -> _InputAxis:
         if abs(self.elevation_deg) < 90.0 and self.azimuth_deg is None:
             raise ValueError(
                 "azimuth_deg is needed for an axis that is not vertical: the earth's horizontal"
@@ -81,13 +81,13 @@ class InputAxis(Table):
         return self
 
 
-class Output(Table):
+class _Output(Table):
     """What `apply` adds beside the compensated rate."""
 
     rate_uncertainty: bool = False
 
 
-class Acceptance(Table):
+class _Acceptance(Table):
     """Limits that a fit and a validation are held against; a limit that is not stated is not
     tested.
     """
@@ -104,13 +104,13 @@ class FogThermalRecipe(Recipe):
     along_chunks: ClassVar[bool] = True
 
     procedure: Literal["fog_thermal"]
-    checks: Checks = Checks()
-    segments: Segments = Segments()
+    checks: _Checks = _Checks()
+    segments: _Segments = _Segments()
     denoise: Denoise = Denoise()
     drift: Drift = Drift()
-    input_axis: InputAxis | None = None
-    output: Output = Output()
-    acceptance: Acceptance = Acceptance()
+    input_axis: _InputAxis | None = None
+    output: _Output = _Output()
+    acceptance: _Acceptance = _Acceptance()
 
     def named_logs(self) -> tuple[tuple[tuple[str, ...], tuple[str, ...]], ...]:
         """The rates that are given for logs by their names."""

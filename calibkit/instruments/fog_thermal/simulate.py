@@ -109,7 +109,7 @@ class FogGyro:
 
 
 @dataclass(frozen=True, slots=True)
-class Heat:
+class _Heat:
     """Temperatures [n] [°C] of case and coil at 1 Hz, and the coil's rates [n] [°C/s]."""
 
     case: Array
@@ -125,7 +125,7 @@ class SimulatedLog:
 
     columns: Mapping[str, NDArray[Any]]
     air: Array
-    heat: Heat
+    heat: _Heat
     drift: Array
     """Change of bias [n] [°/h] from equilibrium at 25 °C; without turn-on bias, the earth's rate
     and noise.
@@ -193,7 +193,7 @@ def scaled(device: FogGyro, *, drift_scale: float = 1.0, hysteresis_scale: float
     )
 
 
-def flows(
+def _flows(
     device: FogGyro, air_degc: Value, case: Value, outer: Value, inner: Value
 ) -> tuple[Value, Value, Value]:
     """Heat balance of three nodes: the rates [°C/s] of case, outer and inner layers, the whole heat
@@ -223,7 +223,7 @@ def flows(
     )
 
 
-def resting_case(device: FogGyro, air_degc: float) -> float:
+def _resting_case(device: FogGyro, air_degc: float) -> float:
     """Temperature [°C] of the whole gyro in equilibrium with still air [°C]: the root of its heat
     balance.
     """
@@ -231,7 +231,7 @@ def resting_case(device: FogGyro, air_degc: float) -> float:
     return air_degc + 2.0 * heating / (1.0 + math.sqrt(1.0 + 4.0 * growth * heating))
 
 
-def heat_flow(device: FogGyro, air_degc: Array, rest_degc: float) -> Heat:
+def heat_flow(device: FogGyro, air_degc: Array, rest_degc: float) -> _Heat:
     """Temperatures of case and coil under air [n] [°C] at 1 Hz, from equilibrium with air at rest
     [°C].
 
@@ -244,28 +244,28 @@ def heat_flow(device: FogGyro, air_degc: Array, rest_degc: float) -> Heat:
     before, middle, after = (
         padded[at : at - STEP or None : STEP].tolist() for at in (0, STEP // 2, STEP)
     )
-    start = resting_case(device, rest_degc)
+    start = _resting_case(device, rest_degc)
     nodes = [(start, start, start)]
     for supplied in zip(before, middle, after, strict=True):
         nodes.append(_runge_kutta(device, supplied, nodes[-1]))
     coarse = np.array(nodes)
-    slopes = np.column_stack(flows(device, padded[::STEP], *coarse.T))
+    slopes = np.column_stack(_flows(device, padded[::STEP], *coarse.T))
     smooth = CubicHermiteSpline(np.arange(len(nodes)) * float(STEP), coarse, slopes)(
         np.arange(count)
     )
     case, outer, inner = smooth.T
-    _, outer_rate, inner_rate = flows(device, air_degc, case, outer, inner)
-    return Heat(case, outer, inner, outer_rate, inner_rate)
+    _, outer_rate, inner_rate = _flows(device, air_degc, case, outer, inner)
+    return _Heat(case, outer, inner, outer_rate, inner_rate)
 
 
 def _runge_kutta(device: FogGyro, supplied: Triple, nodes: Triple) -> Triple:
     """One classical step of STEP seconds; air at its beginning, middle and end."""
     case, outer, inner = nodes
-    a1, b1, c1 = flows(device, supplied[0], case, outer, inner)
+    a1, b1, c1 = _flows(device, supplied[0], case, outer, inner)
     half = STEP / 2.0
-    a2, b2, c2 = flows(device, supplied[1], case + half * a1, outer + half * b1, inner + half * c1)
-    a3, b3, c3 = flows(device, supplied[1], case + half * a2, outer + half * b2, inner + half * c2)
-    a4, b4, c4 = flows(device, supplied[2], case + STEP * a3, outer + STEP * b3, inner + STEP * c3)
+    a2, b2, c2 = _flows(device, supplied[1], case + half * a1, outer + half * b1, inner + half * c1)
+    a3, b3, c3 = _flows(device, supplied[1], case + half * a2, outer + half * b2, inner + half * c2)
+    a4, b4, c4 = _flows(device, supplied[2], case + STEP * a3, outer + STEP * b3, inner + STEP * c3)
     sixth = STEP / 6.0
     return (
         case + sixth * (a1 + 2.0 * (a2 + a3) + a4),
@@ -274,7 +274,7 @@ def _runge_kutta(device: FogGyro, supplied: Triple, nodes: Triple) -> Triple:
     )
 
 
-def play(degc: Array, half_width: float) -> Array:
+def _play(degc: Array, half_width: float) -> Array:
     """Play operator [n] [°C] of a temperature [n] [°C]: it follows only where pushed by more than
     its half width.
 
@@ -297,12 +297,12 @@ def hysteresis(device: FogGyro, coil_degc: Array) -> Array:
         return np.zeros(len(coil_degc))
     widths = device.hysteresis_play_degc
     behind: Array = np.sum(
-        [play(coil_degc, half_width) - coil_degc for half_width in widths], axis=0
+        [_play(coil_degc, half_width) - coil_degc for half_width in widths], axis=0
     )
     return device.hysteresis_dph / (2.0 * sum(widths)) * behind
 
 
-def drift(device: FogGyro, heat: Heat) -> Array:
+def drift(device: FogGyro, heat: _Heat) -> Array:
     """Change of bias [n] [°/h] from equilibrium at the reference temperature: static, Shupe
     effects, hysteresis.
     """
@@ -321,7 +321,7 @@ def drift(device: FogGyro, heat: Heat) -> Array:
     )
 
 
-def indication(
+def _indication(
     device: FogGyro, drift_dph: Array, turn_on_dph: float, rng: np.random.Generator
 ) -> Array:
     """Count in whole pulses at 1 Hz what a gyro sees: earth's rate, bias, drift [n] [°/h] and
@@ -339,7 +339,7 @@ def indication(
     )
 
 
-def log(
+def _log(
     device: FogGyro, chamber: Chamber, programme: Programme, rng: np.random.Generator
 ) -> SimulatedLog:
     """One log at 1 Hz of a gyro in a chamber that runs a programme, both at rest before it."""
@@ -354,7 +354,7 @@ def log(
             heat.case, device.case_resolution_degc, device.case_noise_degc, rng
         ),
         "temp_env_degc": air_reading(chamber, air_degc, rng),
-        "gyro_dph": indication(device, drift_dph, turn_on_dph, rng),
+        "gyro_dph": _indication(device, drift_dph, turn_on_dph, rng),
     }
     return SimulatedLog(columns, air_degc, heat, drift_dph, turn_on_dph)
 
@@ -393,7 +393,7 @@ def logs(
     changes none.
     """
     return {
-        name: log(
+        name: _log(
             device,
             chamber,
             runs[name],
@@ -439,12 +439,12 @@ def campaign(
             "bias less the bias of a coil in equilibrium at 25 degC before any hysteresis; turn-on"
             " bias, earth rate and noise are not drift"
         ),
-        "logs": {name: truth_of(runs[name], made[name]) for name in made},
+        "logs": {name: _truth_of(runs[name], made[name]) for name in made},
     }
     return Campaign({name: made[name].columns for name in made}, DECIMALS, truth)
 
 
-def truth_of(programme: Programme, simulated: SimulatedLog) -> dict[str, object]:
+def _truth_of(programme: Programme, simulated: SimulatedLog) -> dict[str, object]:
     """Sum up what one log was made from, every 60 s, JSON-able."""
     heat = simulated.heat
     series = {

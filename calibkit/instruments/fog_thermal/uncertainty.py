@@ -38,7 +38,7 @@ POINTS = 5
 
 
 @dataclass(frozen=True, slots=True)
-class RateUncertainty:
+class _RateUncertainty:
     """Drift [n, °/h] along a log, contributions [m, n, °/h] to its uncertainty with names and
     kinds, and their combination.
     """
@@ -103,14 +103,14 @@ def flag_unused(terms: Sequence[TypeB]) -> list[str]:
     return [f"type B terms that do not enter the compensated rate: {idle}"] if idle else []
 
 
-def propagate(
+def _propagate(
     thermal: ThermalModel,
     time: Array,
     case: Array,
     env: Array,
     terms: Sequence[TypeB],
     reference_degc: float,
-) -> RateUncertainty:
+) -> _RateUncertainty:
     """Uncertainty of what is taken off the indication along a log: type A, model error, clamping,
     and the type B terms.
 
@@ -141,12 +141,12 @@ def propagate(
         known.append((term.name, "B", np.asarray(np.abs(part), dtype=np.float64), dof))
     names, kinds, parts, dofs = zip(*known, strict=True)
     contributions = np.stack(parts)
-    return RateUncertainty(
+    return _RateUncertainty(
         found.drift, names, kinds, contributions, *gum.expand_along(contributions, np.array(dofs))
     )
 
 
-def along_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> RateUncertainty:
+def _along_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> _RateUncertainty:
     """Uncertainty along block means; raises UsageError where the run exports no model on levels, of
     which it can be stated.
     """
@@ -162,7 +162,9 @@ def along_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> R
             hint="set it to false, or fit with drift.model = 'auto'",
         )
     env = blocks.case - blocks.gradient
-    return propagate(model.thermal, blocks.time, blocks.case, env, terms, model.reference_temp_degc)
+    return _propagate(
+        model.thermal, blocks.time, blocks.case, env, terms, model.reference_temp_degc
+    )
 
 
 def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
@@ -171,14 +173,14 @@ def along_rows(log: Log, model: DriftModel, recipe: FogThermalRecipe) -> Array:
     """
     time = values(log.frame, "time_s")
     _, blocks = ramps.block_means(log, recipe, rated=False)
-    found = along_blocks(model, blocks, recipe.type_b)
+    found = _along_blocks(model, blocks, recipe.type_b)
     standard = log.room(time.size)
     for a, b in chunks.ranges_along(time, standard):
         standard[a:b] = np.interp(time[a:b], blocks.time, found.standard)
     return standard
 
 
-def _state(where: str, temperature: float, found: RateUncertainty, row: int) -> Statement:
+def _state(where: str, temperature: float, found: _RateUncertainty, row: int) -> Statement:
     """Statement at one row of a log."""
     parts = zip(found.names, found.kinds, found.contributions[:, row].tolist(), strict=True)
     standard, expanded = float(found.standard[row]), float(found.expanded[row])
@@ -208,10 +210,10 @@ def state_along_logs(
     found = []
     for temperature in sorted({*fitted, model.thermal.nearest_fitted(reference)}):
         still = np.full(2, temperature)
-        at_rest = propagate(model.thermal, np.array([0.0, 1.0]), still, still, terms, reference)
+        at_rest = _propagate(model.thermal, np.array([0.0, 1.0]), still, still, terms, reference)
         found.append(_state("at rest", temperature, at_rest, 1))
     for log in logs:
-        moving = along_blocks(model, log.raw, terms)
+        moving = _along_blocks(model, log.raw, terms)
         row = int(np.argmax(moving.standard))
         found.append(_state(log.name, float(log.raw.case[row]), moving, row))
     return tuple(found)
@@ -260,7 +262,7 @@ def check_coverage(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) ->
     """
     if model.thermal is None:
         return {"not_available": "the run exports no model on levels"}
-    found = along_blocks(model, blocks, terms)
+    found = _along_blocks(model, blocks, terms)
     group = compensation.blocks_per_figure(model.interval_s)
     count = found.drift.size // group
     entry: dict[str, Any] = {

@@ -26,7 +26,7 @@ LONGEST_GRID = 1 << 27
 
 
 @dataclass(frozen=True, slots=True)
-class Record:
+class _Record:
     """One gyro's rate [n, °/h] in one log, on an even grid, NaN where samples are missing."""
 
     log: str
@@ -44,7 +44,7 @@ class Record:
 class NoiseFigures:
     """All that one record says."""
 
-    record: Record
+    record: _Record
     curve: allan.DeviationCurve
     wavelet: allan.DeviationCurve
     terms: allan_fit.NoiseFit
@@ -118,7 +118,7 @@ def _steady(log: Log) -> list[Finding]:
     ]
 
 
-def read_records(log: Log, columns: Sequence[str]) -> list[Record]:
+def read_records(log: Log, columns: Sequence[str]) -> list[_Record]:
     """Rates of a log on an even grid; raises FitError where the samples do not lie on one."""
     time = values(log.frame, "time_s")
     step = np.diff(time)
@@ -138,11 +138,11 @@ def read_records(log: Log, columns: Sequence[str]) -> list[Record]:
     for column in columns:
         rate = np.full(int(place[-1]) + 1, np.nan)
         rate[place] = values(log.frame, column)
-        found.append(Record(log.name, column, interval, rate))
+        found.append(_Record(log.name, column, interval, rate))
     return found
 
 
-def estimate_noise(record: Record, recipe: GyroNoiseRecipe) -> NoiseFigures:
+def estimate_noise(record: _Record, recipe: GyroNoiseRecipe) -> NoiseFigures:
     """Curves, terms and bias stability of one record; what a record is too short for is flagged and
     left out.
     """

@@ -49,10 +49,10 @@ class NoiseReport:
 
 def pages(title: str, report: NoiseReport) -> list[Figure]:
     """One page a record."""
-    return [record_page(title, view) for view in report.records]
+    return [_record_page(title, view) for view in report.records]
 
 
-def record_page(title: str, view: NoiseView) -> Figure:
+def _record_page(title: str, view: NoiseView) -> Figure:
     """Deviations and terms above, the rate over time below."""
     figure, axes = page(2, 1, title=f"{title}: noise of {view.name}", height=8.5)
     _deviations(axes[0], view)

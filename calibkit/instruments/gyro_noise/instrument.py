@@ -25,12 +25,12 @@ from calibkit.report.summary import Summary
 from calibkit.simulate.campaign import Campaign
 
 
-def read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def _read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; the case temperature is read where the log has it."""
     return reader(spec, data / file, file, ("time_s", *spec.noise.columns), (deviations.CASE,))
 
 
-def examine(spec: GyroNoiseRecipe, log: Log) -> Examined:
+def _examine(spec: GyroNoiseRecipe, log: Log) -> Examined:
     """Find what is wrong with one log."""
     found = deviations.find_faults(log, spec)
     if not any(finding.refused for finding in found):
@@ -54,14 +54,14 @@ def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[
     ], flags
 
 
-def fit(
+def _fit(
     spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[pages.NoiseReport]:
     """Estimate the noise of every record."""
     inputs, figures, flags = [], [], []
     for log in copies.refuse_copies(
         ingest.read_ahead(
-            progress(files, "reading and averaging"), lambda file: read(spec, data, file)
+            progress(files, "reading and averaging"), lambda file: _read(spec, data, file)
         )
     ):
         found, noted = _figures(spec, log)
@@ -78,7 +78,7 @@ def fit(
     return Fitted((result,), tuple(inputs), summary, tables.drawing(figures))
 
 
-def apply(
+def _apply(
     spec: GyroNoiseRecipe,
     records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
     data: Path,  # noqa: ARG001 (the same)
@@ -90,7 +90,7 @@ def apply(
     )
 
 
-def validate(
+def _validate(
     spec: GyroNoiseRecipe,
     records: Mapping[str, Record],  # noqa: ARG001 (the protocol's shape)
     logs: Iterable[Log],
@@ -113,7 +113,7 @@ def validate(
     return {"logs": entries}, Summary("", tables.tables(figures), tuple(flags), criteria)
 
 
-def draw(title: str, fitted: Fitted[pages.NoiseReport]) -> Drawn:
+def _draw(title: str, fitted: Fitted[pages.NoiseReport]) -> Drawn:
     """Figures and summary of a fit."""
     return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
 
@@ -141,12 +141,12 @@ def _propose(evidence: Evidence) -> Choice | None:
 
 INSTRUMENT = Instrument(
     recipe=GyroNoiseRecipe,
-    read=read,
-    examine=examine,
-    fit=fit,
-    draw=draw,
-    validate=validate,
-    apply=apply,
+    read=_read,
+    examine=_examine,
+    fit=_fit,
+    draw=_draw,
+    validate=_validate,
+    apply=_apply,
     certificate=_certificate,
     key_figures=(r"gyro_noise\.(?!allan_deviation|wavelet_deviation).+",),
     campaigns={"gyro_noise": _simulate},

@@ -9,7 +9,7 @@ from calibkit.recipe.tables import Positive, Recipe, Table
 GyroColumn = Annotated[str, Field(pattern=r"^gyro(_[a-z0-9]+)?_dph$")]
 
 
-class Noise(Table):
+class _Noise(Table):
     """Which columns are rates, and what is estimated from them."""
 
     columns: Annotated[tuple[GyroColumn, ...], Field(min_length=1, strict=False)] = ("gyro_dph",)
@@ -52,5 +52,5 @@ class GyroNoiseRecipe(Recipe):
     """Gyros at rest at one temperature, one record a log."""
 
     procedure: Literal["gyro_noise"]
-    noise: Noise = Noise()
+    noise: _Noise = _Noise()
     acceptance: NoiseAcceptance = NoiseAcceptance()

@@ -96,7 +96,7 @@ def criteria(
         if limit is not None and np.isfinite(value)
     ]
     if unseen and found.excess.size:
-        worst, limit = float(found.excess.max()), simultaneous_factor(found.excess.size)
+        worst, limit = float(found.excess.max()), _simultaneous_factor(found.excess.size)
         made.append(at_most("azimuth worse than uncorrected, over its u", worst, limit, "1"))
     return tuple(made)
 
@@ -115,7 +115,7 @@ def flag_worse(file: str, found: AngleErrors) -> list[str]:
     ]
 
 
-def simultaneous_factor(count: int) -> float:
+def _simultaneous_factor(count: int) -> float:
     """Coverage factor that the largest of so many normal errors keeps in 95 % of cases
     (Bonferroni).
     """

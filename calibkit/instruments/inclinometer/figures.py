@@ -59,10 +59,10 @@ class SeekingReport:
 
 def pages(title: str, report: SeekingReport) -> list[Figure]:
     """s(T), and azimuth against C."""
-    return [scale_page(title, report), azimuth_page(title, report)]
+    return [_scale_page(title, report), _azimuth_page(title, report)]
 
 
-def scale_page(title: str, report: SeekingReport) -> Figure:
+def _scale_page(title: str, report: SeekingReport) -> Figure:
     """s(T) of each gyro with its band, over the roots that carried it."""
     count = len(report.curves)
     figure, axes = page(
@@ -112,7 +112,7 @@ def _limits(ax: Axes, curve: ScaleCurve) -> None:
     ax.set_ylim(low - margin, high + margin)
 
 
-def azimuth_page(title: str, report: SeekingReport) -> Figure:
+def _azimuth_page(title: str, report: SeekingReport) -> Figure:
     """Azimuth error before and after against C, or what s changes where there is no reference
     azimuth.
     """

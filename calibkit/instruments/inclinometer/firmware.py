@@ -14,7 +14,7 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 FILE = "inclinometer_scale.json"
 
 
-def chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
+def _chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
     """s(T) of each gyro, which multiplies its indication; a station's own s is the matter of its
     solution.
     """
@@ -43,4 +43,4 @@ def chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:
     )
 
 
-FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=as_firmware.apply)
+FIRMWARE = Firmware(files=lambda _: (FILE,), chain=_chain, apply=as_firmware.apply)

@@ -36,24 +36,24 @@ from calibkit.report.summary import Summary
 from calibkit.simulate.campaign import Campaign
 
 
-def read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
+def _read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = inclinometer_stations.needed_columns(spec)
     return reader(spec.on_site(), data / file, file, columns, optional)
 
 
-def examine(spec: InclinometerRecipe, log: Log) -> Examined:
+def _examine(spec: InclinometerRecipe, log: Log) -> Examined:
     """Find what is wrong with one log, and its stations."""
     return inclinometer_stations.examine(log, spec)
 
 
-def fit(
+def _fit(
     spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress
 ) -> Fitted[pages.SeekingReport]:
     """Fit s(T) of each gyro to the stations of all logs together."""
     logs = list(
         copies.refuse_copies(
-            ingest.read_ahead(progress(files, "reading"), lambda file: read(spec, data, file))
+            ingest.read_ahead(progress(files, "reading"), lambda file: _read(spec, data, file))
         )
     )
     admitted, found = inclinometer_stations.admit_logs(logs, spec)
@@ -87,11 +87,11 @@ def _seek(
     return stations, seen, (*flags, *coefficient_files.station_flags(stations, seen))
 
 
-def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
+def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Correct the rates of every row, in the log's own unit, and add each station's angles to its
     rows.
     """
-    log = read(spec, data.parent, data.name)
+    log = _read(spec, data.parent, data.name)
     refuse(inclinometer_stations.find_unusable(log, spec))
     dwelt = dwells.find_dwells(log, spec)
     refuse(dwelt.findings)
@@ -124,7 +124,7 @@ def apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -
     return write_back.rewrite_log(spec.on_site(), data, columns, derived), flags
 
 
-def validate(
+def _validate(
     spec: InclinometerRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Angle errors before and after on stations that were not fitted."""
@@ -148,7 +148,7 @@ def validate(
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
 
 
-def draw(title: str, fitted: Fitted[pages.SeekingReport]) -> Drawn:
+def _draw(title: str, fitted: Fitted[pages.SeekingReport]) -> Drawn:
     """Figures, and the summary with every station, which the PDF has on pages of their own."""
     first, _, *others = fitted.summary.tables
     whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
@@ -186,12 +186,12 @@ def _propose(evidence: Evidence) -> Choice | None:
 
 INSTRUMENT = Instrument(
     recipe=InclinometerRecipe,
-    read=read,
-    examine=examine,
-    fit=fit,
-    draw=draw,
-    validate=validate,
-    apply=apply,
+    read=_read,
+    examine=_examine,
+    fit=_fit,
+    draw=_draw,
+    validate=_validate,
+    apply=_apply,
     certificate=_certificate,
     forms=lambda: (SCALE,),
     firmware=_firmware,

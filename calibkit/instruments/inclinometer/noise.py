@@ -47,7 +47,7 @@ class Closing:
 
 
 @dataclass(frozen=True, slots=True)
-class Closed:
+class _Closed:
     """Noise of the stations that close, and why each [n] of the others is refused (or empty)."""
 
     noise: Noise
@@ -71,7 +71,7 @@ def least_noise(
     return accel, gyro
 
 
-def judge_closures(closing: Closing, least: tuple[float, float]) -> Closed:
+def judge_closures(closing: Closing, least: tuple[float, float]) -> _Closed:
     """Stations that do not close by far more than the others are refused: one wild reading is no
     noise of all.
     """
@@ -91,7 +91,7 @@ def judge_closures(closing: Closing, least: tuple[float, float]) -> Closed:
     accel, gyro = (
         closure.estimate_noise(squares[:, column], dofs[:, column]) for column in range(2)
     )
-    return Closed(Noise(accel, gyro, int(dofs[:, 1].sum())), tuple(reasons))
+    return _Closed(Noise(accel, gyro, int(dofs[:, 1].sum())), tuple(reasons))
 
 
 def decide_noise(

@@ -11,20 +11,20 @@ from calibkit.recipe.tables import NonNegative, Positive, Recipe, Site, Table
 Degrees = Annotated[float, Field(gt=0.0, le=90.0)]
 
 
-class Place(Site):
+class _Place(Site):
     """Where the stations are; the earth's rate across the tool needs the latitude."""
 
     latitude_deg: Annotated[float, Field(ge=-90.0, le=90.0)]
     latitude_uncertainty_deg: NonNegative = 0.0
 
 
-class Sign(Table):
+class _Sign(Table):
     """The sign that a positive accelerometer indication has."""
 
     convention: Literal["gravity", "specific_force"] = "gravity"
 
 
-class StationSpec(Table):
+class _StationSpec(Table):
     """Which sensor pairs are read, and how a station's components come from its positions."""
 
     pairs: Literal["both", "x", "y"] = "both"
@@ -36,19 +36,19 @@ class StationSpec(Table):
     settle_s: NonNegative = 2.0
 
     @model_validator(mode="after")
-    def _ramp_by_least_squares(self) -> StationSpec:
+    def _ramp_by_least_squares(self) -> _StationSpec:
         if self.gyro_ramp and self.method != "least_squares":
             raise ValueError("gyro_ramp = true needs method = 'least_squares'")
         return self
 
 
-class RootSpec(Table):
+class _RootSpec(Table):
     """What decides between two positive roots of s."""
 
     choice: Literal["history", "heading"] = "history"
 
 
-class HistorySpec(Table):
+class _HistorySpec(Table):
     """What s is before the first station of a calibration, and how it may change by the hour (by
     the station without times).
     """
@@ -60,7 +60,7 @@ class HistorySpec(Table):
     rate_walk: NonNegative = 1e-3
 
 
-class DepartureSpec(Table):
+class _DepartureSpec(Table):
     """How far s may have moved from s(T) since the calibration, relative, and how that may change
     by the hour.
     """
@@ -70,7 +70,7 @@ class DepartureSpec(Table):
     rate_walk: NonNegative = 1e-5
 
 
-class ScaleSpec(Table):
+class _ScaleSpec(Table):
     """s(T): order of the polynomial over temperature, and the values that a gyro can have."""
 
     order: Annotated[int, Field(ge=0, le=3)] | Literal["auto"] = "auto"
@@ -78,7 +78,7 @@ class ScaleSpec(Table):
     largest: Positive = 1.25
 
     @model_validator(mode="after")
-    def _ordered(self) -> ScaleSpec:
+    def _ordered(self) -> _ScaleSpec:
         if self.largest <= self.smallest:
             raise ValueError(
                 f"largest = {self.largest:g} is not above smallest = {self.smallest:g}"
@@ -86,7 +86,7 @@ class ScaleSpec(Table):
         return self
 
 
-class LimitSpec(Table):
+class _LimitSpec(Table):
     """Where a station is refused, and where its own s is not used."""
 
     latitude_deg: Degrees = 80.0
@@ -96,13 +96,13 @@ class LimitSpec(Table):
     separation: Positive = 6.0
 
 
-class OutputSpec(Table):
+class _OutputSpec(Table):
     """What `apply` adds beside the angles."""
 
     azimuth_uncertainty: bool = False
 
 
-class InclinometerAcceptance(Table):
+class _InclinometerAcceptance(Table):
     """Limits on the angles after correction; a limit that is not stated is not tested."""
 
     max_azimuth_rms_deg: Positive | None = None
@@ -122,16 +122,16 @@ class InclinometerRecipe(Recipe):
     """
 
     procedure: Literal["inclinometer"]
-    site: Place = Field(default_factory=_no_place, validate_default=True)
-    reference: Sign = Sign()
-    stations: StationSpec = StationSpec()
-    root: RootSpec = RootSpec()
-    history: HistorySpec = HistorySpec()
-    departure: DepartureSpec = DepartureSpec()
-    scale: ScaleSpec = ScaleSpec()
-    limits: LimitSpec = LimitSpec()
-    output: OutputSpec = OutputSpec()
-    acceptance: InclinometerAcceptance = InclinometerAcceptance()
+    site: _Place = Field(default_factory=_no_place, validate_default=True)
+    reference: _Sign = _Sign()
+    stations: _StationSpec = _StationSpec()
+    root: _RootSpec = _RootSpec()
+    history: _HistorySpec = _HistorySpec()
+    departure: _DepartureSpec = _DepartureSpec()
+    scale: _ScaleSpec = _ScaleSpec()
+    limits: _LimitSpec = _LimitSpec()
+    output: _OutputSpec = _OutputSpec()
+    acceptance: _InclinometerAcceptance = _InclinometerAcceptance()
 
     @property
     def axes(self) -> tuple[Literal["x", "y"], ...]:

@@ -68,8 +68,8 @@ def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
         gyro,
         {
             axis: (
-                resolution(accel[axis], f"accel_{axis}_g", spec),
-                resolution(gyro[axis], f"gyro_{axis}_dph", spec),
+                _resolution(accel[axis], f"accel_{axis}_g", spec),
+                _resolution(gyro[axis], f"gyro_{axis}_dph", spec),
             )
             for axis in spec.axes
         },
@@ -107,7 +107,7 @@ def _times(logs: Sequence[Log]) -> Array:
     return np.concatenate(parts)
 
 
-def resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
+def _resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
     """Size of the last digit [unit of the column] that a log's own numbers are written with."""
     known = data[np.isfinite(data)]
     step = 1.0

@@ -25,7 +25,7 @@ REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 
 
 @dataclass(frozen=True, slots=True)
-class SensorPair:
+class _SensorPair:
     """Constants of one gyro and one accelerometer on one axis."""
 
     s: float
@@ -56,7 +56,7 @@ class SensorPair:
 class Tool:
     """An inclinometer and how it is read."""
 
-    pairs: tuple[SensorPair, SensorPair]
+    pairs: tuple[_SensorPair, _SensorPair]
     index_deg: float = 0.01
     """Standard deviation of the four positions."""
     dwell_s: float = 60.0
@@ -72,10 +72,10 @@ class Attitudes:
     azimuth_deg: Array
 
 
-def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> SensorPair:
+def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> _SensorPair:
     """Draw a sensor pair; an ideal one has the scale factor, a constant bias and noise alone."""
     drift = 0.0 if ideal else 1.0
-    return SensorPair(
+    return _SensorPair(
         s=1.0 + rng.normal(0.0, 1.0) * 3e-3,
         s_per_degc=drift * rng.normal(0.0, 1.0) * 3e-5,
         s_wave=drift * 1e-4,
@@ -93,7 +93,7 @@ def draw(rng: np.random.Generator, *, gyro_noise_dph: float, ideal: bool) -> Sen
     )
 
 
-def rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
+def _rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
     """Vector [3] in the axes of the tool at n stations [n, 3]: R_z(φ) R_y(θ) R_z(ψ), passive."""
     theta, phi, psi = (
         np.radians(angle)
@@ -108,7 +108,7 @@ def rotated(attitudes: Attitudes, north_east_down: Array) -> Array:
     )
 
 
-def scale(pair: SensorPair, temp_degc: Array, rng: np.random.Generator) -> Array:
+def _scale(pair: _SensorPair, temp_degc: Array, rng: np.random.Generator) -> Array:
     """In-situ scale factor of a pair at n stations [n]."""
     warmer = temp_degc - REFERENCE_DEGC
     wave = pair.s_wave * np.sin(2.0 * np.pi * warmer / pair.s_wave_degc)
@@ -129,8 +129,8 @@ def _along(vectors: Array, direction_deg: Array, tilt_deg: float) -> Array:
     return np.asarray(across * np.cos(tilt) + vectors[:, 2:] * np.sin(tilt), dtype=np.float64)
 
 
-def readings(
-    pair: SensorPair,
+def _readings(
+    pair: _SensorPair,
     nominal_deg: float,
     turned_deg: Array,
     gravity: Array,
@@ -179,8 +179,8 @@ def stations(
     """Columns of the log of n stations, four rows a station, and the scale factors of both pairs
     [n, 2].
     """
-    gravity = rotated(attitudes, np.array([0.0, 0.0, 1.0]))
-    rate = rotated(attitudes, earth.north_east_down(latitude_deg))
+    gravity = _rotated(attitudes, np.array([0.0, 0.0, 1.0]))
+    rate = _rotated(attitudes, earth.north_east_down(latitude_deg))
     count = temp_degc.size
     turned = POSITIONS_DEG + tool.index_deg * rng.normal(0.0, 1.0, (count, 4))
     numbers = np.arange(count)
@@ -190,9 +190,9 @@ def stations(
         "time_s": (numbers[:, None] * tool.station_s + np.arange(4) * tool.dwell_s).ravel(),
         "temp_case_degc": np.repeat(temp_degc, 4),
     }
-    scales = np.column_stack([scale(pair, temp_degc, rng) for pair in tool.pairs])
+    scales = np.column_stack([_scale(pair, temp_degc, rng) for pair in tool.pairs])
     made = [
-        readings(pair, nominal, turned, gravity, rate, scales[:, j], temp_degc, rng)
+        _readings(pair, nominal, turned, gravity, rate, scales[:, j], temp_degc, rng)
         for j, (pair, nominal) in enumerate(zip(tool.pairs, (0.0, 90.0), strict=True))
     ]
     for axis, (accel, _) in zip("xy", made, strict=True):

@@ -67,7 +67,7 @@ def examine(log: Log, spec: InclinometerRecipe) -> Examined:
     """Findings of a log, and its stations: the rows of one station number that follow each other,
     or its dwells.
     """
-    dwelt, found = examine_dwells(log, spec)
+    dwelt, found = _examine_dwells(log, spec)
     held = () if dwelt is None else (*dwelt.held("station"), *dwelt.held("dwell"))
     return Examined(tuple(found), held)
 
@@ -76,13 +76,13 @@ def admit_logs(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log]
     """Logs of one row a position and the findings of all; raises FrameError with all that are
     refused.
     """
-    looked = [examine_dwells(log, spec) for log in logs]
+    looked = [_examine_dwells(log, spec) for log in logs]
     found = [finding for _, findings in looked for finding in findings]
     refuse(found)
     return [dwelt.log for dwelt, _ in looked if dwelt is not None], found
 
 
-def examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None, list[Finding]]:
+def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None, list[Finding]]:
     """Dwells of a log, none where it is refused as a whole, and everything that is wrong with it
     and its stations.
     """
@@ -150,7 +150,7 @@ def _positions(log: Log) -> list[Finding]:
     found = []
     for name in names[np.argsort(first)]:
         rows = np.flatnonzero(station == name)
-        fault = position_fault(position[rows])
+        fault = _position_fault(position[rows])
         if fault is not None:
             at, what = fault
             line = check.line_of_row(log, int(rows[at]))
@@ -167,7 +167,7 @@ def _positions(log: Log) -> list[Finding]:
     return found
 
 
-def position_fault(position: Array) -> tuple[int, str] | None:
+def _position_fault(position: Array) -> tuple[int, str] | None:
     """Row and words of what keeps positions [r] [°] of one station from the four differences, or
     nothing.
     """
@@ -252,7 +252,7 @@ def _arranged(rows: Rows, axis: Sensor) -> tuple[Array, Array, tuple[str, ...]]:
     readings = published.arrange(
         rows.station, placed, np.column_stack((rows.accel[axis], rows.gyro[axis]))
     )
-    faults = [position_fault(rows.position[rows.station == k]) for k in range(len(rows.names))]
+    faults = [_position_fault(rows.position[rows.station == k]) for k in range(len(rows.names))]
     status = tuple(
         fault[1] if fault else reason for fault, reason in zip(faults, readings.status, strict=True)
     )

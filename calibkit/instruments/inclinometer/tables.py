@@ -36,7 +36,7 @@ COVERAGE = 2.0
 TITLE = "Stations before (s = 1) and after"
 
 
-def station_table(stations: Stations, seen: SolvedStations, title: str) -> Table:
+def _station_table(stations: Stations, seen: SolvedStations, title: str) -> Table:
     """Azimuth before and after, station by station."""
     joined, found = seen.joined, angle_errors(stations, seen)
     against = bool(found.known.any())
@@ -75,7 +75,7 @@ def _fixed(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if np.isfinite(value) else "-"
 
 
-def shorten_table(table: Table) -> Table:
+def _shorten_table(table: Table) -> Table:
     """A table of at most so many rows as a console shows."""
     if len(table.rows) <= SHOWN:
         return table
@@ -106,7 +106,7 @@ def error_table(found: AngleErrors, title: str) -> Table:
     return Table(title, heads, cells)
 
 
-def scale_table(fits: Mapping[Sensor, ScaleFit]) -> Table:
+def _scale_table(fits: Mapping[Sensor, ScaleFit]) -> Table:
     """s(T) of each gyro."""
     rows = []
     for axis, scale in fits.items():
@@ -145,7 +145,7 @@ def summary(
 ) -> Summary:
     """What the console says of a fit."""
     found = angle_errors(stations, seen)
-    tables = [scale_table(fits), shorten_table(station_table(stations, seen, TITLE))]
+    tables = [_scale_table(fits), _shorten_table(_station_table(stations, seen, TITLE))]
     if found.known.any():
         tables.append(
             error_table(
@@ -170,7 +170,7 @@ def drawing(
         spec.site.latitude_deg,
     )
     shift = wrapped(seen.joined.azimuth_deg - seen.joined.uncorrected_deg)
-    table = station_table(stations, seen, TITLE)
+    table = _station_table(stations, seen, TITLE)
     return SeekingReport(
         curves, label, found.before, found.after, shift, found.standard_uncertainty, table
     )

@@ -23,7 +23,7 @@ ROUNDING = 1e-30
 RANK_TOLERANCE = 1e-10
 
 
-class Residuals(Protocol):
+class _Residuals(Protocol):
     """Weighted residuals [m] and their derivatives [m, p] for a block of rows at given parameters
     [p].
     """
@@ -77,7 +77,7 @@ class _Linearised:
 
 
 def fit(
-    residuals: Residuals,
+    residuals: _Residuals,
     start: Array,
     rows: int,
     *,
@@ -152,7 +152,7 @@ def fit(
     )
 
 
-def of_some(residuals: Residuals, start: Array, rows: int, *, enough: int) -> Array:
+def of_some(residuals: _Residuals, start: Array, rows: int, *, enough: int) -> Array:
     """Parameters [p] fitted to `enough` evenly spread rows of many, so that few passes over all of
     them remain.
 
@@ -172,7 +172,7 @@ def of_some(residuals: Residuals, start: Array, rows: int, *, enough: int) -> Ar
         return start
 
 
-def _linearise(residuals: Residuals, parameters: Array, rows: int, block_rows: int) -> _Linearised:
+def _linearise(residuals: _Residuals, parameters: Array, rows: int, block_rows: int) -> _Linearised:
     """Fold all blocks into one triangle of Jacobian and residual."""
     tall = _by_moments(residuals, parameters, rows) if rows >= gram.TALL else None
     if tall is not None:
@@ -195,7 +195,7 @@ def _linearise(residuals: Residuals, parameters: Array, rows: int, block_rows: i
     return _Linearised(padded[:-1, :-1], padded[:-1, -1], square, count)
 
 
-def _by_moments(residuals: Residuals, parameters: Array, rows: int) -> _Linearised | None:
+def _by_moments(residuals: _Residuals, parameters: Array, rows: int) -> _Linearised | None:
     """The same of many rows by the Gram matrix of the Jacobian; None where its condition would cost
     the digits.
 
@@ -249,7 +249,7 @@ def _relative(here: _Linearised, scale: Array, step: Array, parameters: Array) -
 
 
 def _polished(
-    residuals: Residuals, parameters: Array, here: _Linearised, rows: int, block_rows: int
+    residuals: _Residuals, parameters: Array, here: _Linearised, rows: int, block_rows: int
 ) -> tuple[_Linearised, Array]:
     """Take full steps as long as they shrink: near the minimum the sum of squares is flat to
     rounding, steps are not.

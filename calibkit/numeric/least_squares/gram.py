@@ -34,7 +34,7 @@ PASSES = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Normal:
+class _Normal:
     """The solution of weighted normal equations."""
 
     coefficients: Array
@@ -79,7 +79,7 @@ def residuals(
 
 def solve(
     design: Callable[[slice], Array], indication: Array, weights: Array | None = None
-) -> Normal | None:
+) -> _Normal | None:
     """Least-squares solution by normal equations, or None where they would lose digits or a value
     is not finite.
 
@@ -120,7 +120,7 @@ def solve(
         # the correction has a relative error of the squared condition number's roundings
         small = share * float(values[-1] / values[0]) <= 4.0
         if small and (lowered <= square / 2.0 or share <= 1e-15):
-            return Normal(
+            return _Normal(
                 found, inverse, max(square - lowered, 0.0), float(np.sqrt(values[-1] / values[0]))
             )
     return None

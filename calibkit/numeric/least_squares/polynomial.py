@@ -31,7 +31,7 @@ class TemperaturePolynomial:
         """Value and standard uncertainty at temperatures [n] [°C], which are clamped to the fitted
         range.
         """
-        return evaluate(
+        return _evaluate(
             self.coefficients,
             self.covariance,
             np.clip(np.atleast_1d(np.asarray(temp_degc, dtype=np.float64)), *self.valid_degc),
@@ -53,7 +53,7 @@ def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.
     return rows.T
 
 
-def evaluate(coefficients: Array, covariance: Array, abscissa: Array) -> tuple[Array, Array]:
+def _evaluate(coefficients: Array, covariance: Array, abscissa: Array) -> tuple[Array, Array]:
     """Value [n] and type A standard uncertainty [n] of a polynomial in raw powers [p], at an
     abscissa [n].
     """

@@ -54,7 +54,7 @@ DEPENDENT = 1e-9
 
 
 @dataclass(frozen=True, slots=True)
-class RobustFit:
+class _RobustFit:
     """A finished robust fit."""
 
     fit: least_squares.LinearFit
@@ -71,7 +71,7 @@ class RobustFit:
 
 def linear(
     design: Array, indication: Array, *, weights: Array | None = None, names: Sequence[str] = ()
-) -> RobustFit:
+) -> _RobustFit:
     """Fit indication = design · coefficients so that no few rows move it: an MM-estimate.
 
     Parameters
@@ -135,12 +135,12 @@ def linear(
     finished = least_squares.LinearFit(
         final.coefficients, covariance, int(good.sum()) - columns, rms, final.condition, residuals
     )
-    return RobustFit(finished, row_weights, studentised, suspects)
+    return _RobustFit(finished, row_weights, studentised, suspects)
 
 
 def nonlinear(
     linearised: Callable[[Array], tuple[Array, Array]], start: Array, *, names: Sequence[str] = ()
-) -> tuple[Array, RobustFit]:
+) -> tuple[Array, _RobustFit]:
     """Robust fit of a nearly linear problem: robust fits of its linearisation until the parameters
     rest.
 

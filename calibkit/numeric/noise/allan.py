@@ -101,9 +101,9 @@ def overlapping(
     digits to it.
     """
     _require_record(rate, interval_s)
-    runs = whole_runs(rate)
+    runs = _whole_runs(rate)
     if tau_s is None:
-        wanted = averaging_factors(rate.size, spacing=spacing, points=points)
+        wanted = _averaging_factors(rate.size, spacing=spacing, points=points)
         factors = wanted[2 * wanted <= runs.max()]
     else:
         factors = _factors_of(tau_s, interval_s, int(runs.max()))
@@ -112,23 +112,23 @@ def overlapping(
             "every other sample is a gap: no two whole neighbours",
             hint="look at how the log marks gaps",
         )
-    total = running_sum(rate)
+    total = _running_sum(rate)
     missing = None if chunks.all_finite(rate) else np.cumsum(np.concatenate(([0], np.isnan(rate))))
     variance, pairs = np.array([_pair_variance(total, missing, int(m)) for m in factors]).T
     kinds = (
-        identified_noise(total, missing, factors)
+        _identified_noise(total, missing, factors)
         if noise == "identify"
         else (noise,) * factors.size
     )
     dof = np.array(
-        [equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)]
+        [_equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)]
     )
     return _curve(
         "overlapping Allan", rate, interval_s, factors, variance, pairs, kinds, dof, probability
     )
 
 
-def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int = 1) -> Integers:
+def _averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int = 1) -> Integers:
     """Whole averaging factors [m] from 1 to a third of the samples, evenly spaced in logarithm, no
     two equal.
     """
@@ -140,7 +140,7 @@ def averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int 
     return np.unique(np.round(base**exponents).astype(np.int64))
 
 
-def whole_runs(rate: Array) -> Integers:
+def _whole_runs(rate: Array) -> Integers:
     """Lengths [g] of the stretches of rate [n] that hold no gap; a single zero when there is
     none.
     """
@@ -153,7 +153,7 @@ def whole_runs(rate: Array) -> Integers:
     return lengths if lengths.size else np.zeros(1, dtype=np.int64)
 
 
-def running_sum(rate: Array) -> Array:
+def _running_sum(rate: Array) -> Array:
     """Running sum [n + 1] of rate [n] less its mean, gaps as zero; carried over blocks in extended
     precision.
     """
@@ -200,7 +200,7 @@ def _pair_variance(total: Array, missing: Integers | None, factor: int) -> tuple
     return square / (2.0 * factor**2 * pairs), pairs
 
 
-def identified_noise(total: Array, missing: Integers | None, factors: Integers) -> tuple[str, ...]:
+def _identified_noise(total: Array, missing: Integers | None, factors: Integers) -> tuple[str, ...]:
     """Noise type at each averaging factor from the lag-1 autocorrelation of block means (after
     Riley & Greenhall 2004).
 
@@ -226,7 +226,7 @@ def _lag_one_type(means: Array) -> str:
     """Noise type of block means [k], NaN where not whole, a straight line taken out.
 
     Expected are −1/2 for quantization and 0 for angle random walk; differences of what is above 1/3
-    have −0.217 for bias instability and 1/4 for rate random walk (`pair_covariance` at one
+    have −0.217 for bias instability and 1/4 for rate random walk (`_pair_covariance` at one
     averaging time). Limits lie halfway, but nearer to quantization, whose many degrees of freedom
     must not be claimed by chance.
     """
@@ -250,7 +250,7 @@ def _lag_one(series: Array) -> float:
     return float(np.nansum(product)) / count / (power / int(np.sum(~np.isnan(square))))
 
 
-def equivalent_dof(factor: int, runs: Integers, noise: str) -> float:
+def _equivalent_dof(factor: int, runs: Integers, noise: str) -> float:
     """Equivalent degrees of freedom of the overlapping Allan variance at one averaging factor.
 
     Parameters
@@ -279,11 +279,11 @@ def equivalent_dof(factor: int, runs: Integers, noise: str) -> float:
     reach = min(int(lengths[-1]), 3 * factor)
     lags = np.unique(np.round(np.linspace(0.0, reach, min(reach, LAGS) + 1)))
     shared = np.maximum(lengths - lags[:, None], 0.0) @ many
-    correlation = pair_covariance(lags / factor, noise) / pair_covariance(np.zeros(1), noise)
+    correlation = _pair_covariance(lags / factor, noise) / _pair_covariance(np.zeros(1), noise)
     return float(pairs**2 / (2.0 * np.trapezoid(shared * correlation**2, lags)))
 
 
-def pair_covariance(shift: Array, noise: str) -> Array:
+def _pair_covariance(shift: Array, noise: str) -> Array:
     """Covariance, up to a factor, of two pairs `shift` [k] averaging times apart (Greenhall & Riley
     2003 eq. 9).
     """

@@ -71,7 +71,7 @@ class NoiseTerm:
 
 
 @dataclass(frozen=True, slots=True)
-class NotObservable:
+class _NotObservable:
     """A noise term that the record cannot show: a status and its reason, no number."""
 
     name: str
@@ -86,7 +86,7 @@ class NoiseFit:
     """
 
     terms: tuple[NoiseTerm, ...]
-    not_observable: tuple[NotObservable, ...]
+    not_observable: tuple[_NotObservable, ...]
     tau_s: Array
     model_dph: Array
     misfit: float
@@ -164,7 +164,7 @@ def fit_noise(curve: DeviationCurve) -> NoiseFit:
         if shown[j]
     )
     absent = tuple(
-        NotObservable(law.name, law.symbol, _reason(attempt, j))
+        _NotObservable(law.name, law.symbol, _reason(attempt, j))
         for j, law in enumerate(LAWS)
         if not shown[j]
     )

@@ -75,7 +75,7 @@ def denoise(
     ----------
     signal : [n], any unit.
     wavelet : a name that `lifting.scheme` knows.
-    levels : depth; that of `deepest` when absent, 6 for 600 samples, 9 for 6000.
+    levels : depth; that of `_deepest` when absent, 6 for 600 samples, 9 for 6000.
     threshold, rule : names in `shrinkage.THRESHOLDS` and `shrinkage.RULES`.
     extension : one of `lifting.EXTENSIONS`.
     room : makes the arrays of details and of the result; memory beyond them is that of a chunk,
@@ -95,7 +95,7 @@ def denoise(
     """
     samples = _checked(signal)
     lifting = scheme(wavelet)
-    depth = deepest(wavelet, samples.size) if levels is None else levels
+    depth = _deepest(wavelet, samples.size) if levels is None else levels
     _require_length(samples.size, wavelet, depth)
     _require_known(threshold, rule)
     estimate = THRESHOLDS[threshold]
@@ -126,7 +126,7 @@ def shortest(wavelet: str, levels: int) -> int:
     return _shortest(scheme(wavelet), levels)
 
 
-def deepest(wavelet: str, length: int) -> int:
+def _deepest(wavelet: str, length: int) -> int:
     """Depth for a segment of `length` samples: 2^levels at most an eighth of it, and every filter
     fits; at least 1.
 

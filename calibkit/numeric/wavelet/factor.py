@@ -181,21 +181,21 @@ def factored(name: str) -> Scheme:
         for bank in [(_polyphase(wavelet.dec_lo, parity), _polyphase(wavelet.dec_hi, parity))]
         for scheme in _factorings(name, bank, parity)
     ]
-    scheme, bank = min(candidates, key=lambda pair: condition(pair[0]))
+    scheme, bank = min(candidates, key=lambda pair: _condition(pair[0]))
     scheme = _polished(scheme, bank)
     error = _error(scheme, bank)
-    if not (error <= ACCEPTED and condition(scheme) <= WORST_CONDITION):
+    if not (error <= ACCEPTED and _condition(scheme) <= WORST_CONDITION):
         raise FitError(
             f"wavelet {name!r} cannot be factored into lifting steps: the best steps found"
             f" reproduce its filters with an error of {error:.1e} at condition number"
-            f" {math.exp(condition(scheme)):.1e}, {ACCEPTED:.0e} and"
+            f" {math.exp(_condition(scheme)):.1e}, {ACCEPTED:.0e} and"
             f" {math.exp(WORST_CONDITION):.1e} are the limits",
             hint="use db1 to db25, sym2 to sym20, coif1 to coif8, a bior or rbio bank, or cdf97",
         )
     return scheme
 
 
-def condition(scheme: Scheme) -> float:
+def _condition(scheme: Scheme) -> float:
     """Natural logarithm of a bound on the scheme's condition number, from the norms of its steps
     and gains.
     """

@@ -106,7 +106,7 @@ def universal(details: Array, noise: float, count: int) -> float:
     return noise * math.sqrt(2.0 * math.log(max(count, 1)))
 
 
-def minimax(details: Array, noise: float, count: int) -> float:
+def _minimax(details: Array, noise: float, count: int) -> float:
     """Threshold σ (0.3936 + 0.1829 log₂ n) of least worst-case risk; 0 for n ≤ 32 (Donoho &
     Johnstone 1994).
     """
@@ -116,7 +116,7 @@ def minimax(details: Array, noise: float, count: int) -> float:
     )
 
 
-def bayes(details: Array, noise: float, count: int) -> float:
+def _bayes(details: Array, noise: float, count: int) -> float:
     """Threshold σ²/σ_x, σ_x² = mean d² − σ² the variance of the signal in details [n] (Chang, Yu &
     Vetterli 2000).
 
@@ -129,7 +129,7 @@ def bayes(details: Array, noise: float, count: int) -> float:
     return noise**2 / math.sqrt(excess) if excess > 0.0 else float(np.max(np.abs(details)))
 
 
-def sure(details: Array, noise: float, count: int) -> float:
+def _sure(details: Array, noise: float, count: int) -> float:
     """Threshold that minimises Stein's unbiased estimate of the risk of soft shrinkage, or the
     universal one.
 
@@ -159,17 +159,17 @@ def sure(details: Array, noise: float, count: int) -> float:
     return noise * min(math.sqrt(float(squares[np.argmin(risk)])), ceiling)
 
 
-def soft(details: Array, threshold: float) -> Array:
+def _soft(details: Array, threshold: float) -> Array:
     """Pull every detail [n] towards zero by the threshold, the smaller ones to zero."""
     return details - np.clip(details, -threshold, threshold)
 
 
-def hard(details: Array, threshold: float) -> Array:
+def _hard(details: Array, threshold: float) -> Array:
     """Keep the details [n] above the threshold as they are, set the others to zero."""
     return np.where(np.abs(details) > threshold, details, 0.0)
 
 
-def garrote(details: Array, threshold: float) -> Array:
+def _garrote(details: Array, threshold: float) -> Array:
     """Set d to d − t²/d above the threshold, to zero below: continuous, and nearly d where d is
     large (Gao 1998).
     """
@@ -177,7 +177,7 @@ def garrote(details: Array, threshold: float) -> Array:
     return np.where(kept, details - threshold**2 / np.where(kept, details, 1.0), 0.0)
 
 
-def firm(details: Array, threshold: float) -> Array:
+def _firm(details: Array, threshold: float) -> Array:
     """Set details [n] below t to zero, keep those above 2 t, and join both by a straight line (Gao
     & Bruce 1997).
     """
@@ -187,15 +187,15 @@ def firm(details: Array, threshold: float) -> Array:
 
 THRESHOLDS: Mapping[Threshold, Callable[[Array, float, int], float]] = {
     "universal": universal,
-    "sure": sure,
-    "bayes": bayes,
-    "minimax": minimax,
+    "sure": _sure,
+    "bayes": _bayes,
+    "minimax": _minimax,
 }
 RULES: Mapping[Rule, Callable[[Array, float], Array]] = {
-    "soft": soft,
-    "hard": hard,
-    "garrote": garrote,
-    "firm": firm,
+    "soft": _soft,
+    "hard": _hard,
+    "garrote": _garrote,
+    "firm": _firm,
 }
 
 

@@ -65,7 +65,7 @@ class KTerms:
 
 
 @dataclass(frozen=True, slots=True)
-class KAxis:
+class _KAxis:
     """K-factor of one axis."""
 
     axis: str
@@ -133,7 +133,7 @@ def fit(
     loss: Literal["least_squares", "robust"] = "least_squares",
     groups: Integers | None = None,
     temperature_step: float = determination.TEMPERATURE_STEP_DEGC,
-) -> tuple[KAxis, KAxis, KAxis]:
+) -> tuple[_KAxis, _KAxis, _KAxis]:
     """Fit K0 … K9 of the three axes.
 
     Parameters
@@ -170,7 +170,7 @@ def fit(
             f"{len(temperature)} dwells for {most} coefficients an axis",
             hint="add dwells until residuals can judge the fit, or lower the orders",
         )
-    require_determined(reference, temperature, terms, temperature_step)
+    _require_determined(reference, temperature, terms, temperature_step)
     middle, half = polynomial.middle_and_half(temperature)
     half = half or 1.0
     mapped = (temperature - middle) / half
@@ -186,7 +186,7 @@ def fit(
     return x, y, z
 
 
-def require_determined(
+def _require_determined(
     reference: Array,
     temperature: Array,
     terms: Sequence[KTerms],
@@ -283,7 +283,7 @@ def _fit_axis(
 
 def _in_degrees(
     fitted: _Fitted, axis: int, numbers: tuple[int, ...], held: tuple[float, float]
-) -> KAxis:
+) -> _KAxis:
     """A fit in mapped temperature in powers of °C; the conversion is in extended precision, K3 and
     K7 need it.
     """
@@ -294,7 +294,7 @@ def _in_degrees(
     to_raw = np.eye(10, dtype=np.longdouble)
     to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(middle, half, 3)
     matrix = np.asarray(to_raw, dtype=np.float64)
-    return KAxis(
+    return _KAxis(
         axis=AXES[axis],
         fitted=numbers,
         coefficients=np.asarray(to_raw @ mapped.astype(np.longdouble), dtype=np.float64),

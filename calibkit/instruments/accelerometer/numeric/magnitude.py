@@ -80,7 +80,7 @@ class MagnitudeFit:
     @property
     def matrix(self) -> Array:
         """Correction matrix [3, 3]: corrected = matrix · (indication − bias)."""
-        return correction_matrix(self.parameters)
+        return _correction_matrix(self.parameters)
 
     @property
     def bias(self) -> Array:
@@ -88,7 +88,7 @@ class MagnitudeFit:
         return self.parameters[3:6]
 
 
-def correction_matrix(parameters: Array) -> Array:
+def _correction_matrix(parameters: Array) -> Array:
     """Lower triangular correction matrix [3, 3] of the nine parameters: exact Q · diag(1/k)."""
     return q_factor.exact_matrix(q_factor.axes_from_angles(parameters[6:9])) / parameters[None, 0:3]
 
@@ -242,7 +242,7 @@ _TRIANGLE_NAMES = ("k_x", "Q3", "k_y", "Q2", "Q1", "k_z", "b_x", "b_y", "b_z")
 def _to_triangle(parameters: Array) -> Array:
     """Six entries of the correction matrix and the bias [9] from scale factors, bias and Q [9]."""
     return np.concatenate(
-        [correction_matrix(parameters)[tuple(np.transpose(LOWER))], parameters[3:6]]
+        [_correction_matrix(parameters)[tuple(np.transpose(LOWER))], parameters[3:6]]
     )
 
 

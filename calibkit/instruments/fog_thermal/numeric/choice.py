@@ -37,7 +37,7 @@ HALF_TRUSTED = 0.5
 
 
 @dataclass(frozen=True, slots=True)
-class Candidate:
+class _Candidate:
     """A model that may be chosen."""
 
     name: str
@@ -47,34 +47,34 @@ class Candidate:
 
 STATIC = ("b0", "b1", "b2", "b3")
 CANDIDATES = (
-    Candidate("level T", "level", STATIC[:2]),
-    Candidate("level T²", "level", STATIC[:3]),
-    Candidate("level T³", "level", STATIC),
-    Candidate("level T³, rate", "level", (*STATIC, "s_rate")),
-    Candidate("level T³, rate, gradient", "level", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
-    Candidate("level, all terms", "level", TERMS),
-    Candidate("lagged T³, one lag", "lagged", (*STATIC, "s_rate", "s_temp_rate")),
-    Candidate("lagged T³, rate, gradient", "lagged", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
-    Candidate("lagged, all terms", "lagged", lagged.LAGGED_TERMS),
+    _Candidate("level T", "level", STATIC[:2]),
+    _Candidate("level T²", "level", STATIC[:3]),
+    _Candidate("level T³", "level", STATIC),
+    _Candidate("level T³, rate", "level", (*STATIC, "s_rate")),
+    _Candidate("level T³, rate, gradient", "level", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
+    _Candidate("level, all terms", "level", TERMS),
+    _Candidate("lagged T³, one lag", "lagged", (*STATIC, "s_rate", "s_temp_rate")),
+    _Candidate("lagged T³, rate, gradient", "lagged", (*STATIC, "s_rate", "s_grad", "s_temp_rate")),
+    _Candidate("lagged, all terms", "lagged", lagged.LAGGED_TERMS),
 )
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class _Fitted:
     """A candidate with its solution on all ramps, and the survey that a lagged one is fitted again
     with.
     """
 
-    candidate: Candidate
+    candidate: _Candidate
     solution: Solution
     survey: Survey | None
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOut:
+class _LeftOut:
     """What a candidate did to each ramp that was left out of its fit."""
 
-    candidate: Candidate
+    candidate: _Candidate
     ramps: tuple[str, ...]
     raw: Array
     """[ramps], drift rms [°/h] of 100 s means, the ramp's mean removed."""
@@ -115,16 +115,16 @@ class ThermalChoice:
     reason.
     """
 
-    tested: tuple[LeftOut, ...]
+    tested: tuple[_LeftOut, ...]
     refused: tuple[str, ...]
-    chosen: LeftOut | None
+    chosen: _LeftOut | None
     model: ThermalModel | None
     reason: str
 
 
 def choose(
     logs: Sequence[ThermalLog],
-    candidates: Sequence[Candidate] = CANDIDATES,
+    candidates: Sequence[_Candidate] = CANDIDATES,
     *,
     window_s: float | None = None,
     figure_blocks: int = FIGURE_BLOCKS,
@@ -157,9 +157,9 @@ def choose(
             " drift term"
         )
         return ThermalChoice((), (), None, None, reason)
-    solutions, refused = solutions_of(stacked, candidates, window_s)
-    tested = tuple(left_out(fitted, stacked, figure_blocks) for fitted in solutions)
-    best = best_of(tested)
+    solutions, refused = _solutions_of(stacked, candidates, window_s)
+    tested = tuple(_left_out(fitted, stacked, figure_blocks) for fitted in solutions)
+    best = _best_of(tested)
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
     solution = solutions[best].solution
@@ -175,7 +175,7 @@ def choose(
     return ThermalChoice(tested, refused, tested[best], model, _why(tested[best]))
 
 
-def best_of(tested: Sequence[LeftOut]) -> int | None:
+def _best_of(tested: Sequence[_LeftOut]) -> int | None:
     """Number of the candidate to export: of those that help and are alike the least, the one with
     the fewest parameters.
 
@@ -190,7 +190,7 @@ def best_of(tested: Sequence[LeftOut]) -> int | None:
     return min(alike, key=lambda k: (tested[k].parameters, tested[k].pooled))
 
 
-def _why(best: LeftOut) -> str:
+def _why(best: _LeftOut) -> str:
     return (
         f"{best.candidate.name}: {best.pooled:.3g} deg/h on left-out ramps against"
         f" {best.pooled_raw:.3g} deg/h raw, the least, or the simplest of those alike, of the"
@@ -198,7 +198,7 @@ def _why(best: LeftOut) -> str:
     )
 
 
-def _nothing_helps(tested: Sequence[LeftOut], refused: Sequence[str]) -> str:
+def _nothing_helps(tested: Sequence[_LeftOut], refused: Sequence[str]) -> str:
     if not tested:
         return f"no candidate could be fitted: {'; '.join(refused)}: no drift term"
     least = min(tested, key=lambda result: result.pooled)
@@ -214,9 +214,9 @@ def _nothing_helps(tested: Sequence[LeftOut], refused: Sequence[str]) -> str:
     )
 
 
-def solutions_of(
-    stacked: Stack, candidates: Sequence[Candidate], window_s: float | None = None
-) -> tuple[list[Fitted], tuple[str, ...]]:
+def _solutions_of(
+    stacked: Stack, candidates: Sequence[_Candidate], window_s: float | None = None
+) -> tuple[list[_Fitted], tuple[str, ...]]:
     """Solutions of the candidates that the logs can determine, and why the others are not there.
 
     The robust weights of the rows are the same for every candidate, so that their errors compare.
@@ -227,7 +227,7 @@ def solutions_of(
         if any(c.form == "lagged" for c in candidates)
         else None
     )
-    solved: list[Fitted] = []
+    solved: list[_Fitted] = []
     refused = []
     for candidate in candidates:
         try:
@@ -238,11 +238,13 @@ def solutions_of(
         except FitError as error:
             refused.append(f"{candidate.name}: {error.message}")
             continue
-        solved.append(Fitted(candidate, solution, surveyed if candidate.form == "lagged" else None))
+        solved.append(
+            _Fitted(candidate, solution, surveyed if candidate.form == "lagged" else None)
+        )
     return solved, tuple(refused)
 
 
-def left_out(fitted: Fitted, stacked: Stack, figure_blocks: int) -> LeftOut:
+def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
     """Errors of a candidate on each ramp when it is fitted to the others; lags start from the fit
     to all of them.
     """
@@ -250,12 +252,12 @@ def left_out(fitted: Fitted, stacked: Stack, figure_blocks: int) -> LeftOut:
     trust = fitted.solution.trust
     for rows, predicted in zip(stacked.ramps, _predicted(fitted, stacked), strict=True):
         indication = stacked.indication[rows]
-        raw.append(float(np.std(figure_means(indication, trust[rows], figure_blocks))))
-        error = figure_means(indication - predicted, trust[rows], figure_blocks)
+        raw.append(float(np.std(_figure_means(indication, trust[rows], figure_blocks))))
+        error = _figure_means(indication - predicted, trust[rows], figure_blocks)
         errors.append(error - error.mean())
         compensated.append(float(np.std(error)))
     lags = fitted.solution.log_lags
-    return LeftOut(
+    return _LeftOut(
         candidate=fitted.candidate,
         ramps=stacked.ramp_names,
         raw=np.array(raw),
@@ -266,7 +268,7 @@ def left_out(fitted: Fitted, stacked: Stack, figure_blocks: int) -> LeftOut:
     )
 
 
-def _predicted(fitted: Fitted, stacked: Stack) -> Iterator[Array]:
+def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
     """Drift [rows, °/h] of each ramp, up to a constant, by the model of all the others."""
     solution = fitted.solution
     if fitted.survey is None:
@@ -286,7 +288,7 @@ def _predicted(fitted: Fitted, stacked: Stack) -> Iterator[Array]:
         yield lagged.without(near, number)[1][rows]
 
 
-def figure_means(values: Array, trust: Array, group: int) -> Array:
+def _figure_means(values: Array, trust: Array, group: int) -> Array:
     """Means [m] of values [n] over groups of rows that have a say; a rest that fills no group is
     left out.
     """

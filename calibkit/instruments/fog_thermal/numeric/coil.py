@@ -50,7 +50,7 @@ def path(logs: Sequence[tuple[Array, Array]]) -> Path:
     return Path(np.array([case[0] for _, case in logs]), above, step, change, inside)
 
 
-def temperatures(
+def _temperatures(
     along: Path, tau_outer: float, tau_inner: float | None
 ) -> tuple[Array, Array, Array]:
     """Outer and inner coil temperature and T_o' [each n, °C, °C, °C/s] of logs, one after the
@@ -114,7 +114,7 @@ def drivers(along: Path, tau_outer: float, tau_inner: float | None) -> Drivers:
     """Drivers [n] of logs, one after the other; without an inner lag the coil is one mass and has
     no gradient.
     """
-    outer, inner, rate = temperatures(along, tau_outer, tau_inner)
+    outer, inner, rate = _temperatures(along, tau_outer, tau_inner)
     per_minute = rate * SECONDS_PER_MINUTE
     gradient = outer - inner
     if tau_inner is None:

@@ -15,7 +15,7 @@ INJECTED_RATE_DPH = 7.5
 
 
 @dataclass(frozen=True, slots=True)
-class Increments:
+class _Increments:
     """Drift increments Δ̂_k [n, °/h] from interval k − 1 to k, and where the model was held or
     clamped.
     """
@@ -28,7 +28,7 @@ class Increments:
 
 def increments(
     polynomials: Sequence[drift.RatePolynomial], gradient: Array, rate: Array
-) -> Increments:
+) -> _Increments:
     """Δ̂_k = a0(r) + a1(r) G + a2(r) G² with r [°C/min] and G [K] taken at k − 1 (CN102095419A step
     4); Δ̂_0 = 0.
 
@@ -52,7 +52,7 @@ def increments(
         )  # the measured rate of one ramp wanders by some percent
         rate_clamped[served + 1] = (r[served] < low - slack) | (r[served] > high + slack)
         gradient_clamped[served + 1] = clamped != G[served]
-    return Increments(delta, held, rate_clamped, gradient_clamped)
+    return _Increments(delta, held, rate_clamped, gradient_clamped)
 
 
 def _served(polynomial: drift.RatePolynomial, rate: Array) -> Mask:

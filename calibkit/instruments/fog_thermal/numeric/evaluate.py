@@ -41,7 +41,7 @@ class Evaluation:
         return self.temperature_clamped | self.rate_clamped | self.gradient_clamped
 
 
-def drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drivers:
+def _drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drivers:
     """Drivers [n] of a log as the model's form has them; a coil starts at the case temperature of
     the first sample.
     """
@@ -76,7 +76,7 @@ def evaluate(
     least four samples in its window.
 
     """
-    found = drivers(model, time, case, env)
+    found = _drivers(model, time, case, env)
     inside = clamped(found, model.valid, model.terms)
     rest = at_rest(model, reference_degc)
     rows = raw_design(inside.drivers) - rest
@@ -109,7 +109,7 @@ def _by_lag(
     """
     step = model.lags[k] * RELATIVE_STEP
     lags = tuple(lag + step * (j == k) for j, lag in enumerate(model.lags))
-    moved = drivers(replace(model, lags=lags), *log)
+    moved = _drivers(replace(model, lags=lags), *log)
     held = Drivers(
         np.where(found.temperature == inside.temperature, moved.temperature, inside.temperature),
         np.where(found.rate == inside.rate, moved.rate, inside.rate),

@@ -58,7 +58,7 @@ class LeftOut:
         return self.pooled <= MARGIN * self.pooled_raw and bool(np.all(worst <= WORSE * self.raw))
 
 
-def rate_groups(ramps: Sequence[gradient.RampFit]) -> list[list[int]]:
+def _rate_groups(ramps: Sequence[gradient.RampFit]) -> list[list[int]]:
     """Indices of the ramps, grouped by temperature rate, slowest to fastest."""
     order = sorted(range(len(ramps)), key=lambda i: ramps[i].rate)
     groups: list[list[int]] = []
@@ -71,7 +71,7 @@ def rate_groups(ramps: Sequence[gradient.RampFit]) -> list[list[int]]:
     return groups
 
 
-def leave_one_rate_out(
+def _leave_one_rate_out(
     ramps: Sequence[gradient.RampFit],
     logs: Sequence[gradient.Blocks],
     order: int,
@@ -87,7 +87,7 @@ def leave_one_rate_out(
     """
     raw = np.array([compensation.drift_rms(log.indication, group) for log in logs])
     compensated = np.zeros(len(ramps))
-    groups = rate_groups(ramps)
+    groups = _rate_groups(ramps)
     for left in groups:
         kept = [ramps[i] for other in groups if other is not left for i in other]
         polynomial = gradient.over_rates(kept, order, side)
@@ -111,8 +111,8 @@ def candidates(
     """Leave-one-rate-out results of every order that the rates of a side can test: four rates never
     test the cubic.
     """
-    rates = len(rate_groups(ramps))
-    return [leave_one_rate_out(ramps, logs, order, side, group) for order in range(rates - 1)]
+    rates = len(_rate_groups(ramps))
+    return [_leave_one_rate_out(ramps, logs, order, side, group) for order in range(rates - 1)]
 
 
 def best(results: Sequence[LeftOut]) -> LeftOut | None:

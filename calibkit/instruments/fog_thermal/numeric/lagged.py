@@ -90,7 +90,7 @@ def survey(stacked: Stack, trust: Array | None = None) -> Survey:
 
 
 @dataclass(frozen=True, slots=True)
-class Lags:
+class _Lags:
     """Lags at the minimum of the weighted square sum, as logarithms, and the coefficients [k] that
     go with them.
     """
@@ -120,16 +120,16 @@ class Problem:
         """Scaled columns [n, k] of the chosen terms."""
         return scaled_design(self.drivers(log_lags), self.survey.scales)[:, self.chosen]
 
-    def at(self, log_lags: Array, design: Array) -> Lags | None:
+    def at(self, log_lags: Array, design: Array) -> _Lags | None:
         """Linear coefficients for given lags; None where the terms are then dependent."""
         found = self._solved(design)
-        return None if found is None else Lags(log_lags, *found)
+        return None if found is None else _Lags(log_lags, *found)
 
     def _solved(self, design: Array) -> tuple[Array, float] | None:
         matrix = pooled_fit.moments(design, self.weights, self.survey.stacked)
         return pooled_fit.solved(pooled_fit.pooled(matrix, self.survey.stacked, self.kept))
 
-    def sensitivities(self, here: Lags, design: Array) -> Array:
+    def sensitivities(self, here: _Lags, design: Array) -> Array:
         """Change [n, lags] of the fitted drift for a change of the logarithm of each lag."""
         shifts = _shifts(here.log_lags)
         moved = [self.design(here.log_lags + step) - design for step in np.diag(shifts)]
@@ -139,7 +139,7 @@ class Problem:
         """Whether the drift changes with the lags otherwise than with the coefficients."""
         return self._solved(np.column_stack([design, changes])) is not None
 
-    def direction(self, here: Lags, design: Array) -> Array | None:
+    def direction(self, here: _Lags, design: Array) -> Array | None:
         """Gauss-Newton step of the log lags, coefficients free to follow (Golub & Pereyra 1973,
         Kaufman 1975).
         """
@@ -156,7 +156,7 @@ def _shifts(log_lags: Array) -> Array:
     return np.where(log_lags + STEP < np.log(BOUNDS_S[1]), STEP, -STEP)
 
 
-def projected(problem: Problem, start: Array) -> Lags:
+def _projected(problem: Problem, start: Array) -> _Lags:
     """Minimise over the lags from a start [lags], the linear coefficients eliminated at every step;
     lags stay in BOUNDS_S.
 
@@ -185,7 +185,7 @@ def projected(problem: Problem, start: Array) -> Lags:
 
 
 @dataclass(frozen=True, slots=True)
-class Tangent:
+class _Tangent:
     """A problem near its minimum: moments of its columns and of their derivatives, with which any
     ramp can be left out.
     """
@@ -198,7 +198,7 @@ class Tangent:
     """
 
 
-def tangent(problem: Problem, log_lags: Array) -> Tangent:
+def tangent(problem: Problem, log_lags: Array) -> _Tangent:
     """Tangent of a problem at given lags."""
     design = problem.design(log_lags)
     moved = [
@@ -206,12 +206,12 @@ def tangent(problem: Problem, log_lags: Array) -> Tangent:
         for step in np.diag(_shifts(log_lags))
     ]
     whole = np.concatenate([design, *moved], axis=1)
-    return Tangent(
+    return _Tangent(
         problem, log_lags, pooled_fit.moments(whole, problem.weights, problem.survey.stacked)
     )
 
 
-def without(at: Tangent, ramp: int) -> tuple[Array, Array]:
+def without(at: _Tangent, ramp: int) -> tuple[Array, Array]:
     """Log lags and drift [n, °/h, up to a constant] of the fit to all ramps but one: one
     Gauss-Newton step from all of them.
 
@@ -229,13 +229,13 @@ def without(at: Tangent, ramp: int) -> tuple[Array, Array]:
         along[k:-1, k:-1] = np.kron(np.eye(lags), here[0][:, None])
         along[-1, -1] = 1.0
         step = pooled_fit.solved(along.T @ matrix @ along)
-        lower = None if step is None else _lower(problem, Lags(at.log_lags, *here), step[0][k:])
+        lower = None if step is None else _lower(problem, _Lags(at.log_lags, *here), step[0][k:])
         if lower is not None:
             return lower[0].log_lags, lower[1] @ lower[0].coefficients
     return at.log_lags, problem.design(at.log_lags) @ (np.zeros(k) if here is None else here[0])
 
 
-def _lower(problem: Problem, here: Lags, step: Array) -> tuple[Lags, Array] | None:
+def _lower(problem: Problem, here: _Lags, step: Array) -> tuple[_Lags, Array] | None:
     """First point along a step, halved again and again, at which the square sum is lower; None
     where there is none.
     """
@@ -248,7 +248,7 @@ def _lower(problem: Problem, here: Lags, step: Array) -> tuple[Lags, Array] | No
     return None
 
 
-def polished(problem: Problem, here: Lags) -> Lags:
+def _polished(problem: Problem, here: _Lags) -> _Lags:
     """Take the full steps that square sums are too coarse to judge, as long as each is less than
     half of the last.
     """
@@ -287,12 +287,12 @@ def solve(surveyed: Survey, terms: Sequence[str]) -> Solution:
     everything = np.ones(len(surveyed.stacked.ramps), dtype=bool)
     problem = Problem(surveyed, chosen, surveyed.trust, everything)
     count = 2 if "s_grad" in names else 1
-    reached = [projected(problem, start[:count]) for start in _starts(surveyed, chosen, count)]
+    reached = [_projected(problem, start[:count]) for start in _starts(surveyed, chosen, count)]
     rough = min(reached, key=lambda lags: lags.square)
     design = problem.design(rough.log_lags)
     weights = pooled_fit.balanced_weights(design, surveyed.trust, surveyed.stacked, names)
     problem = Problem(surveyed, chosen, weights, everything)
-    return _solution(problem, polished(problem, projected(problem, rough.log_lags)), names)
+    return _solution(problem, _polished(problem, _projected(problem, rough.log_lags)), names)
 
 
 def _starts(surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
@@ -323,7 +323,7 @@ def _starts(surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
     return [surveyed.grid[rows[k] * len(STARTS_S) + places[k]] for k in best]
 
 
-def _solution(problem: Problem, found: Lags, names: tuple[str, ...]) -> Solution:
+def _solution(problem: Problem, found: _Lags, names: tuple[str, ...]) -> Solution:
     """Solution at the minimum; a lag on its bound, or without a trace in the drift, counts as
     given.
     """

@@ -36,7 +36,7 @@ CHUNK = 1 << 20
 """Window elements that are worked on at a time."""
 
 
-def end_slope(time: Array, values: Array, window_s: float = WINDOW_S) -> Array:
+def _end_slope(time: Array, values: Array, window_s: float = WINDOW_S) -> Array:
     """Rate [n, 1/min] of values [n] at each instant [s]: end slope of the least-squares parabola
     over the window before it.
 
@@ -101,12 +101,12 @@ def drivers(time: Array, case: Array, env: Array, window_s: float = WINDOW_S) ->
         )
     gradient = case - env
     return Drivers(
-        case, end_slope(time, case, window_s), gradient, end_slope(time, gradient, window_s)
+        case, _end_slope(time, case, window_s), gradient, _end_slope(time, gradient, window_s)
     )
 
 
 @dataclass(frozen=True, slots=True)
-class Basis:
+class _Basis:
     """The logs of a level fit: their drivers, scaled design [n, 9] and robust weights [n]."""
 
     stacked: Stack
@@ -117,7 +117,7 @@ class Basis:
     trust: Array
 
 
-def window_for(stacked: Stack) -> float:
+def _window_for(stacked: Stack) -> float:
     """Trailing window [s] for logs: WINDOW_S, or twice what the rates need where blocks are
     long.
     """
@@ -125,18 +125,20 @@ def window_for(stacked: Stack) -> float:
     return max(WINDOW_S, 2.0 * (LEAST_SAMPLES - 1) * round(step, 3))
 
 
-def basis(stacked: Stack, window_s: float | None = None) -> Basis:
+def basis(stacked: Stack, window_s: float | None = None) -> _Basis:
     """Basis of a level fit with rates over a trailing window [s]; the rows' weights are those of
     all terms together.
     """
-    window_s = window_for(stacked) if window_s is None else window_s
+    window_s = _window_for(stacked) if window_s is None else window_s
     found = joined([drivers(log.time, log.case, log.env, window_s) for log in stacked.logs])
     scales = scales_of(valid_of(found))
     design = scaled_design(found, scales)
-    return Basis(stacked, window_s, found, scales, design, pooled_fit.trust(design[:, 1:], stacked))
+    return _Basis(
+        stacked, window_s, found, scales, design, pooled_fit.trust(design[:, 1:], stacked)
+    )
 
 
-def solve(prepared: Basis, terms: Sequence[str]) -> Solution:
+def solve(prepared: _Basis, terms: Sequence[str]) -> Solution:
     """Solve a level model; raises FitError for terms that the logs cannot determine."""
     chosen = chosen_columns(terms)[1:]
     design = prepared.design[:, chosen]

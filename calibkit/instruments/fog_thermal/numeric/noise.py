@@ -28,7 +28,7 @@ GROUP = 10
 
 
 @dataclass(frozen=True, slots=True)
-class Grouped:
+class _Grouped:
     """One log averaged over groups of rows: design [m, k], indication [m], sums of weights [m] and
     of their squares [m].
 
@@ -59,7 +59,7 @@ class Noise:
     flicker: float
 
 
-def grouped(design: Array, indication: Array, weights: Array) -> Grouped:
+def grouped(design: Array, indication: Array, weights: Array) -> _Grouped:
     """Weighted means of a log's design [n, k] and indication [n] over groups of rows; a rest joins
     the last group.
     """
@@ -74,7 +74,7 @@ def grouped(design: Array, indication: Array, weights: Array) -> Grouped:
     squares = np.add.reduceat(weights**2, starts)[full]
     z = np.column_stack([np.ones(n), design])
     weighted = z * weights[:, None]
-    return Grouped(
+    return _Grouped(
         means[full], values[full], weight[full], squares, weighted.T @ z, weighted.T @ weighted
     )
 
@@ -95,7 +95,7 @@ def flicker_kernel(count: int) -> Array:
     return np.asarray(means @ means.T, dtype=np.float64)
 
 
-def estimated(logs: Sequence[Grouped]) -> Noise:
+def estimated(logs: Sequence[_Grouped]) -> Noise:
     """White variance and flicker level of the residuals of logs, each with a free offset and all
     with common coefficients.
 
@@ -113,7 +113,7 @@ def estimated(logs: Sequence[Grouped]) -> Noise:
     return Noise(float(share @ white), float(np.sqrt(share @ (LEVELS**2 * white) / typical)))
 
 
-def _turned(log: Grouped, typical: float, kernel: Array) -> tuple[Array, Array]:
+def _turned(log: _Grouped, typical: float, kernel: Array) -> tuple[Array, Array]:
     """Flicker variances [m] and (1, design, indication) [m, k + 2] along the principal axes of
     flicker against white noise.
 
@@ -151,7 +151,7 @@ def _restricted(turned: Sequence[tuple[Array, Array]], ratio: float) -> tuple[fl
     return determinant + dof * float(np.log(variance)), variance
 
 
-def covariance(logs: Sequence[Grouped], noise: Noise) -> Array:
+def covariance(logs: Sequence[_Grouped], noise: Noise) -> Array:
     """Covariance [L + k, L + k] of the offsets of L logs and the k coefficients of a weighted fit
     under that noise.
 

@@ -193,7 +193,7 @@ def solved(matrix: Array) -> tuple[Array, float] | None:
     return found, max(float(rest), 0.0)
 
 
-def offsets(columns: Array, coefficients: Array, weights: Array, stacked: Stack) -> Array:
+def _offsets(columns: Array, coefficients: Array, weights: Array, stacked: Stack) -> Array:
     """Weighted mean residual [logs] of each log: b0 with its turn-on bias."""
     residual = stacked.indication - columns @ coefficients
     return np.array(
@@ -202,16 +202,16 @@ def offsets(columns: Array, coefficients: Array, weights: Array, stacked: Stack)
     )
 
 
-def residuals(columns: Array, coefficients: Array, weights: Array, stacked: Stack) -> Array:
+def _residuals(columns: Array, coefficients: Array, weights: Array, stacked: Stack) -> Array:
     """Residuals [n, °/h] with each log's own offset removed."""
-    level = offsets(columns, coefficients, weights, stacked)
+    level = _offsets(columns, coefficients, weights, stacked)
     sizes = [log.time.size for log in stacked.logs]
     return np.asarray(
         stacked.indication - columns @ coefficients - np.repeat(level, sizes), dtype=np.float64
     )
 
 
-def isolated(residual: Array, stacked: Stack) -> Array:
+def _isolated(residual: Array, stacked: Stack) -> Array:
     """Residuals [n] less the median of their neighbourhood in the same log: what no smooth misfit
     explains.
     """
@@ -224,16 +224,16 @@ def isolated(residual: Array, stacked: Stack) -> Array:
     return apart
 
 
-def noise_of(apart: Array) -> float:
+def _noise_of(apart: Array) -> float:
     """Standard deviation [°/h] of a block's noise from isolated residuals [n], by their median
     absolute value.
     """
     return mad_sigma(apart)
 
 
-def loss_weights(apart: Array, *, biweight: bool) -> Array:
+def _loss_weights(apart: Array, *, biweight: bool) -> Array:
     """Weights [n] of Huber's loss, or of Tukey's, for isolated residuals [n] over their scale."""
-    scale = noise_of(apart)
+    scale = _noise_of(apart)
     ratio = np.abs(apart) / (scale if scale > 0.0 else 1.0)
     if biweight:
         return np.asarray((1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2, dtype=np.float64)
@@ -271,8 +271,8 @@ def trust(columns: Array, stacked: Stack) -> Array:
     weights = np.ones(stacked.indication.size)
     for biweight in (False, True):
         for _ in range(ITERATIONS):
-            apart = isolated(_projected_out(columns, weights, stacked), stacked)
-            moved, weights = weights, loss_weights(apart, biweight=biweight)
+            apart = _isolated(_projected_out(columns, weights, stacked), stacked)
+            moved, weights = weights, _loss_weights(apart, biweight=biweight)
             if float(np.max(np.abs(moved - weights))) < SETTLED:
                 break
     return weights
@@ -300,15 +300,15 @@ def _projected_out(columns: Array, weights: Array, stacked: Stack) -> Array:
         @ (matrix[:-1, -1] / length)
         / length
     )
-    return residuals(columns, found, weights, stacked)
+    return _residuals(columns, found, weights, stacked)
 
 
 def balanced_weights(columns: Array, trust: Array, stacked: Stack, names: Sequence[str]) -> Array:
     """Weights [n] of the rows: trust in each (robust weights [n]), shared out over the temperatures
     by their occupancy.
     """
-    residual = residuals(columns, coefficients(columns, trust, stacked, names), trust, stacked)
-    noise = noise_of(isolated(residual, stacked))
+    residual = _residuals(columns, coefficients(columns, trust, stacked, names), trust, stacked)
+    noise = _noise_of(_isolated(residual, stacked))
     lasting = [
         occupancy.misfit(residual[rows], trust[rows], _lasting(log))
         for rows, log in zip(stacked.log_rows, stacked.logs, strict=True)
@@ -351,12 +351,12 @@ def finished(solution: Solution, stacked: Stack) -> ThermalModel:
     chosen = chosen_columns(solution.terms)[1:]
     exact = _exact(solution, stacked)
     design = np.column_stack([solution.columns, solution.sensitivities])
-    residual = residuals(solution.columns, exact, solution.weights, stacked)
+    residual = _residuals(solution.columns, exact, solution.weights, stacked)
     groups = [
         thermal_noise.grouped(design[r], residual[r], solution.weights[r]) for r in stacked.log_rows
     ]
     noise = thermal_noise.estimated(groups)
-    level = offsets(solution.columns, exact, solution.weights, stacked)
+    level = _offsets(solution.columns, exact, solution.weights, stacked)
     matrix = _to_raw_and_lags(solution, len(stacked.logs), chosen)
     found = thermal_noise.covariance(groups, noise)
     covariance = matrix @ found @ matrix.T

@@ -72,7 +72,7 @@ class Valid:
 
 
 @dataclass(frozen=True, slots=True)
-class Clamped:
+class _Clamped:
     """Drivers inside the fitted ranges, and where [n] they had to be brought there."""
 
     drivers: Drivers
@@ -119,7 +119,7 @@ def valid_of(drivers: Drivers) -> Valid:
     )
 
 
-def clamped(drivers: Drivers, valid: Valid, terms: Sequence[str]) -> Clamped:
+def clamped(drivers: Drivers, valid: Valid, terms: Sequence[str]) -> _Clamped:
     """Bring the drivers that the terms use into the fitted ranges; the rate of the gradient counts
     as a rate.
     """
@@ -128,7 +128,7 @@ def clamped(drivers: Drivers, valid: Valid, terms: Sequence[str]) -> Clamped:
     r, rate = _inside(drivers.rate, valid.rate, used=bool(rated))
     g, gradient = _inside(drivers.gradient, valid.gradient, used="s_grad" in terms)
     q, second = _inside(drivers.gradient_rate, valid.gradient_rate, used="s_grad_rate" in terms)
-    return Clamped(Drivers(T, r, g, q), drivers.temperature != T, rate | second, gradient)
+    return _Clamped(Drivers(T, r, g, q), drivers.temperature != T, rate | second, gradient)
 
 
 def _inside(values: Array, span: Span, *, used: bool) -> tuple[Array, Mask]:

@@ -95,7 +95,7 @@ def about_its_mean(covariance: Array) -> Array:
 
 
 @dataclass(frozen=True, slots=True)
-class Contributions:
+class _Contributions:
     """Independent contributions [m, n, °/h] to the uncertainty of the drift along a log: names,
     kinds, degrees of freedom [m].
     """
@@ -106,7 +106,7 @@ class Contributions:
     dof: Array
 
 
-def contributions(model: ThermalModel, evaluation: Evaluation) -> Contributions:
+def contributions(model: ThermalModel, evaluation: Evaluation) -> _Contributions:
     """Contributions to the uncertainty of the drift along a log.
 
     Type A of coefficients and lags, propagated (JCGM 100, 5.2.2); the model error on left-out
@@ -118,7 +118,7 @@ def contributions(model: ThermalModel, evaluation: Evaluation) -> Contributions:
     type_a = gum.uncertainty_along(evaluation.sensitivities, model.covariance)
     missed = np.full(type_a.size, model.model_error)
     beyond = np.abs(evaluation.beyond) / np.sqrt(3.0)
-    return Contributions(
+    return _Contributions(
         ("coefficients", "model error on ramps left out", "beyond the fitted ranges"),
         ("A", "A", "B"),
         np.stack([type_a, missed, beyond]),

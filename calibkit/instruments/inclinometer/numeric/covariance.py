@@ -55,7 +55,7 @@ def root_gradient(parts: Components, found: Attitude, latitude_deg: Array, s: Ar
         )
 
 
-def azimuth_gradient(
+def _azimuth_gradient(
     parts: Components, found: Attitude, latitude_deg: Array, s: Array
 ) -> tuple[Array, Array]:
     """Derivatives of ψ: [n, 5] by g_x, g_y, ω_x, ω_y, latitude at constant s, and [n] by s (step
@@ -108,7 +108,7 @@ def covariance(
     # a root that is not used may have no gradient: its weight of zero must not meet an infinity
     jacobian[:, 2, :5] = weight[:, None] * np.where((weight > 0.0)[:, None], gradient, 0.0)
     jacobian[:, 2, 5] = 1.0 - weight
-    direct, by_s = azimuth_gradient(parts, found, latitude_deg, s)
+    direct, by_s = _azimuth_gradient(parts, found, latitude_deg, s)
     jacobian[:, 3] = by_s[:, None] * jacobian[:, 2]
     jacobian[:, 3, :5] += direct
     jacobian *= np.array([np.degrees(1.0), np.degrees(1.0), 1.0, np.degrees(1.0)])[:, None]

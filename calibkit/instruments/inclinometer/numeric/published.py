@@ -28,7 +28,7 @@ POSITION_TOLERANCE_DEG = 0.1
 
 
 @dataclass(frozen=True, slots=True)
-class Readings:
+class _Readings:
     """Indications of n stations in the four positions (step A)."""
 
     station: Array
@@ -86,7 +86,7 @@ def along_gravity(accel: Array, convention: Convention) -> Array:
     return accel if convention == "gravity" else -accel
 
 
-def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> Readings:
+def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> _Readings:
     """Sort rows into stations and positions (step A).
 
     Parameters
@@ -126,10 +126,10 @@ def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> Readi
             status[k] = f"no reading at position {', '.join(missing)}"
         elif not np.isfinite(mean[k]).all():
             status[k] = "an indication is not finite"
-    return Readings(unique[order], mean, tuple(status))
+    return _Readings(unique[order], mean, tuple(status))
 
 
-def four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
+def _four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
     """Components along x and y [n] from indications [n, 4] of one sensor: halved differences, bias
     cancels (step B).
     """
@@ -158,8 +158,8 @@ def components(
     accel_noise_g, gyro_noise_dph : standard uncertainty of one reading.
 
     """
-    accel_x, accel_y = four_differences(accel, sensor)
-    gyro_x, gyro_y = four_differences(gyro, sensor)
+    accel_x, accel_y = _four_differences(accel, sensor)
+    gyro_x, gyro_y = _four_differences(gyro, sensor)
     variance = np.array([accel_noise_g, accel_noise_g, gyro_noise_dph, gyro_noise_dph]) ** 2 / 2.0
     covariance = np.broadcast_to(np.diag(variance), (accel_x.size, 4, 4)).copy()
     return Components(accel_x, accel_y, gyro_x, gyro_y, covariance)

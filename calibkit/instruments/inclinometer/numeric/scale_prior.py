@@ -55,7 +55,7 @@ DEFAULT_HISTORY = History()
 
 
 @dataclass(frozen=True, slots=True)
-class ScaleOverTemperature(TemperaturePolynomial):
+class _ScaleOverTemperature(TemperaturePolynomial):
     """s(T) = s0 + s1 T + …, T in °C; its residual rms is weighted, dimensionless."""
 
     scatter: float
@@ -206,7 +206,7 @@ def predict_in_sequence(
 
 def fit_over_temperature(
     solution: Solution, temp_degc: Array, *, order: int | None = None
-) -> ScaleOverTemperature:
+) -> _ScaleOverTemperature:
     """Fit the chosen roots of n stations as s(T), weighted by their uncertainty and their common
     scatter.
 
@@ -259,7 +259,7 @@ def fit_over_temperature(
     own = np.zeros(used.size)
     own[used] = 1.0 / variance
     roots = np.where(used, solution.s_root, 0.0)
-    return ScaleOverTemperature(
+    return _ScaleOverTemperature(
         coefficients=to_raw @ fit.coefficients,
         covariance=gum.propagate(to_raw, inverse),
         scatter=scatter,

@@ -17,7 +17,7 @@ NAMES = ("x", "y", "bias", "ramp")
 
 
 @dataclass(frozen=True, slots=True)
-class Harmonics:
+class _Harmonics:
     """One sensor at one station: what turns with the tool and what stays."""
 
     x: float
@@ -58,14 +58,14 @@ class Fitted:
     """Degrees of freedom of each of them [n, 2]."""
 
 
-def fit_harmonics(
+def _fit_harmonics(
     position_deg: Array,
     indication: Array,
     sensor: Sensor,
     *,
     time_s: Array | None = None,
     ramp: bool = False,
-) -> Harmonics:
+) -> _Harmonics:
     """Fit indication = x cos p + y sin p + bias + ramp (t − t̄); for the y sensor y cos p − x sin p
     + ….
 
@@ -86,7 +86,7 @@ def fit_harmonics(
     design, names = _design(position_deg, sensor, time_s, ramp=ramp)
     fit = linear(design, indication, names=names)
     q = fit.coefficients
-    return Harmonics(
+    return _Harmonics(
         x=float(q[0]),
         y=float(q[1]),
         bias=float(q[2]),
@@ -169,7 +169,7 @@ def fit_stations(
     names = np.asarray(station, dtype=np.float64)
     unique, first = np.unique(names, return_index=True)
     order = unique[np.argsort(first, kind="stable")]
-    pairs: list[tuple[Harmonics, Harmonics] | None] = []
+    pairs: list[tuple[_Harmonics, _Harmonics] | None] = []
     status = []
     for name in order:
         rows = names == name
@@ -180,10 +180,10 @@ def fit_stations(
         if reason:
             pairs.append(None)
             continue
-        of_gyro = fit_harmonics(
+        of_gyro = _fit_harmonics(
             position_deg[rows], gyro[rows], sensor, time_s=clock, ramp=gyro_ramp
         )
-        pairs.append((fit_harmonics(position_deg[rows], accel[rows], sensor), of_gyro))
+        pairs.append((_fit_harmonics(position_deg[rows], accel[rows], sensor), of_gyro))
     fitted = [pair for pair in pairs if pair is not None]
     if not fitted:
         raise FitError(f"none of {len(order)} stations can be fitted: {status[0]}")
@@ -209,7 +209,7 @@ def _reason(
     return f"the positions cannot determine {', '.join(loose)}" if loose else ""
 
 
-def _noise(fits: list[Harmonics], given: float | None, name: str) -> float:
+def _noise(fits: list[_Harmonics], given: float | None, name: str) -> float:
     """Standard deviation of one reading: as given, or pooled from the residuals of all stations."""
     if given is not None:
         return given
@@ -224,7 +224,7 @@ def _noise(fits: list[Harmonics], given: float | None, name: str) -> float:
 
 def _fitted(
     order: Array,
-    pairs: list[tuple[Harmonics, Harmonics] | None],
+    pairs: list[tuple[_Harmonics, _Harmonics] | None],
     status: tuple[str, ...],
     accel_sd: float,
     gyro_sd: float,
