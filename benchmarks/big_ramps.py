@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal import simulate as gyros
+from calibkit.instruments.fog_thermal import simulate_gyro
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber, air as air_of, ramp, set_points
 
@@ -52,17 +52,19 @@ def write(folder: Path, rows: int = 3_600_000, rates: Sequence[float] = RATES) -
 
 def _write_one(path: Path, rate: float, rows: int) -> None:
     """Write one log, a block of rows at a time."""
-    device, chamber = gyros.gyro(SEED), Chamber()
+    device, chamber = simulate_gyro.draw_gyro(SEED), Chamber()
     rng = np.random.default_rng([SEED, round(1000.0 * rate)])
-    ramp_s = min((gyros.HOT_DEGC - gyros.COLD_DEGC) / rate * 60.0, DURATION_S - SOAK_S)
-    end = gyros.COLD_DEGC + rate * ramp_s / 60.0
+    ramp_s = min(
+        (simulate_gyro.HOT_DEGC - simulate_gyro.COLD_DEGC) / rate * 60.0, DURATION_S - SOAK_S
+    )
+    end = simulate_gyro.COLD_DEGC + rate * ramp_s / 60.0
     after = DURATION_S - SOAK_S - ramp_s + 60.0  # the chamber runs on when the log ends
     seconds, set_degc = set_points(
-        ramp(gyros.COLD_DEGC, end, rate, soak_before_s=SOAK_S, soak_after_s=after)
+        ramp(simulate_gyro.COLD_DEGC, end, rate, soak_before_s=SOAK_S, soak_after_s=after)
     )
     air = air_of(chamber, set_degc, rng)
-    heat = gyros.heat_flow(device, air, gyros.COLD_DEGC)
-    bias = device.input_rate_dph + device.bias_dph + gyros.drift(device, heat)
+    heat = simulate_gyro.heat_flow(device, air, simulate_gyro.COLD_DEGC)
+    bias = device.input_rate_dph + device.bias_dph + simulate_gyro.drift(device, heat)
     bias += noise.flicker(device.B, seconds.size, rng)
     step = DURATION_S / rows
     decimals = max(4, math.ceil(-math.log10(step)))

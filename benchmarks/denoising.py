@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.constants import SECONDS_PER_HOUR
-from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.recipe import Denoise
 from calibkit.numeric.wavelet import denoise
 from calibkit.simulate.chamber import Chamber
@@ -83,7 +83,7 @@ def ramps(seed: int) -> list[tuple[Array, float]]:
     """True drift [n, °/h] along each ramp of one gyro, and the standard deviation of its white
     noise at 1 Hz.
     """
-    device = fog.gyro(seed)
+    device = simulate_gyro.draw_gyro(seed)
     made = fog.logs(device, fog.programmes(RATES, ()), seed, Chamber())
     white = device.N * np.sqrt(SECONDS_PER_HOUR)
     found = []

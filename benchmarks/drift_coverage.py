@@ -18,7 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import (
     choice as thermal_choice,
     coil,
@@ -95,7 +95,7 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
     """Errors over standard uncertainties of the coefficients (and lags) of one gyro whose drift is
     of the fitted family.
     """
-    device, true = fog.gyro(seed), truth(seed, form)
+    device, true = simulate_gyro.draw_gyro(seed), truth(seed, form)
     rng = np.random.default_rng([seed, 8])
     bias = device.input_rate_dph + device.bias_dph
     logs = []
@@ -122,7 +122,9 @@ def physical(seed: int) -> tuple[np.ndarray, np.ndarray]:
     """Error of the drift over its expanded uncertainty along the withheld ramps; over twice its
     type A one alone.
     """
-    device = fog.scaled(fog.gyro(seed), hysteresis_scale=float(seed % 2))
+    device = simulate_gyro.scale_drift(
+        simulate_gyro.draw_gyro(seed), hysteresis_scale=float(seed % 2)
+    )
     made = fog.logs(device, fog.programmes(RATES, (3.0, 6.0)), seed, Chamber())
     logs = {name: thermal_log(name, log, log.columns["gyro_dph"]) for name, log in made.items()}
     choice = thermal_choice.choose(

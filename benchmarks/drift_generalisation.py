@@ -18,7 +18,7 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice, evaluate, pooled_fit
 from calibkit.simulate.chamber import Chamber
 
@@ -58,12 +58,12 @@ class Ramp:
     hysteresis: float
 
 
-def gyro(seed: int, kind: str) -> fog.FogGyro:
+def gyro(seed: int, kind: str) -> simulate_gyro.FogGyro:
     """A gyro whose time constants are up to 1.5 times longer or shorter than those of a simulated
     one.
     """
     rng = np.random.default_rng([seed, 5])
-    device = fog.gyro(seed)
+    device = simulate_gyro.draw_gyro(seed)
     case, outer, inner = np.exp(rng.uniform(-np.log(1.5), np.log(1.5), 3))
     device = replace(
         device,
@@ -73,7 +73,7 @@ def gyro(seed: int, kind: str) -> fog.FogGyro:
     )
     scale = {"none": 0.0, "weak": float(rng.uniform(0.02, 0.3))}.get(kind, 1.0)
     hysteresis = {"hysteresis": 1.0, "strong hysteresis": 4.0}.get(kind, 0.0)
-    return fog.scaled(device, drift_scale=scale, hysteresis_scale=hysteresis)
+    return simulate_gyro.scale_drift(device, drift_scale=scale, hysteresis_scale=hysteresis)
 
 
 def thermal_log(
@@ -100,7 +100,7 @@ def means(values: np.ndarray, size: int) -> np.ndarray:
 
 
 def judged(
-    device: fog.FogGyro,
+    device: simulate_gyro.FogGyro,
     seed: int,
     kind: str,
     made: dict[str, fog.SimulatedLog],
@@ -114,7 +114,9 @@ def judged(
         blocks = thermal_log(name, log)
         count = blocks.time.size
         share = device.inner_share
-        hysteresis = fog.hysteresis(device, (1.0 - share) * log.heat.outer + share * log.heat.inner)
+        hysteresis = simulate_gyro.hysteresis(
+            device, (1.0 - share) * log.heat.outer + share * log.heat.inner
+        )
         drift, own = (means(values, int(INTERVAL_S))[:count] for values in (log.drift, hysteresis))
         model = np.zeros(count)
         if choice.model is not None:

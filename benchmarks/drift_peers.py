@@ -24,7 +24,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import choice, evaluate, level, pooled_fit
 from calibkit.numeric import intervals
 from calibkit.simulate.chamber import Chamber
@@ -189,7 +189,10 @@ def main() -> int:
         results = []
         for seed in range(first, first + count):
             made = fog.logs(
-                fog.gyro(seed), fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)), seed, Chamber()
+                simulate_gyro.draw_gyro(seed),
+                fog.programmes((1.0, 5.0, 8.0, 10.0), (3.0, 6.0)),
+                seed,
+                Chamber(),
             )
             results.append(judged(made, python))
     print(f"{count} gyros, {4 * count} withheld ramps (±3, ±6 °C/min); drift rms by truth [°/h]")

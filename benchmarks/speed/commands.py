@@ -128,7 +128,7 @@ def ramps(rows: int) -> dict[str, dict[str, Array]]:
     """Four heating ramps of a simulated gyro, 27,600 s with their soaks, `rows` samples in all:
     name → columns.
     """
-    from calibkit.instruments.fog_thermal import simulate as fog
+    from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
     from calibkit.simulate.chamber import Chamber
 
     programmes = {
@@ -136,7 +136,7 @@ def ramps(rows: int) -> dict[str, dict[str, Array]]:
         for programme in fog.programmes(RATES, ()).values()
         if programme.rate_degc_per_min > 0.0
     }
-    gyro = fog.gyro(7)
+    gyro = simulate_gyro.draw_gyro(7)
     made = fog.logs(gyro, programmes, 7, Chamber())
     interval = sum(log.columns["time_s"][-1] for log in made.values()) / rows
     rng = np.random.default_rng(7)

@@ -15,7 +15,7 @@ import numpy as np
 from speed import peers
 from speed.page import table
 
-from calibkit.instruments.fog_thermal import simulate as fog
+from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import occupancy
 from calibkit.simulate.chamber import Chamber
 from truth.product import DATE, calibkit
@@ -130,7 +130,9 @@ def polynomial_drift(log: fog.SimulatedLog, rng_seed: int) -> fog.SimulatedLog:
 
 def withheld(seed: int, python: Path, *, hit: bool, physical: bool) -> dict[str, list[float]]:
     """Drift rms [°/h] by truth of what each model leaves of each withheld ramp of a gyro."""
-    made = fog.logs(fog.gyro(seed), fog.programmes((1.0, 5.0, 10.0), (8.0,)), seed, Chamber())
+    made = fog.logs(
+        simulate_gyro.draw_gyro(seed), fog.programmes((1.0, 5.0, 10.0), (8.0,)), seed, Chamber()
+    )
     if not physical:
         made = {name: polynomial_drift(log, seed) for name, log in made.items()}
     rng = np.random.default_rng([seed, 6])

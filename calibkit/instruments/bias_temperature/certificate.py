@@ -42,10 +42,15 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
             tables.append(table)
             figures.append(_plot(model, table, abscissa))
         notes += [residual_words(model), range_words(model), *stated.left_out(model)]
-    title = Words("Bias over temperature", "零偏随温度")
     return (
         Block(
-            record.stage, "bias.json", title, (CURVE,), tuple(tables), tuple(figures), tuple(notes)
+            record.stage,
+            "bias.json",
+            Words("Bias over temperature", "零偏随温度"),
+            (CURVE,),
+            tuple(tables),
+            tuple(figures),
+            tuple(notes),
         ),
     )
 
@@ -72,27 +77,29 @@ def _values(stated: Stated, record: Record, model: Model, abscissa: str) -> Grid
             principal=x == stated.reference_degc,
         )
 
-    head = Words(f"{abscissa} [{unit_mark(units.column_unit(abscissa)) or 1}]")
     title = Words(f"{model.name}: bias", f"{model.name}：零偏")
-    return stated.over(title, points, [(Words("bias", "零偏"), unit, at)], row_head=head)
+    columns = [(Words("bias", "零偏"), unit, at)]
+    return stated.over(title, points, columns, row_head=_head(abscissa))
+
+
+def _head(abscissa: str) -> Words:
+    """Name and unit of the abscissa."""
+    return Words(f"{abscissa} [{unit_mark(units.column_unit(abscissa)) or 1}]")
 
 
 def _plot(model: Model, table: GridTable, abscissa: str) -> Figure:
     """Bias over the abscissa with its expanded uncertainty."""
-    found = [row[0] for row in table.cells]
-    points = [r for r in found if r is not None and r.uncertainty is not None]
-    U = tuple(r.uncertainty.expanded_uncertainty for r in points if r.uncertainty is not None)
+    points = [
+        (r, r.uncertainty.expanded_uncertainty)
+        for (r,) in table.cells
+        if r is not None and r.uncertainty is not None
+    ]
     series = Series(
         Words("bias ± U", "零偏 ± U"),
-        tuple(r.at[0][1] for r in points),
-        tuple(r.value for r in points),
-        U,
+        tuple(r.at[0][1] for r, _ in points),
+        tuple(r.value for r, _ in points),
+        tuple(U for _, U in points),
     )
     unit = unit_mark(units.column_unit(model.name)) or "1"
-    x_unit = unit_mark(units.column_unit(abscissa)) or "1"
-    return Figure(
-        table.title,
-        Words(f"{abscissa} [{x_unit}]"),
-        Words(f"bias [{unit}]", f"零偏 [{unit}]"),
-        (series,),
-    )
+    label = Words(f"bias [{unit}]", f"零偏 [{unit}]")
+    return Figure(table.title, _head(abscissa), label, (series,))

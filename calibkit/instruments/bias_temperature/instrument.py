@@ -24,20 +24,11 @@ from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 
 
-def _columns(spec: BiasTemperatureRecipe) -> tuple[str, ...]:
-    """Columns that the polynomials need."""
-    return tuple(
-        dict.fromkeys(
-            (spec.polynomials.abscissa, *(entry.indication for entry in spec.polynomials.bias))
-        )
-    )
-
-
 def _read(
     spec: BiasTemperatureRecipe, data: Path, file: str, reader: Reader = ingest.read_log
 ) -> Log:
     """One log in the recipe's columns; time is read where the log has it."""
-    return reader(spec, data / file, file, _columns(spec), ("time_s",))
+    return reader(spec, data / file, file, tuple(dict.fromkeys(spec.own_columns())), ("time_s",))
 
 
 def _findings(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
@@ -72,15 +63,11 @@ def _found(spec: BiasTemperatureRecipe, log: Log) -> list[Finding]:
     ]
     if any(finding.refused for finding in found):
         return found
-    for entry in spec.polynomials.bias:
-        found += checks.series.check_indication(
-            log, entry.indication, units.column_unit(entry.indication)
-        )
+    for column in spec.still_columns():
+        found += checks.series.check_indication(log, column, units.column_unit(column))
     return [
         *found,
-        *checks.magnitude.find_compensated_names(
-            log, spec, [entry.indication for entry in spec.polynomials.bias]
-        ),
+        *checks.magnitude.find_compensated_names(log, spec, spec.still_columns()),
     ]
 
 
@@ -100,17 +87,14 @@ def _fit(
         found = _findings(spec, log)
         refuse(found)
         logs.append(log)
-        flags += [f"{log.file}: {note}" for note in log.notes] + [
-            str(finding) for finding in found if finding.flagged
-        ]
+        flags += [f"{log.file}: {note}" for note in log.notes]
+        flags += [str(finding) for finding in found if finding.flagged]
     fits = polynomials.fit(logs, spec.polynomials)
-    result = polynomials.result(fits, flags)
-    inputs = tuple(Input.of(log) for log in logs)
     return Fitted(
-        (result,),
-        inputs,
-        polynomials.summary(spec.title, fits, result.flags),
-        polynomials.drawing(spec.title, fits),
+        (polynomials.result(fits, flags),),
+        tuple(Input.of(log) for log in logs),
+        polynomials.summary(spec.title, fits, flags),
+        pages.BiasReport(fits[0].abscissa, tuple(found.curve for found in fits)),
     )
 
 
@@ -153,10 +137,16 @@ def _firmware() -> Firmware[BiasTemperatureRecipe]:
 
 
 def _propose(evidence: Evidence) -> Choice | None:
-    """Recipe for logs of this kind."""
-    from calibkit.instruments.bias_temperature.propose import propose
-
-    return propose(evidence)
+    """Recipe for a gyro with times and one temperature; the first of several gyros."""
+    gyros, columns = evidence.gyros(), evidence.columns
+    temperature = columns.get("temp_case_degc") or columns.get("temp_env_degc")
+    if not gyros or "time_s" not in columns or temperature is None:
+        return None
+    first, *others = gyros.items()
+    base = {name: one for name, one in columns.items() if name not in gyros}
+    base |= {"gyro_dph": first[1], "temp_case_degc": temperature}
+    columns_read = ("time_s", "temp_case_degc", "gyro_dph")
+    return evidence.choose("bias_temperature", columns_read, base).with_others(others)
 
 
 INSTRUMENT = Instrument(

@@ -5,7 +5,7 @@ abscissa.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
@@ -13,7 +13,7 @@ from calibkit import units
 from calibkit.coefficients import StageResult
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import values
-from calibkit.instruments.bias_temperature.figures import BiasCurve, BiasReport, bin_means
+from calibkit.instruments.bias_temperature.figures import BiasCurve, bin_means
 from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fold, hac, polynomial
 from calibkit.report.summary import Summary, number
@@ -31,7 +31,7 @@ if TYPE_CHECKING:
         Polynomials,
     )
 
-    Room = Callable[[int], Array]
+    Allocate = Callable[[int], Array]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,39 +54,45 @@ def fit(logs: Sequence[Log], spec: Polynomials) -> list[_BiasFit]:
     """Fit each channel's polynomial by least squares on the abscissa mapped to [−1, 1], over the
     rows of all logs.
 
-    The covariance allows for autocorrelated residuals (Newey & West 1987): a sensor that warms up
-    is not white.
+    The covariance allows for autocorrelated residuals (Newey & West 1987): the noise of a sensor
+    that warms up is not white.
     """
-    abscissa, room = _joined(logs, spec.abscissa)
+    allocate = next((log.room for log in logs if log.on_disk), np.empty)
+    abscissa = _concatenate(logs, spec.abscissa, allocate)
     return [
-        _fitted(entry, spec.abscissa, abscissa, _joined(logs, entry.indication)[0], room)
+        _fit_channel(
+            entry,
+            spec.abscissa,
+            abscissa,
+            _concatenate(logs, entry.indication, allocate),
+            allocate,
+        )
         for entry in spec.bias
     ]
 
 
-def _joined(logs: Sequence[Log], column: str) -> tuple[Array, Room]:
-    """A column [n] of all logs, one behind the other, on disk where one of them is; and what makes
-    arrays there.
-    """
-    room = next((log.room for log in logs if log.on_disk), np.empty)
+def _concatenate(logs: Sequence[Log], column: str, allocate: Allocate) -> Array:
+    """A column [n] of all logs, one after the other, in an array that `allocate` makes."""
     parts = [values(log.frame, column) for log in logs]
     if len(parts) == 1:
-        return parts[0], room
-    whole = room(sum(part.size for part in parts))
+        return parts[0]
+    whole = allocate(sum(part.size for part in parts))
     row = 0
     for part in parts:
         for start, stop in chunks.ranges_along(part):
             whole[row : row + stop - start] = part[start:stop]
             row += stop - start
             chunks.release(whole)
-    return whole, room
+    return whole
 
 
-def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Room) -> _BiasFit:
+def _fit_channel(
+    entry: Bias, name: str, abscissa: Array, indication: Array, allocate: Allocate
+) -> _BiasFit:
     """One channel's polynomial over the abscissa of that name."""
     design, to_raw = polynomial.mapped_powers(abscissa, entry.order)
     names = [f"p{k}" for k in range(entry.order + 1)]
-    found = fold.linear(design, indication, names=names, room=room)
+    found = fold.linear(design, indication, names=names, room=allocate)
     raw, covariance = polynomial.in_raw_powers(
         found.coefficients, hac.covariance(design, found.residuals), to_raw
     )
@@ -105,8 +111,8 @@ def _fitted(entry: Bias, name: str, abscissa: Array, indication: Array, room: Ro
 
 
 def result(fits: Sequence[_BiasFit], flags: Sequence[str]) -> StageResult:
-    """bias.json: one polynomial/1 model a channel, coefficients ascending, p<k> multiplies the k-th
-    power.
+    """bias.json: one polynomial/1 model per channel, coefficients ascending, p<k> multiplies the
+    k-th power.
     """
     return StageResult("bias", models=tuple(map(_model, fits)), flags=tuple(flags))
 
@@ -129,7 +135,7 @@ def _model(found: _BiasFit) -> Model:
 
 
 def summary(title: str, fits: Sequence[_BiasFit], flags: Sequence[str]) -> Summary:
-    """What the console says: coefficients of every channel, highest power last."""
+    """Summary of a fit: coefficients of every channel, highest power last."""
     rows = []
     for found in fits:
         u = np.sqrt(np.diag(found.covariance))
@@ -138,16 +144,12 @@ def summary(title: str, fits: Sequence[_BiasFit], flags: Sequence[str]) -> Summa
                 (found.indication if k == 0 else "", f"p{k}", f"{value:.7g}", f"{error:.1e}")
             )
         rows.append(("", "residual rms", number(found.residual_rms), ""))
-    title_of_table = f"Bias as a polynomial of {fits[0].abscissa}"
     table = Table(
-        title_of_table, ("channel", "power", "coefficient", "standard uncertainty"), tuple(rows)
+        f"Bias as a polynomial of {fits[0].abscissa}",
+        ("channel", "power", "coefficient", "standard uncertainty"),
+        tuple(rows),
     )
     return Summary(title, (table,), tuple(flags), ())
-
-
-def drawing(title: str, fits: Sequence[_BiasFit]) -> BiasReport:  # noqa: ARG001 (the shape of every drawing function)
-    """What the figures show."""
-    return BiasReport(fits[0].abscissa, tuple(found.curve for found in fits))
 
 
 def compensate(
@@ -181,39 +183,32 @@ def compensate(
     return columns, tuple(dict.fromkeys(flags))
 
 
-def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> dict[str, object]:
+def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> dict[str, Any]:
     """JSON object of one validated log: standard deviation of every channel before and after."""
     columns, flags = compensate(log, record, spec)
-    channels = [
-        {
-            "name": name,
-            "unit": units.column_unit(name),
-            "before": chunks.standard_deviation(values(log.frame, name)),
-            "after": chunks.standard_deviation(output),
-        }
-        for name, output in columns.items()
-    ]
     return {
         "name": log.file,
         "sha256": log.sha256,
         "rows": log.rows,
-        "channels": channels,
+        "channels": [
+            {
+                "name": name,
+                "unit": units.column_unit(name),
+                "before": chunks.standard_deviation(values(log.frame, name)),
+                "after": chunks.standard_deviation(output),
+            }
+            for name, output in columns.items()
+        ],
         "flags": list(flags),
     }
 
 
-def validation_summary(entries: Sequence[dict[str, object]]) -> Summary:
-    """What the console says of a validation."""
-    rows, flags = [], []
-    for entry in entries:
-        channels = entry["channels"]
-        assert isinstance(channels, list)  # noqa: S101 (narrows the JSON object made above)
-        rows += [
-            (str(entry["name"]), c["name"], number(c["before"]), number(c["after"]), c["unit"])
-            for c in channels
-        ]
-        found = entry["flags"]
-        assert isinstance(found, list)  # noqa: S101 (as above)
-        flags += found
-    table = Table("Standard deviation", ("log", "channel", "before", "after", "unit"), tuple(rows))
-    return Summary("", (table,), tuple(flags), ())
+def validation_summary(entries: Sequence[dict[str, Any]]) -> Summary:
+    """Summary of a validation."""
+    rows = tuple(
+        (entry["name"], c["name"], number(c["before"]), number(c["after"]), c["unit"])
+        for entry in entries
+        for c in entry["channels"]
+    )
+    table = Table("Standard deviation", ("log", "channel", "before", "after", "unit"), rows)
+    return Summary("", (table,), tuple(flag for entry in entries for flag in entry["flags"]), ())

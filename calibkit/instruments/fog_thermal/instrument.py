@@ -258,10 +258,16 @@ def _simulate(seed: int) -> Campaign:
 
 
 def _propose(evidence: Evidence) -> Choice | None:
-    """Recipe for logs of this kind."""
-    from calibkit.instruments.fog_thermal.propose import propose
-
-    return propose(evidence)
+    """Recipe for a gyro with times, case temperature and chamber air; the first of several
+    gyros.
+    """
+    gyros, columns = evidence.gyros(), evidence.columns
+    if not gyros or not {"time_s", "temp_case_degc", "temp_env_degc"} <= columns.keys():
+        return None
+    first, *others = gyros.items()
+    base = {name: one for name, one in columns.items() if name not in gyros}
+    choice = evidence.choose("fog_thermal", ramps.COLUMNS, base | {"gyro_dph": first[1]})
+    return choice.with_others(others)
 
 
 INSTRUMENT = Instrument(

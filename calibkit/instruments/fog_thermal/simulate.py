@@ -1,21 +1,23 @@
-"""A fibre-optic gyro on temperature ramps: heat flows through case and coil, and its bias follows
-the coil.
-
-The bias is a polynomial of the coil's mean temperature, the Shupe effect (Shupe 1980, Applied
-Optics 19:654) of the coil's temperature rate and of the rate of the gradient across it, and a
-hysteresis of play operators: physics, of which every fitted model is an approximation.
-"""
+"""Logs of a simulated fibre-optic gyro on temperature ramps in a chamber, with the truth."""
 
 from __future__ import annotations
 
-import math
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any, TypeVar
+from typing import TYPE_CHECKING, Any
 
 import numpy as np
-from numpy.polynomial import chebyshev, polynomial
 
-from calibkit.constants import EARTH_RATE_DPH, SECONDS_PER_MINUTE
+from calibkit.instruments.fog_thermal.simulate_gyro import (
+    CASE_RESOLUTION_DEGC,
+    COLD_DEGC,
+    HOT_DEGC,
+    FogGyro,
+    Heat,
+    draw_gyro,
+    drift,
+    heat_flow,
+    scale_drift,
+)
 from calibkit.numeric.dispersion import rms
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
@@ -36,87 +38,9 @@ if TYPE_CHECKING:
 
     from calibkit.arrays import Array
 
-    Triple = tuple[float, float, float]
-
-Value = TypeVar("Value", float, "Array")
-
-REFERENCE_DEGC = 25.0
-"""Where drift is zero: a coil in equilibrium at this temperature, before any hysteresis."""
-COLD_DEGC, HOT_DEGC = -40.0, 60.0
-LATITUDE_DEG = 34.2
-"""Of the laboratory; the input axis points up."""
-CASE_RESOLUTION_DEGC = 0.0625
 TRUTH_EVERY = 60
-"""Samples between two lines of truth."""
+"""Samples between two rows of truth."""
 DECIMALS = {"temp_case_degc": 4, "temp_env_degc": 1, "gyro_dph": 3}
-STEP = 4
-"""Samples an integration step of the heat flow: a tenth of the shortest time constant that a coil
-has.
-"""
-
-
-@dataclass(frozen=True, slots=True)
-class FogGyro:
-    """Constants of one gyro: heat, drift, and what stands between the rotation and the
-    indication.
-    """
-
-    tau_case_s: float
-    """Lag of the case behind the air on a steady ramp, at small differences."""
-    tau_outer_s: float
-    """Lag of the coil's outer layers behind the case on a steady ramp at the reference temperature.
-    """
-    tau_inner_s: float
-    """Lag of the coil's inner layers behind the outer ones, likewise."""
-    coil_share: float
-    """Heat capacity of the coil, of that of the whole gyro."""
-    inner_share: float
-    """Heat capacity of the inner layers, of that of the coil."""
-    self_heating_degc: float
-    """What the electronics would warm the case above still air, at small differences."""
-    convection_per_degc: float
-    """Relative growth of the heat transfer to the air with its temperature difference [1/°C]."""
-    conduction_per_degc: float
-    """Relative growth of the conductances inside with temperature [1/°C]."""
-    static_dph: tuple[float, ...]
-    """Bias in equilibrium: factors of (T − 25)¹, (T − 25)² ... [°/h/°C, °/h/°C² ...]."""
-    shupe_rate: float
-    """Shupe effect of the coil's mean temperature rate [°/h/(°C/min)]."""
-    shupe_gradient_rate: float
-    """Shupe effect of the rate of the difference of outer and inner layers [°/h/(°C/min)]."""
-    shupe_per_degc: float
-    """Relative growth of both with temperature [1/°C], as the fibre's index gets steeper."""
-    hysteresis_dph: float
-    """Bias cooling less bias heating, far from the turning points."""
-    hysteresis_play_degc: tuple[float, ...]
-    """Half widths of equally weighted play operators."""
-    bias_dph: float
-    turn_on_dph: float
-    """Standard deviation of the bias from one log to the next."""
-    input_rate_dph: float
-    """Rotation that the gyro truly sees: the earth's."""
-    N: float
-    """Angle random walk [°/√h]."""
-    B: float
-    """Bias instability (flicker) [°/h]."""
-    K: float
-    """Rate random walk [°/h/√h]."""
-    resolution_dph: float
-    """One pulse a second."""
-    case_noise_degc: float
-    """Standard deviation of a reading of the case thermometer before rounding."""
-    case_resolution_degc: float
-
-
-@dataclass(frozen=True, slots=True)
-class _Heat:
-    """Temperatures [n] [°C] of case and coil at 1 Hz, and the coil's rates [n] [°C/s]."""
-
-    case: Array
-    outer: Array
-    inner: Array
-    outer_rate: Array
-    inner_rate: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,200 +49,12 @@ class SimulatedLog:
 
     columns: Mapping[str, NDArray[Any]]
     air: Array
-    heat: _Heat
+    heat: Heat
     drift: Array
     """Change of bias [n] [°/h] from equilibrium at 25 °C; without turn-on bias, the earth's rate
     and noise.
     """
     turn_on_dph: float
-
-
-def gyro(seed: int) -> FogGyro:
-    """Draw a gyro whose drift is 0.5 to 3 °/h peak to peak over a ramp of 1 to 10 °C/min from −40
-    to 60 °C.
-    """
-    rng = np.random.default_rng(np.random.SeedSequence(seed))
-    static_pp = float(np.exp(rng.uniform(np.log(0.8), np.log(1.4))))
-    sign = rng.choice((-1.0, 1.0), 2)
-    inner_share = rng.uniform(0.35, 0.6)
-    return FogGyro(
-        tau_case_s=rng.uniform(180.0, 480.0),
-        tau_outer_s=rng.uniform(90.0, 360.0),
-        tau_inner_s=rng.uniform(60.0, 300.0),
-        coil_share=rng.uniform(0.1, 0.3),
-        inner_share=inner_share,
-        self_heating_degc=rng.uniform(0.5, 4.0),
-        convection_per_degc=rng.uniform(0.0, 0.004),
-        conduction_per_degc=rng.uniform(0.0, 1e-3),
-        static_dph=_static_shape(static_pp, rng),
-        shupe_rate=sign[0] * static_pp * rng.uniform(0.05, 0.15),
-        shupe_gradient_rate=sign[1] * static_pp * rng.uniform(0.05, 0.15),
-        shupe_per_degc=rng.uniform(0.0, 2e-3),
-        hysteresis_dph=static_pp * rng.uniform(0.01, 0.04),
-        hysteresis_play_degc=(2.0, 5.0, 10.0, 20.0),
-        bias_dph=rng.normal(0.0, 0.5),
-        turn_on_dph=0.02,
-        input_rate_dph=EARTH_RATE_DPH * np.sin(np.radians(LATITUDE_DEG)),
-        N=0.01,
-        B=rng.uniform(0.002, 0.006),
-        K=rng.uniform(0.0, 0.002),
-        resolution_dph=float(rng.choice((0.01, 0.02, 0.05))),
-        case_noise_degc=0.02,
-        case_resolution_degc=CASE_RESOLUTION_DEGC,
-    )
-
-
-def _static_shape(peak_to_peak: float, rng: np.random.Generator) -> tuple[float, ...]:
-    """Draw a quartic in T − 25 °C without constant term, of a peak-to-peak value [°/h] over the
-    range.
-    """
-    orders = [0.0, rng.choice((-1.0, 1.0)), *(rng.normal(0.0, size) for size in (0.5, 0.2, 0.01))]
-    in_chamber = chebyshev.Chebyshev(orders, domain=[COLD_DEGC, HOT_DEGC])
-    swing = np.ptp(in_chamber(np.linspace(COLD_DEGC, HOT_DEGC, 401)))
-    # the map from this domain to [−1, 1] is T − 25
-    powers = in_chamber.convert(
-        kind=polynomial.Polynomial, domain=[REFERENCE_DEGC - 1.0, REFERENCE_DEGC + 1.0]
-    )
-    return tuple(float(factor) * peak_to_peak / float(swing) for factor in powers.coef[1:])
-
-
-def scaled(device: FogGyro, *, drift_scale: float = 1.0, hysteresis_scale: float = 1.0) -> FogGyro:
-    """Multiply all drift of a gyro, or its hysteresis alone; 0 takes it away."""
-    return replace(
-        device,
-        static_dph=tuple(factor * drift_scale for factor in device.static_dph),
-        shupe_rate=device.shupe_rate * drift_scale,
-        shupe_gradient_rate=device.shupe_gradient_rate * drift_scale,
-        hysteresis_dph=device.hysteresis_dph * drift_scale * hysteresis_scale,
-    )
-
-
-def _flows(
-    device: FogGyro, air_degc: Value, case: Value, outer: Value, inner: Value
-) -> tuple[Value, Value, Value]:
-    """Heat balance of three nodes: the rates [°C/s] of case, outer and inner layers, the whole heat
-    capacity being one.
-
-    The conductances are such that, at small differences, a steady ramp of rate r has
-    case = air − r τ_case + self-heating, outer = case − r τ_outer, inner = outer − r τ_inner.
-    """
-    difference = air_degc - case
-    to_case = (
-        difference * (1.0 + device.convection_per_degc * abs(difference)) + device.self_heating_degc
-    ) / (device.tau_case_s)
-    coil = device.coil_share
-    warmer = 0.5 * (case + outer) - REFERENCE_DEGC
-    to_outer = (
-        coil / device.tau_outer_s * (case - outer) * (1.0 + device.conduction_per_degc * warmer)
-    )
-    warmer = 0.5 * (outer + inner) - REFERENCE_DEGC
-    inside = coil * device.inner_share
-    to_inner = (
-        inside / device.tau_inner_s * (outer - inner) * (1.0 + device.conduction_per_degc * warmer)
-    )
-    return (
-        (to_case - to_outer) / (1.0 - coil),
-        (to_outer - to_inner) / (coil - inside),
-        to_inner / inside,
-    )
-
-
-def _resting_case(device: FogGyro, air_degc: float) -> float:
-    """Temperature [°C] of the whole gyro in equilibrium with still air [°C]: the root of its heat
-    balance.
-    """
-    heating, growth = device.self_heating_degc, device.convection_per_degc
-    return air_degc + 2.0 * heating / (1.0 + math.sqrt(1.0 + 4.0 * growth * heating))
-
-
-def heat_flow(device: FogGyro, air_degc: Array, rest_degc: float) -> _Heat:
-    """Temperatures of case and coil under air [n] [°C] at 1 Hz, from equilibrium with air at rest
-    [°C].
-
-    Classical Runge-Kutta in steps of 4 s, cubic Hermite between them.
-    """
-    from scipy.interpolate import CubicHermiteSpline  # a slow import
-
-    count = len(air_degc)
-    padded = np.pad(air_degc, (0, -(count - 1) % STEP), mode="reflect", reflect_type="odd")
-    before, middle, after = (
-        padded[at : at - STEP or None : STEP].tolist() for at in (0, STEP // 2, STEP)
-    )
-    start = _resting_case(device, rest_degc)
-    nodes = [(start, start, start)]
-    for supplied in zip(before, middle, after, strict=True):
-        nodes.append(_runge_kutta(device, supplied, nodes[-1]))
-    coarse = np.array(nodes)
-    slopes = np.column_stack(_flows(device, padded[::STEP], *coarse.T))
-    smooth = CubicHermiteSpline(np.arange(len(nodes)) * float(STEP), coarse, slopes)(
-        np.arange(count)
-    )
-    case, outer, inner = smooth.T
-    _, outer_rate, inner_rate = _flows(device, air_degc, case, outer, inner)
-    return _Heat(case, outer, inner, outer_rate, inner_rate)
-
-
-def _runge_kutta(device: FogGyro, supplied: Triple, nodes: Triple) -> Triple:
-    """One classical step of STEP seconds; air at its beginning, middle and end."""
-    case, outer, inner = nodes
-    a1, b1, c1 = _flows(device, supplied[0], case, outer, inner)
-    half = STEP / 2.0
-    a2, b2, c2 = _flows(device, supplied[1], case + half * a1, outer + half * b1, inner + half * c1)
-    a3, b3, c3 = _flows(device, supplied[1], case + half * a2, outer + half * b2, inner + half * c2)
-    a4, b4, c4 = _flows(device, supplied[2], case + STEP * a3, outer + STEP * b3, inner + STEP * c3)
-    sixth = STEP / 6.0
-    return (
-        case + sixth * (a1 + 2.0 * (a2 + a3) + a4),
-        outer + sixth * (b1 + 2.0 * (b2 + b3) + b4),
-        inner + sixth * (c1 + 2.0 * (c2 + c3) + c4),
-    )
-
-
-def _play(degc: Array, half_width: float) -> Array:
-    """Play operator [n] [°C] of a temperature [n] [°C]: it follows only where pushed by more than
-    its half width.
-
-    At rest at the reference temperature before the first sample (Krasnosel'skii & Pokrovskii 1989,
-    chapter 1).
-    """
-    state = REFERENCE_DEGC
-    followed = []
-    for low, high in zip((degc - half_width).tolist(), (degc + half_width).tolist(), strict=True):
-        state = min(max(state, low), high)
-        followed.append(state)
-    return np.array(followed)
-
-
-def hysteresis(device: FogGyro, coil_degc: Array) -> Array:
-    """Hysteresis of the bias [n] [°/h] along a coil temperature [n] [°C]: Prandtl-Ishlinskii sum of
-    play operators.
-    """
-    if device.hysteresis_dph == 0.0:
-        return np.zeros(len(coil_degc))
-    widths = device.hysteresis_play_degc
-    behind: Array = np.sum(
-        [_play(coil_degc, half_width) - coil_degc for half_width in widths], axis=0
-    )
-    return device.hysteresis_dph / (2.0 * sum(widths)) * behind
-
-
-def drift(device: FogGyro, heat: _Heat) -> Array:
-    """Change of bias [n] [°/h] from equilibrium at the reference temperature: static, Shupe
-    effects, hysteresis.
-    """
-    share = device.inner_share
-    coil = (1.0 - share) * heat.outer + share * heat.inner
-    coil_rate = (1.0 - share) * heat.outer_rate + share * heat.inner_rate
-    above = coil - REFERENCE_DEGC
-    shupe = device.shupe_rate * coil_rate + device.shupe_gradient_rate * (
-        heat.outer_rate - heat.inner_rate
-    )
-    static: Array = polynomial.polyval(above, np.array([0.0, *device.static_dph]))
-    return (
-        static
-        + shupe * SECONDS_PER_MINUTE * (1.0 + device.shupe_per_degc * above)
-        + hysteresis(device, coil)
-    )
 
 
 def _indication(
@@ -413,8 +149,8 @@ def campaign(
     hysteresis_scale: float = 1.0,
     case_resolution_degc: float = CASE_RESOLUTION_DEGC,
 ) -> Campaign:
-    """Log one gyro on heating and cooling ramps, one ramp a file, the withheld ones in a folder of
-    their own.
+    """Log one gyro on heating and cooling ramps, one ramp per file, the withheld ones in a
+    folder of their own.
 
     Parameters
     ----------
@@ -426,7 +162,9 @@ def campaign(
     case_resolution_degc : of the case thermometer [°C].
 
     """
-    device = scaled(gyro(seed), drift_scale=drift_scale, hysteresis_scale=hysteresis_scale)
+    device = scale_drift(
+        draw_gyro(seed), drift_scale=drift_scale, hysteresis_scale=hysteresis_scale
+    )
     device = replace(device, case_resolution_degc=case_resolution_degc)
     chamber, runs = Chamber(), programmes(rates, withheld, steps=steps)
     made = logs(device, runs, seed, chamber)

@@ -68,17 +68,15 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
         table = _deviations(stated, record, name, curve)
         tables.append(table)
         figures.append(_plot(table, sorted({point.tau_s for point in curve})))
-    notes = tuple(Words(flag) for flag in record.flags)
-    title = Words("Noise at rest", "静态噪声")
     return (
         Block(
             record.stage,
             f"{record.stage}.json",
-            title,
+            Words("Noise at rest", "静态噪声"),
             (ALLAN,),
             tuple(tables),
             tuple(figures),
-            notes,
+            tuple(map(Words, record.flags)),
         ),
     )
 

@@ -42,7 +42,7 @@ class _Record:
 
 @dataclass(frozen=True, slots=True)
 class NoiseFigures:
-    """All that one record says."""
+    """Deviations, noise terms and bias stability of one record."""
 
     record: _Record
     curve: allan.DeviationCurve
@@ -79,18 +79,11 @@ def find_faults(log: Log, recipe: GyroNoiseRecipe) -> list[Finding]:
         elif np.ptp(present) == 0.0:
             found += check.find_constant_columns(log, [column])
         else:
-            wild = check.find_implausible_rates(log, column)
-            # where rates are missing the rows are no even series
-            found += wild or check.magnitude.check_noise_unit(log, column)
-            found += (
-                []
-                if wild
-                else (
-                    check.series.check_indication(log, column, "deg/h")
-                    if present.size == rate.size
-                    else []
-                )
-            )
+            implausible = check.find_implausible_rates(log, column)
+            found += implausible or check.magnitude.check_noise_unit(log, column)
+            if present.size == rate.size and not implausible:
+                # only without missing rates are the rows an even series
+                found += check.series.check_indication(log, column, "deg/h")
     if not any(finding.refused for finding in found):
         found += check.magnitude.check_sampling_unit(log)
     return [*found, *_steady(log)]
@@ -100,10 +93,10 @@ def _steady(log: Log) -> list[Finding]:
     """Flag a case whose temperature moved: drift is then in every figure of the longer averaging
     times.
     """
-    if CASE not in log.frame.columns:
+    if CASE not in log.frame.columns or not np.isfinite(values(log.frame, CASE)).any():
         return []
     case = values(log.frame, CASE)
-    moved = float(np.nanmax(case) - np.nanmin(case)) if np.isfinite(case).any() else 0.0
+    moved = float(np.nanmax(case) - np.nanmin(case))
     if moved <= STEADY_DEGC:
         return []
     return [
@@ -177,9 +170,15 @@ def estimate_noise(record: _Record, recipe: GyroNoiseRecipe) -> NoiseFigures:
         f"{record.name}: {term.name} ({term.symbol}) not observable: {term.reason}"
         for term in terms.not_observable
     ]
-    mean = float(np.nanmean(record.rate))
     return NoiseFigures(
-        record, curve, wavelet, terms, tuple(stability), mean, missing, tuple(flags)
+        record,
+        curve,
+        wavelet,
+        terms,
+        tuple(stability),
+        float(np.nanmean(record.rate)),
+        missing,
+        tuple(flags),
     )
 
 
@@ -199,7 +198,7 @@ def result(found: Sequence[NoiseFigures], flags: Sequence[str]) -> StageResult:
         # n − 1 block means, were they independent and normal
         figures += [
             Figure(
-                forms.stability_name(entry.block_s, name),
+                forms.term_name(f"bias_stability_{entry.block_s:g}_s", name),
                 entry.value_dph,
                 "deg/h",
                 stability_uncertainty(entry),

@@ -40,19 +40,7 @@ class NoiseView:
     block_s: float
 
 
-@dataclass(frozen=True, slots=True)
-class NoiseReport:
-    """All that the figures show."""
-
-    records: tuple[NoiseView, ...]
-
-
-def pages(title: str, report: NoiseReport) -> list[Figure]:
-    """One page a record."""
-    return [_record_page(title, view) for view in report.records]
-
-
-def _record_page(title: str, view: NoiseView) -> Figure:
+def record_page(title: str, view: NoiseView) -> Figure:
     """Deviations and terms above, the rate over time below."""
     figure, axes = page(2, 1, title=f"{title}: noise of {view.name}", height=8.5)
     _deviations(axes[0], view)

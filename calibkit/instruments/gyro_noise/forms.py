@@ -1,4 +1,4 @@
-"""What the figures of gyro_noise.json are called: written and read back here alone."""
+"""Names of the figures of gyro_noise.json, written and read back in this module alone."""
 
 import re
 from typing import NamedTuple
@@ -29,13 +29,8 @@ def read_deviation(name: str) -> Deviation | None:
 
 
 def term_name(term: str, record: str) -> str:
-    """Name of the figure of a noise term of one record."""
+    """Name of the figure of a noise term, or of the bias stability, of one record."""
     return f"{term}.{record}"
-
-
-def stability_name(block_s: float, record: str) -> str:
-    """Name of the figure of the bias stability over block means of one record."""
-    return term_name(f"bias_stability_{block_s:g}_s", record)
 
 
 def read_term(name: str) -> tuple[str, str]:

@@ -2,16 +2,20 @@
 gyro_noise.json.
 """
 
+import json
 from collections.abc import Iterable, Mapping, Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
+
+import numpy as np
 
 from calibkit.certificate.results import Block
 from calibkit.certificate.stated import Stated
 from calibkit.check import copies
 from calibkit.coefficients import Input, Record
-from calibkit.errors import FitError, UsageError
-from calibkit.frame import Examined, Finding, Log, refuse
+from calibkit.errors import CalibkitError, FitError, UsageError
+from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest
 from calibkit.ingest.logs import Reader
 from calibkit.ingest.proposal import Choice, Evidence
@@ -23,6 +27,12 @@ from calibkit.instruments.gyro_noise.recipe import GyroNoiseRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
 from calibkit.simulate.campaign import Campaign
+
+TEMPERATURES = ("temp_case_degc", "temp_env_degc")
+LONG_S = 600.0
+"""Duration [s] from which a steady temperature shows that nothing changed: no chamber ramps so
+slowly.
+"""
 
 
 def _read(spec: GyroNoiseRecipe, data: Path, file: str, reader: Reader = ingest.read_log) -> Log:
@@ -42,21 +52,23 @@ def _examine(spec: GyroNoiseRecipe, log: Log) -> Examined:
 
 
 def _figures(spec: GyroNoiseRecipe, log: Log) -> tuple[list[NoiseFigures], list[str]]:
-    """Figures of every record in a log, and what was noted on the way."""
+    """Figures of every record in a log, and the flags of the log and of its records."""
     found = deviations.find_faults(log, spec)
     refuse(found)
-    flags = [f"{log.file}: {note}" for note in log.notes] + [
-        str(finding) for finding in found if finding.flagged
-    ]
-    return [
+    figures = [
         deviations.estimate_noise(record, spec)
         for record in deviations.read_records(log, spec.noise.columns)
-    ], flags
+    ]
+    return figures, [
+        *(f"{log.file}: {note}" for note in log.notes),
+        *(str(finding) for finding in found if finding.flagged),
+        *(flag for one in figures for flag in one.flags),
+    ]
 
 
 def _fit(
     spec: GyroNoiseRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted[pages.NoiseReport]:
+) -> Fitted[tuple[pages.NoiseView, ...]]:
     """Estimate the noise of every record."""
     inputs, figures, flags = [], [], []
     for log in copies.refuse_copies(
@@ -67,15 +79,18 @@ def _fit(
         found, noted = _figures(spec, log)
         inputs.append(Input.of(log))
         figures += found
-        flags += [*noted, *(flag for one in found for flag in one.flags)]
+        flags += noted
     result = deviations.result(figures, flags)
-    summary = Summary(
-        spec.title,
-        tables.tables(figures),
-        tuple(flags),
-        tables.criteria(figures, spec.acceptance),
-    )
-    return Fitted((result,), tuple(inputs), summary, tables.drawing(figures))
+    summary = _summarize(spec, spec.title, figures, flags)
+    return Fitted((result,), tuple(inputs), summary, tuple(map(tables.view, figures)))
+
+
+def _summarize(
+    spec: GyroNoiseRecipe, title: str, figures: Sequence[NoiseFigures], flags: Sequence[str]
+) -> Summary:
+    """Tables, flags and tested limits of records."""
+    criteria = tables.criteria(figures, spec.acceptance)
+    return Summary(title, tables.tables(figures), tuple(flags), criteria)
 
 
 def _apply(
@@ -108,14 +123,13 @@ def _validate(
             }
         )
         figures += found
-        flags += [*noted, *(flag for one in found for flag in one.flags)]
-    criteria = tables.criteria(figures, spec.acceptance)
-    return {"logs": entries}, Summary("", tables.tables(figures), tuple(flags), criteria)
+        flags += noted
+    return {"logs": entries}, _summarize(spec, "", figures, flags)
 
 
-def _draw(title: str, fitted: Fitted[pages.NoiseReport]) -> Drawn:
+def _draw(title: str, fitted: Fitted[tuple[pages.NoiseView, ...]]) -> Drawn:
     """Figures and summary of a fit."""
-    return Drawn(tuple(pages.pages(title, fitted.drawing)), fitted.summary)
+    return Drawn(tuple(pages.record_page(title, view) for view in fitted.drawing), fitted.summary)
 
 
 def _certificate(stated: Stated) -> tuple[Block, ...]:
@@ -133,10 +147,43 @@ def _simulate(seed: int) -> Campaign:
 
 
 def _propose(evidence: Evidence) -> Choice | None:
-    """Recipe for logs of this kind."""
-    from calibkit.instruments.gyro_noise.propose import propose
+    """Recipe for logs with times and rates of gyros, no reference, and no temperature that
+    changes.
+    """
+    rates = list(evidence.gyros("dph"))
+    alone = evidence.second_logger and not evidence.columns.keys() & set(TEMPERATURES)
+    if "time_s" not in evidence.columns or not rates or alone:
+        return None
+    keys = {} if rates == ["gyro_dph"] else {"columns": json.dumps(rates)}
+    choice = evidence.choose("gyro_noise", ("time_s", *TEMPERATURES, *rates), keys=keys)
+    spec = evidence.recipe(choice)
+    if not isinstance(spec, GyroNoiseRecipe):
+        return None
+    try:
+        if not all(_is_steady(spec, evidence.folder, file) for file in evidence.group.files):
+            return None
+    except CalibkitError:
+        return None
+    return replace(
+        choice,
+        remark=(
+            "# Taken for gyros at rest, for want of anything that says they moved: a log cannot"
+            " show it."
+        ),
+    )
 
-    return propose(evidence)
+
+def _is_steady(spec: GyroNoiseRecipe, folder: Path, file: str) -> bool:
+    """Whether one log has rows enough for noise and no temperature in it changes."""
+    columns = ("time_s", *spec.noise.columns)
+    frame = ingest.read_log(spec, folder / file, file, columns, TEMPERATURES).frame
+    if len(frame) < spec.noise.min_rows:
+        return False
+    logged = [values(frame, name) for name in TEMPERATURES if name in frame.columns]
+    long = float(np.ptp(values(frame, "time_s"))) >= LONG_S
+    return not logged or (
+        long and all(float(np.ptp(one)) <= deviations.STEADY_DEGC for one in logged)
+    )
 
 
 INSTRUMENT = Instrument(

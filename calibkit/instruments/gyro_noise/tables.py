@@ -8,7 +8,7 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Criterion, at_most
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.instruments.gyro_noise.deviations import NoiseFigures, stability_uncertainty
-from calibkit.instruments.gyro_noise.figures import NoiseReport, NoiseView
+from calibkit.instruments.gyro_noise.figures import NoiseView
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
 from calibkit.numeric.noise import allan, allan_fit
 from calibkit.report.summary import number
@@ -28,16 +28,15 @@ def criteria(found: Sequence[NoiseFigures], limits: NoiseAcceptance) -> tuple[Cr
     """
     tested = []
     for one in found:
-        observed = {term.name: term for term in one.terms.terms}
+        observed = {term.name: term.value for term in one.terms.terms}
         for law in allan_fit.LAWS:
             limit = getattr(limits, LIMITS[law.name]) if law.name in LIMITS else None
             if limit is not None:
-                term = observed.get(law.name)
-                value = _largest_possible(one.curve, law) if term is None else term.value
-                name = (
-                    f"{law.name} of"
-                    f" {one.record.name}{' (not observable: at most)' if term is None else ''}"
-                )
+                name = f"{law.name} of {one.record.name}"
+                value = observed.get(law.name)
+                if value is None:
+                    name += " (not observable: at most)"
+                    value = _largest_possible(one.curve, law)
                 tested.append(at_most(name, value, limit, law.unit))
         if limits.max_bias_stability_dph is not None:
             tested += [
@@ -56,11 +55,13 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
     """Noise terms and bias stability of every record, and the deviations over averaging time."""
     rows = []
     for one in found:
-        absent = {term.name for term in one.terms.not_observable}
-        shown = {term.name: term for term in one.terms.terms}
+        shown = {
+            term.name: (number(term.value), number(term.standard_uncertainty, 2))
+            for term in one.terms.terms
+        }
         for law in allan_fit.LAWS:
-            value, u = ("not observable", "") if law.name in absent else _cells(shown[law.name])
-            rows.append((one.record.name, f"{law.name} {law.symbol}", value, u, law.unit))
+            cells = shown.get(law.name, ("not observable", ""))
+            rows.append((one.record.name, f"{law.name} {law.symbol}", *cells, law.unit))
         rows += [
             (
                 one.record.name,
@@ -78,11 +79,6 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
     )
 
 
-def _cells(term: allan_fit.NoiseTerm) -> tuple[str, str]:
-    """Value and standard uncertainty of a term."""
-    return number(term.value), number(term.standard_uncertainty, 2)
-
-
 def _curve_table(one: NoiseFigures) -> Table:
     """Deviations of one record over averaging time with confidence limits."""
     wavelet = dict(
@@ -98,13 +94,11 @@ def _curve_table(one: NoiseFigures) -> Table:
             number(wavelet[factor]) if factor in wavelet else "",
         )
         for tau, deviation, low, high, dof, factor in zip(
-            *(
-                one.curve.tau_s,
-                one.curve.deviation_dph,
-                one.curve.lower_dph,
-                one.curve.upper_dph,
-                one.curve.dof,
-            ),
+            one.curve.tau_s,
+            one.curve.deviation_dph,
+            one.curve.lower_dph,
+            one.curve.upper_dph,
+            one.curve.dof,
             one.curve.factor.tolist(),
             strict=True,
         )
@@ -158,12 +152,7 @@ def validation_entry(one: NoiseFigures) -> dict[str, object]:
     }
 
 
-def drawing(found: Sequence[NoiseFigures]) -> NoiseReport:
-    """What the figures show."""
-    return NoiseReport(tuple(_view(one) for one in found))
-
-
-def _view(one: NoiseFigures) -> NoiseView:
+def view(one: NoiseFigures) -> NoiseView:
     """Page of one record; the lower panel has some 600 means."""
     record, curve = one.record, one.curve
     size = max(1, record.rate.size // 600)
