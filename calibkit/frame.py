@@ -80,6 +80,8 @@ class Log:
     """Digest of the second logger's file that was joined."""
     plugins: tuple[Plugin, ...] = ()
     """Plugins that read it."""
+    excluded_rows: int = 0
+    """Rows that the recipe's exclusions took."""
     room: Callable[[int], Array] = np.empty
     """Makes arrays along the rows where the log lies: in memory, or on disk."""
     _known: dict[str, Any] = field(default_factory=dict, init=False, repr=False, compare=False)
@@ -111,13 +113,20 @@ class Log:
         """
         return self.room is not np.empty
 
+    def _file_and_line(self, row: int) -> tuple[str, int]:
+        """File and line that a row of the frame came from: of a split log, those of a part."""
+        index = int(self.frame.index[row])
+        parts = ((file, offset) for file, offset in reversed(self.parts) if index >= offset - 1)
+        file, offset = next(parts, (self.file, 0))
+        return file, index - offset + 2
+
+    def line(self, row: int) -> int:
+        """Line of the file, or of the part of a split log, that a row of the frame came from."""
+        return self._file_and_line(row)[1]
+
     def place(self, row: int) -> str:
         """file:line that a row of the frame came from, in the part of a split log that holds it."""
-        index = int(self.frame.index[row])
-        for file, offset in reversed(self.parts):
-            if index >= offset - 1:
-                return f"{file}:{index - offset + 2}"
-        return f"{self.file}:{index + 2}"
+        return "{}:{}".format(*self._file_and_line(row))
 
     def first_rows(self) -> frozenset[bytes]:
         """Different ones of the first rows, the bytes of their values as they were mapped; words
@@ -189,6 +198,8 @@ class Finding:
     """Time since the start of the log [s], where there is one."""
     figure: float | None = None
     """The number that was judged, in the unit that `found` states."""
+    column: str = ""
+    """Column that it is about, where it is one."""
 
     @property
     def refused(self) -> bool:

@@ -12,7 +12,7 @@ from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 from calibkit import coefficients, instruments, new_files, recipe, store
-from calibkit.check import copies, unseen
+from calibkit.check import copies
 from calibkit.errors import (
     CoefficientError,
     FrameError,
@@ -337,12 +337,12 @@ def validate(
         list[str](),
     )
     read = (
-        unseen.read_unseen(instrument, spec, data, file, inputs, excluded)
+        copies.read_unseen(instrument.read, spec, data, file, inputs, excluded)
         for file in progress(files, "validating")
     )
-    new = unseen.pass_unseen(read, seen, f"{data}: every log here was fitted by {run.name}")
+    new = copies.pass_unseen(read, seen, f"{data}: every log here was fitted by {run.name}")
     body, summary = instrument.validate(spec, run.records, new)
-    flags = (*seen, *unseen.flag_missing_fingerprints(run.name, inputs), *summary.flags)
+    flags = (*seen, *copies.flag_missing_fingerprints(run.name, inputs), *summary.flags)
     summary = replace(
         summary,
         title=f"{run.name} on {len(files) - len(seen)} logs that it has not seen",

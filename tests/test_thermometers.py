@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit import recipe
-from calibkit.check import lead, thermometers
+from calibkit.check import thermometers
 from calibkit.instruments.fog_thermal import simulate
 from conftest import write_log
 
@@ -32,11 +32,14 @@ def test_a_lag_is_found_and_changes_its_sign_with_the_columns(rate, lag):
     what they are.
     """
     time, case, air = lagged(rate, lag)
-    found, exchanged = lead.fit_lead(time, case, air), lead.fit_lead(time, air, case)
+    found, exchanged = (
+        thermometers.fit_lead(time, case, air),
+        thermometers.fit_lead(time, air, case),
+    )
     assert found.lag_s == pytest.approx(lag, rel=0.35)
     assert found.correlation > 0.7
     assert exchanged.correlation < -0.7
-    in_minutes = lead.fit_lead(time / 60.0, case, air)
+    in_minutes = thermometers.fit_lead(time / 60.0, case, air)
     assert in_minutes.lag_s == pytest.approx(found.lag_s / 60.0, rel=1e-9)
     assert in_minutes.swing == pytest.approx(found.swing, rel=1e-9)
 

@@ -11,7 +11,6 @@ from calibkit.check.content import (
     find_unordered_times,
     finding_at_row,
     flag_bridged_gaps,
-    line_of_row,
 )
 
 __all__ = [
@@ -24,7 +23,6 @@ __all__ = [
     "find_unordered_times",
     "finding_at_row",
     "flag_bridged_gaps",
-    "line_of_row",
     "magnitude",
     "series",
     "thermometers",

@@ -1,8 +1,8 @@
-"""A log that is larger than memory should be: looked at piece by piece, and thinned to block means
-for all else.
+"""A log that is larger than memory should be: examined in chunks, and thinned to block means for
+all else.
 
-The memory of a check is that of a piece and of the thinned log, whatever the size of the file. Only
-clean CSV can be looked at like this; another format is read whole.
+The memory of a check is that of a chunk and of the thinned log, whatever the size of the file. Only
+clean CSV can be read in chunks; another format is read whole.
 """
 
 from collections.abc import Iterable, Iterator, Sequence
@@ -24,7 +24,7 @@ from calibkit.recipe import Recipe
 LARGEST = 100_000_000
 """Bytes of a log up to which it is read whole."""
 CHUNK = 1 << 20
-"""Rows of a piece."""
+"""Rows of a chunk."""
 KEPT = 1 << 18
 """Rows of the thinned log, at most."""
 FOUND_IN_CHUNKS = (
@@ -38,13 +38,13 @@ FOUND_IN_CHUNKS = (
     "clock",
     "range",
 )
-"""Findings that are looked for in the pieces; the rest in the thinned log."""
+"""Findings that are looked for in the chunks; the rest in the thinned log."""
 
 
 @dataclass(frozen=True, slots=True)
 class ChunkedLog:
-    """A log that was looked at in pieces: thinned to means of `thinned` rows, what the pieces
-    showed, the facts of the whole.
+    """A log that was examined in chunks: thinned to means of `thinned` rows, the findings in the
+    chunks, the facts of the whole.
     """
 
     log: Log
@@ -62,7 +62,7 @@ def examine_file(
     *,
     largest: int = LARGEST,
 ) -> ChunkedLog | None:
-    """Look at a large clean log in pieces; none for a log that is read whole. Raises as
+    """Examine a large clean log in chunks; None for a log that is read whole. Raises as
     `ingest.read_log`.
     """
     if (
@@ -77,11 +77,11 @@ def examine_file(
     every = -(-scan.rows // KEPT)
     tables = clean.read_chunks(path, file, scan, CHUNK // every * every)
     logs = (mapping.map_log(recipe, table, needed, optional, whole=False) for table in tables)
-    return _through(recipe, logs, scan.rows, every)
+    return _examine_chunks(recipe, logs, scan.rows, every)
 
 
 def examine_on_disk(recipe: Recipe, log: Log) -> ChunkedLog:
-    """Look at a log whose columns are on disk in pieces."""
+    """Examine a log whose columns are on disk in chunks."""
     every = -(-len(log.frame) // KEPT)
     rows = CHUNK // every * every
 
@@ -90,13 +90,15 @@ def examine_on_disk(recipe: Recipe, log: Log) -> ChunkedLog:
             yield replace(log, frame=log.frame.iloc[start : start + rows], room=np.empty)
             release(*(values(log.frame, str(name)) for name in log.frame.columns))
 
-    found = _through(recipe, parts(), log.rows, every)
+    found = _examine_chunks(recipe, parts(), log.rows, every)
     assert found is not None  # noqa: S101 (a log that was read has rows)
     return found
 
 
-def _through(recipe: Recipe, logs: Iterable[Log], rows: int, every: int) -> ChunkedLog | None:
-    """Look at the pieces of a log of so many rows, thinned to means of `every` rows; none where
+def _examine_chunks(
+    recipe: Recipe, logs: Iterable[Log], rows: int, every: int
+) -> ChunkedLog | None:
+    """Examine the chunks of a log of so many rows, thinned to means of `every` rows; None where
     they hold no row.
     """
     frames: list[pd.DataFrame] = []
@@ -106,9 +108,9 @@ def _through(recipe: Recipe, logs: Iterable[Log], rows: int, every: int) -> Chun
     for log in logs:
         if log.frame.empty:
             continue
-        found += _looked_at(recipe, log, last, first=not parts)
+        found += _examine_chunk(recipe, log, last)
         parts.append(facts.describe_log(log))
-        frames.append(_thinned(log.frame, every))
+        frames.append(_thin(log.frame, every))
         last = replace(log, frame=log.frame.iloc[-1:])
     if last is None:
         return None
@@ -117,10 +119,10 @@ def _through(recipe: Recipe, logs: Iterable[Log], rows: int, every: int) -> Chun
         " rows"
     )
     thin = replace(last, frame=pd.concat(frames), rows=rows, notes=(*last.notes, note))
-    return ChunkedLog(thin, every, tuple(_merged(found)), facts.merge_facts(parts))
+    return ChunkedLog(thin, every, tuple(_merge_findings(found)), facts.merge_facts(parts))
 
 
-def _thinned(frame: pd.DataFrame, every: int) -> pd.DataFrame:
+def _thin(frame: pd.DataFrame, every: int) -> pd.DataFrame:
     """Means of blocks of rows, numbered by the line of their first."""
     block = frame.index.to_numpy() // every
     first = np.flatnonzero(np.diff(block, prepend=-1))
@@ -131,8 +133,8 @@ def _thinned(frame: pd.DataFrame, every: int) -> pd.DataFrame:
     return pd.DataFrame(means, index=frame.index.to_numpy()[first])
 
 
-def _looked_at(recipe: Recipe, log: Log, last: Log | None, *, first: bool) -> list[Finding]:
-    """Findings of one piece; the last row of the piece before it stands above it."""
+def _examine_chunk(recipe: Recipe, log: Log, last: Log | None) -> list[Finding]:
+    """Findings of one chunk; `last` is the last row of the chunk before it, None for the first."""
     joined = log if last is None else replace(log, frame=pd.concat([last.frame, log.frame]))
     columns = [str(name) for name in log.frame.columns]
     found = check.find_missing_values(log, columns)
@@ -153,33 +155,27 @@ def _looked_at(recipe: Recipe, log: Log, last: Log | None, *, first: bool) -> li
     if {"temp_case_degc", "temp_env_degc"} <= set(columns):
         found += check.series.check_case_and_air(log, "temp_case_degc", "temp_env_degc")
     else:
-        found += [
-            finding
-            for name in temperatures
-            for finding in check.series.check_temperature(log, name)
-        ]
+        for name in temperatures:
+            found += check.series.check_temperature(log, name)
     return [
         finding
         for finding in found
-        if finding.name in FOUND_IN_CHUNKS and (first or finding.name != "start_up")
+        if finding.name in FOUND_IN_CHUNKS and (last is None or finding.name != "start_up")
     ]
 
 
-def _merged(found: Sequence[Finding]) -> list[Finding]:
-    """Findings of one kind in one column told once: the gravest and largest, with the number of
-    pieces that have others.
+def _merge_findings(found: Sequence[Finding]) -> list[Finding]:
+    """One finding for those of one kind in one column: the gravest and largest, with the number of
+    the others.
     """
     groups: dict[tuple[str, str, str], list[Finding]] = {}
     for finding in found:
-        column = finding.place.rpartition("column ")[2]
-        groups.setdefault((finding.name, finding.severity, column), []).append(finding)
-    told = []
+        groups.setdefault((finding.name, finding.severity, finding.column), []).append(finding)
+    merged = []
     for group in groups.values():
-        worst = (
-            max(group, key=lambda finding: abs(finding.figure or 0.0))
-            if group[0].name != "clock"
-            else group[0]
-        )
+        worst = group[0]
+        if worst.name != "clock":
+            worst = max(group, key=lambda finding: abs(finding.figure or 0.0))
         others = f" (and {len(group) - 1} more such findings in the log)" if len(group) > 1 else ""
-        told.append(replace(worst, found=worst.found + others))
-    return told
+        merged.append(replace(worst, found=worst.found + others))
+    return merged

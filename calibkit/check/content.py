@@ -19,13 +19,6 @@ GAP = 2.5
 """Sampling intervals, in medians, that are a gap."""
 
 
-def line_of_row(log: Log, row: int) -> int:
-    """Line of the file that a row of the frame came from, in the part of a split log that holds
-    it.
-    """
-    return int(log.place(row).rsplit(":", 1)[1])
-
-
 def finding_at_row(
     log: Log,
     row: int,
@@ -41,12 +34,27 @@ def finding_at_row(
     """Finding at a row of a log: its place names file, line and column, and it carries the row's
     time where there is one.
     """
-    timed = "time_s" in log.frame.columns
-    time = float(log.frame["time_s"].iloc[row]) if timed else None
+    time = float(log.frame["time_s"].iloc[row]) if "time_s" in log.frame.columns else None
     place = f"{log.place(row)}: column '{column}'"
     return Finding(
-        place, found, expected, advice, severity, name, line_of_row(log, row), time, figure
+        place, found, expected, advice, severity, name, log.line(row), time, figure, column
     )
+
+
+def finding_of_column(
+    log: Log,
+    column: str,
+    found: str,
+    expected: str,
+    advice: str,
+    name: str,
+    figure: float | None = None,
+    *,
+    severity: Severity = "warn",
+) -> Finding:
+    """Finding about a column of a log as a whole."""
+    place = f"{log.file}: column '{column}'"
+    return Finding(place, found, expected, advice, severity, name, figure=figure, column=column)
 
 
 def find_too_few_rows(log: Log, minimum: int) -> list[Finding]:
@@ -54,13 +62,12 @@ def find_too_few_rows(log: Log, minimum: int) -> list[Finding]:
     count = len(log.frame)
     if count >= minimum:
         return []
-    advice = "log longer, or lower min_rows in the recipe"
     return [
         Finding(
             log.file,
             f"{count} rows",
-            f"at least {minimum}",
-            advice,
+            expected=f"at least {minimum}",
+            advice="log longer, or lower min_rows in the recipe",
             name="rows",
             figure=float(count),
         )
@@ -75,23 +82,17 @@ def find_missing_values(log: Log, columns: Sequence[str]) -> list[Finding]:
             continue
         bad = chunks.rows_where(values(log.frame, column), lambda data: ~np.isfinite(data))
         if bad.size:
-            found = (
-                f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on"
+            finding = finding_at_row(
+                log,
+                int(bad[0]),
+                column,
+                f"{bad.size} missing or infinite value{'s' if bad.size > 1 else ''} from here on",
+                expected="a number in every row",
+                advice="leave the range out with [[exclude]], or repair the log",
+                name="missing",
+                figure=float(bad.size),
             )
-            advice = "leave the range out with [[exclude]], or repair the log"
-            expected = "a number in every row"
-            findings.append(
-                finding_at_row(
-                    log,
-                    int(bad[0]),
-                    column,
-                    found,
-                    expected,
-                    advice,
-                    "missing",
-                    figure=float(bad.size),
-                )
-            )
+            findings.append(finding)
     return findings
 
 
@@ -105,18 +106,16 @@ def find_unordered_times(log: Log) -> list[Finding]:
         return []
     k = int(back[0])
     word = "stands still" if time[k + 1] == time[k] else "runs backwards"
-    rows = f"({back.size} such row{'s' if back.size > 1 else ''})"
-    found = f"time {word} at {time[k]:.10g} s → {time[k + 1]:.10g} s {rows}"
-    advice = "sort or split the log, or leave the rows out with [[exclude]]"
     return [
         finding_at_row(
             log,
             k + 1,
             "time_s",
-            found,
-            "strictly increasing time",
-            advice,
-            "clock",
+            f"time {word} at {time[k]:.10g} s → {time[k + 1]:.10g} s"
+            f" ({back.size} such row{'s' if back.size > 1 else ''})",
+            expected="strictly increasing time",
+            advice="sort or split the log, or leave the rows out with [[exclude]]",
+            name="clock",
             figure=float(back.size),
         )
     ]
@@ -127,19 +126,25 @@ def find_gaps(log: Log, limit_s: float) -> list[Finding]:
 
     A gap that an [[exclude]] table made is called that.
     """
-    known = log.steps
-    usual = known.usual
-    if not known.shortest > 0.0 or known.longest <= GAP * usual:
+    if not log.steps.shortest > 0.0:
         return []
-    time = values(log.frame, "time_s")
-    missing = chunks.rows_where(time, lambda step: step > GAP * usual, step=True)
-    step = time[missing + 1] - time[missing]
+    before, step = _gaps(log)
     long = step > limit_s
-    told = [
+    refused = [
         _long_gap(log, int(k), float(length), limit_s)
-        for k, length in zip(missing[long], step[long], strict=True)
+        for k, length in zip(before[long], step[long], strict=True)
     ]
-    return [*told, *_short_gaps(log, missing[~long], step[~long], usual)]
+    return [*refused, *_short_gaps(log, before[~long], step[~long])]
+
+
+def _gaps(log: Log) -> tuple[Integers, Array]:
+    """Rows [m] before a gap in time, and the gaps [m, s]."""
+    limit = GAP * log.steps.usual
+    if not log.steps.longest > limit:
+        return np.zeros(0, dtype=np.int64), np.zeros(0)
+    time = values(log.frame, "time_s")
+    before = chunks.rows_where(time, lambda step: step > limit, step=True)
+    return before, time[before + 1] - time[before]
 
 
 def _long_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
@@ -147,7 +152,7 @@ def _long_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
     found = f"a gap of {step:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
     advice = "split the log at the gap, or raise max_gap_s in the recipe"
     left_out = int(log.frame.index[k + 1]) - int(log.frame.index[k]) - 1
-    if left_out > 0 and any("excluded by" in note for note in log.notes):
+    if left_out > 0 and log.excluded_rows:
         found += f", made by [[exclude]], which leaves out {left_out} rows"
         advice = (
             "exclude from the log's start or to its end, split the log there, or raise max_gap_s in"
@@ -158,19 +163,23 @@ def _long_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
     )
 
 
-def _short_gaps(log: Log, missing: Integers, step: Array, usual: float) -> list[Finding]:
-    """Gaps that are allowed, told in one finding."""
-    if not missing.size:
+def _short_gaps(log: Log, before: Integers, step: Array) -> list[Finding]:
+    """One finding for all gaps that are allowed, at the first."""
+    if not before.size:
         return []
-    k = int(missing[0])
-    first = f"the first of {step[0]:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
-    found = f"{missing.size} short gap{'s' if missing.size > 1 else ''}, {first}"
-    advice = "see that no row was lost; what lies between them is not known"
-    largest = float(step.max())
-    every = f"a row every {usual:g} s"
+    k = int(before[0])
     return [
         finding_at_row(
-            log, k + 1, "time_s", found, every, advice, "gap", severity="warn", figure=largest
+            log,
+            k + 1,
+            "time_s",
+            f"{before.size} short gap{'s' if before.size > 1 else ''}, the first of {step[0]:g} s"
+            f" at {float(log.frame['time_s'].iloc[k]):g} s",
+            expected=f"a row every {log.steps.usual:g} s",
+            advice="see that no row was lost; what lies between them is not known",
+            name="gap",
+            severity="warn",
+            figure=float(step.max()),
         )
     ]
 
@@ -181,21 +190,20 @@ def flag_bridged_gaps(log: Log) -> list[str]:
 
     What happened in them it does not know, and what it remembers from before them may be over.
     """
-    limit = GAP * log.steps.usual
-    if not log.steps.longest > limit:
+    before, step = _gaps(log)
+    if not before.size:
         return []
-    time = values(log.frame, "time_s")
-    missing = chunks.rows_where(time, lambda step: step > limit, step=True)
-    step = time[missing + 1] - time[missing]
-    k = int(missing[np.argmax(step)])
-    count = (
-        "a gap"
-        if missing.size == 1
-        else f"{missing.size} gaps, {step.sum():g} s together, the longest"
-    )
-    them = "it" if missing.size == 1 else "them"
-    said = f"{log.place(k + 1)}: {count} of {step.max():g} s from {time[k]:g} s"
-    return [f"{said}: the compensation runs across {them} and knows nothing of what happened there"]
+    k = int(before[np.argmax(step)])
+    count, them = "a gap", "it"
+    if before.size > 1:
+        count, them = f"{before.size} gaps, {step.sum():g} s together, the longest", "them"
+    return [
+        (
+            f"{log.place(k + 1)}: {count} of {step.max():g} s from"
+            f" {float(log.frame['time_s'].iloc[k]):g} s: the compensation runs across {them} and"
+            " knows nothing of what happened there"
+        )
+    ]
 
 
 def find_constant_columns(log: Log, columns: Sequence[str]) -> list[Finding]:
@@ -204,52 +212,59 @@ def find_constant_columns(log: Log, columns: Sequence[str]) -> list[Finding]:
     for column in columns:
         low, high = log.extremes(column)
         if low == high:
-            found = f"constant at {low:g} over {len(log.frame)} rows"
-            advice = "check the sensor and the column mapping"
-            place = f"{log.file}: column '{column}'"
-            findings.append(Finding(place, found, "a column that varies", advice, name="constant"))
+            finding = finding_of_column(
+                log,
+                column,
+                f"constant at {low:g} over {len(log.frame)} rows",
+                expected="a column that varies",
+                advice="check the sensor and the column mapping",
+                name="constant",
+                severity="refuse",
+            )
+            findings.append(finding)
     return findings
 
 
 def find_implausible_temperatures(log: Log, columns: Sequence[str]) -> list[Finding]:
     """Temperatures that no chamber reaches: a wrong unit, or a sentinel of an open sensor."""
-    findings = []
-    for column in columns:
-        low, high = log.extremes(column)
-        if low >= COLDEST_DEGC and high <= HOTTEST_DEGC:
-            continue
-        data = values(log.frame, column)
-        bad = chunks.rows_where(data, lambda part: (part < COLDEST_DEGC) | (part > HOTTEST_DEGC))
-        if bad.size:
-            found = f"{data[bad[0]]:g} °C ({bad.size} such row{'s' if bad.size > 1 else ''})"
-            advice = (
-                f"state the log's unit in [columns.{column}], or leave the rows out with"
-                " [[exclude]]"
-            )
-            expected = f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} °C"
-            figure = float(data[bad[0]])
-            findings.append(
-                finding_at_row(
-                    log, int(bad[0]), column, found, expected, advice, "range", figure=figure
-                )
-            )
-    return findings
+    expected = f"{COLDEST_DEGC:g} to {HOTTEST_DEGC:g} °C"
+    return [
+        finding
+        for column in columns
+        for finding in _out_of_range(log, column, COLDEST_DEGC, HOTTEST_DEGC, "°C", expected)
+    ]
 
 
 def find_implausible_rates(log: Log, column: str) -> list[Finding]:
     """Rates that no gyro on a bench indicates: a sentinel, or another unit."""
-    low, high = log.extremes(column)
-    if low >= -LARGEST_RATE_DPH and high <= LARGEST_RATE_DPH:
+    expected = f"at most {LARGEST_RATE_DPH:g} deg/h"
+    return _out_of_range(log, column, -LARGEST_RATE_DPH, LARGEST_RATE_DPH, "deg/h", expected)
+
+
+def _out_of_range(
+    log: Log, column: str, low: float, high: float, unit: str, expected: str
+) -> list[Finding]:
+    """Values of a column that are below `low` or above `high` [unit], at the first."""
+    least, largest = log.extremes(column)
+    if least >= low and largest <= high:
         return []
     data = values(log.frame, column)
-    wild = chunks.rows_where(data, lambda part: np.abs(part) > LARGEST_RATE_DPH)
-    if not wild.size:
+    rows = chunks.rows_where(data, lambda part: (part < low) | (part > high))
+    if not rows.size:
         return []
-    found = f"{data[wild[0]]:g} deg/h ({wild.size} such row{'s' if wild.size > 1 else ''})"
-    advice = f"state the log's unit in [columns.{column}], or leave the rows out with [[exclude]]"
-    expected = f"at most {LARGEST_RATE_DPH:g} deg/h"
+    first = float(data[rows[0]])
     return [
         finding_at_row(
-            log, int(wild[0]), column, found, expected, advice, "range", figure=float(data[wild[0]])
+            log,
+            int(rows[0]),
+            column,
+            f"{first:g} {unit} ({rows.size} such row{'s' if rows.size > 1 else ''})",
+            expected,
+            advice=(
+                f"state the log's unit in [columns.{column}], or leave the rows out with"
+                " [[exclude]]"
+            ),
+            name="range",
+            figure=first,
         )
     ]

@@ -1,18 +1,23 @@
-"""Logs that came in twice under two names: one would vouch for the other when it is left out, or
-held against its own fit.
+"""Copies: logs that came in twice under two names, and logs that a run was already fitted to.
 
-The same bytes are a copy, and so are the same values written otherwise: other line ends, other
-separators, a row less. Of logs that are at hand the first rows are compared, of a run's logs the
-fingerprints that its run.json keeps of them.
+A copy would vouch for the other when it is left out, or be compared with its own fit. The same
+bytes are a copy, and so are the same values written otherwise: other line ends, other separators, a
+row less. Of logs that are at hand the first rows are compared, of a run's logs the fingerprints
+that its run.json keeps of them.
 """
 
 import functools
-from collections.abc import Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import replace
+from pathlib import Path
+from typing import TypeAlias
 
 from calibkit.coefficients import Input
 from calibkit.errors import FrameError
 from calibkit.frame import KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
+from calibkit.ingest import logs as ingest, mapping
 from calibkit.readers.table import Guess
+from calibkit.recipe import Exclude, Recipe
 
 SHARED = 0.9
 """Share of the shorter log's rows from which two logs are copies; noise makes the rows of two
@@ -22,21 +27,21 @@ FEWEST = 3
 """Different rows below which nothing tells a copy from a log that stands still."""
 FINGERPRINT = "fingerprint"
 """Key of a log in run.json that holds the fingerprint of its values."""
+KEEP_ONE = "keep one of the two logs"
+"""Advice where a log is a copy of another."""
+
+_Content: TypeAlias = "tuple[str, str, frozenset[bytes]]"
+"""Name of a log's file, its SHA-256, and its first rows as `Log.first_rows` gives them."""
 
 
-def find_copies(logs: Iterable[tuple[str, str, frozenset[bytes]]]) -> list[tuple[str, str]]:
-    """Copies among logs of (file, SHA-256, first rows as `frame.first_rows`): each with what it is
-    a copy of.
-    """
-    seen: list[tuple[str, str, frozenset[bytes]]] = []
+def find_copies(logs: Iterable[_Content]) -> list[tuple[str, str]]:
+    """File and, in words, the original of each log that is a copy of one before it."""
+    seen: list[_Content] = []
     found = []
-    for file, sha256, content in logs:
-        if not sha256:  # it could not be read
-            continue
-        said = next((said for other in seen if (said := _same((file, sha256, content), other))), "")
-        if said:
-            found.append((file, said))
-        seen.append((file, sha256, content))
+    for log in logs:
+        if original := _describe_original(log, seen):
+            found.append((log[0], original))
+        seen.append(log)
     return found
 
 
@@ -44,24 +49,24 @@ def refuse_copies(logs: Iterable[Log]) -> Iterator[Log]:
     """Pass logs through as they are read; FrameError for the first that is a copy of one before
     it.
     """
-    seen: list[tuple[str, str, frozenset[bytes]]] = []
+    seen: list[_Content] = []
     for log in logs:
-        one = (log.file, log.sha256, log.first_rows())
-        for said in (said for other in seen if (said := _same(one, other))):
-            raise FrameError(f"{log.file}: {said}", hint="keep one of the two logs")
-        seen.append(one)
+        content = (log.file, log.sha256, log.first_rows())
+        if original := _describe_original(content, seen):
+            raise FrameError(f"{log.file}: {original}", hint=KEEP_ONE)
+        seen.append(content)
         yield log
 
 
-def _same(one: tuple[str, str, frozenset[bytes]], other: tuple[str, str, frozenset[bytes]]) -> str:
-    """What one log shares with another, or nothing."""
-    if one[1] == other[1]:
-        return f"the same bytes as {other[0]}"
-    fewer = min(len(one[2]), len(other[2]))
-    shared = len(one[2] & other[2])
-    if not _are_copies(shared, fewer):
-        return ""
-    return f"the same values as {other[0]}: {shared} of the first {fewer} different rows"
+def _describe_original(log: _Content, seen: Iterable[_Content]) -> str:
+    """What a log shares with the first of those seen that it is a copy of, or ""."""
+    for file, sha256, rows in seen:
+        if log[1] == sha256:
+            return f"the same bytes as {file}"
+        fewer, shared = min(len(log[2]), len(rows)), len(log[2] & rows)
+        if _are_copies(shared, fewer):
+            return f"the same values as {file}: {shared} of the first {fewer} different rows"
+    return ""
 
 
 def _are_copies(shared: int, fewer: int) -> bool:
@@ -87,11 +92,9 @@ def _digests(text: str) -> frozenset[str]:
     return frozenset(text[k : k + KEPT_DIGITS] for k in range(0, len(text), KEPT_DIGITS))
 
 
-def find_fitted_copy(
-    sha256: str, rows: frozenset[bytes], inputs: Sequence[Mapping[str, object]]
-) -> str:
-    """Name of the log of a run's inputs that a log of these rows is a copy of, or nothing."""
-    one = {"sha256": sha256, FINGERPRINT: fingerprint(rows)}
+def _find_fitted_copy(rows: frozenset[bytes], inputs: Sequence[Mapping[str, object]]) -> str:
+    """Name of the log of a run's inputs that a log of these rows is a copy of, or ""."""
+    one = {"sha256": "", FINGERPRINT: fingerprint(rows)}
     return next((str(other["name"]) for other in inputs if _are_same_log(one, other)), "")
 
 
@@ -130,6 +133,58 @@ def shared_logs(
     return [str(one["name"]) for one in some if any(_are_same_log(one, other) for other in others)]
 
 
-def logs_without_fingerprint(inputs: Sequence[Mapping[str, object]]) -> list[str]:
-    """Names of the logs of a run of which only a copy of the very bytes can be told."""
-    return [str(one["name"]) for one in inputs if not one.get(FINGERPRINT)]
+def read_unseen(
+    read: Callable[[Recipe, Path, str], Log],
+    spec: Recipe,
+    data: Path,
+    file: str,
+    inputs: Sequence[Mapping[str, object]],
+    excluded: Sequence[Exclude],
+) -> Log | str:
+    """A log that a run was not fitted to, or a sentence on one that it was: the same bytes, or
+    values written otherwise.
+
+    `read` reads a log; `excluded` is what the run left out of its logs: a copy is compared as it
+    was fitted too. Raises as reading does.
+    """
+    if ingest.digest_log(spec, data, file) in {entry["sha256"] for entry in inputs}:
+        return f"{file} was fitted by this run and is left out"
+    log = read(spec, data, file)
+    name = _find_fitted_copy(log.first_rows(), inputs)
+    if not name and excluded and "time_s" in log.frame.columns:
+        kept = replace(log, frame=mapping.drop_excluded_rows(log.frame, excluded, file)[0])
+        name = _find_fitted_copy(kept.first_rows(), inputs)
+    if name:
+        return f"{file} holds the values of {name}, which this run was fitted to, and is left out"
+    return log
+
+
+def pass_unseen(logs: Iterable[Log | str], seen: list[str], none: str) -> Iterator[Log]:
+    """Logs as `read_unseen` gives them that a run has not seen; the sentences on the others are
+    added to `seen`.
+
+    Raises FrameError with the words for it where there is no such log.
+    """
+    count = 0
+    for log in logs:
+        if isinstance(log, str):
+            seen.append(log)
+        else:
+            count += 1
+            yield log
+    if not count:
+        raise FrameError(f"{none}: {seen[0]}", hint="validate on logs that it has not seen")
+
+
+def flag_missing_fingerprints(run: str, inputs: Sequence[Mapping[str, object]]) -> list[str]:
+    """Flag of a run that keeps no fingerprints of its logs' values."""
+    names = [str(entry["name"]) for entry in inputs if not entry.get(FINGERPRINT)]
+    if not names:
+        return []
+    listed = f"{len(names)} of its logs" if len(names) > 1 else names[0]
+    return [
+        (
+            f"{run} keeps no fingerprint of {listed}: a copy with other line ends or separators"
+            " passes for a log it has not seen; fit again to have them told"
+        )
+    ]

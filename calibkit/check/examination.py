@@ -1,5 +1,5 @@
-"""A folder of logs → what `calibkit check` says of each: facts, held conditions, findings, and the
-curves of the figure.
+"""A folder of logs → what `calibkit check` reports on each: facts, held conditions, findings, and
+the curves of the figure.
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from calibkit.check import chunked, copies, facts, magnitude, thermometers
 from calibkit.check.report import HeldCondition, LogReport
 from calibkit.errors import FitError, FrameError, LogFormatError
-from calibkit.frame import Finding, values
+from calibkit.frame import Examined, Finding, values
 from calibkit.ingest import logs as ingest
 from calibkit.report.logs import Curve, LogFigure, envelope
 
@@ -22,7 +22,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.frame import Examined, Held, Log
+    from calibkit.frame import Held, Log
     from calibkit.ingest.logs import Reader
     from calibkit.recipe import Recipe
 
@@ -53,19 +53,19 @@ class _Examination:
 def examine_log(
     procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = chunked.LARGEST
 ) -> _Examination:
-    """Read and examine one log, in pieces where its file is larger; one that cannot be read or used
+    """Read and examine one log, in chunks where its file is larger; one that cannot be read or used
     is a refused finding.
     """
-    seen: list[chunked.ChunkedLog] = []
+    in_chunks: list[chunked.ChunkedLog] = []
 
     def reader(
         recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
     ) -> Log:
-        pieced = chunked.examine_file(recipe, path, file, needed, optional, largest=largest)
-        if pieced is None:
+        found = chunked.examine_file(recipe, path, file, needed, optional, largest=largest)
+        if found is None:
             return ingest.read_log(recipe, path, file, needed, optional)
-        seen.append(pieced)
-        return pieced.log
+        in_chunks.append(found)
+        return found.log
 
     try:
         log = procedure.read(spec, data, file, reader)
@@ -73,21 +73,21 @@ def examine_log(
         return _Examination(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
     try:
         examined = procedure.examine(spec, log)
-        findings, found = examined.findings, examined.held
     except (FrameError, FitError) as error:
-        findings, found = (Finding.of(error),), ()
-    whole = facts.describe_log(log)
-    if seen:
+        examined = Examined((Finding.of(error),))
+    findings, whole = examined.findings, facts.describe_log(log)
+    if in_chunks:
         rest = (finding for finding in findings if finding.name not in chunked.FOUND_IN_CHUNKS)
-        findings, whole = (*seen[0].findings, *rest), seen[0].facts
-    held = tuple(_condition(log, part) for part in found)
+        findings, whole = (*in_chunks[0].findings, *rest), in_chunks[0].facts
+    held = tuple(_condition(log, part) for part in examined.held)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
-    return _Examination(
-        report,
-        _figure(log, held, findings),
-        None if report.refused else _drift_slope(log),
-        log.first_rows(),
-    )
+    slope = None
+    if not report.refused and {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(
+        log.frame.columns
+    ):
+        case, indication = values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph")
+        slope = magnitude.fit_drift_slope(case, indication)
+    return _Examination(report, _figure(log, held, findings), slope, log.first_rows())
 
 
 def segment_numbers(
@@ -96,8 +96,7 @@ def segment_numbers(
     """Number of the held condition of each row of a log, from 1 in order of time, NaN between them;
     index as the log's.
 
-    None where the procedure cannot read the log or finds no held condition in it. The segments are
-    those of `of`.
+    None where the procedure cannot read the log or finds no held condition in it.
     """
     import pandas as pd
 
@@ -112,15 +111,6 @@ def segment_numbers(
     for k, part in enumerate(sorted(held, key=lambda part: part.start)):
         number[part.start : part.stop] = k + 1.0
     return pd.Series(number, index=log.frame.index)
-
-
-def _drift_slope(log: Log) -> float | None:
-    """Slope of the indication over the case temperature; none where the log has not both."""
-    if not {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(log.frame.columns):
-        return None
-    return magnitude.fit_drift_slope(
-        values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph")
-    )
 
 
 def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
@@ -154,10 +144,14 @@ def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     """Logs that came in twice under two names, with the finding of each: one would vouch for the
     other.
     """
-    logs = ((outcome.report.file, outcome.report.sha256, outcome.content) for outcome in outcomes)
+    logs = [
+        (outcome.report.file, outcome.report.sha256, outcome.content)
+        for outcome in outcomes
+        if outcome.report.sha256  # it could be read
+    ]
     return [
-        (file, Finding(file, said, "another log", "keep one of the two logs", name="copy"))
-        for file, said in copies.find_copies(logs)
+        (file, Finding(file, original, "another log", copies.KEEP_ONE, name="copy"))
+        for file, original in copies.find_copies(logs)
     ]
 
 

@@ -9,13 +9,12 @@ import numpy as np
 
 from calibkit import units
 from calibkit.arrays import Array
+from calibkit.check.content import GAP
 from calibkit.frame import Log, values
 from calibkit.numeric import anomalies
 
 BIN_DEGC = 10.0
 """Width of a temperature bin of the occupancy."""
-GAP = 2.5
-"""Sampling intervals, in medians, that are a gap."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,10 +69,15 @@ def describe_log(log: Log) -> Facts:
     step = np.diff(time)
     usual = float(np.median(step))
     ordinary = step[np.abs(step) < GAP * abs(usual)] if usual else step
-    spread = float(np.std(ordinary) / usual) if usual and ordinary.size else 0.0
-    gaps = int(np.sum(step > GAP * usual)) if usual > 0.0 else 0
-    rate = 1.0 / usual if usual > 0.0 else 0.0
-    return Facts(len(frame), float(time[-1] - time[0]), rate, spread, gaps, columns, occupancy)
+    return Facts(
+        len(frame),
+        duration_s=float(time[-1] - time[0]),
+        rate_hz=1.0 / usual if usual > 0.0 else 0.0,
+        irregularity=float(np.std(ordinary) / usual) if usual and ordinary.size else 0.0,
+        gaps=int(np.sum(step > GAP * usual)) if usual > 0.0 else 0,
+        columns=columns,
+        occupancy=occupancy,
+    )
 
 
 def _column(name: str, data: Array) -> _ColumnFacts:
@@ -82,10 +86,14 @@ def _column(name: str, data: Array) -> _ColumnFacts:
     unit = units.column_unit(name)
     if not good.size:
         return _ColumnFacts(name, unit, 0.0, 0.0, 0.0, 0.0, data.size)
-    low, high = float(good.min()), float(good.max())
-    missing = int(data.size - good.size)
     return _ColumnFacts(
-        name, unit, low, high, anomalies.resolution(good), anomalies.scatter(good), missing
+        name,
+        unit,
+        low=float(good.min()),
+        high=float(good.max()),
+        resolution=anomalies.resolution(good),
+        noise=anomalies.scatter(good),
+        missing=int(data.size - good.size),
     )
 
 
@@ -108,15 +116,13 @@ def _occupancy(temperature: Array) -> tuple[_Occupancy, ...]:
 
 
 def merge_facts(parts: Sequence[Facts]) -> Facts:
-    """Facts of a log from those of its pieces, one after the other."""
+    """Facts of a log from those of its chunks, one after the other."""
     rows = sum(part.rows for part in parts)
-    names = [column.name for column in parts[0].columns]
-    occupancy: dict[tuple[float, float], float] = {}
+    occupied: dict[tuple[float, float], float] = {}
     for part in parts:
         for place in part.occupancy:
-            occupancy[place.low, place.high] = (
-                occupancy.get((place.low, place.high), 0.0) + place.share * part.rows
-            )
+            ends = place.low, place.high
+            occupied[ends] = occupied.get(ends, 0.0) + place.share * part.rows
     rates = [part.rate_hz for part in parts if part.rate_hz]
     between = [1.0 / rate for rate in rates[:-1]]
     return Facts(
@@ -125,15 +131,13 @@ def merge_facts(parts: Sequence[Facts]) -> Facts:
         float(np.median(rates)) if rates else 0.0,
         max(part.irregularity for part in parts),
         sum(part.gaps for part in parts),
-        tuple(_joined([part.columns[k] for part in parts]) for k in range(len(names))),
-        tuple(
-            _Occupancy(low, high, share / rows) for (low, high), share in sorted(occupancy.items())
-        ),
+        tuple(map(_merge_column, zip(*(part.columns for part in parts), strict=True))),
+        tuple(_Occupancy(*ends, share / rows) for ends, share in sorted(occupied.items())),
     )
 
 
-def _joined(parts: Sequence[_ColumnFacts]) -> _ColumnFacts:
-    """Facts of one column from those of its pieces."""
+def _merge_column(parts: Sequence[_ColumnFacts]) -> _ColumnFacts:
+    """Facts of one column from those of its chunks."""
     steps = [part.resolution for part in parts if part.resolution]
     return _ColumnFacts(
         parts[0].name,

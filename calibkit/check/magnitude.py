@@ -11,7 +11,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.check.content import finding_at_row
+from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, order_statistics, segments
@@ -48,7 +48,9 @@ COMPENSATED_SHARE = 0.4
 to 1.25.
 """
 PARTS = 100
-"""Block means of a log that are held against the drift taken off it."""
+"""Block means of a log that are compared with the drift taken off it."""
+MILLISECONDS = 'time looks like milliseconds: state it, [columns.time_s] unit = "ms"'
+"""Advice where a clock runs a thousand times too fast."""
 COMPENSATED = re.compile(
     r"comp(?!are|ass|ute|onent|lete)|correct|补偿|修正|校正|kompens|korrig", re.IGNORECASE
 )
@@ -61,18 +63,20 @@ def check_gyro_unit(log: Log, column: str) -> list[Finding]:
     low, high = log.extremes(column)
     span, level = high - low, float(np.median(np.abs(anomalies.sample(data))))
     if 0.0 < span < QUIETEST_DPH:
-        what = f"all {data.size} rows lie within {span:.2g} deg/h"
-        advice = f'the log looks like deg/s or rad/s: state it, [columns.{column}] unit = "deg/s"'
-        expected = "the noise of a gyro"
+        words = (
+            f"all {data.size} rows lie within {span:.2g} deg/h",
+            "the noise of a gyro",
+            f'the log looks like deg/s or rad/s: state it, [columns.{column}] unit = "deg/s"',
+        )
     elif level > FASTEST_DPH:
-        what = f"an indication of {level:.3g} deg/h at rest"
-        advice = f"state the log's unit in [columns.{column}]: counts are not deg/h"
-        expected = f"a bias below {FASTEST_DPH:g} deg/h"
+        words = (
+            f"an indication of {level:.3g} deg/h at rest",
+            f"a bias below {FASTEST_DPH:g} deg/h",
+            f"state the log's unit in [columns.{column}]: counts are not deg/h",
+        )
     else:
         return []
-    return [
-        finding_at_row(log, 0, column, what, expected, advice, "unit", severity="warn", figure=span)
-    ]
+    return [finding_at_row(log, 0, column, *words, "unit", severity="warn", figure=span)]
 
 
 def check_noise_unit(log: Log, column: str) -> list[Finding]:
@@ -98,16 +102,15 @@ def check_sampling_unit(log: Log) -> list[Finding]:
     step = float(np.median(np.diff(values(log.frame, "time_s"))))
     if step < SLOWEST_SAMPLING_S:
         return []
-    advice = 'time looks like milliseconds: state it, [columns.time_s] unit = "ms"'
     return [
-        _warn(
+        finding_of_column(
             log,
             "time_s",
             f"a sample every {step:g} s",
-            "a gyro sampled faster",
-            advice,
-            "unit",
-            step,
+            expected="a gyro sampled faster",
+            advice=MILLISECONDS,
+            name="unit",
+            figure=step,
         )
     ]
 
@@ -123,12 +126,20 @@ def check_time_unit(log: Log, air: str) -> list[Finding]:
     if fastest > FASTEST_DEGC_MIN:
         advice = 'time looks like minutes or hours: state it, [columns.time_s] unit = "min"'
     elif fastest < SLOWEST_DEGC_MIN:
-        advice = 'time looks like milliseconds: state it, [columns.time_s] unit = "ms"'
+        advice = MILLISECONDS
     else:
         return []
-    what = f"the chamber air changes by {np.ptp(data):.3g} °C at up to {fastest:.2g} °C/min"
-    expected = f"{SLOWEST_DEGC_MIN:g} to {FASTEST_DEGC_MIN:g} °C/min"
-    return [_warn(log, "time_s", what, expected, advice, "unit", fastest)]
+    return [
+        finding_of_column(
+            log,
+            "time_s",
+            f"the chamber air changes by {np.ptp(data):.3g} °C at up to {fastest:.2g} °C/min",
+            f"{SLOWEST_DEGC_MIN:g} to {FASTEST_DEGC_MIN:g} °C/min",
+            advice,
+            "unit",
+            fastest,
+        )
+    ]
 
 
 def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
@@ -148,8 +159,8 @@ def check_gravity_unit(log: Log, axes: Sequence[str]) -> list[Finding]:
         if unit
         else "state the log's unit"
     )
-    what = f"the three axes have a length of {usual:.4g} g in most rows"
-    return [_warn(log, axes[0], what, "1 g", advice, "unit", usual)]
+    found = f"the three axes have a length of {usual:.4g} g in most rows"
+    return [finding_of_column(log, axes[0], found, "1 g", advice, "unit", usual)]
 
 
 def check_triad_sign(
@@ -165,20 +176,18 @@ def check_triad_sign(
     agreement = float(sums[0] / np.sqrt(sums[1] * sums[2]))
     if agreement > -0.5:
         return []
-    what = f"the triad is opposite to its attitude (correlation {agreement:.2f})"
-    advice = (
-        'set reference.convention to the other of "gravity" and "specific_force", or sign = -1 in'
-        " [columns]"
-    )
     return [
-        _warn(
+        finding_of_column(
             log,
             axes[0],
-            what,
-            "indications along the convention of the recipe",
-            advice,
-            "sign",
-            agreement,
+            f"the triad is opposite to its attitude (correlation {agreement:.2f})",
+            expected="indications along the convention of the recipe",
+            advice=(
+                'set reference.convention to the other of "gravity" and "specific_force", or'
+                " sign = -1 in [columns]"
+            ),
+            name="sign",
+            figure=agreement,
         )
     ]
 
@@ -191,13 +200,20 @@ def check_gyro_sign(log: Log, column: str, rate: str) -> list[Finding]:
     together = chunks.correlation(data, turned)
     if together > -0.9:
         return []
-    what = f"its counts fall while the table rate rises (correlation {together:.3f})"
-    advice = (
-        f"state sign = -1 in [columns.{column}] or [columns.{rate}] where that is not the gyro's"
-        " own sense"
-    )
-    finding = _warn(log, column, what, "counts that rise with the rate", advice, "sign", together)
-    return [finding]
+    return [
+        finding_of_column(
+            log,
+            column,
+            f"its counts fall while the table rate rises (correlation {together:.3f})",
+            expected="counts that rise with the rate",
+            advice=(
+                f"state sign = -1 in [columns.{column}] or [columns.{rate}] where that is not the"
+                " gyro's own sense"
+            ),
+            name="sign",
+            figure=together,
+        )
+    ]
 
 
 def find_compensated_names(log: Log, recipe: Recipe, columns: Sequence[str]) -> list[Finding]:
@@ -208,22 +224,20 @@ def find_compensated_names(log: Log, recipe: Recipe, columns: Sequence[str]) -> 
     for column in columns:
         source = recipe.columns[column].source if column in recipe.columns else column
         if COMPENSATED.search(source):
-            what = f"its column in the log is called '{source}'"
-            advice = (
-                "map the column that was not compensated; a log that was must not be compensated"
-                " twice"
+            finding = Finding(
+                f"{log.file}:1: column '{column}'",
+                f"its column in the log is called '{source}'",
+                expected="an indication as it was measured",
+                advice=(
+                    "map the column that was not compensated; a log that was must not be"
+                    " compensated twice"
+                ),
+                severity="warn",
+                name="double_compensation",
+                line=1,
+                column=column,
             )
-            found.append(
-                Finding(
-                    f"{log.file}:1: column '{column}'",
-                    what,
-                    "an indication as it was measured",
-                    advice,
-                    "warn",
-                    "double_compensation",
-                    1,
-                )
-            )
+            found.append(finding)
     return found
 
 
@@ -251,27 +265,23 @@ def find_compensated_logs(slopes: Mapping[str, float]) -> list[tuple[str, Findin
         usual = float(np.median(others))
         agree = float(np.median(np.abs(others - usual))) < ALIKE * abs(usual)
         if agree and slope / usual < COMPENSATED_SHARE:
-            what = (
-                f"the indication moves by {slope:.3g} deg/h/°C, that of the other logs by"
-                f" {usual:.3g}"
-            )
             opposite = "its sign may be the other (sign = -1 in [columns.gyro_dph]), or "
-            advice = (
-                (opposite if slope / usual < -COMPENSATED_SHARE else "")
-                + "it may have been compensated before: take the log as it was measured, or leave"
-                " it out with [[exclude]]; never compensate twice"
+            finding = Finding(
+                f"{file}: column 'gyro_dph'",
+                f"the indication moves by {slope:.3g} deg/h/°C, that of the other logs by"
+                f" {usual:.3g}",
+                expected="logs of one gyro to drift alike",
+                advice=(
+                    f"{opposite if slope / usual < -COMPENSATED_SHARE else ''}it may have been"
+                    " compensated before: take the log as it was measured, or leave it out with"
+                    " [[exclude]]; never compensate twice"
+                ),
+                severity="warn",
+                name="double_compensation",
+                figure=slope / usual,
+                column="gyro_dph",
             )
-            share = slope / usual
-            place = f"{file}: column 'gyro_dph'"
-            expected = "logs of one gyro to drift alike"
-            found.append(
-                (
-                    file,
-                    Finding(
-                        place, what, expected, advice, "warn", "double_compensation", figure=share
-                    ),
-                )
-            )
+            found.append((file, finding))
     return found
 
 
@@ -279,7 +289,7 @@ def flag_missing_drift(file: str, predicted: Array, indication: Array) -> list[s
     """Flag for a log [n, °/h] that does not show the drift [n, °/h] that is about to be taken off
     it.
 
-    The indication is held against the prediction by a straight line through a hundred block means.
+    The indication is compared with the prediction by a straight line through a hundred block means.
     """
     if predicted.size < 10 * PARTS:
         return []
@@ -297,29 +307,12 @@ def flag_missing_drift(file: str, predicted: Array, indication: Array) -> list[s
     uncertainty = float(np.sqrt(np.mean(left**2) * 10.0 / power))
     if gain + 3.0 * uncertainty > COMPENSATED_SHARE:
         return []
-    share = f"{gain:.2f} ± {3.0 * uncertainty:.2f}"
-    said = (
-        f"{file}: the log follows the drift of this run's model with a gain of {share}, expected 1"
-    )
+    why = "it may have been compensated before, and must not be twice"
     if gain < -COMPENSATED_SHARE:
-        return [
-            (
-                f"{said}: its sign is the other: state sign = -1 in [columns.gyro_dph]; or it is"
-                " another gyro's"
-            )
-        ]
+        why = "its sign is the other: state sign = -1 in [columns.gyro_dph]"
     return [
         (
-            f"{said}: it may have been compensated before, and must not be twice; or it is another"
-            " gyro's"
+            f"{file}: the log follows the drift of this run's model with a gain of {gain:.2f} ±"
+            f" {3.0 * uncertainty:.2f}, expected 1: {why}; or it is another gyro's"
         )
     ]
-
-
-def _warn(
-    log: Log, column: str, what: str, expected: str, advice: str, name: str, figure: float
-) -> Finding:
-    """Warning about a column as a whole."""
-    return Finding(
-        f"{log.file}: column '{column}'", what, expected, advice, "warn", name, None, None, figure
-    )

@@ -61,16 +61,15 @@ def report_document(reports: Sequence[LogReport]) -> dict[str, Any]:
     """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it,
     then each log.
     """
-    refused = [
-        (report, finding) for report in reports for finding in report.findings if finding.refused
-    ]
+    logs = [_entry(report) for report in reports]
+    refused = [finding for report in reports for finding in report.findings if finding.refused]
     if not refused:
-        return {"ok": True, "logs": [_entry(report) for report in reports]}
-    first, count = refused[0][1], len({report.file for report, _ in refused})
+        return {"ok": True, "logs": logs}
+    first, count = refused[0], sum(report.refused for report in reports)
     message = f"{first.place}: {first.found}, expected {first.expected}"
     message += f" ({count} of {len(reports)} logs are refused)" if count > 1 else ""
     error = {"code": FrameError.code, "message": message, "hint": first.advice}
-    return {"ok": False, "error": error, "logs": [_entry(report) for report in reports]}
+    return {"ok": False, "error": error, "logs": logs}
 
 
 def _entry(report: LogReport) -> dict[str, Any]:
@@ -82,38 +81,48 @@ def _entry(report: LogReport) -> dict[str, Any]:
         "notes": list(report.notes),
         "facts": asdict(report.facts) if report.facts else None,
         "held": [asdict(held) for held in report.held],
-        "findings": [asdict(finding) | {"refused": finding.refused} for finding in report.findings],
+        "findings": [_finding_entry(finding) for finding in report.findings],
     }
+
+
+def _finding_entry(finding: Finding) -> dict[str, Any]:
+    """JSON object of one finding; its place names the column."""
+    entry = asdict(finding) | {"refused": finding.refused}
+    del entry["column"]
+    return entry
 
 
 def report_lines(report: LogReport) -> list[str]:
     """Lines about one log: what it holds, then what was found, the worst first."""
-    said = [f"{report.file}: ok" if not report.findings else report.file]
-    if report.facts:
-        said += [f"  {line}" for line in _facts(report.facts)]
-    said += [f"  {note}" for note in (*report.reading, *report.notes)]
-    said += [f"  {held}" for held in report.held[:MOST_HELD]]
-    if len(report.held) > MOST_HELD:
-        said.append(f"  … and {len(report.held) - MOST_HELD} more {report.held[-1].kind}s")
+    more = len(report.held) - MOST_HELD
     order = list(WORDS)
     ranked = sorted(report.findings, key=lambda finding: order.index(finding.severity))
-    return said + [f"  {WORDS[finding.severity]} {finding}" for finding in ranked]
+    lines = [
+        *(_describe_facts(report.facts) if report.facts else ()),
+        *report.reading,
+        *report.notes,
+        *map(str, report.held[:MOST_HELD]),
+        *([f"… and {more} more {report.held[-1].kind}s"] if more > 0 else ()),
+        *(f"{WORDS[finding.severity]} {finding}" for finding in ranked),
+    ]
+    title = report.file if report.findings else f"{report.file}: ok"
+    return [title, *(f"  {line}" for line in lines)]
 
 
-def _facts(facts: Facts) -> list[str]:
+def _describe_facts(facts: Facts) -> list[str]:
     """Lines about what a log holds."""
-    said = [f"{facts.rows:,} rows"]
+    lines = [f"{facts.rows:,} rows"]
     if facts.rate_hz:
-        said[0] += f" over {facts.duration_s:,.6g} s at {facts.rate_hz:.4g} Hz"
+        lines[0] += f" over {facts.duration_s:,.6g} s at {facts.rate_hz:.4g} Hz"
         if facts.irregularity > 0.01:
-            said[0] += f", intervals vary by {facts.irregularity:.0%}"
+            lines[0] += f", intervals vary by {facts.irregularity:.0%}"
         if facts.gaps:
-            said[0] += f", {facts.gaps} gap{'s' if facts.gaps > 1 else ''}"
+            lines[0] += f", {facts.gaps} gap{'s' if facts.gaps > 1 else ''}"
     for column in facts.columns:
         unit = "" if column.unit == "1" else f" {column.unit}"
         step = f", steps of {column.resolution:.3g}" if column.resolution else ", constant"
-        said.append(f"{column.name}: {column.low:.6g} to {column.high:.6g}{unit}{step}")
+        lines.append(f"{column.name}: {column.low:.6g} to {column.high:.6g}{unit}{step}")
     if len(facts.occupancy) > 1:
         shares = ", ".join(f"{part.low:g}: {part.share:.0%}" for part in facts.occupancy)
-        said.append(f"share of the rows from each 10 °C: {shares}")
-    return said
+        lines.append(f"share of the rows from each 10 °C: {shares}")
+    return lines

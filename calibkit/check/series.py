@@ -1,10 +1,8 @@
 """What a sensor or its logger did to a column that physics did not, as findings with their places.
 
-A column is judged in pieces of at most PIECE rows, so that a log of any length is judged alike,
-whether it is read whole or a piece at a time.
+A column is judged in chunks of at most CHUNK rows, so that a log of any length is judged alike,
+whether it is read whole or in chunks.
 """
-
-from collections.abc import Callable
 
 import numpy as np
 
@@ -22,13 +20,20 @@ UNEVEN = 1e-4
 ONE_WAY = 0.8
 """Share of its span that a run ordered one way has gone when it ends."""
 ONE_WAY_BLOCKS = 2000
-"""Medians that the course of a run is looked at by."""
+"""Block medians that the course of a run is judged by."""
 TURNED_BACK_DEGC, TURNED_BACK = 1.5, 0.02
 """How far [°C], and what share of its span, a run may go back: a case overshoots less."""
 COARSE = 4.0
 """Resolution in standard deviations of the noise above which an indication is quantised."""
 LEVELS = 16
 """Distinct values of a quantised indication, at most."""
+CHUNK = 1 << 20
+"""Rows of a column that are judged at once."""
+RANGE_ENDED = (
+    "the range of the sensor or its logger ended there: leave the rows out with [[exclude]] or log"
+    " again"
+)
+"""Advice where an indication is saturated."""
 
 
 def check_indication(log: Log, column: str, unit: str) -> list[Finding]:
@@ -36,11 +41,10 @@ def check_indication(log: Log, column: str, unit: str) -> list[Finding]:
     static indication.
     """
     data = values(log.frame, column)
-    early = _start_up(log, column, data, unit)
     stuck = anomalies.stuck(data)
     steps = _coarse(log, column, data, unit)
     return [
-        *early,
+        *_start_up(log, column, data, unit),
         *_spikes(log, column, data, unit),
         *_stuck_runs(log, column, data, stuck, unit),
         *(() if len(stuck) else _clipped(log, column, data, unit)),
@@ -57,18 +61,22 @@ def check_case_and_air(log: Log, case: str, air: str) -> list[Finding]:
         found += _spikes(log, column, data, "°C", least=SPIKE_DEGC)
     moved = max(LEAD_DEGC, 5.0 * anomalies.resolution(of_case))
     runs = anomalies.equal_runs(of_case, anomalies.SHORTEST_RUN)
-    frozen = (
-        anomalies.stuck_against(of_air, moved, runs),
-        anomalies.frozen(of_case, SPIKE_DEGC, runs),
+    frozen = _merge_runs(
+        anomalies.stuck_against(of_air, moved, runs), anomalies.frozen(of_case, SPIKE_DEGC, runs)
     )
-    found += _stuck_runs(log, case, of_case, np.unique(np.concatenate(frozen), axis=0), "°C")
+    found += _stuck_runs(log, case, of_case, frozen, "°C")
     # a case comes to meet the air that stands still; a case that leaves it was driven by air that
     # the log does not show
     runs = anomalies.equal_runs(of_air, anomalies.SHORTEST_RUN)
     first, last = runs[:, 0], runs[:, 1] - 1
     left = np.abs(of_case[last] - of_air[last]) - np.abs(of_case[first] - of_air[first]) > moved
-    frozen = (runs[left], anomalies.frozen(of_air, SPIKE_DEGC, runs))
-    return [*found, *_stuck_runs(log, air, of_air, np.unique(np.concatenate(frozen), axis=0), "°C")]
+    frozen = _merge_runs(runs[left], anomalies.frozen(of_air, SPIKE_DEGC, runs))
+    return [*found, *_stuck_runs(log, air, of_air, frozen, "°C")]
+
+
+def _merge_runs(one: Integers, other: Integers) -> Integers:
+    """Runs [k, 2] of two searches, each once."""
+    return np.unique(np.concatenate((one, other)), axis=0)
 
 
 def check_temperature(log: Log, column: str) -> list[Finding]:
@@ -97,25 +105,20 @@ def find_turn_back(log: Log, column: str) -> list[Finding]:
     if back[k] <= max(TURNED_BACK_DEGC, TURNED_BACK * span):
         return []
     first = int(np.argmax(course[: k + 1]))
-    word = "falls" if net > 0.0 else "rises"
-    found = (
-        f"{word} by {back[k]:.1f} °C from {_seconds(log, first * block, (k + 1) * block)} of a run"
-        " that goes the other way"
-    )
-    advice = (
-        "leave the run out or cut it with [[segment]] or [[exclude]], if the chamber was not"
-        " ordered so"
-    )
-    expected = "a temperature that goes one way"
     return [
         finding_at_row(
             log,
             first * block,
             column,
-            found,
-            expected,
-            advice,
-            "turned_back",
+            f"{'falls' if net > 0.0 else 'rises'} by {back[k]:.1f} °C from"
+            f" {_format_times(log, first * block, (k + 1) * block)} of a run that goes the other"
+            " way",
+            expected="a temperature that goes one way",
+            advice=(
+                "leave the run out or cut it with [[segment]] or [[exclude]], if the chamber was"
+                " not ordered so"
+            ),
+            name="turned_back",
             severity="warn",
             figure=float(back[k]),
         )
@@ -133,15 +136,15 @@ def check_driven_indication(
     """
     data, cause = values(log.frame, column), values(log.frame, driver)
     low, high = log.extremes(driver)
-    runs = anomalies.equal_runs(data, anomalies.SHORTEST_RUN)
-    runs = anomalies.stuck_against(cause, 0.01 * (high - low), runs)
+    runs = anomalies.stuck_against(
+        cause, 0.01 * (high - low), anomalies.equal_runs(data, anomalies.SHORTEST_RUN)
+    )
     noisy = anomalies.stuck(data)
     # an indication of held rates may be coarser than its noise: only values at an extreme are
     # called clipped then
     at_end = np.isin(data[noisy[:, 0]], log.extremes(column))
-    joined = np.unique(np.concatenate((runs, noisy[at_end])), axis=0)
     return [
-        *_stuck_runs(log, column, data, joined, unit),
+        *_stuck_runs(log, column, data, _merge_runs(runs, noisy[at_end]), unit),
         *_held_spikes(log, column, data, cause, unit, UNEVEN * full_span),
     ]
 
@@ -164,18 +167,20 @@ def _held_spikes(
         holds += zip(bounds[long].tolist(), bounds[long + 1].tolist(), strict=True)
         last = int(bounds[-1])
     found = [anomalies.spikes(data[a + 3 : b - 3], least=least) + a + 3 for a, b in holds]
-    return _told(log, column, data, np.concatenate(found), unit) if found else []
+    return _report_spikes(log, column, data, np.concatenate(found), unit) if found else []
 
 
 def _spikes(log: Log, column: str, data: Array, unit: str, *, least: float = 0.0) -> list[Finding]:
-    """Single rows far from their neighbours, told in one finding at the worst."""
-    return _told(
-        log, column, data, _pieces(data, lambda part: anomalies.spikes(part, least=least)), unit
-    )
+    """Single rows far from their neighbours, looked for in chunks of CHUNK rows."""
+    found = [
+        anomalies.spikes(data[start:stop], least=least) + start
+        for start, stop in chunks.ranges_along(data, rows=CHUNK)
+    ]
+    return _report_spikes(log, column, data, np.concatenate(found), unit) if found else []
 
 
-def _told(log: Log, column: str, data: Array, found: Integers, unit: str) -> list[Finding]:
-    """Spikes at the rows found, told in one finding at the worst."""
+def _report_spikes(log: Log, column: str, data: Array, found: Integers, unit: str) -> list[Finding]:
+    """One finding for the spikes at the rows found, at the worst."""
     if not found.size:
         return []
     around = chunks.take_rows(data, np.clip(found[:, None] + np.arange(-3, 4), 0, data.size - 1))
@@ -183,37 +188,23 @@ def _told(log: Log, column: str, data: Array, found: Integers, unit: str) -> lis
     worst = int(found[np.argmax(off)])
     count = int(np.sum(np.diff(found, prepend=-2) > 1))
     before, after = data[max(worst - 1, 0)], data[min(worst + 1, data.size - 1)]
-    what = (
-        f"a spike: {data[worst]:g} {unit} between {before:g} and {after:g} ({count} in the log,"
-        " this the largest)"
-    )
-    advice = "leave spikes out with [[exclude]]; only the models on levels are robust against them"
-    expected = "samples that scatter alike"
     return [
         finding_at_row(
             log,
             worst,
             column,
-            what,
-            expected,
-            advice,
-            "spike",
+            f"a spike: {data[worst]:g} {unit} between {before:g} and {after:g} ({count} in the log,"
+            " this the largest)",
+            expected="samples that scatter alike",
+            advice=(
+                "leave spikes out with [[exclude]]; only the models on levels are robust against"
+                " them"
+            ),
+            name="spike",
             severity="warn",
             figure=float(off.max()),
         )
     ]
-
-
-PIECE = 1 << 20
-"""Rows of a column that are judged at once."""
-
-
-def _pieces(data: Array, look: Callable[[Array], Integers]) -> Integers:
-    """Rows that a search finds in pieces of a long series."""
-    parts = [
-        look(data[start:stop]) + start for start, stop in chunks.ranges_along(data, rows=PIECE)
-    ]
-    return np.concatenate(parts) if parts else np.zeros(0, dtype=np.int64)
 
 
 def _stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) -> list[Finding]:
@@ -223,24 +214,18 @@ def _stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) -
     length = runs[:, 1] - runs[:, 0]
     first, stop = runs[int(np.argmax(length))].tolist()
     value = float(data[first])
-    at_end = value in chunks.extremes(data)
-    word = "saturated" if at_end and _is_indication(column) else "stuck"
-    span = f" ({_seconds(log, first, stop)})" if "time_s" in log.frame.columns else ""
+    name, advice = "stuck", "leave the range out with [[exclude]], and see to the sensor"
+    # only an indication is called saturated, a reference is not
+    if column.startswith(("gyro", "accel")) and value in chunks.extremes(data):
+        name, advice = "saturated", RANGE_ENDED
+    span = f" ({_format_times(log, first, stop)})" if "time_s" in log.frame.columns else ""
     others = f", the longest of {len(runs)} such runs" if len(runs) > 1 else ""
-    what = f"{word} at {value:g} {unit} for {stop - first} rows{span}{others}"
-    advice = "leave the range out with [[exclude]], and see to the sensor"
-    if word == "saturated":
-        advice = (
-            "the range of the sensor or its logger ended there: leave the rows out with [[exclude]]"
-            " or log again"
-        )
-    name = word
     return [
         finding_at_row(
             log,
             first,
             column,
-            what,
+            f"{name} at {value:g} {unit} for {stop - first} rows{span}{others}",
             "values that move",
             advice,
             name,
@@ -250,12 +235,7 @@ def _stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) -
     ]
 
 
-def _is_indication(column: str) -> bool:
-    """Whether a column is what an instrument under calibration indicates, not a reference."""
-    return column.startswith(("gyro", "accel"))
-
-
-def _seconds(log: Log, first: int, stop: int) -> str:
+def _format_times(log: Log, first: int, stop: int) -> str:
     """Time that rows first … stop − 1 span, as words."""
     time = values(log.frame, "time_s")
     return f"{time[first]:g} s to {time[stop - 1]:g} s"
@@ -267,46 +247,42 @@ def _clipped(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     if pile is None:
         return []
     count, value = pile
-    what = f"saturated: {count} rows at the extreme value {value:g} {unit}"
-    advice = (
-        "the range of the sensor or its logger ended there: leave the rows out with [[exclude]] or"
-        " log again"
-    )
-    row = int(np.flatnonzero(data == value)[0])
-    expected = "extremes that few rows reach"
     return [
         finding_at_row(
-            log, row, column, what, expected, advice, "saturated", severity="warn", figure=value
+            log,
+            int(np.flatnonzero(data == value)[0]),
+            column,
+            f"saturated: {count} rows at the extreme value {value:g} {unit}",
+            expected="extremes that few rows reach",
+            advice=RANGE_ENDED,
+            name="saturated",
+            severity="warn",
+            figure=value,
         )
     ]
 
 
 def _jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
-    """Sudden changes of the bias that stay, told in one finding at the largest."""
-    window = int(np.clip(data.size // 50, 20, 2000))
-    rows, change = anomalies.jumps(data, window)
+    """One finding for the sudden changes of the bias that stay, at the largest."""
+    rows, change = anomalies.jumps(data, int(np.clip(data.size // 50, 20, 2000)))
     if not rows.size:
         return []
     k = int(np.argmax(np.abs(change)))
     others = f", the largest of {rows.size}" if rows.size > 1 else ""
-    what = f"the bias jumps by {change[k]:+.3g} {unit} and stays{others}"
-    advice = (
-        "split the log there or leave the part behind it out with [[exclude]]; see that nothing was"
-        " moved or restarted"
-    )
-    expected = "a bias that drifts"
-    figure = float(change[k])
     return [
         finding_at_row(
             log,
             int(rows[k]),
             column,
-            what,
-            expected,
-            advice,
-            "jump",
+            f"the bias jumps by {change[k]:+.3g} {unit} and stays{others}",
+            expected="a bias that drifts",
+            advice=(
+                "split the log there or leave the part behind it out with [[exclude]]; see that"
+                " nothing was moved or restarted"
+            ),
+            name="jump",
             severity="warn",
-            figure=figure,
+            figure=float(change[k]),
         )
     ]
 
@@ -317,17 +293,21 @@ def _start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     if not count:
         return []
     after = float(np.median(data[count : count + 100]))
-    what = (
-        f"{count} start-up row{'s' if count > 1 else ''}: {data[0]:g} {unit} at first, {after:g}"
-        f" {unit} behind them"
-    )
     advice = "leave them out with [[exclude]]"
     if "time_s" in log.frame.columns and count < len(data):
         advice += f": to_s = {float(log.frame['time_s'].iloc[count - 1]):g}"
-    expected = "a log that begins with the instrument running"
     return [
         finding_at_row(
-            log, 0, column, what, expected, advice, "start_up", severity="warn", figure=float(count)
+            log,
+            0,
+            column,
+            f"{count} start-up row{'s' if count > 1 else ''}: {data[0]:g} {unit} at first,"
+            f" {after:g} {unit} behind them",
+            "a log that begins with the instrument running",
+            advice,
+            "start_up",
+            severity="warn",
+            figure=float(count),
         )
     ]
 
@@ -337,19 +317,24 @@ def _coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     step = anomalies.resolution(data)
     if data.size < 100 or step == 0.0 or np.unique(anomalies.sample(data)).size > LEVELS:
         return []
-    distinct = int(np.unique(data[: 4 * PIECE]).size)
+    distinct = int(np.unique(data[: 4 * CHUNK]).size)
     if distinct > LEVELS or anomalies.repeats(data) < anomalies.NOISY:
         return []
     if step < COARSE * anomalies.scatter(data) and distinct > 4:
         return []
-    what = f"{distinct} distinct values in {data.size} rows, {step:g} {unit} apart"
-    advice = (
-        "log with a finer resolution: what is smaller than a step is not seen, and noise does not"
-        " average out"
-    )
-    expected = "steps smaller than the noise"
     return [
         finding_at_row(
-            log, 0, column, what, expected, advice, "quantisation", severity="warn", figure=step
+            log,
+            0,
+            column,
+            f"{distinct} distinct values in {data.size} rows, {step:g} {unit} apart",
+            expected="steps smaller than the noise",
+            advice=(
+                "log with a finer resolution: what is smaller than a step is not seen, and noise"
+                " does not average out"
+            ),
+            name="quantisation",
+            severity="warn",
+            figure=step,
         )
     ]

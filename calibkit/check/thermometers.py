@@ -7,12 +7,13 @@ zero point of °F is a unit, a negative lag an exchange.
 
 import re
 from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.check import lead
-from calibkit.frame import Finding, Log, Severity, values
+from calibkit.check.content import finding_of_column
+from calibkit.frame import Finding, Log, values
 
 SPAN_DEGC = 5.0
 """Change of temperature from which rates and slopes tell units apart."""
@@ -41,6 +42,56 @@ AGREE = 0.06
 """Relative deviation of measured rates from 9/5 of those that were ordered, up to which all are
 that.
 """
+BLOCKS = 600
+"""Block means that the two are compared by."""
+
+
+@dataclass(frozen=True, slots=True)
+class Lead:
+    """The follower f and its driver d: f = offset + gain · d − lag · rate, by least squares."""
+
+    gain: float
+    offset: float
+    """Follower where the driver is 0, at rest [unit]."""
+    lag_s: float
+    """Lag of the follower [s]; negative where it runs ahead."""
+    correlation: float
+    """Of the follower's deficit with the rate, both without what offset and gain explain: 1 for a
+    pure lag, −1 for a lead.
+    """
+    swing: float
+    """Range of the deficit that the rates make [unit]."""
+
+
+def fit_lead(time: Array, follower: Array, driver: Array) -> Lead:
+    """Gain, offset and lag of a follower [n] to its driver [n] over time [n, s].
+
+    The rate is that of the mean of both, by central differences of block means: an exchange of the
+    two changes the sign of the lag and nothing else, and so does a unit of time that is not
+    seconds.
+    """
+    count = min(BLOCKS, time.size // 3)
+    if count < 10:
+        return Lead(1.0, 0.0, 0.0, 0.0, 0.0)
+    t, f, d = (_blocks(series, count) for series in (time, follower, driver))
+    scale = (float(np.ptp(f)) or 1.0) / (float(np.ptp(d)) or 1.0)
+    rate = np.gradient(0.5 * (f / scale + d), t)
+    others = np.column_stack([np.ones(count), d])
+    design = np.column_stack([others, -rate])
+    offset, gain, lag = np.linalg.lstsq(design, f, rcond=None)[0].tolist()
+    left_rate, left = (
+        series - others @ np.linalg.lstsq(others, series, rcond=None)[0] for series in (-rate, f)
+    )
+    power = float(np.sqrt((left_rate @ left_rate) * (left @ left)))
+    together = float(left_rate @ left) / power if power > 0.0 else 0.0
+    return Lead(gain, offset, lag, together, abs(lag) * float(np.ptp(rate)))
+
+
+def _blocks(series: Array, count: int) -> Array:
+    """Means of `count` blocks."""
+    edges = np.linspace(0, series.size, count + 1).astype(np.int64)
+    sums: Array = np.add.reduceat(series, edges[:-1])
+    return sums / np.diff(edges)
 
 
 def check_pair(log: Log, case: str, air: str) -> list[Finding]:
@@ -54,62 +105,80 @@ def check_pair(log: Log, case: str, air: str) -> list[Finding]:
     thinned = slice(None, None, a.size // 20_000 + 1)
     together = float(np.corrcoef(a[thinned], b[thinned])[0, 1])
     if together < -0.5:
-        advice = (
-            f"a sign is wrong: state sign = -1 in [columns.{case}] or [columns.{air}], or see to"
-            " the wiring"
-        )
         return [
-            _finding(
+            finding_of_column(
                 log,
                 case,
                 "it falls while the chamber air rises",
-                "both to rise together",
-                advice,
-                "sign",
-                together,
+                expected="both to rise together",
+                advice=(
+                    f"a sign is wrong: state sign = -1 in [columns.{case}] or [columns.{air}], or"
+                    " see to the wiring"
+                ),
+                name="sign",
+                figure=together,
             )
         ]
-    found = lead.fit_lead(values(log.frame, "time_s"), a, b)
-    return [*_unit(log, case, air, found), *_apart(log, case, air, a, b)][:1] or _exchanged(
-        log, case, air, found
+    lead = fit_lead(values(log.frame, "time_s"), a, b)
+    return (
+        _find_unit(log, case, air, lead)
+        or _find_apart(log, case, air, a, b)
+        or _find_exchange(log, case, air, lead)
     )
 
 
-def _unit(log: Log, case: str, air: str, found: lead.Lead) -> list[Finding]:
+def _find_unit(log: Log, case: str, air: str, lead: Lead) -> list[Finding]:
     """One of the two in °F: gain and zero point of the straight line between them."""
-    of_case = found.gain, found.offset
-    of_air = 1.0 / found.gain, -found.offset / found.gain
+    of_case = lead.gain, lead.offset
+    of_air = 1.0 / lead.gain, -lead.offset / lead.gain
     for column, other, (gain, offset) in ((case, air, of_case), (air, case, of_air)):
         if abs(gain / FAHRENHEIT - 1.0) < GAIN and abs(offset - ZERO_DEGF) < OFFSET_DEGF:
-            what = f"it moves by {gain:.3g} for each °C of '{other}' and is {offset:.3g} at 0 °C"
-            advice = f'it is in °F: state it, [columns.{column}] unit = "degF"'
-            return [_finding(log, column, what, "a gain of 1", advice, "unit", gain, refuse=True)]
+            finding = finding_of_column(
+                log,
+                column,
+                f"it moves by {gain:.3g} for each °C of '{other}' and is {offset:.3g} at 0 °C",
+                expected="a gain of 1",
+                advice=f'it is in °F: state it, [columns.{column}] unit = "degF"',
+                name="unit",
+                figure=gain,
+                severity="refuse",
+            )
+            return [finding]
     return []
 
 
-def _apart(log: Log, case: str, air: str, a: Array, b: Array) -> list[Finding]:
+def _find_apart(log: Log, case: str, air: str, a: Array, b: Array) -> list[Finding]:
     """A case that does not come to the air's temperature in a soak."""
     for of_case, of_air in _soaked(a, b):
         if abs(of_case - of_air) > APART_DEGC:
-            found = f"{of_case:.4g} °C in a soak at {of_air:.4g} °C of '{air}'"
-            advice = _fahrenheit(case, air, of_case, of_air)
-            expected = "a case that comes to the air's temperature"
-            return [_finding(log, case, found, expected, advice, "unit", of_case - of_air)]
+            finding = finding_of_column(
+                log,
+                case,
+                f"{of_case:.4g} °C in a soak at {of_air:.4g} °C of '{air}'",
+                expected="a case that comes to the air's temperature",
+                advice=_advise_unit(case, air, of_case, of_air),
+                name="unit",
+                figure=of_case - of_air,
+            )
+            return [finding]
     return []
 
 
-def _exchanged(log: Log, case: str, air: str, found: lead.Lead) -> list[Finding]:
+def _find_exchange(log: Log, case: str, air: str, lead: Lead) -> list[Finding]:
     """A case that runs ahead of the air that drives it."""
-    if found.correlation > -SURE or found.swing < LEAST_LEAD_DEGC:
+    if lead.correlation > -SURE or lead.swing < LEAST_LEAD_DEGC:
         return []
-    what = (
-        f"it runs ahead of the chamber air, by {found.swing:.1f} °C at the log's fastest"
-        f" ({-found.lag_s:.3g} s)"
-    )
-    advice = f"{case} and {air} are swapped, in the log or in [columns]"
     return [
-        _finding(
-            log, case, what, "a case that lags behind", advice, "swapped", -found.lag_s, refuse=True
+        finding_of_column(
+            log,
+            case,
+            f"it runs ahead of the chamber air, by {lead.swing:.1f} °C at the log's fastest"
+            f" ({-lead.lag_s:.3g} s)",
+            expected="a case that lags behind",
+            advice=f"{case} and {air} are swapped, in the log or in [columns]",
+            name="swapped",
+            figure=-lead.lag_s,
+            severity="refuse",
         )
     ]
 
@@ -128,7 +197,7 @@ def _creep(values: Array) -> float:
     return float(values[half:].mean() - values[:half].mean())
 
 
-def _fahrenheit(case: str, air: str, of_case: float, of_air: float) -> str:
+def _advise_unit(case: str, air: str, of_case: float, of_air: float) -> str:
     """Advice that names the column whose values are the other's in °F."""
     for column, value, other in ((case, of_case, of_air), (air, of_air, of_case)):
         if abs((value - ZERO_DEGF) / FAHRENHEIT - other) < APART_DEGC / 2.0:
@@ -139,18 +208,27 @@ def _fahrenheit(case: str, air: str, of_case: float, of_air: float) -> str:
     )
 
 
-def check_stated_rate(log: Log, air: str, said: float, measured: float) -> list[Finding]:
+def check_stated_rate(log: Log, air: str, stated: float, measured: float) -> list[Finding]:
     """A ramp whose measured rate [°C/min] is not the one that the recipe gives."""
-    if said and abs(measured / said - 1.0) <= ORDERED:
+    if stated and abs(measured / stated - 1.0) <= ORDERED:
         return []
     advice = "correct the rate in [drift.rates_degc_min], or leave it out: it is measured then"
-    if said and abs(measured / said / FAHRENHEIT - 1.0) <= AGREE:
+    if stated and abs(measured / stated / FAHRENHEIT - 1.0) <= AGREE:
         advice = (
             'the temperatures look like °F (9/5): state unit = "degF" of each in [columns]; or'
             " correct the rate"
         )
-    what = f"the chamber air changes at {measured:+.3g} °C/min, the recipe says {said:+g}"
-    return [_finding(log, air, what, "the rate that the recipe gives", advice, "unit", measured)]
+    return [
+        finding_of_column(
+            log,
+            air,
+            f"the chamber air changes at {measured:+.3g} °C/min, the recipe says {stated:+g}",
+            "the rate that the recipe gives",
+            advice,
+            "unit",
+            measured,
+        )
+    ]
 
 
 def check_rates_in_names(measured: Mapping[str, float]) -> list[tuple[str, Finding]]:
@@ -172,36 +250,26 @@ def _find_fahrenheit(rates: Mapping[str, tuple[float, float]]) -> list[tuple[str
     `rates` holds log file → (ordered, measured) rate [°C/min]; at least two different ones must
     agree.
     """
-    ratios = {file: abs(measured / said) for file, (said, measured) in rates.items() if said}
-    different = {abs(said) for said, _ in rates.values()}
+    ratios = {
+        file: abs(measured / ordered) for file, (ordered, measured) in rates.items() if ordered
+    }
+    different = {abs(ordered) for ordered, _ in rates.values()}
     if len(different) < 2 or any(
         abs(ratio / FAHRENHEIT - 1.0) > AGREE for ratio in ratios.values()
     ):
         return []
     file = next(iter(ratios))
-    said, measured = rates[file]
-    what = (
-        f"{abs(measured):.3g} °C/min where {abs(said):g} was ordered, and as much too fast in all"
-        f" {len(rates)} logs (9/5)"
+    ordered, measured = rates[file]
+    finding = Finding(
+        file,
+        f"{abs(measured):.3g} °C/min where {abs(ordered):g} was ordered, and as much too fast in"
+        f" all {len(rates)} logs (9/5)",
+        expected="the rates that the logs are named after",
+        advice=(
+            'all temperatures look like °F: state unit = "degF" of each temperature in [columns]'
+        ),
+        severity="warn",
+        name="unit",
+        figure=ratios[file],
     )
-    advice = 'all temperatures look like °F: state unit = "degF" of each temperature in [columns]'
-    expected = "the rates that the logs are named after"
-    return [(file, Finding(file, what, expected, advice, "warn", "unit", figure=ratios[file]))]
-
-
-def _finding(
-    log: Log,
-    column: str,
-    what: str,
-    expected: str,
-    advice: str,
-    name: str,
-    figure: float,
-    *,
-    refuse: bool = False,
-) -> Finding:
-    """Finding about a column as a whole."""
-    severity: Severity = "refuse" if refuse else "warn"
-    return Finding(
-        f"{log.file}: column '{column}'", what, expected, advice, severity, name, None, None, figure
-    )
+    return [(file, finding)]

@@ -81,6 +81,7 @@ def map_log(
         (*reading, *corrections),
         table.parts,
         plugins=table.plugins,
+        excluded_rows=sum(taken.values()),
     )
 
 

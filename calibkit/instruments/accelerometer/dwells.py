@@ -195,7 +195,7 @@ def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
         optional_column(log, "toolface_deg"),
         np.full((count, 3), np.nan),
         np.zeros(count, dtype=np.int64),
-        tuple(f"{log.file}:{check.line_of_row(log, row)}" for row in range(count)),
+        tuple(f"{log.file}:{log.line(row)}" for row in range(count)),
         tuple(f"{log.file}: {note}" for note in log.notes),
     )
 
@@ -232,10 +232,7 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
         chunks.take_rows(optional_column(log, "toolface_deg"), middle),
         means.standard_error[:, :3],
         np.zeros(len(intervals), dtype=np.int64),
-        tuple(
-            f"{log.file}:{check.line_of_row(log, a)}-{check.line_of_row(log, b - 1)}"
-            for a, b in intervals.tolist()
-        ),
+        tuple(f"{log.file}:{log.line(a)}-{log.line(b - 1)}" for a, b in intervals.tolist()),
         (
             *(f"{log.file}: {note}" for note in log.notes),
             f"{log.file}: {len(intervals)} dwells found",

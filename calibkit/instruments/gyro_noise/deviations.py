@@ -121,7 +121,7 @@ def read_records(log: Log, columns: Sequence[str]) -> list[_Record]:
     worst = int(np.argmax(off))
     if off[worst] > OFF_GRID or not np.all(whole >= 1.0) or float(whole.sum()) > LONGEST_GRID:
         raise FitError(
-            f"{log.file}:{check.line_of_row(log, worst + 1)}: a step of {step[worst]:g} s, expected"
+            f"{log.file}:{log.line(worst + 1)}: a step of {step[worst]:g} s, expected"
             f" a multiple of {usual:g} s",
             hint="an Allan deviation wants even sampling; resampling would change it",
         )

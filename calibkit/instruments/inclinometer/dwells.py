@@ -10,7 +10,6 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit import check
 from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
 from calibkit.instruments.inclinometer.numeric import published
@@ -211,7 +210,7 @@ def _open(log: Log, errors: Mapping[str, Array], spec: InclinometerRecipe) -> li
                     "the tool was moved between these dwells: give a column station, or leave out"
                     " with [[exclude]] the dwells that make no four",
                     name="closure",
-                    line=check.line_of_row(log, row),
+                    line=log.line(row),
                 )
             )
     return found

@@ -5,7 +5,6 @@ from dataclasses import dataclass
 
 import numpy as np
 
-from calibkit import check
 from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Log, values
@@ -53,7 +52,7 @@ def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
         offset += first.size
         prefix = f"{log.name}:" if len(logs) > 1 else ""
         names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
-        places += [f"{log.file}:{check.line_of_row(log, int(row))}" for row in np.sort(first)]
+        places += [f"{log.file}:{log.line(int(row))}" for row in np.sort(first)]
     accel = {axis: _joined(logs, f"accel_{axis}_g") for axis in spec.axes}
     gyro = {axis: _joined(logs, f"gyro_{axis}_dph") for axis in spec.axes}
     return Rows(

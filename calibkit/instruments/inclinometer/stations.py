@@ -153,7 +153,7 @@ def _positions(log: Log) -> list[Finding]:
         fault = _position_fault(position[rows])
         if fault is not None:
             at, what = fault
-            line = check.line_of_row(log, int(rows[at]))
+            line = log.line(int(rows[at]))
             found.append(
                 Finding(
                     f"{log.file}:{line}: station {name:g}",
