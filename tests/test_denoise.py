@@ -10,8 +10,8 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.denoise import _deepest, denoise, shortest
-from calibkit.numeric.wavelet.lifting import EXTENSIONS, forward, inverse, scheme
+from calibkit.numeric.wavelet.denoise import _deepest, _shortest, denoise
+from calibkit.numeric.wavelet.lifting import EXTENSIONS, find_scheme, forward, inverse
 from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
 
 SIGMA = 0.6  # °/h at 1 Hz: 0.01 °/√h
@@ -81,14 +81,14 @@ def test_symmetric_extension_bends_a_straight_line_at_both_ends():
     not so by `trend`.
     """
     line = 5.0 * np.arange(1200) / 1200.0
-    parts = forward(line, scheme("cdf97"), 6, extension="symmetric")
+    parts = forward(line, find_scheme("cdf97"), 6, extension="symmetric")
     bent = (
         inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details)))
         - line
     )
     assert bent[0] > 0.025
     assert bent[-1] < -0.025
-    parts = forward(line, scheme("cdf97"), 6, extension="trend")
+    parts = forward(line, find_scheme("cdf97"), 6, extension="trend")
     kept = (
         inverse(dataclasses.replace(parts, details=tuple(np.zeros_like(d) for d in parts.details)))
         - line
@@ -137,10 +137,10 @@ def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
     _, log = ramp_log(1500)
     changed = np.zeros(1500, dtype=bool)
     for seed in range(20):
-        one = forward(log, scheme(wavelet), 3, extension="symmetric")
+        one = forward(log, find_scheme(wavelet), 3, extension="symmetric")
         generator = np.random.default_rng(seed)
         kept = [generator.random(d.size) < 0.5 for d in one.details]
-        other = forward(log, scheme(wavelet), 3, extension="constant")
+        other = forward(log, find_scheme(wavelet), 3, extension="constant")
         signals = [
             inverse(
                 dataclasses.replace(
@@ -159,7 +159,7 @@ def test_the_edge_mask_is_no_wider_than_the_reach_of_the_filters(wavelet, most):
 
 def test_a_signal_whose_filters_reach_everywhere_is_all_edge():
     """At the deepest level on the shortest signal nothing is out of the extension's reach."""
-    _, log = ramp_log(shortest("cdf97", 6))
+    _, log = ramp_log(_shortest("cdf97", 6))
     assert denoise(log, levels=6).edge.all()
 
 
@@ -171,7 +171,9 @@ def test_noise_and_thresholds_are_reported_level_by_level_in_the_unit_of_the_sig
     log = SIGMA * np.random.default_rng(8).normal(size=20_000)
     found = denoise(log, wavelet="cdf53", levels=4, threshold=threshold)
     allowed = 4.0 * 1.17 / np.sqrt(20_000 / 2.0 ** np.arange(1, 5))
-    assert np.all(np.abs(found.noise / (SIGMA * noise_gains(scheme("cdf53"), 4)) - 1.0) < allowed)
+    assert np.all(
+        np.abs(found.noise / (SIGMA * noise_gains(find_scheme("cdf53"), 4)) - 1.0) < allowed
+    )
     scaled = denoise(8.0 * log, wavelet="cdf53", levels=4, threshold=threshold)
     assert np.array_equal(scaled.noise, 8.0 * found.noise)
     np.testing.assert_allclose(scaled.thresholds, 8.0 * found.thresholds, rtol=1e-13)
@@ -184,7 +186,7 @@ def test_levels_with_too_few_details_take_the_noise_of_the_level_above_by_the_ga
     """
     _, log = ramp_log(600)
     found = denoise(log, wavelet="cdf97", levels=6)
-    gains = noise_gains(scheme("cdf97"), 6)
+    gains = noise_gains(find_scheme("cdf97"), 6)
     assert found.noise[5] / found.noise[4] == pytest.approx(gains[5] / gains[4], rel=1e-14)
     assert found.noise[1] / found.noise[0] != pytest.approx(gains[1] / gains[0], rel=1e-3)
 
@@ -203,7 +205,7 @@ def test_a_constant_or_noise_free_signal_is_left_as_it_is():
 )
 def test_a_ramp_shorter_than_the_filter_is_refused_with_found_and_needed(wavelet, levels, length):
     """The shortest length passes; one sample less is an error that states both numbers."""
-    assert shortest(wavelet, levels) == length
+    assert _shortest(wavelet, levels) == length
     _, log = ramp_log(length)
     assert denoise(log, wavelet=wavelet, levels=levels).signal.size == length
     with pytest.raises(
@@ -215,7 +217,7 @@ def test_a_ramp_shorter_than_the_filter_is_refused_with_found_and_needed(wavelet
 
 def test_a_signal_too_short_for_one_level_is_refused():
     """Level 1 must have 16 details on the signal to show its noise: 39 samples for CDF 9/7."""
-    assert shortest("cdf97", 1) == 39
+    assert _shortest("cdf97", 1) == 39
     with pytest.raises(
         FitError, match="38 samples are shorter than the filter: cdf97 over 1 levels needs 39"
     ):
@@ -228,7 +230,7 @@ def test_the_default_depth_is_an_eighth_of_the_length_at_most_and_fits():
     """2^levels stays at or below n/8, and no deeper than the filter fits."""
     assert [_deepest("cdf97", n) for n in (39, 600, 960, 2400, 6000)] == [2, 6, 6, 8, 9]
     assert [_deepest("haar", n) for n in (39, 600, 6000)] == [2, 6, 9]
-    assert all(shortest("db20", _deepest("db20", n)) <= n for n in (100, 1000, 10_000))
+    assert all(_shortest("db20", _deepest("db20", n)) <= n for n in (100, 1000, 10_000))
     assert denoise(ramp_log(600)[1]).levels == 6
 
 
@@ -288,7 +290,7 @@ def test_the_signal_written_over_the_finest_details_is_that_beside_them(
         if not compiled:
             patch.setattr("calibkit.numeric.compiled.kernels", lambda: None)
         got = denoise(signal, wavelet=which, levels=2)
-        parts = forward(signal, scheme(which), 2, extension="trend")
+        parts = forward(signal, find_scheme(which), 2, extension="trend")
         assert np.array_equal(got.signal, inverse(parts, Shrinkage("firm", got.thresholds)))
 
 
@@ -296,5 +298,7 @@ def test_the_signal_written_over_the_finest_details_is_that_beside_them(
 def test_the_array_of_signal_and_finest_details_is_hardly_longer_than_the_signal(name):
     """One array of the signal's length and the filter's reach."""
     made = []
-    lifting.shared(scheme(name), 4001, lambda count: made.append(count) or np.empty(count))
+    lifting.allocate_shared(
+        find_scheme(name), 4001, lambda count: made.append(count) or np.empty(count)
+    )
     assert 4001 <= made[0] < 4001 + 100

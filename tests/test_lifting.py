@@ -13,8 +13,9 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.factor import factored
-from calibkit.numeric.wavelet.lifting import EXTENSIONS, forward, inverse, scheme
+from calibkit.numeric.wavelet.extension import continue_signal, fit_continuation
+from calibkit.numeric.wavelet.factor import factor_bank
+from calibkit.numeric.wavelet.lifting import EXTENSIONS, find_scheme, forward, inverse
 
 INEXACT_TABLES = {
     *(f"sym{k}" for k in (*range(2, 9), *range(14, 21))),
@@ -72,7 +73,7 @@ def test_every_factored_bank_gives_the_coefficients_of_pywavelets_at_the_same_in
     """Details of three levels have PyWavelets' values, signs and indices, away from the ends."""
     signal = noise(1003)
     parts = forward(
-        signal, factored(bank), 3, extension="symmetric"
+        signal, factor_bank(bank), 3, extension="symmetric"
     )  # scheme("db2") is the hand-written one
     tolerance = 2e-11 if bank in INEXACT_TABLES else 1e-12  # of unit noise
     for ours, first, theirs in zip(
@@ -105,7 +106,7 @@ def test_hand_written_schemes_equal_pywavelets_up_to_shift_and_sign(name, bank, 
     its table).
     """
     signal, levels = noise(700), 3
-    parts = forward(signal, scheme(name), levels, extension="symmetric")
+    parts = forward(signal, find_scheme(name), levels, extension="symmetric")
     ours = [detail[part][8:-8] for detail, part in zip(parts.details, parts.interior, strict=True)]
     misfits = []
     for offset in range(2**levels):
@@ -134,7 +135,7 @@ def test_one_level_equals_pywavelets_to_the_very_ends(bank, extension, mode, len
     lengths.
     """
     signal = noise(length).cumsum()
-    parts = forward(signal, factored(bank), 1, extension=extension)
+    parts = forward(signal, factor_bank(bank), 1, extension=extension)
     approximation, detail = pywt.dwt(signal, bank, mode=mode)
     for ours, theirs in ((parts.approximation, approximation), (parts.details[0], detail)):
         low, high = max(parts.first[0], 0), min(parts.first[0] + ours.size, theirs.size)
@@ -150,7 +151,7 @@ def test_the_periodic_extension_gives_the_periodization_of_pywavelets(bank):
     shift.
     """
     signal = noise(64)
-    parts = forward(signal, factored(bank), 1, extension="periodic")
+    parts = forward(signal, factor_bank(bank), 1, extension="periodic")
     ours = np.array([parts.details[0][(k - parts.first[0]) % 32] for k in range(32)])
     misfit = min(
         np.max(
@@ -173,12 +174,12 @@ def test_a_loop_only_twin_gives_the_same_coefficients(name, extension):
     """Steps run one sample at a time on a dictionary of the extended signal give the same two
     levels.
     """
-    signal, lifting_scheme = noise(23).cumsum(), scheme(name)
+    signal, lifting_scheme = noise(23).cumsum(), find_scheme(name)
     parts = forward(signal, lifting_scheme, 2, extension=extension)
     reach = 400
     values = dict(
         enumerate(
-            lifting.extended(signal, -reach, signal.size + reach, extension, window=6).tolist(),
+            extended(signal, -reach, signal.size + reach, extension, window=6).tolist(),
             start=-reach,
         )
     )
@@ -196,18 +197,22 @@ def test_a_loop_only_twin_gives_the_same_coefficients(name, extension):
     )
 
 
+def extended(signal, start, stop, extension, window):
+    """Samples start … stop − 1 of a signal and of what goes on beyond its ends."""
+    return continue_signal(signal, start, stop, fit_continuation(signal, extension, window))
+
+
 def naive_level(values, lifting_scheme):
     """One analysis level on a dictionary index → value; indices whose neighbours are missing fall
     away.
     """
     p = lifting_scheme.parity
-    channels = {
-        "approximation": {(k - p) // 2: v for k, v in values.items() if (k - p) % 2 == 0},
-        "detail": {(k - p) // 2: v for k, v in values.items() if (k - p) % 2},
-    }
+    channels = [
+        {(k - p) // 2: v for k, v in values.items() if (k - p) % 2 == 0},
+        {(k - p) // 2: v for k, v in values.items() if (k - p) % 2},
+    ]
     for step in lifting_scheme.steps:
-        target = channels[step.updates]
-        source = channels["detail" if step.updates == "approximation" else "approximation"]
+        target, source = channels[step.updates], channels[1 - step.updates]
         updated = {}
         for i, value in target.items():
             wanted = [i + step.first + k for k in range(len(step.taps))]
@@ -217,7 +222,7 @@ def naive_level(values, lifting_scheme):
                 )
         channels[step.updates] = updated
     return tuple(
-        {i - shift: gain * v for i, v in channels[channel].items()}
+        {i - shift: gain * v for i, v in channel.items()}
         for channel, gain, shift in zip(
             channels, lifting_scheme.gains, lifting_scheme.shifts, strict=True
         )
@@ -239,7 +244,7 @@ def test_reconstruction_is_perfect_for_any_length_scheme_and_extension(
     filter included.
     """
     signal = np.random.default_rng(seed).normal(size=length).cumsum()
-    rebuilt = inverse(forward(signal, scheme(name), levels, extension=extension))
+    rebuilt = inverse(forward(signal, find_scheme(name), levels, extension=extension))
     assert rebuilt.shape == signal.shape
     assert np.max(np.abs(rebuilt - signal)) < 1e-12 * np.max(np.abs(signal))
 
@@ -267,14 +272,14 @@ def test_polynomials_below_the_vanishing_moments_leave_no_details(name, moments)
     time = np.linspace(-1.0, 1.0, 801)
     size = {}
     for power in range(moments + 1):
-        parts = forward(time**power, scheme(name), 2, extension="symmetric")
+        parts = forward(time**power, find_scheme(name), 2, extension="symmetric")
         size[power] = max(
             np.max(np.abs(d[i])) for d, i in zip(parts.details, parts.interior, strict=True)
         )
     largest = max(size[power] for power in range(moments))
     assert largest < 2e-11  # tables are good to a few 1e-12
     time = np.arange(48.0) - 23.5
-    following = forward(time**moments, scheme(name), 1, extension="symmetric")
+    following = forward(time**moments, find_scheme(name), 1, extension="symmetric")
     assert np.min(np.abs(following.details[0][following.interior[0]])) > 0.01
 
 
@@ -286,7 +291,7 @@ def test_a_straight_line_has_no_details_even_at_its_ends(name, extension, length
     nothing.
     """
     line = 3.0 - 0.25 * np.arange(length)
-    parts = forward(line, scheme(name), 3, extension=extension)
+    parts = forward(line, find_scheme(name), 3, extension=extension)
     assert (
         max(np.max(np.abs(detail)) for detail in parts.details) < 1e-9
     )  # of a line that spans up to 125
@@ -296,7 +301,7 @@ def test_a_straight_line_has_no_details_even_at_its_ends(name, extension, length
 def test_the_other_extensions_break_a_straight_line_at_its_ends(extension):
     """The details at the ends are far above rounding, those of the interior are not."""
     line = 3.0 - 0.25 * np.arange(200)
-    parts = forward(line, scheme("cdf97"), 3, extension=extension)
+    parts = forward(line, find_scheme("cdf97"), 3, extension=extension)
     assert max(np.max(np.abs(detail)) for detail in parts.details) > 0.1
     assert (
         max(np.max(np.abs(d[i])) for d, i in zip(parts.details, parts.interior, strict=True))
@@ -315,7 +320,7 @@ def test_extensions_follow_their_definitions_over_several_reflections():
     }
     for extension, values in expected.items():
         # sample 0 is the fifth value, except that the periodic list is written from sample −4 too
-        found = lifting.extended(signal, -4, 7, extension, window=2)
+        found = extended(signal, -4, 7, extension, window=2)
         np.testing.assert_array_equal(found, values, err_msg=extension)
 
 
@@ -324,7 +329,7 @@ def test_the_trend_extension_reflects_in_the_fitted_end_values():
     np.polyfit.
     """
     signal, window = 0.02 * np.arange(200.0) + noise(200), 60
-    found = lifting.extended(signal, -10, 210, "trend", window)
+    found = extended(signal, -10, 210, "trend", window)
     for end, beyond in ((signal, found[9::-1]), (signal[::-1], found[210:])):
         value = np.polyval(np.polyfit(np.arange(window), end[:window], 1), 0.0)
         np.testing.assert_allclose(beyond, 2.0 * value - end[1:11], rtol=0, atol=1e-12)
@@ -340,7 +345,7 @@ def test_the_trend_extension_fits_no_line_over_a_bend():
     errors, straight = [], []
     for seed in range(40):
         signal = trend + noise(900, seed=seed)
-        at_minus_one = lifting.extended(signal, -1, 0, "trend", window)[0]
+        at_minus_one = extended(signal, -1, 0, "trend", window)[0]
         errors.append((at_minus_one + signal[1]) / 2.0 - trend[0])
         straight.append(np.polyval(np.polyfit(time[:window], signal[:window], 1), 0.0) - trend[0])
     assert (
@@ -353,7 +358,9 @@ def test_the_trend_extension_fits_no_line_over_a_bend():
 def test_only_coefficients_outside_the_interior_depend_on_the_extension(name):
     """Two extensions give bit-equal interior details and different ones outside."""
     signal = noise(900).cumsum()
-    one, other = (forward(signal, scheme(name), 4, extension=e) for e in ("symmetric", "periodic"))
+    one, other = (
+        forward(signal, find_scheme(name), 4, extension=e) for e in ("symmetric", "periodic")
+    )
     for a, b, interior in zip(one.details, other.details, one.interior, strict=True):
         assert np.array_equal(a[interior], b[interior])
         assert interior.stop - interior.start > 0
@@ -373,12 +380,12 @@ def test_only_coefficients_outside_the_interior_depend_on_the_extension(name):
 def test_blocks_leave_no_trace_in_the_result(name, monkeypatch):
     """Blocks of 64 pairs give bit for bit what one block gives, forwards and back."""
     signal = noise(3001)
-    whole = forward(signal, scheme(name), 4, extension="trend")
+    whole = forward(signal, find_scheme(name), 4, extension="trend")
     back = inverse(whole)
-    monkeypatch.setattr(lifting, "BLOCK", 64)
+    monkeypatch.setattr("calibkit.numeric.wavelet.level.BLOCK", 64)
     monkeypatch.setattr(lifting, "CHUNK", 256)
     monkeypatch.setattr(lifting, "COARSEST", 3)
-    cut = forward(signal, scheme(name), 4, extension="trend")
+    cut = forward(signal, find_scheme(name), 4, extension="trend")
     assert all(np.array_equal(a, b) for a, b in zip(whole.details, cut.details, strict=True))
     assert np.array_equal(whole.approximation, cut.approximation)
     assert np.array_equal(back, inverse(cut))
@@ -390,14 +397,14 @@ def test_details_shrunk_on_the_way_back_equal_those_shrunk_before(name, monkeypa
     stays as it is.
     """
     signal = noise(20_000)
-    before = forward(signal, scheme(name), 4, extension="trend")
+    before = forward(signal, find_scheme(name), 4, extension="trend")
     thresholds = (0.5, 1.0, 1.5, 2.0)
     kept = [detail.copy() for detail in before.details]
     shrunk = tuple(
         np.where(np.abs(d) > t, d, 0.0) for d, t in zip(before.details, thresholds, strict=True)
     )
     monkeypatch.setattr(lifting, "CHUNK", 1 << 10)
-    monkeypatch.setattr(lifting, "BLOCK", 100)
+    monkeypatch.setattr("calibkit.numeric.wavelet.level.BLOCK", 100)
     found = inverse(
         before, lambda level, detail: np.where(np.abs(detail) > thresholds[level], detail, 0.0)
     )
@@ -412,7 +419,7 @@ def test_a_read_only_signal_is_accepted_and_left_alone():
     signal = noise(100)
     signal.flags.writeable = False
     before = signal.copy()
-    parts = forward(signal, scheme("cdf97"), 2, extension="trend")
+    parts = forward(signal, find_scheme("cdf97"), 2, extension="trend")
     parts.details[0][:] = 0.0
     assert np.array_equal(signal, before)
     assert inverse(parts).flags.writeable
@@ -425,15 +432,15 @@ def test_a_read_only_signal_is_accepted_and_left_alone():
 def test_an_unknown_wavelet_is_refused_with_a_suggestion(name, suggestion):
     """The message names what was asked for and the nearest names there are."""
     with pytest.raises(FitError, match=f"unknown wavelet {name!r}.*did you mean.*{suggestion}"):
-        scheme(name)
+        find_scheme(name)
 
 
 def test_a_wavelet_that_resembles_nothing_is_refused_with_examples():
     """Without a near name the hint lists usual ones; continuous wavelets are not accepted."""
     with pytest.raises(FitError, match=r"unknown wavelet '§§'.*use haar"):
-        scheme("§§")
+        find_scheme("§§")
     with pytest.raises(FitError, match="unknown wavelet 'mexh'"):
-        scheme("mexh")
+        find_scheme("mexh")
 
 
 @pytest.mark.parametrize(
@@ -450,12 +457,12 @@ def test_what_cannot_be_transformed_is_refused(signal, levels, extension, messag
     reason.
     """
     with pytest.raises(FitError, match=message):
-        forward(signal, scheme("haar"), levels, extension=extension)
+        forward(signal, find_scheme("haar"), levels, extension=extension)
 
 
 def test_coefficients_of_another_length_are_refused():
     """Details or an approximation that lost an element cannot be turned back silently."""
-    parts = forward(noise(50), scheme("cdf97"), 2, extension="symmetric")
+    parts = forward(noise(50), find_scheme("cdf97"), 2, extension="symmetric")
     with pytest.raises(FitError, match="belong to 50 samples"):
         inverse(dataclasses.replace(parts, details=(parts.details[0][:-1], parts.details[1])))
     with pytest.raises(FitError, match="belong to 50 samples"):

@@ -102,7 +102,7 @@ def test_one_value_that_is_not_finite_is_refused(n, bad):
         with pytest.raises(FitError, match="not finite"):
             order_statistics.median_magnitude(values)
         with pytest.raises(FitError, match="a detail is not finite"):
-            shrinkage.noise(values)
+            shrinkage.estimate_noise(values)
 
 
 def test_the_compiled_pass_finds_it_or_leaves_it_to_the_search(way, monkeypatch):

@@ -10,16 +10,15 @@ from hypothesis import given, strategies as st
 from hypothesis.extra.numpy import arrays
 
 from calibkit.errors import FitError
-from calibkit.numeric.wavelet.lifting import forward, scheme
+from calibkit.numeric.wavelet.lifting import find_scheme, forward
 from calibkit.numeric.wavelet.shrinkage import (
     RULES,
     THRESHOLDS,
     _bayes,
     _minimax,
     _sure,
-    noise,
+    estimate_noise,
     noise_gains,
-    universal,
 )
 
 finite = st.floats(-1e6, 1e6)
@@ -32,7 +31,7 @@ def test_noise_is_the_median_magnitude_over_0_6745_and_leaves_the_details_alone(
     details.
     """
     before = details.copy()
-    assert noise(details) == pytest.approx(np.median(np.abs(before)) / 0.6745, rel=1e-15)
+    assert estimate_noise(details) == pytest.approx(np.median(np.abs(before)) / 0.6745, rel=1e-15)
     assert np.array_equal(details, before)
 
 
@@ -42,7 +41,7 @@ def test_the_noise_of_unit_noise_is_one_whatever_spikes_are_in_it():
     """
     details = np.random.default_rng(3).normal(size=200_000)
     details[::100] = 1000.0
-    assert noise(details) == pytest.approx(1.0, rel=0.015)
+    assert estimate_noise(details) == pytest.approx(1.0, rel=0.015)
 
 
 def test_half_the_details_at_zero_show_no_noise():
@@ -50,8 +49,8 @@ def test_half_the_details_at_zero_show_no_noise():
     anything.
     """
     details = np.concatenate([np.zeros(50), np.ones(10)])
-    assert noise(details) == 0.0
-    assert noise(np.zeros(7)) == 0.0
+    assert estimate_noise(details) == 0.0
+    assert estimate_noise(np.zeros(7)) == 0.0
     assert all(estimate(details, 0.0, 60) == 0.0 for estimate in THRESHOLDS.values())
     assert all(np.array_equal(rule(details, 0.0), details) for rule in RULES.values())
 
@@ -59,7 +58,7 @@ def test_half_the_details_at_zero_show_no_noise():
 def test_the_noise_of_no_details_is_refused():
     """An empty level has no noise to tell: an error, not zero."""
     with pytest.raises(FitError, match="noise of no details"):
-        noise(np.zeros(0))
+        estimate_noise(np.zeros(0))
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -69,7 +68,7 @@ def test_the_noise_of_details_that_are_not_finite_is_refused(bad, size):
     details = np.ones(size)
     details[size // 2] = bad
     with pytest.raises(FitError, match="not finite"):
-        noise(details)
+        estimate_noise(details)
 
 
 @pytest.mark.parametrize(
@@ -85,7 +84,7 @@ def test_the_noise_of_details_that_are_not_finite_is_refused(bad, size):
 )
 def test_noise_gains_are_the_printed_ones(name, printed, digits):
     """Exact filter norms round to the figures the field prints for levels 1 to 6."""
-    assert noise_gains(scheme(name), 6) == pytest.approx(printed, abs=digits)
+    assert noise_gains(find_scheme(name), 6) == pytest.approx(printed, abs=digits)
 
 
 @pytest.mark.parametrize("name", ["cdf97", "cdf53", "db4", "bior3.5"])
@@ -93,7 +92,7 @@ def test_noise_gains_are_the_norms_of_the_transform_of_every_impulse(name):
     """Σ over impulses of the square of one interior detail, by the transform itself, is the squared
     gain.
     """
-    length, levels, lifting_scheme = 700, 4, scheme(name)
+    length, levels, lifting_scheme = 700, 4, find_scheme(name)
     square = np.zeros(levels)
     for k in range(length):
         impulse = np.zeros(length)
@@ -107,24 +106,27 @@ def test_noise_gains_are_the_norms_of_the_transform_of_every_impulse(name):
 def test_the_noise_of_every_level_of_white_noise_is_its_gain():
     """Monte Carlo on 2^18 samples of CDF 5/3, whose gains differ most: four levels within 3 %."""
     parts = forward(
-        np.random.default_rng(11).normal(size=1 << 18), scheme("cdf53"), 4, extension="symmetric"
+        np.random.default_rng(11).normal(size=1 << 18),
+        find_scheme("cdf53"),
+        4,
+        extension="symmetric",
     )
-    found = [noise(detail) for detail in parts.details]
-    assert found == pytest.approx(noise_gains(scheme("cdf53"), 4), rel=0.03)
+    found = [estimate_noise(detail) for detail in parts.details]
+    assert found == pytest.approx(noise_gains(find_scheme("cdf53"), 4), rel=0.03)
 
 
 def test_universal_and_minimax_have_their_closed_forms():
     """σ √(2 ln N) of the signal, and σ (0.3936 + 0.1829 log₂ n) of the level with nothing below 33
     details.
     """
-    assert universal(np.zeros(5), 0.6, 6000) == pytest.approx(
+    assert THRESHOLDS["universal"](np.zeros(5), 0.6, 6000) == pytest.approx(
         0.6 * math.sqrt(2.0 * math.log(6000)), rel=1e-15
     )
     assert _minimax(np.zeros(64), 2.0, 6000) == pytest.approx(
         2.0 * (0.3936 + 0.1829 * 6.0), rel=1e-15
     )
     assert _minimax(np.zeros(32), 2.0, 6000) == 0.0
-    assert universal(np.zeros(0), 1.0, 1) == 0.0
+    assert THRESHOLDS["universal"](np.zeros(0), 1.0, 1) == 0.0
 
 
 def test_bayes_is_noise_variance_over_signal_deviation():

@@ -111,7 +111,7 @@ def mad(values: Array) -> Prepared:
     """Standard deviation of noise by the median absolute value."""
     from calibkit.numeric.wavelet import shrinkage
 
-    return (lambda: shrinkage.noise(values)), lambda found: {"sigma": np.array([found])}
+    return (lambda: shrinkage.estimate_noise(values)), lambda found: {"sigma": np.array([found])}
 
 
 def allan(rate: Array, *, hertz: float) -> Prepared:

@@ -54,50 +54,20 @@ def _declare(library: CDLL) -> None:
     """Argument and result types of every kernel."""
     from ctypes import POINTER, c_double, c_int64, c_void_p
 
-    doubles = POINTER(c_double)
-    library.calibkit_numbers.argtypes = [c_void_p, c_int64, c_int64, c_int64, POINTER(doubles)]
-    library.calibkit_numbers.restype = c_int64
-    library.calibkit_slopes.argtypes = [
-        c_void_p,
-        c_void_p,
-        c_int64,
-        c_int64,
-        c_double,
-        c_double,
-        c_void_p,
-    ]
-    library.calibkit_slopes.restype = c_int64
     at, whole, real = c_void_p, c_int64, c_double
-    library.calibkit_analysed.argtypes = [
-        at,
-        at,
-        at,
-        *(whole,) * 3,
-        at,
-        whole,
-        whole,
-        at,
-        whole,
-        whole,
-    ]
-    library.calibkit_synthesised.argtypes = [
-        at,
-        at,
-        at,
-        at,
-        *(whole,) * 4,
-        real,
-        real,
-        at,
-        whole,
-        whole,
-    ]
-    library.calibkit_lengths.argtypes = [at, at, at, whole, real, at, at, at]
-    library.calibkit_bracketed.argtypes = [at, whole, real, real, real, at, whole, at]
-    library.calibkit_bracketed.restype = whole
-    library.calibkit_components.argtypes = [at, whole, at, at]
-    library.calibkit_squares.argtypes = [at, whole, whole, at]
-    library.calibkit_lengths.restype = library.calibkit_components.restype = (
-        library.calibkit_squares.restype
-    ) = None
-    library.calibkit_analysed.restype = library.calibkit_synthesised.restype = None
+    kernels = {
+        "numbers": (whole, (at, whole, whole, whole, POINTER(POINTER(real)))),
+        "slopes": (whole, (at, at, whole, whole, real, real, at)),
+        "analysed": (None, (at, at, at, *(whole,) * 3, at, whole, whole, at, whole, whole)),
+        "synthesised": (
+            None,
+            (at, at, at, at, *(whole,) * 4, real, real, at, whole, whole),
+        ),
+        "lengths": (None, (at, at, at, whole, real, at, at, at)),
+        "bracketed": (whole, (at, whole, real, real, real, at, whole, at)),
+        "components": (None, (at, whole, at, at)),
+        "squares": (None, (at, whole, whole, at)),
+    }
+    for name, (result, arguments) in kernels.items():
+        kernel = getattr(library, f"calibkit_{name}")
+        kernel.restype, kernel.argtypes = result, arguments

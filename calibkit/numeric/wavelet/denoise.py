@@ -10,30 +10,27 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.chunks import all_finite, release
+from calibkit.numeric.wavelet.extension import Extension
 from calibkit.numeric.wavelet.lifting import (
-    Decomposition,
-    Extension,
     Room,
-    Scheme,
+    allocate_shared,
+    find_scheme,
     forward,
     inverse,
-    scheme,
-    shared,
-    untouched,
 )
+from calibkit.numeric.wavelet.reach import untouched
 from calibkit.numeric.wavelet.shrinkage import (
     RULES,
     THRESHOLDS,
     Rule,
     Shrinkage,
     Threshold,
-    noise,
+    estimate_noise,
     noise_gains,
-    universal,
 )
 
 OWN_NOISE_FROM = 16
-"""Details that a level must have on the signal to have its noise told from them (29 % standard
+"""Details that a level must have on the signal to have its noise estimated from them (29 % standard
 error of the MAD).
 """
 
@@ -74,11 +71,11 @@ def denoise(
     Parameters
     ----------
     signal : [n], any unit.
-    wavelet : a name that `lifting.scheme` knows.
+    wavelet : a name that `lifting.find_scheme` knows.
     levels : depth; that of `_deepest` when absent, 6 for 600 samples, 9 for 6000.
     threshold, rule : names in `shrinkage.THRESHOLDS` and `shrinkage.RULES`.
-    extension : one of `lifting.EXTENSIONS`.
-    room : makes the arrays of details and of the result; memory beyond them is that of a chunk,
+    extension : how the signal goes on beyond its ends (see `extension.Continuation`).
+    room : allocates the arrays of details and of the result; memory beyond them is that of a chunk,
         unless the threshold is "sure".
 
     Raises
@@ -88,42 +85,55 @@ def denoise(
 
     Notes
     -----
-    Noise is told level by level from the details that lie wholly on the signal, so that neither it
-    nor the thresholds depend on the extension; a level with fewer than 16 of them takes the noise
-    of the level above times the ratio of their noise gains (white noise) and, where the threshold
-    looks at details, the universal threshold.
+    Noise is estimated level by level from the details that lie wholly on the signal, so that
+    neither it nor the thresholds depend on the extension; a level with fewer than 16 of them takes
+    the noise of the level above times the ratio of their noise gains (white noise) and,
+    where the threshold looks at details, the universal threshold.
     """
     samples = _checked(signal)
-    lifting = scheme(wavelet)
+    scheme = find_scheme(wavelet)
     depth = _deepest(wavelet, samples.size) if levels is None else levels
-    _require_length(samples.size, wavelet, depth)
+    needed = _shortest(wavelet, depth)
+    if samples.size < needed:
+        raise FitError(
+            f"{samples.size} samples are shorter than the filter: {wavelet} over {depth} levels"
+            f" needs {needed}",
+            hint="use fewer levels, a shorter wavelet or a longer segment",
+        )
     _require_known(threshold, rule)
-    estimate = THRESHOLDS[threshold]
-    out, details_room = shared(lifting, samples.size, room)
-    parts = forward(samples, lifting, depth, extension=extension, room=details_room)
-    sigma = _noise(parts, lifting)
-    thresholds = np.zeros(depth)
+    out, details_room = allocate_shared(scheme, samples.size, room)
+    parts = forward(samples, scheme, depth, extension=extension, room=details_room)
+    gains = noise_gains(scheme, depth)
+    noise, thresholds = np.zeros(depth), np.zeros(depth)
     for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
         own = detail[interior]
         known = own.size >= OWN_NOISE_FROM
-        thresholds[j] = (estimate if known else universal)(own, float(sigma[j]), samples.size)
+        noise[j] = estimate_noise(own) if known else noise[j - 1] * gains[j] / gains[j - 1]
+        estimate = THRESHOLDS[threshold if known else "universal"]
+        thresholds[j] = estimate(own, float(noise[j]), samples.size)
         release(detail)
-    _, inner = untouched(lifting, samples.size, depth)
+    _, inner = untouched(scheme, samples.size, depth)
     shrunk = inverse(parts, Shrinkage(rule, thresholds), room=room, into=out)
-    return Denoised(shrunk, sigma, thresholds, inner, depth)
+    return Denoised(shrunk, noise, thresholds, inner, depth)
 
 
-def shortest(wavelet: str, levels: int) -> int:
+@lru_cache(maxsize=256)
+def _shortest(wavelet: str, levels: int) -> int:
     """Smallest number of samples on which the filters of all levels fit and level 1 shows its
     noise.
 
-    Raises
-    ------
-    FitError : an unknown wavelet, or no levels.
+    By bisection, because a longer signal never has fewer details that the extension leaves alone.
+    Raises FitError for an unknown wavelet, or no levels.
     """
     if levels < 1:
         raise FitError(f"{levels} levels of a wavelet transform", hint="use one level or more")
-    return _shortest(scheme(wavelet), levels)
+    scheme = find_scheme(wavelet)
+
+    def fits(length: int) -> bool:
+        clean, _ = untouched(scheme, length, levels)
+        return clean[-1][1] > clean[-1][0] and clean[1][1] - clean[1][0] >= OWN_NOISE_FROM
+
+    return bisect_left(range(1 << (levels + 10)), x=True, key=fits)
 
 
 def _deepest(wavelet: str, length: int) -> int:
@@ -133,36 +143,9 @@ def _deepest(wavelet: str, length: int) -> int:
     On simulated ramps of 600 to 6000 s the details of longer scales are trend rather than noise.
     """
     levels = 1
-    while 16 << levels <= length and shortest(wavelet, levels + 1) <= length:
+    while 16 << levels <= length and _shortest(wavelet, levels + 1) <= length:
         levels += 1
     return levels
-
-
-@lru_cache(maxsize=256)
-def _shortest(lifting: Scheme, levels: int) -> int:
-    """Bisection of the lengths, because a longer signal never has fewer details that the extension
-    leaves alone.
-    """
-
-    def fits(length: int) -> bool:
-        clean, _ = untouched(lifting, length, levels)
-        return clean[-1][1] > clean[-1][0] and clean[1][1] - clean[1][0] >= OWN_NOISE_FROM
-
-    return bisect_left(range(1 << (levels + 10)), x=True, key=fits)
-
-
-def _noise(parts: Decomposition, lifting: Scheme) -> Array:
-    """Noise of every level [levels]: its own where enough details tell it, else that of the level
-    above, scaled.
-    """
-    gains = noise_gains(lifting, len(parts.details))
-    sigma = np.zeros(gains.size)
-    for j, (detail, interior) in enumerate(zip(parts.details, parts.interior, strict=True)):
-        own = detail[interior]
-        sigma[j] = (
-            noise(own) if own.size >= OWN_NOISE_FROM else sigma[j - 1] * gains[j] / gains[j - 1]
-        )
-    return sigma
 
 
 def _checked(signal: Array) -> Array:
@@ -179,17 +162,6 @@ def _checked(signal: Array) -> Array:
             ),
         )
     return samples
-
-
-def _require_length(length: int, wavelet: str, levels: int) -> None:
-    """Refuse a signal on which the filter does not fit."""
-    needed = shortest(wavelet, levels)
-    if length < needed:
-        raise FitError(
-            f"{length} samples are shorter than the filter: {wavelet} over {levels} levels needs"
-            f" {needed}",
-            hint="use fewer levels, a shorter wavelet or a longer segment",
-        )
 
 
 def _require_known(threshold: str, rule: str) -> None:

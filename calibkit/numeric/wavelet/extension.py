@@ -7,7 +7,7 @@ from typing import Literal, get_args
 import numpy as np
 
 from calibkit.arrays import Array, Integers
-from calibkit.numeric.wavelet.shrinkage import noise
+from calibkit.numeric.wavelet.shrinkage import estimate_noise
 
 Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic"]
 EXTENSIONS: tuple[Extension, ...] = get_args(Extension)
@@ -16,22 +16,15 @@ STRETCH = 16
 """Samples of the shortest straight line fitted to an end."""
 
 
-def extended(signal: Array, start: int, stop: int, extension: Extension, window: int) -> Array:
-    """Samples start … stop − 1 of a signal [n] that goes on beyond its ends.
+@dataclass(frozen=True, slots=True)
+class Continuation:
+    """How a signal goes on beyond its ends, and the values that it is reflected in [signal's unit].
 
     "symmetric" mirrors at the end samples, x(−k) = x(k); "antisymmetric" reflects in the end
     points, x(−k) = 2 x(0) − x(k), which keeps a linear trend but carries the noise of one sample
     into the whole extension; "trend" reflects in the value at the end of a straight line fitted to
-    the last samples, at most `window`, which keeps a linear trend and averages the noise (`forward`
-    allows 1.5 · 2^levels samples); "constant" holds the end values; "periodic" joins the two ends.
-    """
-    return continued(signal, start, stop, Beyond(extension, *end_values(signal, extension, window)))
-
-
-@dataclass(frozen=True, slots=True)
-class Beyond:
-    """What stands beyond the ends of a signal: the kind of extension, and the values that it
-    reflects in [signal's unit].
+    the last samples, which keeps a linear trend and averages the noise; "constant" holds the end
+    values; "periodic" joins the two ends.
     """
 
     extension: Extension
@@ -39,17 +32,17 @@ class Beyond:
     right: float
 
 
-def end_values(signal: Array, extension: Extension, window: int) -> tuple[float, float]:
-    """Values at both ends of a signal [n] that its extension reflects in: fitted ones for
-    "trend".
-    """
+def fit_continuation(signal: Array, extension: Extension, window: int) -> Continuation:
+    """Continuation of a signal [n]; "trend" fits its lines to at most `window` samples."""
     if extension == "trend":
-        return _end_value(signal, window), _end_value(signal[::-1], window)
-    return float(signal[0]), float(signal[-1])
+        ends = _end_value(signal, window), _end_value(signal[::-1], window)
+    else:
+        ends = float(signal[0]), float(signal[-1])
+    return Continuation(extension, *ends)
 
 
-def continued(signal: Array, start: int, stop: int, beyond: Beyond) -> Array:
-    """Samples start … stop − 1 of a signal [n] that goes on beyond its ends, as `extended`."""
+def continue_signal(signal: Array, start: int, stop: int, beyond: Continuation) -> Array:
+    """Samples start … stop − 1 of a signal [n] that goes on beyond its ends."""
     n = signal.size
     if start >= 0 and stop <= n:
         return signal[start:stop]
@@ -70,7 +63,7 @@ def continued(signal: Array, start: int, stop: int, beyond: Beyond) -> Array:
     return np.concatenate((left, *once, right))
 
 
-def _folded(signal: Array, at: Integers, beyond: Beyond) -> Array:
+def _folded(signal: Array, at: Integers, beyond: Continuation) -> Array:
     """Samples at any indices, however often the signal's length lies between them and the
     signal.
     """
@@ -101,7 +94,7 @@ def _end_value(end: Array, window: int) -> float:
     limit = min(max(window, 2), end.size)
     if limit < 3:
         return float(end[0])
-    spread = noise(np.diff(end[: max(limit, STRETCH)])) / math.sqrt(2.0)
+    spread = estimate_noise(np.diff(end[: max(limit, STRETCH)])) / math.sqrt(2.0)
     low, high, value, size = -math.inf, math.inf, float(end[0]), STRETCH
     while True:
         size = min(size, limit)

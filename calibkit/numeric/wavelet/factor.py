@@ -6,14 +6,12 @@ import math
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass, replace
 from functools import cache
-from typing import Literal
 
 import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 
-Channel = Literal["approximation", "detail"]
 Laurent = tuple[int, tuple[float, ...]]
 """A Laurent polynomial in the shift Z, (Z·s)_i = s_(i+1): its lowest power and its coefficients
 from there upwards.
@@ -23,6 +21,8 @@ Row = tuple[Laurent, Laurent]
 channel).
 """
 
+APPROXIMATION, DETAIL = 0, 1
+"""The two channels, as indices of rows, gains and shifts."""
 ONE: Laurent = (0, (1.0,))
 ZERO: Laurent = (0, ())
 BEAM = 64
@@ -46,14 +46,14 @@ of sixteen digits.
 class Step:
     """One lifting step: updated channel_i += Σ_k taps[k] · other channel_(i + first + k)."""
 
-    updates: Channel
+    updates: int
     first: int
     taps: tuple[float, ...]
 
 
 @dataclass(frozen=True, slots=True)
 class Scheme:
-    """Lifting steps in the order of analysis, then gains and shifts of the two outputs.
+    """Lifting steps in the order of analysis, then gains and shifts of approximation and detail.
 
     The approximation channel starts as samples 2i + parity, the detail channel as samples 2i + 1 +
     parity; after the steps the outputs are gain · channel_(i + shift).
@@ -61,27 +61,15 @@ class Scheme:
 
     name: str
     steps: tuple[Step, ...]
-    approximation_gain: float
-    detail_gain: float
+    gains: tuple[float, float]
     parity: int = 0
-    approximation_shift: int = 0
-    detail_shift: int = 0
+    shifts: tuple[int, int] = (0, 0)
 
     def __hash__(self) -> int:
         """By the name alone: what is known of a scheme is looked up at every level of every chunk,
         and its steps are long.
         """
         return hash(self.name)
-
-    @property
-    def gains(self) -> tuple[float, float]:
-        """Gains of the approximation and of the detail output."""
-        return self.approximation_gain, self.detail_gain
-
-    @property
-    def shifts(self) -> tuple[int, int]:
-        """Shifts of the approximation and of the detail output."""
-        return self.approximation_shift, self.detail_shift
 
 
 ROOT2, ROOT3 = math.sqrt(2.0), math.sqrt(3.0)
@@ -100,36 +88,32 @@ LITERAL = {
     for literal in (
         Scheme(
             "haar",
-            (Step("detail", 0, (-1.0,)), Step("approximation", 0, (0.5,))),
-            ROOT2,
-            1.0 / ROOT2,
+            (Step(DETAIL, 0, (-1.0,)), Step(APPROXIMATION, 0, (0.5,))),
+            (ROOT2, 1.0 / ROOT2),
         ),
         Scheme(
             "cdf53",
-            (Step("detail", 0, (-0.5, -0.5)), Step("approximation", -1, (0.25, 0.25))),
-            ROOT2,
-            1.0 / ROOT2,
+            (Step(DETAIL, 0, (-0.5, -0.5)), Step(APPROXIMATION, -1, (0.25, 0.25))),
+            (ROOT2, 1.0 / ROOT2),
         ),
         Scheme(
             "cdf97",
             (
-                Step("detail", 0, (ALPHA, ALPHA)),
-                Step("approximation", -1, (BETA, BETA)),
-                Step("detail", 0, (GAMMA, GAMMA)),
-                Step("approximation", -1, (DELTA, DELTA)),
+                Step(DETAIL, 0, (ALPHA, ALPHA)),
+                Step(APPROXIMATION, -1, (BETA, BETA)),
+                Step(DETAIL, 0, (GAMMA, GAMMA)),
+                Step(APPROXIMATION, -1, (DELTA, DELTA)),
             ),
-            ZETA,
-            1.0 / ZETA,
+            (ZETA, 1.0 / ZETA),
         ),
         Scheme(
             "db2",
             (
-                Step("detail", 0, (-ROOT3,)),
-                Step("approximation", 0, (ROOT3 / 4.0, (ROOT3 - 2.0) / 4.0)),
-                Step("detail", -1, (1.0,)),
+                Step(DETAIL, 0, (-ROOT3,)),
+                Step(APPROXIMATION, 0, (ROOT3 / 4.0, (ROOT3 - 2.0) / 4.0)),
+                Step(DETAIL, -1, (1.0,)),
             ),
-            (ROOT3 + 1.0) / ROOT2,
-            (ROOT3 - 1.0) / ROOT2,
+            ((ROOT3 + 1.0) / ROOT2, (ROOT3 - 1.0) / ROOT2),
         ),
     )
 }
@@ -153,7 +137,7 @@ class _Partial:
 
 
 @cache
-def factored(name: str) -> Scheme:
+def factor_bank(name: str) -> Scheme:
     """Lifting scheme of a discrete PyWavelets filter bank, equal to it in index, sign and scale.
 
     Raises
@@ -199,24 +183,23 @@ def _condition(scheme: Scheme) -> float:
     """Natural logarithm of a bound on the scheme's condition number, from the norms of its steps
     and gains.
     """
-    gains = abs(math.log(abs(scheme.approximation_gain))) + abs(math.log(abs(scheme.detail_gain)))
-    return gains + sum(_shear(step.taps) for step in scheme.steps)
+    approximation, detail = (abs(math.log(abs(gain))) for gain in scheme.gains)
+    return approximation + detail + sum(_shear(step.taps) for step in scheme.steps)
 
 
 def polyphase(scheme: Scheme) -> tuple[Row, Row]:
     """Rows of the analysis polyphase matrix that the steps multiply to: of the approximation, of
     the detail.
     """
-    low: Row = (ONE, ZERO)
-    high: Row = (ZERO, ONE)
+    rows: list[Row] = [(ONE, ZERO), (ZERO, ONE)]
     for step in scheme.steps:
-        q = (step.first, step.taps)
-        if step.updates == "detail":
-            high = (_plus(high[0], _times(q, low[0])), _plus(high[1], _times(q, low[1])))
-        else:
-            low = (_plus(low[0], _times(q, high[0])), _plus(low[1], _times(q, high[1])))
-    a = (scheme.approximation_shift, (scheme.approximation_gain,))
-    d = (scheme.detail_shift, (scheme.detail_gain,))
+        own, other, q = rows[step.updates], rows[1 - step.updates], (step.first, step.taps)
+        rows[step.updates] = (
+            _plus(own[0], _times(q, other[0])),
+            _plus(own[1], _times(q, other[1])),
+        )
+    (low, high), shifts, gains = rows, scheme.shifts, scheme.gains
+    a, d = (shifts[0], (gains[0],)), (shifts[1], (gains[1],))
     return (_times(a, low[0]), _times(a, low[1])), (_times(d, high[0]), _times(d, high[1]))
 
 
@@ -237,17 +220,18 @@ def _factorings(name: str, bank: tuple[Row, Row], parity: int) -> Iterator[Schem
     low, high = bank
     for partial in _reductions(low):
         lowest, (gain,) = partial.row[0]
-        row = high
-        for step in partial.steps:
-            row = _without(row, step)
+        row = list(high)
+        for step in partial.steps:  # divided out of the matrix on the right
+            q = (step.first, tuple(-tap for tap in step.taps))
+            row[1 - step.updates] = _plus(row[1 - step.updates], _times(q, row[step.updates]))
         # the low-pass row is now (gain Z^lowest, 0), so this entry is a monomial but for rounding
         powers, taps = row[1]
         k = max(range(len(taps)), key=lambda j: abs(taps[j]))
         last = _trimmed(
             row[0][0] - powers - k, [tap / taps[k] for tap in row[0][1]], 100.0 * NEGLIGIBLE
         )
-        steps = (*partial.steps, Step("detail", *last)) if last[1] else partial.steps
-        yield Scheme(name, steps, gain, taps[k], parity, lowest, powers + k)
+        steps = (*partial.steps, Step(DETAIL, *last)) if last[1] else partial.steps
+        yield Scheme(name, steps, (gain, taps[k]), parity, (lowest, powers + k))
 
 
 def _reductions(row: Row) -> list[_Partial]:
@@ -270,16 +254,14 @@ def _reductions(row: Row) -> list[_Partial]:
 def _ended(partial: _Partial) -> _Partial:
     """Cancel the whole detail component by an approximation component of one tap."""
     (lowest, (pivot,)), (first, taps) = partial.row
-    done = _taken(
-        partial, Step("approximation", first - lowest, tuple(tap / pivot for tap in taps)), ZERO
-    )
+    step = Step(APPROXIMATION, first - lowest, tuple(tap / pivot for tap in taps))
+    done = _append_step(partial, step, ZERO)
     return replace(done, cost=done.cost + abs(math.log(abs(pivot))))
 
 
 def _followers(partial: _Partial) -> Iterator[_Partial]:
     """Every way to cancel one end tap of the longer component by the shorter one."""
-    updates: tuple[tuple[int, Channel], ...] = ((0, "detail"), (1, "approximation"))
-    for reduced, channel in updates:
+    for reduced in (0, 1):
         (low, taps), (other_low, other) = partial.row[reduced], partial.row[1 - reduced]
         if len(taps) < len(other):
             continue
@@ -291,12 +273,12 @@ def _followers(partial: _Partial) -> Iterator[_Partial]:
             left[end] = 0.0
             remainder = _trimmed(low, left, NEGLIGIBLE)
             if remainder[1]:
-                yield _taken(partial, Step(channel, first, (q,)), remainder)
+                yield _append_step(partial, Step(1 - reduced, first, (q,)), remainder)
 
 
-def _taken(partial: _Partial, step: Step, remainder: Laurent) -> _Partial:
+def _append_step(partial: _Partial, step: Step, remainder: Laurent) -> _Partial:
     """Append a step, merged with the last one where both update the same channel."""
-    row = (remainder, partial.row[1]) if step.updates == "detail" else (partial.row[0], remainder)
+    row = (remainder, partial.row[1]) if step.updates == DETAIL else (partial.row[0], remainder)
     if not partial.steps or partial.steps[-1].updates != step.updates:
         return _Partial(partial.cost + _shear(step.taps), row, (*partial.steps, step))
     last = partial.steps[-1]
@@ -308,14 +290,6 @@ def _taken(partial: _Partial, step: Step, remainder: Laurent) -> _Partial:
 def _shear(taps: Sequence[float]) -> float:
     """Logarithm of the norm of a lifting step, asinh(|q|/2) for a shear by |q| = Σ |taps|."""
     return math.asinh(sum(abs(tap) for tap in taps) / 2.0)
-
-
-def _without(row: Row, step: Step) -> Row:
-    """Row after a step has been divided out of the matrix on the right."""
-    q = (step.first, tuple(-tap for tap in step.taps))
-    if step.updates == "detail":
-        return _plus(row[0], _times(q, row[1])), row[1]
-    return row[0], _plus(row[1], _times(q, row[0]))
 
 
 def _error(scheme: Scheme, bank: tuple[Row, Row]) -> float:
@@ -345,7 +319,8 @@ def _polished(scheme: Scheme, bank: tuple[Row, Row]) -> Scheme:
     """
     best, error = scheme, _error(scheme, bank)
     for _ in range(POLISHINGS):
-        parameters = _parameters(scheme)
+        taps = [tap for step in scheme.steps for tap in step.taps]
+        parameters = np.array([*taps, *scheme.gains])
         difference = _difference(scheme, bank)
         # the filters are linear in every single parameter, so a unit step is its exact derivative
         jacobian = np.stack(
@@ -366,19 +341,13 @@ def _polished(scheme: Scheme, bank: tuple[Row, Row]) -> Scheme:
     return best
 
 
-def _parameters(scheme: Scheme) -> Array:
-    """All taps, then the two gains [p]."""
-    taps = [tap for step in scheme.steps for tap in step.taps]
-    return np.array([*taps, scheme.approximation_gain, scheme.detail_gain])
-
-
 def _with(scheme: Scheme, parameters: Array) -> Scheme:
-    """The same scheme with other taps and gains."""
+    """The same scheme with other parameters [p]: all taps, then the two gains."""
     values = iter(parameters.tolist())
     steps = tuple(
         replace(step, taps=tuple(next(values) for _ in step.taps)) for step in scheme.steps
     )
-    return replace(scheme, steps=steps, approximation_gain=next(values), detail_gain=next(values))
+    return replace(scheme, steps=steps, gains=(next(values), next(values)))
 
 
 def _times(a: Laurent, b: Laurent) -> Laurent:

@@ -1,37 +1,51 @@
-"""One level of the lifting transform, forth and back, in blocks that stay in the cache."""
+"""One level of the lifting transform, forth and back, in blocks that stay in the cache.
 
+Compiled steps (native/lifting.c) do it where they were built. They take every sum and product in
+the order and with the rounding of the array steps: the numbers are the same, bit for bit.
+"""
+
+import ctypes
 from collections.abc import Callable, Sequence
+from functools import cache
+from typing import Any
 
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric.wavelet import compiled
-from calibkit.numeric.wavelet.extension import Beyond, continued
+from calibkit.numeric.compiled import kernels_for
+from calibkit.numeric.wavelet.extension import Continuation, continue_signal
 from calibkit.numeric.wavelet.factor import Scheme
 from calibkit.numeric.wavelet.reach import (
     Move,
     Pass,
     Span,
-    both,
-    cut,
+    covering_pairs,
+    cut_span,
+    intersection,
     made_of,
-    pairs,
     passes,
     sources,
 )
+from calibkit.numeric.wavelet.shrinkage import Shrinkage
 
 BLOCK = 1 << 15
 """Pairs of samples that go through the lifting steps at a time: their buffers stay in a
 second-level cache.
 """
+CODES = {"soft": 1, "hard": 2, "garrote": 3, "firm": 4}
+"""Shrinkage rules as the compiled steps number them; 0 leaves details as they are."""
+WIDEST = 256
+"""Reach of the steps beyond a block of pairs that the compiled steps have memory for; known
+wavelets have 50.
+"""
 
 
-def analysed(
+def analyse_level(
     values: Array,
     first: int,
     scheme: Scheme,
     span: Span,
-    beyond: Beyond,
+    beyond: Continuation,
     outputs: tuple[tuple[Array, int], ...],
 ) -> None:
     """One level: coefficients of the given indices, from values whose element 0 has the index
@@ -40,32 +54,26 @@ def analysed(
     Approximation and details go into arrays whose element 0 has a stated index; those outside of
     them are dropped.
     """
-    library = compiled.library_for(scheme, values, outputs[0][0], outputs[1][0])
-    if library is None:
-        _analyse(values, first, scheme, span, beyond, outputs)
+    (low, at_low), (high, at_high) = outputs
+    plans, library = _encoded(scheme), kernels_for(values, low, high)
+    if library is None or plans is None:
+        _analyse_arrays(values, first, scheme, span, beyond, outputs)
         return
-    clear = made_of(scheme, (first, first + values.size))
-    if clear[0] <= span[0] and clear[1] >= span[1]:
-        compiled.analyse(library, values, first, scheme, span, outputs)
-        return
-    inner = both(span, clear)
-    if inner[0] == inner[1]:
-        inner = (span[1], span[1])
-    else:
-        compiled.analyse(library, values, first, scheme, inner, outputs)
-    for block in (*cut((span[0], inner[0]), BLOCK), *cut((inner[1], span[1]), BLOCK)):
+    blocks = cut_span(span, BLOCK)
+    inner = intersection(span, made_of(scheme, (first, first + values.size)))
+    if inner[0] < inner[1]:  # what no extension touches goes through at once
+        before, behind = (span[0], inner[0]), (inner[1], span[1])
+        blocks = [inner, *cut_span(before, BLOCK), *cut_span(behind, BLOCK)]
+    for block in blocks:
         start, stop = sources(scheme, block)
-        compiled.analyse(
-            library,
-            continued(values, start - first, stop - first, beyond),
-            start,
-            scheme,
-            block,
-            outputs,
-        )
+        part = continue_signal(values, start - first, stop - first, beyond)
+        library.calibkit_analysed(
+            *plans[0], part.ctypes.data, start, *block,
+            low.ctypes.data, at_low, low.size, high.ctypes.data, at_high, high.size,
+        )  # fmt: skip
 
 
-def synthesised(
+def synthesise_level(
     channels: tuple[Array, Array],
     scheme: Scheme,
     first: int,
@@ -79,37 +87,77 @@ def synthesised(
     `shrink` is what makes the details to be used of those given, and the level that it is told;
     None takes them as they are.
     """
-    treat, level = shrink
-    library = compiled.library_for(scheme, *channels, out)
-    if library is None:
-        _synthesise(channels, scheme, first, span, shrink, out)
+    plans, library = _encoded(scheme), kernels_for(*channels, out)
+    if library is None or plans is None:
+        _synthesise_arrays(channels, scheme, first, span, shrink, out)
         return
-    rule = None if treat is None else compiled.rule_of(treat, level)
+    (low, high), (treat, level) = channels, shrink
+    rule = None if treat is None else _encoded_rule(treat, level)
     if treat is not None and rule is None:
-        channels = (channels[0], np.ascontiguousarray(treat(level, channels[1]), dtype=np.float64))
-    compiled.synthesise(
-        library, channels, first, scheme, pairs(scheme, span), rule or (0, 0.0, 0.0), (out, span[0])
-    )
+        high = np.ascontiguousarray(treat(level, high), dtype=np.float64)
+    library.calibkit_synthesised(
+        *plans[1], low.ctypes.data, high.ctypes.data, first, *covering_pairs(scheme, span),
+        *(rule or (0, 0.0, 0.0)), out.ctypes.data, span[0], out.size,
+    )  # fmt: skip
 
 
-def _analyse(
+@cache
+def _encoded(scheme: Scheme) -> tuple[tuple[Any, Any], tuple[Any, Any]] | None:
+    """Steps and factors of analysis and synthesis as native/lifting.c reads them; None where the
+    steps reach farther than it has memory for.
+    """
+    forth, back = passes(scheme)
+    if any(high - low > WIDEST for plan in (forth, back) for low, high in plan.reach):
+        return None
+    return _encoded_pass(scheme, forth), _encoded_pass(scheme, back)
+
+
+def _encoded_pass(scheme: Scheme, plan: Pass) -> tuple[Any, Any]:
+    """Numbers in the order that native/lifting.c states."""
+    steps = [len(plan.moves), *plan.reach[0], *plan.reach[1], *scheme.shifts, scheme.parity]
+    factors = [*scheme.gains, *(1.0 / gain for gain in scheme.gains)]
+    for move in plan.moves:
+        steps += [move.target, move.low, move.high, len(move.terms)]
+        for tap, offsets in move.terms:
+            steps += [len(offsets), *offsets]
+            factors.append(tap)
+    return (ctypes.c_int64 * len(steps))(*steps), (ctypes.c_double * len(factors))(*factors)
+
+
+def _encoded_rule(
+    shrink: Callable[[int, Array], Array], level: int
+) -> tuple[int, float, float] | None:
+    """Code, threshold and its square of a shrinkage that the compiled steps know; None for others.
+
+    At a threshold of zero, soft shrinkage is left to the arrays: the sign of a zero is theirs to
+    decide.
+    """
+    if not isinstance(shrink, Shrinkage):
+        return None
+    threshold = float(shrink.thresholds[level])
+    if threshold > 0.0 or (threshold == 0.0 and shrink.rule != "soft"):
+        return CODES[shrink.rule], threshold, threshold**2
+    return None
+
+
+def _analyse_arrays(
     values: Array,
     first: int,
     scheme: Scheme,
     span: Span,
-    beyond: Beyond,
+    beyond: Continuation,
     outputs: tuple[tuple[Array, int], ...],
 ) -> None:
-    """Coefficients of the given indices, block by block."""
+    """As `analyse_level`, block by block, where there are no compiled steps."""
     plan, _ = passes(scheme)
     room, scratch = _buffers(plan, span)
-    for block in cut(span, BLOCK):
+    for block in cut_span(span, BLOCK):
         starts = (block[0] + plan.reach[0][0], block[0] + plan.reach[1][0])
         for c in (0, 1):
             size = block[1] + plan.reach[c][1] - starts[c]
             at = 2 * starts[c] + scheme.parity + c - first
-            room[c][:size] = continued(values, at, at + 2 * size - 1, beyond)[::2]
-        _lifted(room, starts, plan.moves, block, scratch)
+            room[c][:size] = continue_signal(values, at, at + 2 * size - 1, beyond)[::2]
+        _lift(room, starts, plan.moves, block, scratch)
         for c, (out, origin) in enumerate(outputs):
             low, high = max(block[0], origin), min(block[1], origin + out.size)
             if high > low:
@@ -121,7 +169,7 @@ def _analyse(
                 )
 
 
-def _synthesise(
+def _synthesise_arrays(
     channels: tuple[Array, Array],
     scheme: Scheme,
     first: int,
@@ -129,12 +177,12 @@ def _synthesise(
     shrink: tuple[Callable[[int, Array], Array] | None, int],
     out: Array,
 ) -> None:
-    """Values of the given indices, block by block."""
+    """As `synthesise_level`, block by block, where there are no compiled steps."""
     treat, level = shrink
     _, plan = passes(scheme)
-    whole = pairs(scheme, span)
+    whole = covering_pairs(scheme, span)
     room, scratch = _buffers(plan, whole)
-    for block in cut(whole, BLOCK):
+    for block in cut_span(whole, BLOCK):
         starts = (block[0] + plan.reach[0][0], block[0] + plan.reach[1][0])
         for c, coefficients in enumerate(channels):
             size = block[1] + plan.reach[c][1] - starts[c]
@@ -143,26 +191,23 @@ def _synthesise(
             if c == 1 and treat is not None:
                 inputs = treat(level, inputs)
             np.multiply(inputs, 1.0 / scheme.gains[c], out=room[c][:size])
-        _lifted(room, starts, plan.moves, block, scratch)
+        _lift(room, starts, plan.moves, block, scratch)
         for c in (0, 1):
             # the first and the last pair may reach beyond the span by a sample
             origin = scheme.parity + c - span[0]
-            low, high = (
-                max(block[0], -(origin // 2)),
-                min(block[1], (out.size - 1 - origin) // 2 + 1),
-            )
-            out[2 * low + origin : 2 * high + origin : 2] = room[c][
-                low - starts[c] : high - starts[c]
-            ]
+            low = max(block[0], -(origin // 2))
+            high = min(block[1], (out.size - 1 - origin) // 2 + 1)
+            made = room[c][low - starts[c] : high - starts[c]]
+            out[2 * low + origin : 2 * high + origin : 2] = made
 
 
 def _buffers(plan: Pass, span: Span) -> tuple[tuple[Array, Array], Array]:
-    """Room for both channels of a block with their reach, and for one term."""
+    """Memory for both channels of a block with their reach, and for one term."""
     size = min(BLOCK, span[1] - span[0]) + max(high - low for low, high in plan.reach)
     return (np.empty(size), np.empty(size)), np.empty(size)
 
 
-def _lifted(
+def _lift(
     channels: tuple[Array, Array], starts: Span, moves: Sequence[Move], block: Span, scratch: Array
 ) -> None:
     """Run lifting steps in place on a block of two channels whose first elements have the indices

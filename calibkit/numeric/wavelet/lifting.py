@@ -12,28 +12,13 @@ from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric.chunks import release
 from calibkit.numeric.wavelet import reach
-from calibkit.numeric.wavelet.extension import EXTENSIONS, Beyond, Extension, end_values, extended
-from calibkit.numeric.wavelet.factor import LITERAL, Scheme, Step, factored
-from calibkit.numeric.wavelet.level import BLOCK, analysed, synthesised
-from calibkit.numeric.wavelet.reach import Span, untouched
-
-__all__ = [
-    "BLOCK",
-    "EXTENSIONS",
-    "Decomposition",
-    "Extension",
-    "Scheme",
-    "Step",
-    "extended",
-    "forward",
-    "inverse",
-    "scheme",
-    "shared",
-    "untouched",
-]
+from calibkit.numeric.wavelet.extension import EXTENSIONS, Extension, fit_continuation
+from calibkit.numeric.wavelet.factor import LITERAL, Scheme, factor_bank
+from calibkit.numeric.wavelet.level import analyse_level, synthesise_level
+from calibkit.numeric.wavelet.reach import Span
 
 Room = Callable[[int], Array]
-"""Gives an array for so many values."""
+"""Allocates an array for so many values."""
 CHUNK = 1 << 18
 """Samples that go through all levels at a time, so that approximations stay in the cache too."""
 TOGETHER = 10
@@ -57,14 +42,13 @@ class Decomposition:
 
     scheme: Scheme
     length: int
-    extension: Extension
     approximation: Array
     details: tuple[Array, ...]
     first: tuple[int, ...]
     interior: tuple[slice, ...]
 
 
-def scheme(name: str) -> Scheme:
+def find_scheme(name: str) -> Scheme:
     """Lifting scheme "haar", "cdf53", "cdf97", "db2", or any discrete PyWavelets wavelet, factored.
 
     Raises
@@ -88,7 +72,7 @@ def scheme(name: str) -> Scheme:
                 else "use haar, cdf53, cdf97, db4, sym8 or the like"
             ),
         )
-    return factored(name)
+    return factor_bank(name)
 
 
 def forward(
@@ -99,8 +83,8 @@ def forward(
     Parameters
     ----------
     signal : [n], equidistant samples in any unit.
-    extension : what stands beyond the ends (see `extended`).
-    room : makes the arrays that details are put in; memory beyond them is that of a chunk.
+    extension : what stands beyond the ends (see `extension.Continuation`).
+    room : allocates the arrays that details are put in; memory beyond them is that of a chunk.
 
     Raises
     ------
@@ -123,52 +107,41 @@ def forward(
         raise FitError(
             f"unknown extension {extension!r}", hint=f"use one of {', '.join(EXTENSIONS)}"
         )
-    wanted = reach.spans(scheme, (0, samples.size), levels)
-    needed = reach.needed(scheme, wanted)
+    wanted = reach.coefficients_of(scheme, (0, samples.size), levels)
+    needed = reach.approximations_needed(scheme, wanted)
     details = tuple(room(high - low) for low, high in wanted[1:])
-    beyond = Beyond(extension, *end_values(samples, extension, 3 << (levels - 1)))
+    beyond = fit_continuation(samples, extension, 3 << (levels - 1))
     values, first = samples, 0
-    rooms = [np.empty(0), np.empty(0)]
+    buffers = [np.empty(0), np.empty(0)]
     for above in range(0, levels, TOGETHER):
         below = min(above + TOGETHER, levels)
         approximation = np.empty(needed[below][1] - needed[below][0])
         for shares, spans in _chunks(scheme, needed[above : below + 1]):
             part, at = values, first
             for j, (share, here) in enumerate(zip(shares[1:], spans[1:], strict=True), start=above):
-                own = reach.both(share, wanted[j + 1])
-                outputs = (
-                    (_taken(rooms, j, here), here[0]),
-                    (details[j][reach.selected(own, wanted[j + 1])], own[0]),
-                )
-                analysed(part, at, scheme, here, beyond, outputs)
-                part, at = outputs[0]
+                own = reach.intersection(share, wanted[j + 1])
+                low = _buffer(buffers, j, here)
+                high = details[j][reach.slice_within(own, wanted[j + 1])]
+                analyse_level(part, at, scheme, here, beyond, ((low, here[0]), (high, own[0])))
+                part, at = low, here[0]
                 release(samples, details[j])
-            approximation[reach.selected(shares[-1], needed[below])] = part
+            approximation[reach.slice_within(shares[-1], needed[below])] = part
         values, first = approximation, needed[below][0]
-    clean, _ = untouched(scheme, samples.size, levels)
-    return Decomposition(
-        scheme,
-        samples.size,
-        extension,
-        values,
-        details,
-        tuple(low for low, _ in wanted[1:]),
-        tuple(
-            reach.selected(indices, within)
-            for indices, within in zip(clean[1:], wanted[1:], strict=True)
-        ),
-    )
+    (_, *clean), _ = reach.untouched(scheme, samples.size, levels)
+    interior = tuple(map(reach.slice_within, clean, wanted[1:]))
+    starts = tuple(low for low, _ in wanted[1:])
+    return Decomposition(scheme, samples.size, values, details, starts, interior)
 
 
-def shared(scheme: Scheme, length: int, room: Room = np.empty) -> tuple[Array, Room]:
-    """Array [length] for the signal that `inverse` makes, and what makes room for details: the
+def allocate_shared(scheme: Scheme, length: int, room: Room) -> tuple[Array, Room]:
+    """Array [length] for the signal that `inverse` makes, and what allocates the details: the
     finest in its second half.
 
     They lie behind the signal by so much that every one of them is read before the signal is
     written over it.
     """
-    _, (low, high) = reach.spans(scheme, (0, length), 1)
-    whole = room(max(reach.overtaken(scheme, length), length, high - low))
+    _, (low, high) = reach.coefficients_of(scheme, (0, length), 1)
+    whole = room(max(reach.shared_length(scheme, length), length, high - low))
     free = [whole[whole.size - (high - low) :]]
     return whole[:length], lambda size: free.pop() if free else room(size)
 
@@ -181,7 +154,7 @@ def inverse(
     into: Array | None = None,
 ) -> Array:
     """Signal [n] from its wavelet coefficients, thresholded or not, put into an array [n] or one
-    that `room` makes.
+    that `room` allocates.
 
     `shrink` makes of any stretch of the details of a level, 0 the finest, those to be used; it is
     called block by block while they are in the cache, for some of them twice, and must treat each
@@ -191,45 +164,35 @@ def inverse(
     ------
     FitError : coefficients whose number is not that of the signal's length.
     """
-    scheme, levels = decomposition.scheme, len(decomposition.details)
-    wanted = reach.spans(scheme, (0, decomposition.length), levels)
-    for (low, high), detail in zip(wanted[1:], decomposition.details, strict=True):
-        if detail.shape != (high - low,) or decomposition.approximation.shape != (
-            wanted[-1][1] - wanted[-1][0],
-        ):
+    scheme, details = decomposition.scheme, decomposition.details
+    known, levels = decomposition.approximation, len(details)
+    wanted = reach.coefficients_of(scheme, (0, decomposition.length), levels)
+    for (low, high), given in zip((*wanted[1:], wanted[-1]), (*details, known), strict=True):
+        if given.shape != (high - low,):
             raise FitError(
-                f"{detail.shape} details where {high - low} belong to {decomposition.length}"
+                f"{given.shape} details where {high - low} belong to {decomposition.length}"
                 " samples",
                 hint="change coefficients in place or by new values of the same number",
             )
-    known = decomposition.approximation
-    rooms = [np.empty(0), np.empty(0)]
+    buffers = [np.empty(0), np.empty(0)]
     for above in range((levels - 1) // TOGETHER * TOGETHER, -1, -TOGETHER):
         below = min(above + TOGETHER, levels)
         out = into if above == 0 and into is not None else room(wanted[above][1] - wanted[above][0])
-        for chunk in reach.cut(wanted[above], max(CHUNK, COARSEST << (below - above))):
-            parts = reach.spans(scheme, chunk, below - above)
-            signal = known[reach.selected(parts[-1], wanted[below])]
+        for chunk in reach.cut_span(wanted[above], max(CHUNK, COARSEST << (below - above))):
+            spans = reach.coefficients_of(scheme, chunk, below - above)
+            signal = known[reach.slice_within(spans[-1], wanted[below])]
             for level in range(below, above, -1):
-                detail = decomposition.details[level - 1][
-                    reach.selected(parts[level - above], wanted[level])
-                ]
-                here = parts[level - above - 1]
+                here, there = spans[level - above - 1 : level - above + 1]
+                detail = details[level - 1][reach.slice_within(there, wanted[level])]
                 made = (
-                    out[reach.selected(chunk, wanted[above])]
+                    out[reach.slice_within(chunk, wanted[above])]
                     if level == above + 1
-                    else _taken(rooms, level, here)
+                    else _buffer(buffers, level, here)
                 )
-                synthesised(
-                    (signal, detail),
-                    scheme,
-                    parts[level - above][0],
-                    here,
-                    (shrink, level - 1),
-                    made,
-                )
+                treat = (shrink, level - 1)
+                synthesise_level((signal, detail), scheme, there[0], here, treat, made)
                 signal = made
-            release(out, *decomposition.details)
+            release(out, *details)
         known = out
     return known
 
@@ -239,23 +202,20 @@ def _chunks(scheme: Scheme, wanted: Sequence[Span]) -> Iterator[tuple[list[Span]
     computed for it.
     """
     levels = len(wanted) - 1
-    for coarsest in reach.cut(wanted[-1], max(CHUNK >> levels, COARSEST)):
+    for coarsest in reach.cut_span(wanted[-1], max(CHUNK >> levels, COARSEST)):
         shares = []
         for level, (low, high) in enumerate(wanted):
             start = low if coarsest[0] == wanted[-1][0] else coarsest[0] << (levels - level)
             stop = high if coarsest[1] == wanted[-1][1] else coarsest[1] << (levels - level)
             shares.append((min(max(start, low), high), min(max(stop, low), high)))
-        spans = [coarsest]
-        for share in shares[-2::-1]:
-            spans.append(reach.hull(reach.sources(scheme, spans[-1]), share))
-        yield shares, spans[::-1]
+        yield shares, reach.approximations_needed(scheme, [*shares[:-1], coarsest])
 
 
-def _taken(rooms: list[Array], level: int, indices: Span) -> Array:
-    """Room for so many values of a level in one of two arrays in turn: new arrays would cost more
-    than the lifting.
+def _buffer(buffers: list[Array], level: int, indices: Span) -> Array:
+    """Memory for so many values of a level, in one of two arrays in turn: new arrays would cost
+    more than the lifting.
     """
     size = indices[1] - indices[0]
-    if rooms[level % 2].size < size:
-        rooms[level % 2] = np.empty(size)
-    return rooms[level % 2][:size]
+    if buffers[level % 2].size < size:
+        buffers[level % 2] = np.empty(size)
+    return buffers[level % 2][:size]

@@ -35,14 +35,14 @@ class Pass:
 
 
 @lru_cache(maxsize=64)
-def spans(scheme: Scheme, samples: Span, levels: int) -> tuple[Span, ...]:
+def coefficients_of(scheme: Scheme, samples: Span, levels: int) -> tuple[Span, ...]:
     """Indices of the coefficients that rebuild a range of samples, level by level; level 0 is the
     range itself.
     """
     _, plan = passes(scheme)
     wanted = [samples]
     for _ in range(levels):
-        low, high = pairs(scheme, wanted[-1])
+        low, high = covering_pairs(scheme, wanted[-1])
         wanted.append(
             (
                 min(low + plan.reach[c][0] - scheme.shifts[c] for c in (0, 1)),
@@ -52,13 +52,14 @@ def spans(scheme: Scheme, samples: Span, levels: int) -> tuple[Span, ...]:
     return tuple(wanted)
 
 
-def needed(scheme: Scheme, wanted: Sequence[Span]) -> list[Span]:
+def approximations_needed(scheme: Scheme, wanted: Sequence[Span]) -> list[Span]:
     """Indices of the approximations of all levels that the wanted coefficients are made of; level 0
     goes beyond the signal.
     """
     needed = [wanted[-1]]
     for level in wanted[-2::-1]:
-        needed.append(hull(sources(scheme, needed[-1]), level))
+        low, high = sources(scheme, needed[-1])
+        needed.append((min(low, level[0]), max(high, level[1])))
     return needed[::-1]
 
 
@@ -91,7 +92,7 @@ def sources(scheme: Scheme, outputs: Span) -> Span:
     )
 
 
-def overtaken(scheme: Scheme, length: int) -> int:
+def shared_length(scheme: Scheme, length: int) -> int:
     """Values that an array must have for the finest details at its end to be read before a signal
     from its start reaches them.
 
@@ -99,11 +100,11 @@ def overtaken(scheme: Scheme, length: int) -> int:
     on, the samples before 2 i + parity + 1 may have been written (half a pair by the chunk before);
     of all pairs the last comes closest.
     """
-    _, (_, high) = spans(scheme, (0, length), 1)
+    _, (_, high) = coefficients_of(scheme, (0, length), 1)
     _, back = passes(scheme)
-    _, last = pairs(scheme, (0, length))
+    _, last = covering_pairs(scheme, (0, length))
     # detail k lies `high − k` values before the end
-    return high - back.reach[1][0] + scheme.detail_shift + last + scheme.parity + 1
+    return high - back.reach[1][0] + scheme.shifts[1] + last + scheme.parity + 1
 
 
 def made_of(scheme: Scheme, samples: Span) -> Span:
@@ -117,24 +118,19 @@ def made_of(scheme: Scheme, samples: Span) -> Span:
     )
 
 
-def hull(one: Span, other: Span) -> Span:
-    """Smallest range that holds two ranges."""
-    return min(one[0], other[0]), max(one[1], other[1])
-
-
-def both(one: Span, other: Span) -> Span:
+def intersection(one: Span, other: Span) -> Span:
     """Indices that two ranges share; an empty range has its end at its start."""
     low = max(one[0], other[0])
     return low, max(low, min(one[1], other[1]))
 
 
-def selected(indices: Span, within: Span) -> slice:
+def slice_within(indices: Span, within: Span) -> slice:
     """Elements of an array of the indices `within` that have the given indices."""
     low, high = max(indices[0], within[0]), min(indices[1], within[1])
     return slice(low - within[0], max(low, high) - within[0])
 
 
-def pairs(scheme: Scheme, samples: Span) -> Span:
+def covering_pairs(scheme: Scheme, samples: Span) -> Span:
     """Pairs (2i + parity, 2i + 1 + parity) that cover a range of samples."""
     return (samples[0] - scheme.parity) // 2, (samples[1] - 1 - scheme.parity) // 2 + 1
 
@@ -155,18 +151,17 @@ def _planned(steps: Sequence[Step], shifts: Span) -> Pass:
     reach = [[shift, shift] for shift in shifts]
     moves: list[Move] = []
     for step in reversed(steps):
-        target = 0 if step.updates == "approximation" else 1
         terms: dict[float, tuple[int, ...]] = {}
         for k, tap in enumerate(step.taps):
             terms[tap] = (*terms.get(tap, ()), step.first + k)
-        low, high = reach[target]
-        moves.append(Move(target, tuple(terms.items()), low, high))
-        source = reach[1 - target]
+        low, high = reach[step.updates]
+        moves.append(Move(step.updates, tuple(terms.items()), low, high))
+        source = reach[1 - step.updates]
         source[0] = min(source[0], low + step.first)
         source[1] = max(source[1], high + step.first + len(step.taps) - 1)
     return Pass(tuple(reversed(moves)), ((reach[0][0], reach[0][1]), (reach[1][0], reach[1][1])))
 
 
-def cut(span: Span, size: int) -> list[Span]:
-    """Consecutive pieces of a range of indices, of the given size but for the last."""
+def cut_span(span: Span, size: int) -> list[Span]:
+    """Consecutive parts of a range of indices, of the given size but for the last."""
     return [(low, min(low + size, span[1])) for low in range(span[0], span[1], size)]

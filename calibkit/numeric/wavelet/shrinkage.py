@@ -23,7 +23,7 @@ MINIMAX_FROM = 32
 """Smallest number of details for which the minimax threshold is not zero."""
 
 
-def noise(details: Array) -> float:
+def estimate_noise(details: Array) -> float:
     """Standard deviation of the noise in details [n], by their median absolute value / 0.6745 [unit
     of the details].
 
@@ -50,18 +50,13 @@ def noise(details: Array) -> float:
         ) from None
 
 
-def noise_gains(scheme: Scheme, levels: int) -> Array:
-    """Standard deviation of the details of unit white noise at each level [levels]."""
-    return np.array(_noise_gains(scheme, levels))
-
-
 @lru_cache(maxsize=64)
-def _noise_gains(scheme: Scheme, levels: int) -> tuple[float, ...]:
-    """Norms of the cascades of the filters, level by level, from the products of each with itself
-    shifted by whole steps.
+def noise_gains(scheme: Scheme, levels: int) -> Array:
+    """Standard deviation of the details of unit white noise at each level [levels].
 
-    They need a handful of numbers a level: the filters of level 20 themselves would be a million
-    taps long.
+    They are the norms of the cascades of the filters, from the products of each with itself shifted
+    by whole steps: a handful of numbers per level, where the filters of level 20 themselves would
+    be a million taps long.
     """
     low, high = (_interleaved(even, odd) for even, odd in polyphase(scheme))
     reach = max(low.size, high.size) - 1
@@ -74,7 +69,7 @@ def _noise_gains(scheme: Scheme, levels: int) -> tuple[float, ...]:
         cascade = np.array(
             [float(of_low @ wide[3 * reach + 2 * k + shift]) for k in shift.tolist()]
         )
-    return tuple(gains)
+    return np.array(gains)
 
 
 def _products(taps: Array, reach: int) -> Array:
@@ -92,44 +87,40 @@ def _interleaved(even: Laurent, odd: Laurent) -> Array:
     return taps
 
 
-def universal(details: Array, noise: float, count: int) -> float:
+def universal(_details: Array, noise: float, count: int) -> float:
     """Threshold σ √(2 ln N) that the noise of N samples hardly ever exceeds (Donoho & Johnstone
     1994).
 
     Parameters
     ----------
-    details : [n] of one level; not used.
     noise : standard deviation σ of their noise [unit of the details].
     count : samples N of the whole signal.
     """
-    del details
     return noise * math.sqrt(2.0 * math.log(max(count, 1)))
 
 
-def _minimax(details: Array, noise: float, count: int) -> float:
+def _minimax(details: Array, noise: float, _count: int) -> float:
     """Threshold σ (0.3936 + 0.1829 log₂ n) of least worst-case risk; 0 for n ≤ 32 (Donoho &
     Johnstone 1994).
     """
-    del count
     return (
         noise * (0.3936 + 0.1829 * math.log2(details.size)) if details.size > MINIMAX_FROM else 0.0
     )
 
 
-def _bayes(details: Array, noise: float, count: int) -> float:
+def _bayes(details: Array, noise: float, _count: int) -> float:
     """Threshold σ²/σ_x, σ_x² = mean d² − σ² the variance of the signal in details [n] (Chang, Yu &
     Vetterli 2000).
 
     Where the details hold no more than the noise, their largest magnitude: all of them go.
     """
-    del count
     if details.size == 0 or noise == 0.0:
         return 0.0
     excess = float(details @ details) / details.size - noise**2
     return noise**2 / math.sqrt(excess) if excess > 0.0 else float(np.max(np.abs(details)))
 
 
-def _sure(details: Array, noise: float, count: int) -> float:
+def _sure(details: Array, noise: float, _count: int) -> float:
     """Threshold that minimises Stein's unbiased estimate of the risk of soft shrinkage, or the
     universal one.
 
@@ -137,16 +128,14 @@ def _sure(details: Array, noise: float, count: int) -> float:
     ----------
     details : [n] of one level.
     noise : standard deviation σ of their noise [unit of the details].
-    count : not used; the universal threshold of this rule is that of the level, σ √(2 ln n).
 
     Notes
     -----
     SureShrink's hybrid rule (Donoho & Johnstone 1995): where the level is sparse, mean (d/σ)² − 1 ≤
-    (log₂ n)^1.5/√n, the risk estimate is too noisy to be minimised and the universal threshold is
-    taken; elsewhere the minimiser over the magnitudes |d| of SURE(t) = n − 2 #{|d/σ| ≤ t} + Σ
-    min(|d/σ|, t)², never above the universal threshold.
+    (log₂ n)^1.5/√n, the risk estimate is too noisy to be minimised and the universal threshold of
+    the level, σ √(2 ln n), is taken; elsewhere the minimiser over the magnitudes |d| of SURE(t) = n
+    − 2 #{|d/σ| ≤ t} + Σ min(|d/σ|, t)², never above the universal threshold.
     """
-    del count
     n = details.size
     if n == 0 or noise == 0.0:
         return 0.0
