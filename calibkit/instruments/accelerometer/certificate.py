@@ -61,14 +61,7 @@ Q_EQUATION = Equation(
     r"G_x' = G_x, \quad G_y' = Q_3 G_x + G_y, \quad G_z' = Q_2 G_x + Q_1 G_y + G_z",
     Words("G after scale factor and zero offset [g].", "G 为经标度因数与零位修正后的值 [g]。"),
 )
-SCALE_TITLE = Words("Scale factor over temperature", "标度因数随温度")
-SCALE = Words("Scale factor ", "标度因数 ")
-ZERO_TITLE = Words("Zero offset over temperature", "零位随温度")
-ZERO = Words("Zero offset ", "零位 ")
-DIAGONAL_TITLE = Words("Diagonal of M over temperature", "M 对角元随温度")
-CROSS_TITLE = Words("Cross terms of M over temperature", "M 交叉元随温度")
-BIAS_TITLE = Words("Bias over temperature", "零偏随温度")
-MATRIX, BIAS = Words("Matrix entry ", "矩阵元 "), Words("Bias ", "零偏 ")
+OVER = Words(" over temperature", "随温度")
 
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
@@ -106,15 +99,15 @@ def _k(stated: Stated, record: Record) -> Block:
     )
     grids: list[GridTable] = []
     if temperatures := stated.grid(models[0]):
-        for title, key, name, terms, unit in (
-            (SCALE_TITLE, "scale", SCALE, forms.SCALE_FACTOR, "1"),
-            (ZERO_TITLE, "zero", ZERO, forms.ZERO_OFFSET, "g"),
+        for name, key, terms, unit in (
+            (Words("Scale factor", "标度因数"), "scale", forms.SCALE_FACTOR, "1"),
+            (Words("Zero offset", "零位"), "zero", forms.ZERO_OFFSET, "g"),
         ):
             columns = [
-                _column(stated, record, m, _axis(m), key, name + Words(_axis(m)), terms, unit)
+                _column(stated, record, m, _axis(m), key, name + Words(f" {_axis(m)}"), terms, unit)
                 for m in models
             ]
-            grids.append(stated.over(title, temperatures, columns))
+            grids.append(stated.over(name + OVER, temperatures, columns))
     title = Words(
         "K-factor: scale factor, zero offset and cross terms", "K 系数：标度因数、零位与交叉耦合项"
     )
@@ -155,14 +148,15 @@ def _affine(stated: Stated, record: Record) -> Block:
         if _any_value((c,))
     )
     first = [entry for entry in entries if entry.power == 0]
-    diagonal = [entry for entry in first if entry.kind == "m" and not _is_cross(entry)]
+    matrix, bias = Words("Matrix entry ", "矩阵元 "), Words("Bias ", "零偏 ")
+    own = [entry for entry in first if entry.kind == "m" and not _is_cross(entry)]
     cross = [entry for entry in first if _is_cross(entry)]
-    bias = [entry for entry in first if entry.kind == "b"]
+    biases = [entry for entry in first if entry.kind == "b"]
     grids: list[GridTable] = []
     for title, symbols, name, unit in (
-        (DIAGONAL_TITLE, diagonal, MATRIX, "1"),
-        (CROSS_TITLE, cross, MATRIX, "1"),
-        (BIAS_TITLE, bias, BIAS, "g"),
+        (Words("Diagonal of M", "M 对角元"), own, matrix, "1"),
+        (Words("Cross terms of M", "M 交叉元"), cross, matrix, "1"),
+        (Words("Bias", "零偏"), biases, bias, "g"),
     ):
         columns = []
         for entry in symbols:
@@ -171,7 +165,7 @@ def _affine(stated: Stated, record: Record) -> Block:
             what = shown, entry.symbol, name + Words(shown), terms, unit
             columns.append(_column(stated, record, model, *what, cross=_is_cross(entry)))
         if columns and (temperatures := stated.grid(model)):
-            grids.append(stated.over(title, temperatures, columns))
+            grids.append(stated.over(title + OVER, temperatures, columns))
     notes = (residual_words(model), range_words(model), *stated.left_out(model))
     title = Words("Affine triad: matrix and bias", "三轴仿射模型：矩阵与零偏")
     tables: tuple[ListTable | GridTable, ...]

@@ -1,27 +1,18 @@
 """Fits of a triad → accel_k.json, accel_q.json, accel_affine.json → corrected indications."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import Condition, Figure, StageResult
+from calibkit.arrays import Array
+from calibkit.coefficients import Condition, Figure, Model, Record, StageResult
 from calibkit.errors import CoefficientError
-from calibkit.forms import within_ranges
+from calibkit.forms import Form, within_ranges
 from calibkit.instruments.accelerometer import forms
+from calibkit.instruments.accelerometer.dwells import DwellSet
+from calibkit.instruments.accelerometer.fit import TriadFit
 from calibkit.numeric import chunks
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable
-
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Model, Record
-    from calibkit.forms import Form
-    from calibkit.instruments.accelerometer.dwells import DwellSet
-    from calibkit.instruments.accelerometer.fit import TriadFit
-
 
 STAGES = {"accel_k": forms.K, "accel_q": forms.Q, "accel_affine": forms.AFFINE}
 """Stage → form of its models; its coefficient file is named by it."""

@@ -19,6 +19,8 @@ ATTITUDE = ("inclination_deg", "toolface_deg")
 SATURATED_G = 50.0
 """Indication [g] beyond which a log is not in g: a triad is calibrated in the field of the earth.
 """
+UNSTATED_DEGC = 25.0
+"""Case temperature [°C] of a magnitude-only log that has none."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -176,12 +178,12 @@ def _beside(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Ar
     return made
 
 
-def optional_column(log: Log, column: str) -> Array:
-    """A column [n], or NaN where the log does not have it."""
+def optional_column(log: Log, column: str, otherwise: float = np.nan) -> Array:
+    """A column [n], or one value throughout where the log does not have it."""
     return (
         values(log.frame, column)
         if column in log.frame.columns
-        else np.broadcast_to(np.nan, len(log.frame))
+        else np.broadcast_to(otherwise, len(log.frame))
     )
 
 
@@ -190,7 +192,7 @@ def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     count = len(log.frame)
     return DwellSet(
         read_indication(log, spec),
-        _temperature(log),
+        optional_column(log, TEMPERATURE, UNSTATED_DEGC),
         optional_column(log, "inclination_deg"),
         optional_column(log, "toolface_deg"),
         np.full((count, 3), np.nan),
@@ -200,23 +202,15 @@ def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     )
 
 
-def _temperature(log: Log) -> Array:
-    """Case temperature [n, °C]; 25 °C throughout where a magnitude-only log has none."""
-    return (
-        values(log.frame, TEMPERATURE)
-        if TEMPERATURE in log.frame.columns
-        else np.broadcast_to(25.0, len(log.frame))
-    )
-
-
 def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     """Dwells found in a continuous log by its stillness, cut at gaps, in pieces where the recipe
     asks for them.
     """
     time = values(log.frame, "time_s")
     step = log.steps.usual
+    temperature = optional_column(log, TEMPERATURE, UNSTATED_DEGC)
     columns = _beside(
-        log, [*(values(log.frame, column) for column in COMPONENTS), _temperature(log)], spec
+        log, [*(values(log.frame, column) for column in COMPONENTS), temperature], spec
     )
     intervals = _held_rows(log, columns[:, :3], time, step, spec)
     if spec.dwells.piece_s is not None:
@@ -256,10 +250,15 @@ def _held_rows(
         *(chunks.rows_where(time, lambda apart: apart > gap, step=True) + 1).tolist(),
         time.size,
     ]
-    found = []
-    for start, stop in pairwise(bounds):
-        if stop - start >= 4 * window:
-            found.append(start + _still(log, triad[start:stop], window, step, spec))
+    limit, shortest = spec.dwells.noise_limit_g, max(2, round(spec.dwells.shortest_s / step))
+    try:
+        found = [
+            start + dwells.still(triad[start:stop], window, threshold=limit, shortest=shortest)
+            for start, stop in pairwise(bounds)
+            if stop - start >= 4 * window
+        ]
+    except FitError as error:
+        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     if not found:
         raise FrameError(
             f"{log.file}: too short for dwells of {spec.dwells.window_s:g} s", hint="log longer"
@@ -283,12 +282,3 @@ def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
         for a, b in rows
     )
     return Examined(tuple(found), tuple(held))
-
-
-def _still(log: Log, triad: Array, window: int, step: float, spec: AccelerometerRecipe) -> Integers:
-    """Held intervals [m, 2] of one stretch without gaps."""
-    shortest = max(2, round(spec.dwells.shortest_s / step))
-    try:
-        return dwells.still(triad, window, threshold=spec.dwells.noise_limit_g, shortest=shortest)
-    except FitError as error:
-        raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None

@@ -10,11 +10,13 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure, Model, Parameter
 from calibkit.errors import FitError
+from calibkit.forms import Form
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.numeric import affine, k_factor, magnitude, q_factor
 from calibkit.instruments.accelerometer.numeric.affine import AffineFit
 from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
+from calibkit.instruments.accelerometer.numeric.mapped_fit import MappedFit
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 
@@ -75,8 +77,8 @@ def _fit_k(
     dwells: DwellSet, spec: AccelerometerRecipe
 ) -> tuple[tuple[Model, ...], tuple[str, ...], tuple[str, ...]]:
     """K-factor of the three axes, its flags, and the coefficients that are not fitted."""
-    groups, logs = dwells.log if spec.k.groups == "log" else None, np.unique(dwells.log).size
-    if groups is not None and logs < LEAST_GROUPS:
+    by_log, logs = spec.k.groups == "log", np.unique(dwells.log).size
+    if by_log and logs < LEAST_GROUPS:
         raise FitError(
             f"k.groups = 'log' with {logs} logs, expected at least {LEAST_GROUPS}",
             hint=(
@@ -89,32 +91,21 @@ def _fit_k(
         dwells.indication,
         dwells.temperature,
         dwells.reference,
-        terms=[
-            k_factor.KTerms(axis.scale_order, axis.zero_order, axis.cross) for axis in spec.k.axes
-        ],
+        terms=[k_factor.KTerms(a.scale_order, a.zero_order, a.cross) for a in spec.k.axes],
         weights=dwells.weights,
-        groups=groups,
+        groups=dwells.log if by_log else None,
     )
     axes, flags = _fit_settled(k_fit, spec.loss, "K-factor")
     models, not_fitted = [], []
     for name, axis in zip(forms.K_MODELS, axes, strict=True):
         scaled = zip(k_factor.NAMES, axis.mapped_coefficients.tolist(), strict=True)
-        models.append(
-            forms.K.write(
-                name,
-                _with_units(k_factor.NAMES, axis.coefficients, forms.K_UNITS),
-                axis.covariance,
-                dof=axis.dof,
-                residual_rms=axis.residual_rms,
-                residual_unit="g",
-                valid=dwells.valid,
-                parameters=(
-                    Parameter("middle", axis.middle, "degC"),
-                    Parameter("half", axis.half, "degC"),
-                    *(Parameter(f"scaled_{k}", value, "1") for k, value in scaled),
-                ),
-            )
+        mapping = (
+            Parameter("middle", axis.middle, "degC"),
+            Parameter("half", axis.half, "degC"),
+            *(Parameter(f"scaled_{k}", value, "1") for k, value in scaled),
         )
+        named = k_factor.NAMES, axis.coefficients, forms.K_UNITS
+        models.append(_model(forms.K, name, named, axis.covariance, axis, dwells, mapping))
         flags += _name_suspects(name, axis.suspects, dwells)
         missing = [k for number, k in enumerate(k_factor.NAMES) if number not in axis.fitted]
         if missing:
@@ -148,9 +139,9 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         model, q = _affine_models(over_temperature, dwells, spec)
         flags += (*more, *_name_suspects("affine", over_temperature.suspects, dwells))
     else:
-        model = _affine_model(*magnitude.as_affine(found), found, dwells)
-        angles, covariance = found.parameters[6:9], found.covariance[6:9, 6:9]
-        q = _q_model(angles, covariance, float(dwells.temperature.mean()), model)
+        angles = found.parameters[6:9], found.covariance[6:9, 6:9]
+        at = float(dwells.temperature.mean())
+        model, q = _triad_models(*magnitude.as_affine(found), found, angles, at, dwells)
     return TriadFit(q=q, affine=model, affine_flags=flags, intervals=intervals)
 
 
@@ -209,46 +200,51 @@ def _affine_models(
     """Affine model, and Q at the reference temperature or at that of the dwells nearest to it."""
     low, high = dwells.valid[forms.TEMPERATURE]
     at = float(np.clip(spec.reference_temp_degc, low, high))
-    names = [entry.name for entry in found.entries]
-    model = _affine_model(names, found.coefficients, found.covariance, found, dwells)
-    return model, _q_model(*affine.evaluate_q(found, at), at, model)
+    named = found.names, found.coefficients, found.covariance
+    return _triad_models(*named, found, affine.evaluate_q(found, at), at, dwells)
 
 
-def _affine_model(
+def _triad_models(
     names: Sequence[str],
     values: Array,
     covariance: Array,
     found: AffineFit | magnitude.MagnitudeFit,
+    angles: tuple[Array, Array],
+    temperature: float,
     dwells: DwellSet,
+) -> tuple[Model, Model]:
+    """Model of affine parameters in °C, and of Q1, Q2, Q3 [3, rad] with their covariance [3, 3] at
+    a temperature [°C], both with the residual of the fit.
+    """
+    named = names, values, [forms.affine_unit(name) for name in names]
+    small = q_factor.NAMES, angles[0], ("rad",) * 3
+    at = (Parameter("temperature", temperature, "degC"),)
+    return (
+        _model(forms.AFFINE, "triad", named, covariance, found, dwells),
+        _model(forms.Q, "triad", small, angles[1], found, dwells, at),
+    )
+
+
+def _model(
+    form: Form,
+    name: str,
+    coefficients: tuple[Sequence[str], Array, Sequence[str]],
+    covariance: Array,
+    found: MappedFit | magnitude.MagnitudeFit,
+    dwells: DwellSet,
+    parameters: tuple[Parameter, ...] = (),
 ) -> Model:
-    """Model of affine parameters in °C with the residual of their fit."""
-    return forms.AFFINE.write(
-        "triad",
-        _with_units(names, values, [forms.affine_unit(name) for name in names]),
+    """Model of a form from names, values and units of its coefficients, with the residual of their
+    fit and the temperatures of the dwells.
+    """
+    names, values, units = coefficients
+    return form.write(
+        name,
+        list(zip(names, values.tolist(), units, strict=True)),
         covariance,
         dof=found.dof,
         residual_rms=found.residual_rms,
         residual_unit="g",
         valid=dwells.valid,
+        parameters=parameters,
     )
-
-
-def _q_model(angles: Array, covariance: Array, temperature: float, fitted: Model) -> Model:
-    """Model of Q1, Q2, Q3 [3, rad] at a temperature [°C], from a fitted affine model."""
-    return forms.Q.write(
-        "triad",
-        _with_units(q_factor.NAMES, angles, ("rad",) * 3),
-        covariance,
-        dof=fitted.dof,
-        residual_rms=fitted.residual_rms,
-        residual_unit="g",
-        valid=fitted.valid,
-        parameters=(Parameter("temperature", temperature, "degC"),),
-    )
-
-
-def _with_units(
-    names: Sequence[str], values: Array, units: Sequence[str]
-) -> list[tuple[str, float, str]]:
-    """Name, value and unit of each coefficient."""
-    return list(zip(names, values.tolist(), units, strict=True))

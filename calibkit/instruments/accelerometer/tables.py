@@ -1,19 +1,13 @@
 """Tables of a triad: its coefficients, the uncertainty of a dwell, errors before and after."""
 
-from __future__ import annotations
+from collections.abc import Mapping, Sequence
 
-from typing import TYPE_CHECKING
-
+from calibkit.coefficients import Figure
+from calibkit.instruments.accelerometer.errors import DwellErrors
+from calibkit.instruments.accelerometer.fit import TriadFit
+from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.report.summary import number
 from calibkit.report.table import Column, Number, Table, number_or_none
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.coefficients import Figure
-    from calibkit.instruments.accelerometer.errors import DwellErrors
-    from calibkit.instruments.accelerometer.fit import TriadFit
-    from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 
 
 def tabulate_fit(fitted: TriadFit) -> list[Table]:

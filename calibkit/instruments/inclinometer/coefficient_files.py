@@ -1,27 +1,19 @@
 """s(T) of each gyro ↔ inclinometer_scale.json."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Mapping
 from itertools import groupby
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import Condition, Figure, StageResult
+from calibkit.coefficients import Condition, Figure, Record, StageResult
 from calibkit.errors import CoefficientError
 from calibkit.instruments.inclinometer.errors import azimuth_rms
 from calibkit.instruments.inclinometer.forms import read_scale, write_scale
-from calibkit.instruments.inclinometer.solve import WRONG
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from calibkit.coefficients import Record
-    from calibkit.instruments.inclinometer.numeric.published import Sensor
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.instruments.inclinometer.scale_model import ScaleFit, ScaleModel
-    from calibkit.instruments.inclinometer.solve import SolvedStations
-    from calibkit.instruments.inclinometer.stations import Stations
+from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.scale_model import ScaleFit, ScaleModel
+from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
+from calibkit.instruments.inclinometer.stations import Stations
 
 FILE = "inclinometer_scale.json"
 FEW = 5

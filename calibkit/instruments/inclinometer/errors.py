@@ -1,24 +1,17 @@
 """Angle errors of solved stations before and after, and the acceptance limits on them."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import at_most
+from calibkit.arrays import Array, Mask
+from calibkit.coefficients import Criterion, at_most
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.solve import SolvedStations
+from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric import dispersion
 from calibkit.numeric.attitude import wrapped
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Mask
-    from calibkit.coefficients import Criterion
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.instruments.inclinometer.solve import SolvedStations
-    from calibkit.instruments.inclinometer.stations import Stations
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,26 +2,19 @@
 readings do not explain.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibkit.instruments.inclinometer.numeric import refusals, root_choice
+from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.scale_model import ScaleFit
+from calibkit.instruments.inclinometer.solve import SolvedStations
+from calibkit.instruments.inclinometer.stations import Stations
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from numpy.typing import NDArray
-
-    from calibkit.instruments.inclinometer.numeric.published import Sensor
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.instruments.inclinometer.scale_model import ScaleFit
-    from calibkit.instruments.inclinometer.solve import SolvedStations
-    from calibkit.instruments.inclinometer.stations import Stations
-
-    Array = NDArray[np.float64]
+Array = NDArray[np.float64]
 
 SCATTERS = 3.0
 """Scatter of s, in standard uncertainties of a root, that is flagged; 16 sensors of simulated

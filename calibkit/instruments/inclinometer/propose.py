@@ -1,11 +1,6 @@
 """Logs of a north-seeking inclinometer → the recipe that fits them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
-
-if TYPE_CHECKING:
-    from calibkit.ingest.proposal import Choice, Evidence
+from calibkit.ingest.proposal import Choice, Evidence
 
 READ = (
     *(

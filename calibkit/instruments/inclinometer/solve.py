@@ -1,35 +1,27 @@
 """Stations → s(T) of each gyro, and with it or its history the attitude of every station."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
+from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import (
     refusals,
     root_choice,
     scale_prior,
     sensor_pairs,
 )
-from calibkit.instruments.inclinometer.numeric.root_choice import Prior
+from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.numeric.root_choice import Prior, Solution
 from calibkit.instruments.inclinometer.numeric.scale_prior import History
+from calibkit.instruments.inclinometer.numeric.sensor_pairs import Combined
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.scale_model import ScaleFit, ScaleModel
+from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.arrays import Array, Mask
-    from calibkit.instruments.inclinometer.noise import Noise
-    from calibkit.instruments.inclinometer.numeric.published import Sensor
-    from calibkit.instruments.inclinometer.numeric.root_choice import Solution
-    from calibkit.instruments.inclinometer.numeric.sensor_pairs import Combined
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.instruments.inclinometer.stations import Stations
-
 
 WRONG = "check the gyro's unit in [columns], reference.convention and site.latitude_deg"
 """What makes a scale factor that no gyro has."""

@@ -1,8 +1,6 @@
 """What an inclinometer run states: tables, summary, figures and JSON of its stations."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Mapping
 
 import numpy as np
 
@@ -15,19 +13,14 @@ from calibkit.instruments.inclinometer.errors import (
 )
 from calibkit.instruments.inclinometer.figures import ScaleCurve, SeekingReport
 from calibkit.instruments.inclinometer.numeric import published
+from calibkit.instruments.inclinometer.numeric.published import Sensor
+from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.instruments.inclinometer.scale_model import ScaleFit
+from calibkit.instruments.inclinometer.solve import SolvedStations
+from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table, number_or_none
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.instruments.inclinometer.numeric.published import Sensor
-    from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-    from calibkit.instruments.inclinometer.scale_model import ScaleFit
-    from calibkit.instruments.inclinometer.solve import SolvedStations
-    from calibkit.instruments.inclinometer.stations import Stations
-
 
 SHOWN = 40
 """Stations that the console shows; report.txt shows all."""

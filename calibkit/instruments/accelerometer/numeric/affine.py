@@ -27,6 +27,7 @@ from calibkit.instruments.accelerometer.numeric.affine_model import (
     rotation,
     tilted_gravity,
 )
+from calibkit.instruments.accelerometer.numeric.mapped_fit import MappedFit
 from calibkit.numeric.least_squares import fit as least_squares, gauss_newton, polynomial, robust
 
 WEAKEST = 1e-4
@@ -35,44 +36,19 @@ determined.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class AffineFit:
-    """A finished affine fit."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class AffineFit(MappedFit):
+    """A finished affine fit; its residuals [n, 3] are corrected (and turned by the fixture) minus
+    reference, or [n, 1] of lengths.
+    """
 
     entries: tuple[Entry, ...]
-    coefficients: Array
-    """[p], for temperatures in °C, in the order of the entries."""
-    covariance: Array
-    """[p, p], type A."""
-    mapped_coefficients: Array
-    """[p], for u = (t − middle)/half."""
-    mapped_covariance: Array
-    """[p, p]."""
-    middle: float
-    """[°C]."""
-    half: float
-    """[°C]; 1 when the temperature was constant."""
-    residuals: Array
-    """[n, 3] corrected (and turned by the fixture) minus reference, or [n, 1] of lengths."""
-    suspects: tuple[int, ...]
-    """Dwells that no noise explains, by index, worst first; empty for a plain fit."""
-    dof: int
-    residual_rms: float
-    """Over the degrees of freedom, so that it estimates the noise without bias [unit of the
-    reference].
-    """
-    condition: float
-    iterations: int
+    """The parameters, in the order of the coefficients."""
 
     @property
     def names(self) -> tuple[str, ...]:
         """Names of the parameters."""
         return tuple(entry.name for entry in self.entries)
-
-    @property
-    def standard_uncertainty(self) -> Array:
-        """Of the parameters [p], type A."""
-        return np.sqrt(np.diag(self.covariance))
 
 
 def fit(
@@ -84,7 +60,6 @@ def fit(
     weights: Array | None = None,
     tool_rotation: Array | None = None,
     loss: Literal["least_squares", "robust"] = "least_squares",
-    temperature_step: float = determination.TEMPERATURE_STEP_DEGC,
 ) -> AffineFit:
     """Fit the affine triad to reference vectors.
 
@@ -104,8 +79,6 @@ def fit(
         [n, 3, 3], from `attitude.tool_rotation`; needed for the tilt.
     loss
         "robust" leaves wild dwells out and names them.
-    temperature_step
-        Temperatures closer than this [°C] count as one when the rank is judged.
 
     Raises
     ------
@@ -121,7 +94,7 @@ def fit(
             "a tilt needs the table's rotations",
             hint="give inclination_deg and toolface_deg of the dwells",
         )
-    _require_determined(entries, reference, temperature, temperature_step)
+    _require_determined(entries, reference, temperature)
     root = (
         np.ones(indication.shape)
         if weights is None
@@ -174,9 +147,7 @@ def fit_magnitude(
     entries = list_entries(terms, triangular=True)
     _require_enough(len(indication), len(indication), len(entries))
     order = max(entry.power for entry in entries)
-    levels, _ = determination.distinct_temperatures(
-        temperature, determination.TEMPERATURE_STEP_DEGC
-    )
+    levels, _ = determination.distinct_temperatures(temperature)
     if levels.size <= order:
         raise FitError(
             f"{levels.size} distinct temperatures do not determine order {order}",
@@ -198,17 +169,12 @@ def evaluate_q(fitted: AffineFit, temperature: float) -> tuple[Array, Array]:
 
     def angles(values: Array) -> Array:
         matrix = matrix_and_bias(fitted.entries, values, mapped)[0][0]
-        return q_factor.small_angles(q_factor.axes_from_sensitivity(_inverse(matrix))[0])
+        return q_factor.small_angles(q_factor.axes_from_sensitivity(np.linalg.inv(matrix))[0])
 
     values = fitted.mapped_coefficients
     largest = max(abs(v) for e, v in zip(fitted.entries, values, strict=True) if e.kind == "m")
     slope = q_factor.differentiate(angles, values, scale=np.full(values.size, float(largest)))
     return angles(values), slope @ fitted.mapped_covariance @ slope.T
-
-
-def _inverse(matrix: Array) -> Array:
-    """Sensitivity [3, 3] of a correction matrix."""
-    return np.asarray(np.linalg.inv(matrix), dtype=np.float64)
 
 
 def _require_enough(dwells: int, residuals: int, parameters: int) -> None:
@@ -285,7 +251,7 @@ def _start(entries: tuple[Entry, ...], indication: Array, reference: Array) -> A
     if any(entry.kind == "fixture" for entry in entries):
         from scipy.spatial.transform import Rotation
 
-        axes, turned, scale = q_factor.axes_from_sensitivity(_inverse(matrix))
+        axes, turned, scale = q_factor.axes_from_sensitivity(np.linalg.inv(matrix))
         matrix = q_factor.exact_matrix(axes) / scale
         angles = Rotation.from_matrix(turned.T).as_rotvec()
     return _at_start(entries, matrix, bias, angles)
@@ -308,9 +274,7 @@ def _at_start(
     )
 
 
-def _require_determined(
-    entries: tuple[Entry, ...], reference: Array, temperature: Array, step: float
-) -> None:
+def _require_determined(entries: tuple[Entry, ...], reference: Array, temperature: Array) -> None:
     """Refuse conditions that leave an entry of M or b, or a higher-order term, undetermined."""
     nominal = np.array(
         [float(e.kind == "m" and e.power == 0 and e.factors == (e.row,)) for e in entries]
@@ -328,13 +292,11 @@ def _require_determined(
         parts.append(
             determination.Part(f"accel_{AXES[i]}", tuple(entries[c].name for c in own), design)
         )
-    order = max(entry.power for entry in entries)
     determination.require_determined(
         parts,
         reference,
         temperature,
-        order=order,
-        temperature_step=step,
+        order=max(entry.power for entry in entries),
         lower="lower scale_order, cross_order and bias_order, or leave out higher-order terms",
     )
 
@@ -358,12 +320,13 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
     kept = np.delete(residuals, suspects, axis=0)
     weight = np.delete(problem.root, suspects, axis=0) ** 2
     dof = kept.size - len(entries)
-    to_raw = _to_raw(entries, problem.middle, problem.half)
-    as_float = np.asarray(to_raw, dtype=np.float64)
+    coefficients, covariance = polynomial.in_raw_powers(
+        values, matrix, _to_raw(entries, problem.middle, problem.half)
+    )
     return AffineFit(
         entries=entries,
-        coefficients=np.asarray(to_raw @ values.astype(np.longdouble), dtype=np.float64),
-        covariance=as_float @ matrix @ as_float.T,
+        coefficients=coefficients,
+        covariance=covariance,
         mapped_coefficients=values,
         mapped_covariance=matrix,
         middle=problem.middle,
@@ -373,7 +336,6 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
         dof=dof,
         residual_rms=float(np.sqrt(np.sum(kept**2) / np.sum(weight) * kept.size / max(dof, 1))),
         condition=condition,
-        iterations=found.iterations,
     )
 
 

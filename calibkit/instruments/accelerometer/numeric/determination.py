@@ -48,8 +48,7 @@ def require_determined(
     temperature: Array,
     *,
     order: int,
-    temperature_step: float = TEMPERATURE_STEP_DEGC,
-    lower: str = "lower the orders",
+    lower: str,
 ) -> None:
     """Refuse conditions that leave a coefficient undetermined: which, why, and which dwells to add.
 
@@ -63,8 +62,6 @@ def require_determined(
         [n] [°C].
     order
         Highest power of temperature that is asked for.
-    temperature_step
-        Temperatures closer than this [°C] count as one.
     lower
         What to ask less of, in the recipe's words.
 
@@ -75,17 +72,16 @@ def require_determined(
         importance.
 
     """
-    levels, level = distinct_temperatures(temperature, temperature_step)
+    levels, level = distinct_temperatures(temperature)
     middle, half = polynomial.middle_and_half(levels)
     half = half or 1.0
     mapped = (level - middle) / half
+    # a Gram matrix of many rows is good to 1e-8, far below the limit of 1e-3
     if len(temperature) >= gram.TALL and not any(
-        _loose_at_a_glance(part, reference, mapped) for part in parts
+        _undetermined(part, reference, mapped, gram.condensed) for part in parts
     ):
         return
-    loose = {
-        part.label: _undetermined(_triangle(part, reference, mapped), part.names) for part in parts
-    }
+    loose = {part.label: _undetermined(part, reference, mapped, fold.triangle) for part in parts}
     if not any(loose.values()):
         return
     offered = (_offered_levels(levels, order + 1) - middle) / half
@@ -107,7 +103,9 @@ def require_determined(
     )
 
 
-def distinct_temperatures(temperature: Array, step: float) -> tuple[Array, Array]:
+def distinct_temperatures(
+    temperature: Array, step: float = TEMPERATURE_STEP_DEGC
+) -> tuple[Array, Array]:
     """Levels [k] [°C] at least `step` apart, and the level [n] that each temperature [n] is counted
     to.
 
@@ -153,13 +151,19 @@ def affine_rank(reference: Array) -> int:
     return _rank(np.column_stack([np.ones(len(reference)), reference]))
 
 
-def _undetermined(design: Array, names: Sequence[str]) -> list[str]:
-    """Names of columns of a design, or its triangle, [n, p] that the earlier ones make
-    superfluous.
+def _undetermined(
+    part: Part,
+    reference: Array,
+    mapped: Array,
+    condense: Callable[[Callable[[slice], Array], int], Array],
+) -> list[str]:
+    """Names of the columns that the earlier ones make superfluous, in the design of a part that is
+    condensed to p rows.
     """
+    design = condense(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
     loose: list[str] = []
     kept = np.zeros((design.shape[0], 0))
-    for name, column in zip(names, design.T, strict=True):
+    for name, column in zip(part.names, design.T, strict=True):
         wider = np.column_stack([kept, column])
         if _rank(wider) < wider.shape[1]:
             loose.append(name)
@@ -209,18 +213,6 @@ def _in_words(dwells: Array) -> str:
         spots = [f"{tilt:g}°/{roll:g}°" for _, tilt, roll in dwells[dwells[:, 0] == level]]
         parts.append(f"{level:.4g} °C at inclination/toolface {', '.join(spots)}")
     return "; ".join(parts)
-
-
-def _loose_at_a_glance(part: Part, reference: Array, mapped: Array) -> bool:
-    """Whether a column of many rows is undetermined, from their Gram matrix: its 1e-8 is far from
-    the limit, 1e-3.
-    """
-    whole = gram.condensed(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
-    return bool(_undetermined(whole, part.names))
-
-
-def _triangle(part: Part, reference: Array, mapped: Array) -> Array:
-    return fold.triangle(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
 
 
 def _offered_levels(levels: Array, needed: int) -> Array:

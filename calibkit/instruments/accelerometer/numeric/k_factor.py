@@ -20,6 +20,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import determination
+from calibkit.instruments.accelerometer.numeric.mapped_fit import MappedFit
 from calibkit.numeric.least_squares import (
     fit as least_squares,
     fold,
@@ -64,45 +65,14 @@ class KTerms:
         return (*range(self.scale_order + 1), *range(4, 5 + self.zero_order), *cross)
 
 
-@dataclass(frozen=True, slots=True)
-class _KAxis:
-    """K-factor of one axis."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class _KAxis(MappedFit):
+    """K0 … K9 of one axis, zero where not fitted; its residuals [n] are reference minus
+    corrected.
+    """
 
-    axis: str
     fitted: tuple[int, ...]
     """Numbers of the coefficients that were fitted, ascending."""
-    coefficients: Array
-    """K0 … K9 [10] for temperatures in °C, zero where not fitted."""
-    covariance: Array
-    """[10, 10], type A, zero where not fitted."""
-    mapped_coefficients: Array
-    """[10], the same for u = (t − middle)/half: well conditioned, for prediction and for single
-    precision.
-    """
-    mapped_covariance: Array
-    """[10, 10]."""
-    middle: float
-    """[°C]."""
-    half: float
-    """[°C]; 1 when the temperature was constant."""
-    residuals: Array
-    """[n], reference minus corrected [unit of the reference]."""
-    suspects: tuple[int, ...]
-    """Dwells that no noise explains, by index, worst first; empty for a plain fit."""
-    dof: int
-    """Of the uncertainty: rows less coefficients, or groups less the four that attitudes have to
-    determine.
-    """
-    residual_rms: float
-    """Over the degrees of freedom, so that it estimates the noise without bias [unit of the
-    reference].
-    """
-    condition: float
-
-    @property
-    def standard_uncertainty(self) -> Array:
-        """Of K0 … K9 [10], type A."""
-        return np.sqrt(np.diag(self.covariance))
 
 
 def columns(
@@ -132,7 +102,6 @@ def fit(
     weights: Array | None = None,
     loss: Literal["least_squares", "robust"] = "least_squares",
     groups: Integers | None = None,
-    temperature_step: float = determination.TEMPERATURE_STEP_DEGC,
 ) -> tuple[_KAxis, _KAxis, _KAxis]:
     """Fit K0 … K9 of the three axes.
 
@@ -154,8 +123,6 @@ def fit(
         [n], labels of dwells that share an error (a table position, a stretch of a sweep):
         covariance by leaving out one group at a time. The ordinary covariance holds for independent
         dwells of equal noise.
-    temperature_step
-        Temperatures closer than this [°C] count as one when the rank is judged.
 
     Raises
     ------
@@ -170,15 +137,13 @@ def fit(
             f"{len(temperature)} dwells for {most} coefficients an axis",
             hint="add dwells until residuals can judge the fit, or lower the orders",
         )
-    _require_determined(reference, temperature, terms, temperature_step)
+    _require_determined(reference, temperature, terms)
     middle, half = polynomial.middle_and_half(temperature)
     half = half or 1.0
     mapped = (temperature - middle) / half
     x, y, z = (
-        _in_degrees(
-            _fit_axis(indication, mapped, reference, i, terms[i].fitted, weights, loss, groups),
-            i,
-            terms[i].fitted,
+        _fit_axis(
+            *(indication, mapped, reference, i, terms[i].fitted, weights, loss, groups),
             (middle, half),
         )
         for i in range(3)
@@ -186,12 +151,7 @@ def fit(
     return x, y, z
 
 
-def _require_determined(
-    reference: Array,
-    temperature: Array,
-    terms: Sequence[KTerms],
-    temperature_step: float = determination.TEMPERATURE_STEP_DEGC,
-) -> None:
+def _require_determined(reference: Array, temperature: Array, terms: Sequence[KTerms]) -> None:
     """Refuse conditions (references [n, 3], temperatures [n] [°C]) that leave a K undetermined, as
     `determination.require_determined`.
     """
@@ -209,7 +169,6 @@ def _require_determined(
         reference,
         temperature,
         order=max(max(part.scale_order, part.zero_order) for part in terms),
-        temperature_step=temperature_step,
         lower="lower scale_order and zero_order, or set cross to false",
     )
 
@@ -228,17 +187,6 @@ def indications(coefficients: Array, reference: Array, temperature: Array) -> Ar
     return np.asarray(np.linalg.solve(matrix, target)[:, :, 0], dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True)
-class _Fitted:
-    """One axis in mapped temperature."""
-
-    result: least_squares.LinearFit
-    covariance: Array
-    """[p, p], that of the groups where there are groups."""
-    suspects: tuple[int, ...]
-    dof: int
-
-
 def _fit_axis(
     indication: Array,
     mapped: Array,
@@ -248,8 +196,9 @@ def _fit_axis(
     weights: Array | None,
     loss: Literal["least_squares", "robust"],
     groups: Integers | None,
-) -> _Fitted:
-    """Fit the K of one axis in mapped temperature."""
+    held: tuple[float, float],
+) -> _KAxis:
+    """Fit the K of one axis in mapped temperature; `held` is the middle and half-width [°C]."""
     names = [f"{NAMES[k]} of accel_{AXES[axis]}" for k in numbers]
     weight = None if weights is None else (weights if weights.ndim == 1 else weights[:, axis])
     target = reference[:, axis]
@@ -260,7 +209,7 @@ def _fit_axis(
             weights=weight,
             names=names,
         )
-        return _Fitted(result, result.covariance, (), result.dof)
+        return _in_degrees(result, result.covariance, (), result.dof, numbers, held)
     suspects: tuple[int, ...] = ()
     row_weights = np.ones(len(mapped)) if weight is None else weight
     design = columns(indication, mapped, axis, numbers)
@@ -270,42 +219,45 @@ def _fit_axis(
         row_weights = row_weights * tough.row_weights
     else:
         result = least_squares.linear(design, target, weights=weight, names=names)
-    if groups is None:
-        return _Fitted(result, result.covariance, suspects, result.dof)
-    covariance = leave_out.jackknife_covariance(
-        design, result.residuals, groups, weights=row_weights
-    )
-    # a group is one attitude, or a part of one: four coefficients are what attitudes have to
-    # determine
-    dof = min(result.dof, max(len(np.unique(groups)) - 4, 1))
-    return _Fitted(result, covariance, suspects, dof)
+    covariance, dof = result.covariance, result.dof
+    if groups is not None:
+        covariance = leave_out.jackknife_covariance(
+            design, result.residuals, groups, weights=row_weights
+        )
+        # a group is one attitude, or a part of one: four coefficients are what attitudes have to
+        # determine
+        dof = min(dof, max(len(np.unique(groups)) - 4, 1))
+    return _in_degrees(result, covariance, suspects, dof, numbers, held)
 
 
 def _in_degrees(
-    fitted: _Fitted, axis: int, numbers: tuple[int, ...], held: tuple[float, float]
+    result: least_squares.LinearFit,
+    covariance: Array,
+    suspects: tuple[int, ...],
+    dof: int,
+    numbers: tuple[int, ...],
+    held: tuple[float, float],
 ) -> _KAxis:
     """A fit in mapped temperature in powers of °C; the conversion is in extended precision, K3 and
     K7 need it.
     """
-    result, (middle, half) = fitted.result, held
     mapped, mapped_covariance = np.zeros(10), np.zeros((10, 10))
     mapped[list(numbers)] = result.coefficients
-    mapped_covariance[np.ix_(numbers, numbers)] = fitted.covariance
+    mapped_covariance[np.ix_(numbers, numbers)] = covariance
     to_raw = np.eye(10, dtype=np.longdouble)
-    to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(middle, half, 3)
-    matrix = np.asarray(to_raw, dtype=np.float64)
+    to_raw[:4, :4] = to_raw[4:8, 4:8] = polynomial.to_raw_powers(*held, 3)
+    raw, raw_covariance = polynomial.in_raw_powers(mapped, mapped_covariance, to_raw)
     return _KAxis(
-        axis=AXES[axis],
         fitted=numbers,
-        coefficients=np.asarray(to_raw @ mapped.astype(np.longdouble), dtype=np.float64),
-        covariance=matrix @ mapped_covariance @ matrix.T,
+        coefficients=raw,
+        covariance=raw_covariance,
         mapped_coefficients=mapped,
         mapped_covariance=mapped_covariance,
-        middle=middle,
-        half=half,
+        middle=held[0],
+        half=held[1],
         residuals=result.residuals,
-        suspects=fitted.suspects,
-        dof=fitted.dof,
+        suspects=suspects,
+        dof=dof,
         residual_rms=result.residual_rms * float(np.sqrt(1.0 + len(numbers) / result.dof)),
         condition=result.condition,
     )

@@ -63,7 +63,6 @@ class MagnitudeFit:
     """Over the degrees of freedom, so that it estimates the noise without bias [unit of gravity].
     """
     condition: float
-    iterations: int
     flags: tuple[str, ...]
     """Why these numbers should not be trusted; empty when nothing speaks against them."""
 
@@ -133,9 +132,15 @@ def fit(
         residuals, near, len(indication), names=_TRIANGLE_NAMES, weakest=WEAKEST
     )
     if loss == "robust":
-        return _robust(found, indication, gravity, root)
+        triangle, tough = robust.nonlinear(
+            lambda at: length_residuals(at, indication, gravity, root),
+            found.parameters,
+            names=_TRIANGLE_NAMES,
+        )
+        solver = (tough.fit.condition, tough.suspects)
+        return _finished(triangle, tough.fit.covariance, indication, gravity, root, solver)
     inverse = found.normal_inverse * _variance(found.square, found.dof, absolute=noise is not None)
-    solver = (found.condition, found.iterations, ())
+    solver = (found.condition, ())
     return _finished(
         found.parameters, inverse, indication, gravity, root, solver, found.normal_inverse
     )
@@ -169,14 +174,14 @@ def fit_bounded(
     root = np.ones(len(indication)) if noise is None else 1.0 / noise
     begin = fit_sphere(indication, gravity)
     problem = _bounded(begin, indication, gravity, root)
-    parameters, square, evaluations = problem.minimize(begin)
+    parameters, square = problem.minimize(begin)
     triangle = _to_triangle(parameters)
     jacobian = length_residuals(triangle, indication, gravity, root)[1]
     inverse = np.linalg.inv(np.linalg.qr(jacobian, mode="r"))
     dof = len(indication) - len(NAMES)
     variance = _variance(square, dof, absolute=noise is not None)
     singular = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0), compute_uv=False)
-    solver = (float(singular[0] / singular[-1]), evaluations, ())
+    solver = (float(singular[0] / singular[-1]), ())
     fitted = _finished(triangle, inverse @ inverse.T * variance, indication, gravity, root, solver)
     # the F-test judges by the residuals alone: where the stated noise is larger, the intervals are
     # widened as u is
@@ -276,32 +281,19 @@ def _variance(square: float, dof: int, *, absolute: bool) -> float:
     return max(1.0, ratio) if absolute else ratio
 
 
-def _robust(
-    found: gauss_newton.NonlinearFit, indication: Array, gravity: float, root: Array
-) -> MagnitudeFit:
-    """Robust fit from the least-squares solution on."""
-    triangle, tough = robust.nonlinear(
-        lambda at: length_residuals(at, indication, gravity, root),
-        found.parameters,
-        names=_TRIANGLE_NAMES,
-    )
-    solver = (tough.fit.condition, found.iterations, tough.suspects)
-    return _finished(triangle, tough.fit.covariance, indication, gravity, root, solver)
-
-
 def _finished(
     triangle: Array,
     covariance: Array,
     indication: Array,
     gravity: float,
     root: Array,
-    solver: tuple[float, int, tuple[int, ...]],
+    solver: tuple[float, tuple[int, ...]],
     normal_inverse: Array | None = None,
 ) -> MagnitudeFit:
-    """Complete record from the triangle parameters and their covariance, and (JᵀJ)⁻¹ of all rows
-    where it is known.
+    """Complete record from the triangle parameters and their covariance, the condition number and
+    suspects of the solver, and (JᵀJ)⁻¹ of all rows where it is known.
     """
-    condition, iterations, suspects = solver
+    condition, suspects = solver
     steps = np.concatenate(
         [np.full(6, float(np.max(np.abs(triangle[:6])))), gravity / np.abs(triangle[[0, 2, 5]])]
     )
@@ -325,7 +317,6 @@ def _finished(
         dof,
         rms,
         condition,
-        iterations,
         flags,
     )
 

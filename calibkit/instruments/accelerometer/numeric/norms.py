@@ -1,7 +1,5 @@
 """Lengths of the corrected vectors of a triad and their derivatives, many at a time."""
 
-from ctypes import CDLL
-
 import numpy as np
 
 from calibkit.arrays import Array
@@ -45,7 +43,19 @@ def length_residuals(
     matrix, count = lower_matrix(triangle[:6]), len(indication)
     library = kernels_for(indication, root)
     if library is not None:
-        return _compiled(library, matrix, triangle[6:].copy(), indication, gravity, root)
+        # the same in two passes
+        bias = triangle[6:].copy()
+        shifted, direction, slopes, residual = (np.empty((k, count)) for k in (3, 3, 9, 1))
+        library.calibkit_components(
+            indication.ctypes.data, count, bias.ctypes.data, shifted.ctypes.data
+        )
+        vector = matrix @ shifted
+        library.calibkit_lengths(
+            *(vector.ctypes.data, shifted.ctypes.data, root.ctypes.data, count, gravity),
+            *(residual.ctypes.data, direction.ctypes.data, slopes.ctypes.data),
+        )
+        np.matmul(-matrix.T, direction, out=slopes[6:])
+        return residual[0], slopes.T
     shifted = np.subtract(
         indication.T, triangle[6:, None], order="C"
     )  # components as rows, along the memory
@@ -71,21 +81,3 @@ def sum_squares(rows: Array) -> Array:
     for row in rows[1:]:
         added += row * row
     return np.asarray(added, dtype=np.float64)
-
-
-def _compiled(
-    library: CDLL, matrix: Array, bias: Array, indication: Array, gravity: float, root: Array
-) -> tuple[Array, Array]:
-    """The same in two passes."""
-    count = len(indication)
-    shifted, direction, slopes, residual = (np.empty((k, count)) for k in (3, 3, 9, 1))
-    library.calibkit_components(
-        indication.ctypes.data, count, bias.ctypes.data, shifted.ctypes.data
-    )
-    vector = matrix @ shifted
-    library.calibkit_lengths(
-        *(vector.ctypes.data, shifted.ctypes.data, root.ctypes.data, count, gravity),
-        *(residual.ctypes.data, direction.ctypes.data, slopes.ctypes.data),
-    )
-    np.matmul(-matrix.T, direction, out=slopes[6:])
-    return residual[0], slopes.T

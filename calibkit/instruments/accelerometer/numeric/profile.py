@@ -30,9 +30,9 @@ class Bounded:
     slopes: Callable[[Array, Array], Array]
     """Derivatives [n, p] of the residuals at parameters [p] by steps of units [p]."""
 
-    def minimize(self, begin: Array) -> tuple[Array, float, int]:
-        """Parameters [p] from a start [p] on, the sum of squares, and how often residuals were
-        evaluated; raises FitError where there is no minimum.
+    def minimize(self, begin: Array) -> tuple[Array, float]:
+        """Parameters [p] from a start [p] on, and the sum of squares; raises FitError where there
+        is no minimum.
         """
         plain = np.zeros(begin.size), np.ones(begin.size)
         result = self._minimize(begin, self.low, self.high, *plain)[1]
@@ -42,7 +42,7 @@ class Bounded:
                 hint="check units, or add different attitudes",
             )
         values = np.array([result.params[name].value for name in self.names])
-        return values, float(np.sum(result.residual**2)), int(result.nfev)
+        return values, float(np.sum(result.residual**2))
 
     def profile_intervals(self, solution: Array, unit: Array) -> Array:
         """Ends [p, 2] of the 95 % profile intervals of a solution [p] with standard uncertainties
