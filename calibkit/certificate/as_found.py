@@ -8,10 +8,11 @@ from pathlib import Path
 from typing import Any
 
 from calibkit import coefficients
-from calibkit.certificate.run_files import RunFiles, stated_criteria, stated_inputs
+from calibkit.certificate.run_files import RunFiles, stated_inputs
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Criterion, Input
 from calibkit.errors import CoefficientError, UsageError
+from calibkit.report.run import stated_criteria
 
 FORMATS = ("calibkit-validation/1",)
 
@@ -76,9 +77,13 @@ def parse(content: bytes, name: str, run: RunFiles) -> AsFoundAsLeft:
     logs = document["logs"]
     rows = (*(row for entry in logs for row in _rows(entry)), *_pair(document))
     points = tuple(row for entry in logs for row in _stations(entry))
-    criteria = stated_criteria(document["acceptance"])
     return AsFoundAsLeft(
-        rows, points, stated_inputs(logs), criteria, tuple(document["flags"]), text
+        rows,
+        points,
+        stated_inputs(logs),
+        stated_criteria(document),
+        tuple(document["flags"]),
+        text,
     )
 
 

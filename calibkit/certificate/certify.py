@@ -110,25 +110,24 @@ def summarise(issued: Issued) -> dict[str, Any]:
     statement of conformity.
     """
     certificate = issued.certificate
-    results = [
-        {
-            "key": r.key,
-            "value": r.value,
-            "unit": r.unit,
-            "expanded_uncertainty": (
-                None if r.uncertainty is None else r.uncertainty.expanded_uncertainty
-            ),
-            "coverage_factor": None if r.uncertainty is None else r.uncertainty.coverage_factor,
-        }
-        for r in certificate.results
-    ]
     return {
         "out": [str(path) for path in issued.files],
         "number": certificate.profile.certificate.number,
         "draft": certificate.draft,
         "accepted": certificate.run.accepted,
         "missing": [{"key": item.key, "what": item.what.en} for item in issued.missing],
-        "results": results,
+        "results": [
+            {
+                "key": r.key,
+                "value": r.value,
+                "unit": r.unit,
+                "expanded_uncertainty": (
+                    None if r.uncertainty is None else r.uncertainty.expanded_uncertainty
+                ),
+                "coverage_factor": None if r.uncertainty is None else r.uncertainty.coverage_factor,
+            }
+            for r in certificate.results
+        ],
         "statements": [
             {"key": s.result.key, "rule": s.rule, "verdict": s.verdict}
             for s in certificate.statements

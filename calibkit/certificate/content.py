@@ -155,10 +155,9 @@ def _attachments(
     """The files that the certificate is made from: coefficient files, run.json, the validation, the
     profile.
     """
-    stated = {entry["name"] for entry in run.document["files"]}
     files = [
         Attachment(name, run.contents[name], JSON, "data", f"coefficient file {name}")
-        for name in sorted(stated & run.records.keys())
+        for name in sorted({entry["name"] for entry in run.document["files"]} & run.records.keys())
     ]
     sources = "recipe, logs and software of the run"
     files.append(Attachment(RUN_FILE, run.contents[RUN_FILE], JSON, "source", sources))

@@ -84,8 +84,7 @@ def _administrative(parent: _Element, certificate: Certificate, lang: Lang) -> N
     add(software, "dcc:type", "application")
     _core(add(parent, "dcc:coreData"), certificate, lang)
     _item(add(parent, "dcc:items"), certificate, lang)
-    laboratory = add(parent, "dcc:calibrationLaboratory")
-    _party(laboratory, "dcc:contact", profile.laboratory, lang)
+    _party(add(parent, "dcc:calibrationLaboratory"), "dcc:contact", profile.laboratory, lang)
     responsible = add(add(parent, "dcc:respPersons"), "dcc:respPerson")
     xml.optional(xml.named(responsible, "dcc:person", person.name, lang), "dcc:eMail", person.email)
     xml.optional(responsible, "dcc:role", person.role)
@@ -171,8 +170,7 @@ def _statements(parent: _Element, certificate: Certificate, lang: Lang) -> None:
     ]
     for name, texts in statements:
         if xml.given(texts):
-            made = xml.named(parent, "dcc:statement", name, lang)
-            xml.rich(made, "dcc:declaration", texts, lang)
+            xml.rich(xml.named(parent, "dcc:statement", name, lang), "dcc:declaration", texts, lang)
     for statement in certificate.statements:
         _conformity(parent, statement, lang)
 

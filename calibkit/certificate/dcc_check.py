@@ -132,10 +132,9 @@ def _lists(values: _Element) -> Iterator[str]:
             single = inside is not None and str(inside.tag).endswith("}covarianceXMLList")
             if len((part.text or "").split()) != (1 if single else n):
                 yield f"{name} of {n} values is not as long"
-    columns = values.findall(".//si:columnXMLList", xml.NAMES)
     matrix = [
         [float(entry.findtext("si:valueXMLList", "nan", xml.NAMES)) for entry in column]
-        for column in columns
+        for column in values.findall(".//si:columnXMLList", xml.NAMES)
     ]
     if matrix and ([len(column) for column in matrix] != [n] * n or len(matrix) != n):
         yield f"covariance of {n} values is not {n} × {n}"

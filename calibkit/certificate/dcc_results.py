@@ -67,9 +67,8 @@ def _uniform(column: Sequence[Result]) -> bool:
     """Whether results have one unit, an expanded uncertainty each, and are values of one quantity
     at conditions.
     """
-    kinds = {(r.quantity, r.unit, tuple(name for name, _, _ in r.at)) for r in column}
     return (
-        len(kinds) == 1
+        len({(r.quantity, r.unit, tuple(name for name, _, _ in r.at)) for r in column}) == 1
         and bool(column[0].at)
         and all(r.uncertainty is not None and r.interval is None for r in column)
     )

@@ -6,13 +6,14 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Criterion, Input
+from calibkit.coefficients import Input
 from calibkit.new_files import RUN_FILE
+from calibkit.report.run import stated_criteria
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Mapping
 
-    from calibkit.coefficients import Condition, Record
+    from calibkit.coefficients import Condition, Criterion, Record
     from calibkit.store import Run
 
 
@@ -58,12 +59,11 @@ class RunFacts:
         """The run with the digest of its content, which is not that of its file, and where it is
         found.
         """
-        label = Words(
+        return Words(
             f"Run {self.name}, digest of its content (field sha256 of run.json; the SHA-256 of the"
             " file is another): ",
             f"处理记录 {self.name}，内容摘要（run.json 的 sha256 字段，并非文件的 SHA-256）：",
-        )
-        return label + Words(self.sha256)
+        ) + Words(self.sha256)
 
 
 def read_run(run: Run) -> RunFiles:
@@ -76,7 +76,6 @@ def run_facts(run: RunFiles) -> RunFacts:
     """What run.json and the coefficient files state of a run."""
     document = run.document
     conditions = {c.name: c for record in run.records.values() for c in record.conditions}
-    excluded = tuple((_range(e), e["reason"], e["person"]) for e in document["excluded"])
     return RunFacts(
         name=run.name,
         serial=document["serial"],
@@ -87,8 +86,8 @@ def run_facts(run: RunFiles) -> RunFacts:
         recipe=document["recipe"]["name"],
         recipe_sha256=document["recipe"]["sha256"],
         inputs=stated_inputs(document["inputs"]),
-        excluded=excluded,
-        criteria=stated_criteria(document["acceptance"]),
+        excluded=tuple((_range(e), e["reason"], e["person"]) for e in document["excluded"]),
+        criteria=stated_criteria(document),
         flags=tuple(document["flags"]),
         conditions=tuple(conditions.values()),
         accepted=document["accepted"],
@@ -108,9 +107,3 @@ def _range(entry: Mapping[str, Any]) -> str:
 def stated_inputs(entries: Iterable[Mapping[str, Any]]) -> tuple[Input, ...]:
     """Logs that a file lists."""
     return tuple(Input(entry["name"], entry["sha256"], entry["rows"]) for entry in entries)
-
-
-def stated_criteria(entries: Iterable[Mapping[str, Any]]) -> tuple[Criterion, ...]:
-    """Acceptance limits that a file lists, and how the results stand against them."""
-    names = ("name", "value", "limit", "unit", "passed")
-    return tuple(Criterion(*(entry[name] for name in names)) for entry in entries)

@@ -178,11 +178,10 @@ def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]
             if isinstance(table, ListTable)
             else tables.lay_out_grid(table, lang)
         )
-    digest = next((a.sha256 for a in certificate.attachments if a.name == block.file), "")
     return {
         "title": block.title.of(lang),
         "file": block.file,
-        "sha256": digest,
+        "sha256": next((a.sha256 for a in certificate.attachments if a.name == block.file), ""),
         "equations": [{"form": e.form, "where": e.where.of(lang)} for e in block.equations],
         "tables": [table for table in shown if table["rows"]],
         "figures": [
@@ -297,7 +296,6 @@ def _statement(s: Statement, lang: Lang) -> list[str]:
     accepted = [
         tables.acceptance(*pair, s.result) for pair in zip(s.acceptance, limits, strict=True)
     ]
-    reason = f": {s.reason.of(lang)}" if s.reason.en else ""
     return [
         tables.breakable(s.result.key),
         " ".join(filter(None, (s.name, s.source))),
@@ -305,7 +303,7 @@ def _statement(s: Statement, lang: Lang) -> list[str]:
         f"{tables.limits(*stated)} {unit_mark(s.result.unit)}".strip(),
         tables.limits(*accepted),
         s.rule.replace("_", "-"),
-        conformity.VERDICTS[s.verdict].of(lang) + reason,
+        conformity.VERDICTS[s.verdict].of(lang) + (f": {s.reason.of(lang)}" if s.reason.en else ""),
     ]
 
 

@@ -231,8 +231,7 @@ def _weighted(model: Model, weights: Mapping[str, float]) -> tuple[float, float]
     """
     w = np.array([weights.get(c.name, 0.0) for c in model.coefficients])
     values = np.array([c.value for c in model.coefficients])
-    variance = float(w @ np.array(model.covariance) @ w)
-    return float(w @ values), math.sqrt(max(variance, 0.0))
+    return float(w @ values), math.sqrt(max(float(w @ np.array(model.covariance) @ w), 0.0))
 
 
 def powers(

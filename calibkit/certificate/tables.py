@@ -97,8 +97,7 @@ def beside(value: float, limit: float) -> str:
     if not (math.isfinite(value) and math.isfinite(limit)):
         return plain(value)
     found, stated = Decimal(repr(value)), Decimal(repr(limit))
-    place = int(stated.normalize().as_tuple().exponent)
-    first = max(FEWEST, found.adjusted() - place + 1)
+    first = max(FEWEST, found.adjusted() - int(stated.normalize().as_tuple().exponent) + 1)
     for digits in range(first, MOST_DIGITS):
         shown = Decimal(f"{value:.{digits}g}")
         if (shown > stated) == (found > stated) and (shown < stated) == (found < stated):
@@ -244,8 +243,7 @@ def _factor_words(results: Sequence[Result]) -> Words | None:
         return None
     factors = sorted({f"{one.coverage_factor:.2f}" for one in found})
     k = factors[0].removesuffix(".00") if len(factors) == 1 else f"{factors[0]} … {factors[-1]}"
-    dof = [one.effective_dof for one in found if one.effective_dof < gum.FEW_DOF]
-    few = _few(dof)
+    few = _few([one.effective_dof for one in found if one.effective_dof < gum.FEW_DOF])
     words = Words(
         f"U = k·u with k = {k}{few.en}, coverage probability about 95 %.",
         f"U = k·u，k = {k}{few.zh}，包含概率约 95 %。",

@@ -89,10 +89,9 @@ def _apply(
     result_unit = unit if stated.quantity in names else None
     term = _in_base(stated, result_unit)
     called = next((name for name in names if name in (term.quantity, term.result)), names[0])
-    applied = type_b.terms_of((term,), called, estimate, sensitivities).components
     return [
         (part, Words(part.name), term.quantity, _unit(term, result_unit))
-        for part in applied
+        for part in type_b.terms_of((term,), called, estimate, sensitivities).components
         if part.sensitivity
     ]
 

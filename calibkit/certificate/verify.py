@@ -253,20 +253,18 @@ def _facts(root: _Element) -> tuple[Lang, dt.date, str]:
     core = "dcc:administrativeData/dcc:coreData"
     codes = {one.text for one in root.iterfind(f"{core}/dcc:usedLangCodeISO639_1", NAMES)}
     lang: Lang = "both" if codes == {"en", "zh"} else "zh" if codes == {"zh"} else "en"
-    issued = dt.date.fromisoformat(root.findtext(f"{core}/dcc:issueDate", "", NAMES))
     return (
         lang,
-        issued,
+        dt.date.fromisoformat(root.findtext(f"{core}/dcc:issueDate", "", NAMES)),
         root.findtext("dcc:administrativeData/dcc:dccSoftware/dcc:software/dcc:release", "", NAMES),
     )
 
 
 def _unshown(root: _Element) -> set[str]:
     """Characters that the DCC of a DRAFT says no font had: the fonts are not attached."""
-    statements = root.iterfind("dcc:administrativeData/dcc:statements/dcc:statement", NAMES)
     drafts = (
         s
-        for s in statements
+        for s in root.iterfind("dcc:administrativeData/dcc:statements/dcc:statement", NAMES)
         if s.findtext("dcc:name/dcc:content", "", NAMES).startswith(("DRAFT", "草稿"))
     )
     texts = (

@@ -61,12 +61,10 @@ def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
         updates = tables.pop("test_updates", (1,) * len(status))
     except KeyError as error:
         raise CoefficientError(f"{name}: no table {error}", hint="export it again") from None
-    names_in = [entry.name for entry in bare.structure.inputs]
-    names_out = [output.name for output in bare.structure.outputs]
     stated = vectors.Vectors(
-        _columns(names_in, inputs),
+        _columns([entry.name for entry in bare.structure.inputs], inputs),
         tuple(map(int, updates)),
-        _columns(names_out, outputs),
+        _columns([output.name for output in bare.structure.outputs], outputs),
         tuple(map(int, status)),
     )
     return layout.program(lines, tables, name), stated

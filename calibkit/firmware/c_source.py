@@ -62,7 +62,7 @@ def seal_source(parts: Sequence[str], export: Export) -> str:
     text = "\n".join(part for part in parts if part)
     program = export.program
     wide = 64 if program.word == 32 else 32
-    words = {
+    for mark, word in {
         "@real": program.format.c_type,
         "@zero": "0" if program.format.fixed else program.format.text(0.0),
         "@max": "FLT_MAX" if program.format.bits == 24 else "DBL_MAX",
@@ -71,8 +71,7 @@ def seal_source(parts: Sequence[str], export: Export) -> str:
         "@top": str(wide - 1),
         "@word": f"int{program.word}_t",
         "@reciprocal": "30" if program.word == 32 else "14",
-    }
-    for mark, word in words.items():
+    }.items():
         text = text.replace(mark, word)
     return c_text.seal(c_text.fill_prefix(text, export.prefix))
 

@@ -145,16 +145,15 @@ class Draft:
     ) -> Chain:
         """The finished chain."""
         used = _used(self.steps, [output.source for output in self.outputs])
-        structure = Structure(
-            tuple(dict.fromkeys(forms)),
-            formula,
-            tuple(entry for entry in self.inputs if entry.name in used),
-            tuple(step for step in self.steps if step.name in used),
-            tuple(self.outputs),
-            interval_s,
-        )
         return Chain(
-            structure,
+            Structure(
+                tuple(dict.fromkeys(forms)),
+                formula,
+                tuple(entry for entry in self.inputs if entry.name in used),
+                tuple(step for step in self.steps if step.name in used),
+                tuple(self.outputs),
+                interval_s,
+            ),
             self.tables,
             self.limits,
             self.usual,

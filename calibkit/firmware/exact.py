@@ -92,8 +92,7 @@ def span(low: float, high: float) -> tuple[Fraction, Fraction]:
     width = Fraction(high) - Fraction(low)
     quantum = Fraction(2) ** (power_of_two(width) - 10) if width > 0 else Fraction(1)
     middle = round((Fraction(low) + Fraction(high)) / 2 / quantum) * quantum
-    reach = max(Fraction(high) - middle, middle - Fraction(low))
-    half = -(-reach // quantum) * quantum
+    half = -(-max(Fraction(high) - middle, middle - Fraction(low)) // quantum) * quantum
     return middle, half if half > 0 else Fraction(1)
 
 

@@ -34,8 +34,7 @@ class Format:
         quantum = Fraction(2) ** (e - self.bits)
         if abs(x) / quantum >= 2**self.bits:
             quantum *= 2
-        least = Fraction(2) ** (-149 if self.bits == 24 else -1074)
-        quantum = max(quantum, least)
+        quantum = max(quantum, Fraction(2) ** (-149 if self.bits == 24 else -1074))
         return float(round(x / quantum) * quantum)
 
     def text(self, x: float) -> str:

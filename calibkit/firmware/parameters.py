@@ -203,15 +203,14 @@ def render(export: Export, pilot: _Pilot) -> bytes:
                 hint="export it with --target c",
             )
         stated[name] = f"{error:.1e}"
-    channels = {
-        c.name: {"u": [str(x) for x in c.over_u], "largest_error": stated[c.name]}
-        for c in thermal.channels
-    }
     proof = {
         "pilot": pilot.name,
         "middle": str(thermal.middle),
         "half": str(thermal.half),
-        "channels": channels,
+        "channels": {
+            c.name: {"u": [str(x) for x in c.over_u], "largest_error": stated[c.name]}
+            for c in thermal.channels
+        },
     }
     head = [
         *c_text.facts(export, bounds=False),

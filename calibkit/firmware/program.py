@@ -65,8 +65,7 @@ def quantise(chain: Chain, number: Format) -> Program:
             name: tuple(map(number.nearest, numbers)) for name, numbers in chain.tables.items()
         }
         return Program(chain.structure, number, tables, {})
-    empty = Program(chain.structure, number, {}, {})
-    scales = _scales(chain, empty.word, number.bits)
+    scales = _scales(chain, Program(chain.structure, number, {}, {}).word, number.bits)
     return Program(chain.structure, number, _fixed_tables(chain, scales), scales)
 
 

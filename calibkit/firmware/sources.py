@@ -48,7 +48,6 @@ def lines(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> tuple[str, 
     from a column of the logs.
     """
     taken = [entry.name for entry in chain.structure.inputs]
-    corrected = [entry.column for entry in chain.corrections if entry.column not in taken]
     return (
         *(
             f"input         {name} [{units.column_unit(name)}] = {_made(spec, name)}"
@@ -56,7 +55,7 @@ def lines(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> tuple[str, 
         ),
         *(
             f"indication    {name} [{units.column_unit(name)}] = {_made(spec, name)}"
-            for name in corrected
+            for name in [entry.column for entry in chain.corrections if entry.column not in taken]
         ),
         *(f"convention    {convention}" for convention in conventions),
         (

@@ -53,8 +53,7 @@ def _recomputed(
     """Outputs and statuses of the twin for rows of inputs, in turn where the chain has memory."""
     columns = {name: np.array(words, dtype=twin.dtype(program)) for name, words in inputs.items()}
     if program.structure.has_memory:  # a sum begins anew: its error bound grows with the updates
-        anew = program.structure.summing
-        found = list(twin.run_in_turn(program, columns, updates, anew=anew))
+        found = list(twin.run_in_turn(program, columns, updates, anew=program.structure.summing))
     else:
         found = [twin.call(program, columns)]
     outputs = {

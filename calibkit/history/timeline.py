@@ -180,8 +180,7 @@ def _break(number: int, record: Record, expected: str) -> str:
 def _holds(runs: Sequence[Run]) -> dict[int, _Holds]:
     """Revision → dates between which it is in force."""
     winners = store.in_force([run.document for run in runs])
-    dates = sorted(winners)
-    until = dict(itertools.pairwise([*dates, ""]))
+    until = dict(itertools.pairwise([*sorted(winners), ""]))
     held = {revision: _Holds(date, until[date]) for date, revision in winners.items()}
     return {
         run.document["revision"]: held.get(run.document["revision"], _Holds("", "")) for run in runs
@@ -279,13 +278,12 @@ def _one(quantity: Quantity, points: tuple[Point, ...], independent: set[int]) -
         [dt.date.fromisoformat(point.effective_from).toordinal() / YEAR_DAYS for point in taken]
     )
     values = np.array([point.value for point in taken])
-    u = np.array([point.standard_uncertainty for point in taken])
     return Series(
         quantity,
         points,
         _change(quantity, points[0], points[-1]),
         max(map(abs, steps)),
-        change.trend(years, values, u),
+        change.trend(years, values, np.array([point.standard_uncertainty for point in taken])),
     )
 
 

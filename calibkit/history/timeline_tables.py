@@ -101,19 +101,18 @@ def _series_row(series: Series) -> tuple[Cell, ...]:
 
 def timeline_document(found: Timeline) -> dict[str, Any]:
     """A timeline as a JSON object."""
-    revisions = [
-        {
-            **identify_run(run),
-            "in_force_from": found.holds[run.document["revision"]].since,
-            "in_force_before": found.holds[run.document["revision"]].until,
-            "logs": len(run.document["inputs"]),
-            "recipe_sha256": run.document["recipe"]["sha256"],
-        }
-        for run in found.runs
-    ]
     return {
         "serial": found.serial,
-        "revisions": revisions,
+        "revisions": [
+            {
+                **identify_run(run),
+                "in_force_from": found.holds[run.document["revision"]].since,
+                "in_force_before": found.holds[run.document["revision"]].until,
+                "logs": len(run.document["inputs"]),
+                "recipe_sha256": run.document["recipe"]["sha256"],
+            }
+            for run in found.runs
+        ],
         "refused": [asdict(entry) for entry in found.refused],
         "chain": {"whole": found.sound, "faults": list(found.breaks)},
         "series": [_series_document(series) for series in found.series],

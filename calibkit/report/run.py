@@ -70,12 +70,18 @@ def summarize_run(name: str, document: Mapping[str, Any], records: Mapping[str, 
         for record in records.values()
         if record.figures and record.stage != "denoise"
     ]
-    criteria = tuple(Criterion(**entry) for entry in document["acceptance"])
     title = (
         f"{name}: {document['procedure']}, effective from {document['effective_from']},"
         f" {document['software']}"
     )
-    return Summary(title, tuple(tables), tuple(document["flags"]), criteria)
+    return Summary(title, tuple(tables), tuple(document["flags"]), stated_criteria(document))
+
+
+def stated_criteria(document: Mapping[str, Any]) -> tuple[Criterion, ...]:
+    """Acceptance limits that run.json or a validation states, and how the results stand against
+    them.
+    """
+    return tuple(Criterion(**entry) for entry in document["acceptance"])
 
 
 def _model_title(stage: str, model: Model) -> str:
