@@ -15,7 +15,7 @@ from calibkit.instruments.fog_thermal.compensate import LogFigures
 from calibkit.instruments.fog_thermal.recipe import _Acceptance
 from calibkit.instruments.gyro_noise import tables as noise_tables
 from calibkit.instruments.gyro_noise.recipe import NoiseAcceptance
-from calibkit.instruments.gyro_scale import axes_tables, tables
+from calibkit.instruments.gyro_scale import acceptance
 from calibkit.instruments.gyro_scale.recipe import (
     PairAcceptance,
     RateTableAcceptance,
@@ -153,8 +153,10 @@ def runs(name):
     """Criteria of rate-table runs, of which the worse of two shows this figure."""
 
     def made(value, **limits):
-        figures = [Figure(f"{name}.{gyro}", v, "", 0.0) for gyro, v in (("x", 0.1), ("y", value))]
-        return tables.runs_criteria(SimpleNamespace(figures=figures), RateTableAcceptance(**limits))
+        figures = [
+            Figure(f"{name}.GJB 2426A.{gyro}", v, "", 0.0) for gyro, v in (("x", 0.1), ("y", value))
+        ]
+        return acceptance.judge_runs(figures, RateTableAcceptance(**limits))
 
     return made
 
@@ -164,9 +166,7 @@ def pair(value, **limits):
     found = SimpleNamespace(
         standard_uncertainty=np.array([9.0, 9.0, value]), orthogonality_error_deg=-value
     )
-    return tables.pair_criteria(
-        SimpleNamespace(found=found), SimpleNamespace(figures=()), PairAcceptance(**limits)
-    )
+    return acceptance.judge_pair(SimpleNamespace(found=found), (), PairAcceptance(**limits))
 
 
 def runs_unseen(value, **limits):
@@ -174,7 +174,7 @@ def runs_unseen(value, **limits):
     stands = [
         {"scale_factor_error_ppm": -v, "nonlinearity_full_scale_ppm": v} for v in (0.1, value)
     ]
-    return tables.validation_criteria(stands, RateTableAcceptance(**limits))
+    return acceptance.judge_unseen_lines(stands, RateTableAcceptance(**limits))
 
 
 def axes(value, **limits):
@@ -182,8 +182,8 @@ def axes(value, **limits):
     triad = SimpleNamespace(
         angles_deg=np.full((2, 2), 90.0 - value), angle_uncertainty_deg=np.full((2, 2), value)
     )
-    fitted = SimpleNamespace(gyros=("x", "y"), sets=(SimpleNamespace(triad=triad),))
-    return axes_tables.criteria(fitted, (), TriadAcceptance(**limits))
+    fitted = SimpleNamespace(pairs=[(0, 1)], sets=(SimpleNamespace(triad=triad),))
+    return acceptance.judge_triad(fitted, (), TriadAcceptance(**limits))
 
 
 def axes_unseen(value, **limits):
@@ -192,7 +192,7 @@ def axes_unseen(value, **limits):
         "rate_error_max_ppm_of_full_scale": value,
         "cross_axis_max_ppm_of_full_scale": value,
     }
-    return axes_tables.validation_criteria([{"after": after}], TriadAcceptance(**limits))
+    return acceptance.judge_unseen_base([{"after": after}], TriadAcceptance(**limits))
 
 
 def limited(key, make):
@@ -200,7 +200,7 @@ def limited(key, make):
     return lambda value: make(value, **{key: LIMIT})
 
 
-SHAPE, SENSITIVITY = "nonlinearity_full_scale", "temperature_sensitivity.GJB"
+SHAPE, SENSITIVITY = "nonlinearity_full_scale", "temperature_sensitivity"
 AT_MOST = {
     "largest drift rms after": ("deg/h", limited("max_drift_rms_dph", fog_drift)),
     "rate gain off 1 by": ("1", limited("rate_gain_tolerance", fog_gain)),
@@ -242,7 +242,7 @@ AT_MOST = {
         limited("max_bias_stability_dph", noise),
     ),
     "nonlinearity over full scale": ("ppm", limited("max_nonlinearity_ppm", runs(SHAPE))),
-    "asymmetry": ("ppm", limited("max_asymmetry_ppm", runs("asymmetry.GJB"))),
+    "asymmetry": ("ppm", limited("max_asymmetry_ppm", runs("asymmetry"))),
     "repeatability": ("ppm", limited("max_repeatability_ppm", runs("repeatability"))),
     "temperature sensitivity": (
         "ppm/degC",

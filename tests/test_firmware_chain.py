@@ -9,7 +9,7 @@ from calibkit.firmware import bounds, exact, formats, program, ranges, twin
 from calibkit.instruments.accelerometer import coefficient_files, firmware
 from calibkit.instruments.fog_thermal import compensate, forms
 from calibkit.instruments.fog_thermal.numeric import evaluate, gradient as drift
-from calibkit.instruments.gyro_scale import axes_compensate, compensate as gyro_compensate
+from calibkit.instruments.gyro_scale import matrix as gyro_matrix
 from calibkit.instruments.inclinometer import coefficient_files as inclinometer_results
 from firmware_runs import MEMORYLESS, RUNS, cached
 
@@ -68,7 +68,7 @@ def model_of(name, this):
             for axis, model in models.items()
         }
     if name == "triad":
-        known = axes_compensate.base(records, spec)
+        (known,) = gyro_matrix.read_matrices(spec, records)
 
         def about_base(columns):
             indications = np.column_stack([columns[f"gyro_{gyro}_lsb"] for gyro in known.gyros])
@@ -78,15 +78,14 @@ def model_of(name, this):
             return {f"rate_{axis}_dps": rates[:, a] for a, axis in enumerate("xyz")}
 
         return about_base
-    gyros = {"pair": (("a", "a_about_a"), ("b", "b_about_b")), "rate": (("x", "gyro_x"),)}[name]
-    frozen = {gyro: gyro_compensate.frozen(records, gyro, model) for gyro, model in gyros}
+    frozen = {matrix.gyros[0]: matrix for matrix in gyro_matrix.read_matrices(spec, records)}
 
     def rates(columns):
         cold = np.zeros_like(next(iter(columns.values())))
         return {
-            f"gyro_{gyro}_dps": one.rate(
-                columns[f"gyro_{gyro}_lsb"], columns.get("temp_case_degc", cold)
-            )
+            f"gyro_{gyro}_dps": one.rates(
+                columns[f"gyro_{gyro}_lsb"][:, None], columns.get("temp_case_degc", cold)
+            )[:, 0]
             for gyro, one in frozen.items()
         }
 

@@ -121,16 +121,18 @@ class Instrument(Generic[Spec, Drawing]):
 
 
 SHIPPED = {
-    "gyro_pair": "gyro_scale.pair",
-    "gyro_triad": "gyro_scale.triad",
-    "rate_table": "gyro_scale.rate_table",
-    "inclinometer": "inclinometer.instrument",
-    "accelerometer": "accelerometer.instrument",
-    "gyro_noise": "gyro_noise.instrument",
-    "fog_thermal": "fog_thermal.instrument",
-    "bias_temperature": "bias_temperature.instrument",
+    "gyro_pair": "gyro_scale.instrument:PAIR",
+    "gyro_triad": "gyro_scale.instrument:TRIAD",
+    "rate_table": "gyro_scale.instrument:RATE_TABLE",
+    "inclinometer": "inclinometer.instrument:INSTRUMENT",
+    "accelerometer": "accelerometer.instrument:INSTRUMENT",
+    "gyro_noise": "gyro_noise.instrument:INSTRUMENT",
+    "fog_thermal": "fog_thermal.instrument:INSTRUMENT",
+    "bias_temperature": "bias_temperature.instrument:INSTRUMENT",
 }
-"""Procedure → module below this package; a recipe for unknown logs is sought in this order."""
+"""Procedure → module below this package and its record there; a recipe for unknown logs is sought
+in this order.
+"""
 
 
 class Registry(Mapping[str, "Instrument[Any, Any]"]):
@@ -145,8 +147,8 @@ class Registry(Mapping[str, "Instrument[Any, Any]"]):
         if not self._points:
             group = plugins.INSTRUMENTS
             self._points = dict(plugins.installed(group)) | {
-                name: EntryPoint(name, f"{__name__}.{module}:INSTRUMENT", group)
-                for name, module in SHIPPED.items()
+                name: EntryPoint(name, f"{__name__}.{record}", group)
+                for name, record in SHIPPED.items()
             }
         return self._points
 

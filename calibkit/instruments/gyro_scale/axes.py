@@ -2,32 +2,24 @@
 them, over temperature.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, replace
-from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from itertools import combinations
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.constants import DPH_PER_DPS
-from calibkit.errors import FitError, RecipeError
+from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale.forms import AXES, line_name
 from calibkit.instruments.gyro_scale.numeric import scale_factor, triad as gyro_triad
-from calibkit.instruments.gyro_scale.pair_files import UNCERTAIN
-from calibkit.instruments.gyro_scale.runs import vertical_rate_dps
+from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
+from calibkit.instruments.gyro_scale.numeric.triad import Triad, TriadOverTemperature
+from calibkit.instruments.gyro_scale.over_runs import UNLOGGED
+from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+from calibkit.instruments.gyro_scale.runs import UNCERTAIN, TableRun, vertical_rate_dps
+from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
-    from calibkit.instruments.gyro_scale.numeric.triad import Triad, TriadOverTemperature
-    from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
-    from calibkit.instruments.gyro_scale.runs import TableRun
-    from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
-
-
-AXES = ("x", "y", "z")
 ONE_SET_DEGC = 5.0
 """Runs no further apart in temperature than this belong together."""
 
@@ -45,9 +37,9 @@ class AxesSet:
     bias_uncertainty: Array
 
     @property
-    def label(self) -> str:
-        """Temperature to whole degrees, for names."""
-        return f"{self.temp_degc:.0f}"
+    def prefix(self) -> str:
+        """Where a flag comes from."""
+        return f"{self.temp_degc:.0f} °C: " if np.isfinite(self.temp_degc) else ""
 
 
 @dataclass(frozen=True, slots=True)
@@ -65,6 +57,11 @@ class AxesFit:
     bias_over: tuple[TemperaturePolynomial, ...]
     flags: tuple[str, ...]
 
+    @property
+    def pairs(self) -> list[tuple[int, int]]:
+        """Numbers of every two gyros."""
+        return list(combinations(range(len(self.gyros)), 2))
+
     def main_axis(self, gyro: str) -> str:
         """Table axis that a gyro senses most."""
         row = self.sets[self.reference].triad.sensitivity[self.gyros.index(gyro)]
@@ -72,35 +69,16 @@ class AxesFit:
 
     def name(self, gyro: str, axis: str, run: TableRun) -> str:
         """Name of the model of one gyro in one run."""
-        return (
-            f"{gyro}_about_{axis}"
-            if len(self.runs[axis]) == 1
-            else f"{gyro}_about_{axis}.{run.log.name}"
-        )
+        name = line_name(gyro, axis)
+        return name if len(self.runs[axis]) == 1 else f"{name}.{run.log.name}"
 
-    def suffix(self, one: AxesSet) -> str:
-        """What tells a set's names from those of the reference."""
-        return "" if one is self.sets[self.reference] else f"at_{one.label}"
+    def named(self, name: str, one: AxesSet) -> str:
+        """Name of a model or figure, with the temperature of a set that is not the reference."""
+        is_reference = one is self.sets[self.reference]
+        return name if is_reference else f"{name}.at_{one.temp_degc:.0f}"
 
 
-def axis_of(spec: GyroTriadRecipe, files: Sequence[str]) -> dict[str, str]:
-    """Log → table axis, or RecipeError for a log of none or of two."""
-    patterns = {axis: getattr(spec.axes, axis) for axis in AXES}
-    found = {}
-    for file in files:
-        named = [
-            axis for axis in AXES if any(fnmatchcase(file, pattern) for pattern in patterns[axis])
-        ]
-        if len(named) != 1:
-            what = "of no table axis" if not named else f"of the table axes {' and '.join(named)}"
-            raise RecipeError(
-                f"{file}: a log {what}", hint="name the logs of each table axis under [axes]"
-            )
-        found[file] = named[0]
-    return found
-
-
-def fit(spec: GyroTriadRecipe, runs: Mapping[str, tuple[TableRun, ...]]) -> AxesFit:
+def fit_axes(spec: GyroTriadRecipe, runs: Mapping[str, tuple[TableRun, ...]]) -> AxesFit:
     """Sensitivities and angles of each set of runs, and each sensitivity over temperature where it
     varies.
 
@@ -115,10 +93,7 @@ def fit(spec: GyroTriadRecipe, runs: Mapping[str, tuple[TableRun, ...]]) -> Axes
     known = bool(np.isfinite([run.temp_degc for run in every]).all())
     flags = [flag for run in every for flag in run.flags]
     if not known and len(every) > len(AXES):
-        flags.append(
-            "temperature is not logged in every run: nothing is fitted over it, all runs count as"
-            " repeated"
-        )
+        flags.append(UNLOGGED)
     sets = tuple(_set_of(group, spec) for group in (_groups(runs) if known else [dict(runs)]))
     for one in sets:
         _require_own_axes(one, spec.gyros)
@@ -129,7 +104,7 @@ def fit(spec: GyroTriadRecipe, runs: Mapping[str, tuple[TableRun, ...]]) -> Axes
         gyro_triad.over_temperature([one.triad for one in sets], temperature) if several else None
     )
     bias_over = _bias_over(sets, temperature) if several else ()
-    flags += [f"{_at(one)}{flag}" for one in sets for flag in one.triad.flags]
+    flags += [f"{one.prefix}{flag}" for one in sets for flag in one.triad.flags]
     flags += [*_handed(sets, spec.gyros), *_uncertain(sets, spec.gyros), *_bias_flags(spec, sets)]
     return AxesFit(spec.gyros, runs, sets, reference, over, bias_over, tuple(dict.fromkeys(flags)))
 
@@ -142,7 +117,7 @@ def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
         most = AXES[int(np.argmax(np.abs(row)))]
         if gyro in AXES and most != gyro:
             raise FitError(
-                f"{_at(one)}gyro {gyro} senses table axis {most} most"
+                f"{one.prefix}gyro {gyro} senses table axis {most} most"
                 f" ({row[AXES.index(most)]:+.3f})",
                 hint=(
                     "logs are exchanged under [axes], or columns; gyros that are not mounted so"
@@ -164,19 +139,14 @@ def _handed(sets: Sequence[AxesSet], gyros: Sequence[str]) -> list[str]:
 def _uncertain(sets: Sequence[AxesSet], gyros: Sequence[str]) -> list[str]:
     """Flags for gyros whose scale factor hardly is one."""
     return [
-        f"{_at(one)}{gyro}: the scale factor is known to {100.0 * u / size:.2g} % only: hold faster"
-        " rates, or longer"
+        f"{one.prefix}{gyro}: the scale factor is known to {100.0 * u / size:.2g} % only: hold"
+        " faster rates, or longer"
         for one in sets
         for gyro, size, u in zip(
             gyros, one.triad.magnitude, one.triad.magnitude_uncertainty, strict=True
         )
         if not u < UNCERTAIN * size
     ]
-
-
-def _at(one: AxesSet) -> str:
-    """Where a set's flag comes from."""
-    return f"{one.label} °C: " if np.isfinite(one.temp_degc) else ""
 
 
 def _groups(runs: Mapping[str, tuple[TableRun, ...]]) -> list[dict[str, tuple[TableRun, ...]]]:
@@ -276,7 +246,7 @@ def _bias_flags(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> list[str]:
         largest = float(np.max(one.bias_uncertainty / one.triad.magnitude)) * DPH_PER_DPS
         if largest > 1.0:
             flags.append(
-                f"{_at(one)}the bias is known to {largest:.2g} °/h only: it differs between the"
+                f"{one.prefix}the bias is known to {largest:.2g} °/h only: it differs between the"
                 " table axes (latitude, table axis, or a bias that depends on acceleration)"
             )
     return flags

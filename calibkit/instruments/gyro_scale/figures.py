@@ -1,23 +1,29 @@
 """Figures of gyros on a rate table: scale-factor error against rate, K over temperature, γ with its
-interval.
+interval, angles and misalignment of input axes.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
 from calibkit.constants import ARCSECONDS_PER_DEGREE
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 
 if TYPE_CHECKING:
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
-    from calibkit.arrays import Array
-
+    from calibkit.instruments.gyro_scale.curves import (
+        GyroReport,
+        InputAxes,
+        LineCurve,
+        SetCurve,
+        TemperatureCurve,
+    )
+    from calibkit.instruments.gyro_scale.numeric.pair import GyroPair
 
 COLOURS = (DENOISED, ALERT, GOOD, "#aa3377", "#ccbb44", "#66ccee")
 """Of the runs in order; told apart by their markers too."""
@@ -26,79 +32,30 @@ PANELS = 3
 """Rows of panels on one page."""
 
 
-@dataclass(frozen=True, slots=True)
-class LineCurve:
-    """One gyro in one run: held rates [p, °/s], residual and its standard uncertainty [p], relative
-    deviation [p, ppm].
+def draw_pages(title: str, report: GyroReport) -> tuple[Figure, ...]:
+    """Scale-factor error of every gyro, K over temperature where it varies, γ of a pair, input axes
+    of a triad.
     """
-
-    gyro: str
-    run: str
-    rate: Array
-    residual_ppm: Array
-    u_residual_ppm: Array
-    deviation_ppm: Array
-    u_deviation_ppm: Array
-
-
-@dataclass(frozen=True, slots=True)
-class TemperatureCurve:
-    """K of one gyro [q, ppm from the reference] at temperatures [q, °C] and the polynomial with its
-    uncertainty.
-    """
-
-    gyro: str
-    temperature: Array
-    K_ppm: Array
-    u_ppm: Array
-    grid: Array
-    curve_ppm: Array
-    u_curve_ppm: Array
-
-
-@dataclass(frozen=True, slots=True)
-class GammaPoint:
-    """One determination of γ with its standard uncertainty."""
-
-    name: str
-    gamma: float
-    standard_uncertainty: float
-
-
-@dataclass(frozen=True, slots=True)
-class PairAngle:
-    """γ as indicated, by both gyros, and α with its 95 % interval [°]."""
-
-    points: tuple[GammaPoint, ...]
-    alpha_deg: float
-    interval_deg: tuple[float, float]
-    side: str
-
-
-@dataclass(frozen=True, slots=True)
-class GyroReport:
-    """All that the figures show."""
-
-    lines: tuple[LineCurve, ...]
-    temperatures: tuple[TemperatureCurve, ...]
-    pair: PairAngle | None
-
-
-def pages(title: str, report: GyroReport) -> list[Figure]:
-    """Scale-factor error of every gyro, K over temperature where it varies, γ of a pair."""
     gyros = list(dict.fromkeys(line.gyro for line in report.lines))
     figures = [
-        error_page(title, report, gyros[start : start + PANELS])
+        _draw_errors(title, report.lines, gyros[start : start + PANELS])
         for start in range(0, len(gyros), PANELS)
     ]
     if report.temperatures:
-        figures.append(temperature_page(title, report.temperatures))
+        figures.append(_draw_temperatures(title, report.temperatures))
     if report.pair is not None:
-        figures.append(gamma_page(title, report.pair))
-    return figures
+        figures.append(_draw_gamma(title, report.pair))
+    if report.axes is not None:
+        figures.append(_draw_axes(title, report.axes))
+    return tuple(figures)
 
 
-def error_page(title: str, report: GyroReport, gyros: list[str]) -> Figure:
+def _mark(number: int) -> tuple[str, str]:
+    """Colour and marker of one of several series."""
+    return COLOURS[number % len(COLOURS)], MARKERS[number % len(MARKERS)]
+
+
+def _draw_errors(title: str, lines: tuple[LineCurve, ...], gyros: list[str]) -> Figure:
     """Residuals of the line over full scale, and the relative deviation of each rate, one row a
     gyro.
     """
@@ -109,34 +66,10 @@ def error_page(title: str, report: GyroReport, gyros: list[str]) -> Figure:
         height=1.4 + 3.3 * len(gyros),
     )
     for row, gyro in enumerate(gyros):
-        lines = [line for line in report.lines if line.gyro == gyro]
+        own = [line for line in lines if line.gyro == gyro]
         left, right = axes[2 * row], axes[2 * row + 1]
-        for k, line in enumerate(lines):
-            colour, marker = COLOURS[k % len(COLOURS)], MARKERS[k % len(MARKERS)]
-            bars: Any = {
-                "ms": 3.5,
-                "capsize": 2,
-                "elinewidth": 0.7,
-                "alpha": 0.85,
-                "color": colour,
-                "marker": marker,
-            }
-            order = np.argsort(line.rate)
-            bar = 2.0 * line.u_residual_ppm[order]
-            left.errorbar(
-                line.rate[order], line.residual_ppm[order], bar, label=line.run, lw=0.8, **bars
-            )
-            for side, fill in ((line.rate > 0.0, colour), (line.rate < 0.0, "white")):
-                turning = np.flatnonzero(side & np.isfinite(line.deviation_ppm))
-                bar = 2.0 * line.u_deviation_ppm[turning]
-                right.errorbar(
-                    np.abs(line.rate[turning]),
-                    line.deviation_ppm[turning],
-                    bar,
-                    ls="",
-                    markerfacecolor=fill,
-                    **bars,
-                )
+        for k, line in enumerate(own):
+            _draw_line(left, right, line, k)
         for ax in (left, right):
             ax.axhline(0.0, color=MUTED, lw=0.6)
         left.set(title=f"gyro {gyro}: (F - F_fit)/max|F|, bars k = 2", ylabel="[ppm of full scale]")
@@ -147,14 +80,40 @@ def error_page(title: str, report: GyroReport, gyros: list[str]) -> Figure:
         right.set_xlabel("|table rate| [°/s], negative rates open")
         right.set_xscale("log")
         right.xaxis.set_major_formatter("{x:g}")
-        _decades(right, lines)
+        _set_decades(right, own)
         low, high = left.get_ylim()
-        left.set_ylim(low, high + 0.12 * (high - low) * -(-len(lines) // 3))
+        left.set_ylim(low, high + 0.12 * (high - low) * -(-len(own) // 3))
         left.legend(loc="upper center", ncols=3)
     return figure
 
 
-def _decades(ax: Axes, lines: list[LineCurve]) -> None:
+def _draw_line(left: Axes, right: Axes, line: LineCurve, number: int) -> None:
+    """Errors of one run, of full scale and of each rate."""
+    colour, marker = _mark(number)
+    bars: Any = {
+        "ms": 3.5,
+        "capsize": 2,
+        "elinewidth": 0.7,
+        "alpha": 0.85,
+        "color": colour,
+        "marker": marker,
+    }
+    order = np.argsort(line.rate)
+    bar = 2.0 * line.u_residual_ppm[order]
+    left.errorbar(line.rate[order], line.residual_ppm[order], bar, label=line.run, lw=0.8, **bars)
+    for side, fill in ((line.rate > 0.0, colour), (line.rate < 0.0, "white")):
+        turning = np.flatnonzero(side & np.isfinite(line.deviation_ppm))
+        right.errorbar(
+            np.abs(line.rate[turning]),
+            line.deviation_ppm[turning],
+            2.0 * line.u_deviation_ppm[turning],
+            ls="",
+            markerfacecolor=fill,
+            **bars,
+        )
+
+
+def _set_decades(ax: Axes, lines: list[LineCurve]) -> None:
     """Scale that shows both the few ppm of fast rates and the noise of slow ones, with round
     labels.
     """
@@ -170,7 +129,7 @@ def _decades(ax: Axes, lines: list[LineCurve]) -> None:
     ax.minorticks_off()
 
 
-def temperature_page(title: str, curves: tuple[TemperatureCurve, ...]) -> Figure:
+def _draw_temperatures(title: str, curves: tuple[TemperatureCurve, ...]) -> Figure:
     """K of every run over case temperature with the polynomial, and what it leaves, one row a
     gyro.
     """
@@ -206,43 +165,34 @@ def temperature_page(title: str, curves: tuple[TemperatureCurve, ...]) -> Figure
     return figure
 
 
-def gamma_page(title: str, pair: PairAngle) -> Figure:
+def _draw_gamma(title: str, pair: GyroPair) -> Figure:
     """γ by both gyros with 95 % bars about the first, and α with its interval."""
-    figure, axes = page(1, 2, title=f"{title}: gamma and alpha, {pair.side} side", height=4.6)
-    left, right = axes
-    first = pair.points[0].gamma
-    for k, point in enumerate(pair.points):
-        offset = (point.gamma - first) * 1e6
-        left.errorbar(
-            k,
-            offset,
-            1.96e6 * point.standard_uncertainty,
-            fmt="o",
-            ms=6,
-            capsize=5,
-            color=COLOURS[k],
-        )
-        text = f"{point.gamma:.8f} ± {point.standard_uncertainty:.1e}"
+    figure, (left, right) = page(
+        1, 2, title=f"{title}: gamma and alpha, {pair.side} side", height=4.6
+    )
+    first = pair.gamma_indicated
+    points = {
+        "B about A's axis": (first, float(pair.standard_uncertainty[2])),
+        "A about B's axis": pair.gamma_from_a,
+    }
+    for k, (gamma, u) in enumerate(points.values()):
+        offset = (gamma - first) * PPM
+        bar = 1.96 * PPM * u
+        left.errorbar(k, offset, bar, fmt="o", ms=6, capsize=5, color=COLOURS[k])
+        text = f"{gamma:.8f} ± {u:.1e}"
         left.annotate(
             text, (k, offset), xytext=(9, 6), textcoords="offset points", color=INK, fontsize=8
         )
     left.axhline(0.0, color=MUTED, lw=0.6)
-    left.set_xticks(range(len(pair.points)), [point.name for point in pair.points])
-    left.set_xlim(-0.4, len(pair.points) - 0.2)
+    left.set_xticks(range(len(points)), list(points))
+    left.set_xlim(-0.4, len(points) - 0.2)
     left.set(title=f"gamma from {first:.8f}, bars 95 %", ylabel="[1e-6]")
-    low, high = pair.interval_deg
-    right.errorbar(
-        0.0,
-        0.0,
-        xerr=[
-            [(pair.alpha_deg - low) * ARCSECONDS_PER_DEGREE],
-            [(high - pair.alpha_deg) * ARCSECONDS_PER_DEGREE],
-        ],
-        fmt="D",
-        ms=6,
-        capsize=6,
-        color=DENOISED,
-    )
+    low, high = pair.alpha_interval_deg
+    reach = [
+        [(pair.alpha_deg - low) * ARCSECONDS_PER_DEGREE],
+        [(high - pair.alpha_deg) * ARCSECONDS_PER_DEGREE],
+    ]
+    right.errorbar(0.0, 0.0, xerr=reach, fmt="D", ms=6, capsize=6, color=DENOISED)
     right.set_yticks([])
     right.set(
         title=f"alpha {pair.alpha_deg:.6f}°, 95 % {low:.6f}° to {high:.6f}°",
@@ -250,3 +200,39 @@ def gamma_page(title: str, pair: PairAngle) -> Figure:
     )
     right.set_ylim(-1.0, 1.0)
     return figure
+
+
+def _draw_axes(title: str, axes: InputAxes) -> Figure:
+    """Angles between input axes and their components across main axes."""
+    figure, (left, right) = page(1, 2, title=f"{title}: input axes", height=5.2)
+    _draw_sets(left, axes, axes.angles)
+    left.set(title="90° - angle between input axes, bars k = 2", ylabel="[°]")
+    _draw_sets(right, axes, axes.misalignment)
+    right.set(title="input axes across their main axis, bars k = 2", ylabel="[mrad]")
+    return figure
+
+
+def _draw_sets(ax: Axes, axes: InputAxes, curves: tuple[SetCurve, ...]) -> None:
+    """Values with bars against temperature, or side by side at one temperature."""
+    ax.axhline(0.0, color=MUTED, lw=0.6)
+    if not curves:
+        text = "one gyro: nothing to compare"
+        ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", color=MUTED)
+        return
+    single = axes.temperature.size == 1
+    for k, one in enumerate(curves):
+        colour, marker = _mark(k)
+        where = np.array([float(k)]) if single else axes.temperature
+        bar = 2.0 * one.standard_uncertainty
+        ax.errorbar(
+            where, one.value, bar, fmt=marker, ms=5, capsize=4, color=colour, label=one.name
+        )
+        if one.grid.size:
+            ax.plot(one.grid, one.curve, color=colour, lw=0.9)
+    if single:
+        ax.set_xticks(range(len(curves)), [one.name for one in curves])
+        ax.set_xlim(-0.6, len(curves) - 0.4)
+    else:
+        ax.set_xlabel("case temperature [°C]")
+        ax.margins(y=0.25)
+        ax.legend(loc="upper center", ncols=3)

@@ -1,158 +1,212 @@
-"""gyro_scale.json and gyro_orthogonality.json → chains without memory: rates about the gyros' own
-axes.
+"""gyro_scale.json and gyro_orthogonality.json → chains without memory: rates of gyros about their
+own axes, or about the axes of their base.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from fractions import Fraction
 from math import ceil
-from typing import TYPE_CHECKING
 
+from calibkit.coefficients import Model, Record
 from calibkit.errors import OutputError
 from calibkit.firmware import as_firmware, exact
-from calibkit.firmware.chain import Quotient
+from calibkit.firmware.chain import Chain, Quotient
 from calibkit.firmware.draft import Draft, factor, numbers, powers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
+from calibkit.instruments.gyro_scale.forms import (
+    AXES,
+    ORTHOGONALITY_FILE,
+    RATE,
+    SCALE_FILE,
+    TEMPERATURE,
+    gyro_column,
+)
+from calibkit.instruments.gyro_scale.matrix import (
+    GyroMatrix,
+    read_earth_rate,
+    read_matrices,
+    require_biases,
+)
+from calibkit.instruments.gyro_scale.recipe import (
+    AnyRecipe,
+    GyroPairRecipe,
+    GyroTriadRecipe,
+    OwnAxisRecipe,
+    RateTableRecipe,
+)
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.coefficients import Model, Record
-    from calibkit.firmware.chain import Chain
-    from calibkit.instruments.gyro_scale.recipe import (
-        GyroPairRecipe,
-        OwnAxisRecipe,
-        RateTableRecipe,
-    )
-
-FILES = ("gyro_scale.json", "gyro_orthogonality.json")
-TEMPERATURE = "temp_case_degc"
-RATE = "table_rate_dps"
 MARGIN = Fraction(21, 20)
 """Rates beyond the fitted ones by this factor are still counts that a gyro may give."""
+Polynomials = list[list[exact.Poly]]
 
 
-def pair_chain(spec: GyroPairRecipe, records: Mapping[str, Record]) -> Chain:
-    """Rates of both gyros about their own axes, and the rate across the first in their plane."""
-    scale, angles = (required_record(records, name, spec) for name in FILES)
-    models = (("a", "a_about_a"), ("b", "b_about_b"))
-    return _chain(scale, angles, models, _earth_rate(scale, spec))
+def _files(spec: AnyRecipe) -> tuple[str, ...]:
+    """Files that the chain takes its numbers from."""
+    return (SCALE_FILE,) if isinstance(spec, RateTableRecipe) else (SCALE_FILE, ORTHOGONALITY_FILE)
 
 
-def rate_table_chain(spec: RateTableRecipe, records: Mapping[str, Record]) -> Chain:
-    """Rates of gyros about their own axes."""
-    scale = required_record(records, FILES[0], spec)
-    models = [(gyro, f"gyro_{gyro}") for gyro in spec.gyros]
-    return _chain(scale, None, models, _earth_rate(scale, spec))
+def _chain(spec: AnyRecipe, records: Mapping[str, Record]) -> Chain:
+    """Rates S(T)⁻¹ (F − B(T)); raises OutputError where there is no firmware form."""
+    for name in _files(spec):
+        required_record(records, name, spec)
+    known = read_matrices(spec, records)
+    if isinstance(spec, GyroTriadRecipe):
+        return _chain_about_base(known[0])
+    return _chain_about_own_axes(spec, records, known)
 
 
-def _earth_rate(record: Record, spec: OwnAxisRecipe) -> float:
-    """Earth's rate about the laboratory's table axis [°/s], where the recipe leaves it in the
-    result.
-    """
-    if spec.compensation == "laboratory":
-        return 0.0
-    for condition in record.conditions:
-        if condition.name == "earth_rate_about_table_axis":
-            return condition.value
-    raise OutputError(
-        "the run does not know the earth's rate about its table axis",
-        hint="fit with [site] latitude_deg",
-    )
-
-
-def _chain(
-    scale: Record, orthogonality: Record | None, gyros: Sequence[tuple[str, str]], added_dps: float
+def _chain_about_own_axes(
+    spec: OwnAxisRecipe, records: Mapping[str, Record], known: Sequence[GyroMatrix]
 ) -> Chain:
     """Rates of gyros, (F − F0(T))/K(T); of a pair also the rate across the first gyro's axis in
     their plane.
-
-    `gyros` are names of columns and models; added_dps [°/s] is the earth's rate where the recipe
-    leaves it in.
     """
-    draft, models = Draft(), {model.name: model for model in scale.models}
-    forms = []
-    for column, name in gyros:
-        line = scale.model(name)
-        forms.append(line.form)
-        if f"{name}.response" in models:
+    added_dps = read_earth_rate(spec, records, OutputError)
+    draft = Draft()
+    for matrix in known:
+        if matrix.response is not None:
             raise OutputError(
-                f"{name}: a response that is not a straight line has no firmware form",
+                f"{matrix.model.name}: a response that is not a straight line has no firmware form",
                 hint="fit with response = 'line'",
             )
-        K, F0, over = _line(draft, line, models, column)
-        _rate(draft, line, (K, F0), over, column, added_dps)
-    if orthogonality is not None:
-        forms.append(_across(draft, orthogonality.model("pair"), [column for column, _ in gyros]))
+        _add_quotient(draft, matrix, added_dps)
+    forms = [matrix.model.form for matrix in known]
+    if isinstance(spec, GyroPairRecipe):
+        pair = records[ORTHOGONALITY_FILE].model("pair")
+        _add_across(draft, pair, spec.gyros)
+        forms.append(pair.form)
     end = ", the earth's rate left in" if added_dps else ", zero at rest on the laboratory's table"
     return draft.chain(forms, f"rate = (indication - F0(T)) / K(T), in deg/s{end}")
 
 
-def _line(
-    draft: Draft, line: Model, models: dict[str, Model], column: str
-) -> tuple[exact.Poly, exact.Poly, str]:
-    """K and F0 as polynomials of u (or plain numbers), and the name of u."""
-    curves = [models.get(f"{line.name}.{letter}_over_temperature") for letter in ("K", "F0")]
-    found = [model for model in curves if model is not None]
-    if len(found) < 2:
-        return numbers(line, "K"), numbers(line, "F0"), ""
-    over = f"u_{column}"
-    middle, half = draft.temperature(found[0].valid[TEMPERATURE], over)
-    K, F0 = (exact.mapped(powers(model, "p"), middle, half) for model in found)
-    return K, F0, over
+def _chain_about_base(matrix: GyroMatrix) -> Chain:
+    """Rates about the axes of the base: the inverse by cofactors, each an exact polynomial of u,
+    over the determinant.
+    """
+    if len(matrix.gyros) != len(AXES):
+        raise OutputError(
+            f"{len(matrix.gyros)} gyros over three axes",
+            hint="the firmware form is for three gyros",
+        )
+    require_biases(matrix, OutputError)
+    draft = Draft()
+    S, B = _polynomials(draft, matrix, "u")
+    low, high = matrix.model.valid[RATE]
+    draft.ranges.append(f"rate about each axis {low:.4g} to {high:.4g} deg/s")
+    for gyro, row, bias in zip(matrix.gyros, S, B, strict=True):
+        _add_indication(draft, matrix, gyro, row, bias)
+        terms = draft.polynomial(f"bias_{gyro}", bias, "u", sign=-1)
+        draft.sum(f"above_{gyro}", terms, factor(gyro_column(gyro)))
+    _add_inverse(draft, S, matrix.gyros)
+    for axis, output in zip(AXES, matrix.outputs, strict=True):
+        draft.output(output, "deg/s", f"rate_{axis}", f"rate about axis {axis} of the base")
+    return draft.chain(
+        [matrix.model.form],
+        "rate = S(T)^-1 (indication - B(T)), in deg/s about the axes of the base",
+    )
 
 
-def _rate(
-    draft: Draft,
-    line: Model,
-    curves: tuple[exact.Poly, exact.Poly],
-    over: str,
-    column: str,
-    added_dps: float,
+def _polynomials(
+    draft: Draft, matrix: GyroMatrix, over: str
+) -> tuple[Polynomials, list[exact.Poly]]:
+    """Sensitivities [gyro][axis] and biases [gyro] as polynomials of u, or plain numbers."""
+    if matrix.curves:
+        middle, half = draft.temperature(matrix.curves[0].valid[TEMPERATURE], over)
+        found = [exact.mapped(powers(model, "p"), middle, half) for model in matrix.curves]
+    else:
+        found = [numbers(matrix.model, name) for name in matrix.names]
+    axes, gyros = len(matrix.outputs), len(matrix.gyros)
+    rows = [found[axes * g : axes * (g + 1)] for g in range(gyros)]
+    return rows, found[axes * gyros :]
+
+
+def _add_indication(
+    draft: Draft, matrix: GyroMatrix, gyro: str, row: Sequence[exact.Poly], bias: exact.Poly
 ) -> None:
-    """Rate of one gyro."""
-    (K, F0), fastest = curves, max(abs(Fraction(limit)) for limit in line.valid[RATE])
-    largest = Fraction(ceil(MARGIN * fastest * sum(map(abs, K)) + sum(map(abs, F0))))
-    name = f"gyro_{column}_lsb"
-    draft.input(
-        name,
-        "1/s",
-        f"indication of gyro {column}, counts per second",
-        (-largest, largest),
-        "RATE_CLAMPED",
-    )
-    low, high = line.valid[RATE]
-    draft.ranges.append(f"rate of gyro {column} {low:.4g} to {high:.4g} deg/s")
-    draft.sum(
-        f"above_{column}", draft.polynomial(f"zero_{column}", F0, over, sign=-1), factor(name)
-    )
-    draft.sum(f"scale_{column}", draft.polynomial(f"scale_factor_{column}", K, over))
-    source = f"rate_{column}"
-    draft.steps.append(Quotient(source, f"above_{column}", f"scale_{column}"))
+    """Indication of a gyro, up to what the fastest fitted rate about any axis gives."""
+    fastest = MARGIN * max(abs(Fraction(limit)) for limit in matrix.model.valid[RATE])
+    steepest = max(sum(map(abs, entry), Fraction(0)) for entry in row)
+    largest = Fraction(ceil(fastest * steepest + sum(map(abs, bias), Fraction(0))))
+    meaning = f"indication of gyro {gyro}, counts per second"
+    draft.input(gyro_column(gyro), "1/s", meaning, (-largest, largest), "RATE_CLAMPED")
+
+
+def _add_quotient(draft: Draft, matrix: GyroMatrix, added_dps: float) -> None:
+    """Rate of one gyro about its own axis; added_dps [°/s] is the earth's rate where the recipe
+    leaves it in.
+    """
+    (gyro,) = matrix.gyros
+    over = f"u_{gyro}" if matrix.curves else ""
+    ((K,),), (F0,) = _polynomials(draft, matrix, over)
+    _add_indication(draft, matrix, gyro, [K], F0)
+    low, high = matrix.model.valid[RATE]
+    draft.ranges.append(f"rate of gyro {gyro} {low:.4g} to {high:.4g} deg/s")
+    terms = draft.polynomial(f"zero_{gyro}", F0, over, sign=-1)
+    draft.sum(f"above_{gyro}", terms, factor(gyro_column(gyro)))
+    draft.sum(f"scale_{gyro}", draft.polynomial(f"scale_factor_{gyro}", K, over))
+    source = f"rate_{gyro}"
+    draft.steps.append(Quotient(source, f"above_{gyro}", f"scale_{gyro}"))
     if added_dps:
         earth = draft.polynomial("earth_rate", (Fraction(added_dps),), "")
-        source = draft.sum(f"inertial_{column}", earth, factor(source))
-    draft.output(f"gyro_{column}_dps", "deg/s", source, f"rate about the axis of gyro {column}")
+        source = draft.sum(f"inertial_{gyro}", earth, factor(source))
+    draft.output(matrix.outputs[0], "deg/s", source, f"rate about the axis of gyro {gyro}")
 
 
-def _across(draft: Draft, pair: Model, columns: Sequence[str]) -> str:
+def _add_across(draft: Draft, pair: Model, gyros: Sequence[str]) -> None:
     """Misalignment: from the rates about both axes that about the axis at right angles to the first
     in their plane.
     """
     (gamma,) = numbers(pair, "gamma")
-    if abs(gamma) < 1:
-        first, second = (output.source for output in draft.outputs)
-        sine = exact.sqrt(1 - gamma**2)
-        source = draft.sum(
-            "across",
-            draft.polynomial("misalignment_first", (-gamma / sine,), "", first),
-            draft.polynomial("misalignment_second", (1 / sine,), "", second),
+    if abs(gamma) >= 1:
+        return
+    first, second = (output.source for output in draft.outputs)
+    sine = exact.sqrt(1 - gamma**2)
+    source = draft.sum(
+        "across",
+        draft.polynomial("misalignment_first", (-gamma / sine,), "", first),
+        draft.polynomial("misalignment_second", (1 / sine,), "", second),
+    )
+    meaning = f"rate about the axis at right angles to gyro {gyros[0]} in the plane of both"
+    draft.output(f"gyro_{gyros[1]}_orthogonal_dps", "deg/s", source, meaning)
+
+
+def _add_inverse(draft: Draft, S: Polynomials, gyros: Sequence[str]) -> None:
+    """Cofactors and determinant, divided by the determinant in the middle of the range, and the
+    rates.
+    """
+    cofactors = [[_cofactor(S, g, a) for a in range(3)] for g in range(3)]
+    determinant = exact.add(*(exact.product(S[0][a], cofactors[0][a]) for a in range(3)))
+    middle = determinant[0]
+    if middle == 0:
+        raise OutputError(
+            "the gyros do not sense three axes", hint="log a gyro of the missing direction too"
         )
-        meaning = f"rate about the axis at right angles to gyro {columns[0]} in the plane of both"
-        draft.output(f"gyro_{columns[1]}_orthogonal_dps", "deg/s", source, meaning)
-    return pair.form
+    varies = len(exact.trimmed(determinant)) > 1
+    if varies:
+        relative = exact.scale(determinant, 1 / middle)
+        draft.sum("determinant", draft.polynomial("determinant_of_s", relative, "u"))
+    for a, axis in enumerate(AXES):
+        terms = []
+        for g, gyro in enumerate(gyros):
+            entry = exact.scale(cofactors[g][a], 1 / middle)
+            terms.append(draft.polynomial(f"inverse_{axis}{gyro}", entry, "u", f"above_{gyro}"))
+        terms.sort(
+            key=lambda term: (
+                abs(draft.tables[term[0].table][0]) if term and term[0].table else Fraction(0)
+            )
+        )
+        name = draft.sum(f"numerator_{axis}" if varies else f"rate_{axis}", *terms)
+        if varies:
+            draft.steps.append(Quotient(f"rate_{axis}", name, "determinant"))
 
 
-PAIR = Firmware(files=lambda _: FILES, chain=pair_chain, apply=as_firmware.apply)
-RATE_TABLE = Firmware(files=lambda _: FILES[:1], chain=rate_table_chain, apply=as_firmware.apply)
+def _cofactor(S: Polynomials, row: int, column: int) -> exact.Poly:
+    """Signed minor of a matrix of polynomials."""
+    (i, j), (k, m) = ([n for n in range(3) if n != skipped] for skipped in (row, column))
+    minor = exact.add(
+        exact.product(S[i][k], S[j][m]), exact.scale(exact.product(S[i][m], S[j][k]), Fraction(-1))
+    )
+    return exact.scale(minor, Fraction((-1) ** (row + column)))
+
+
+FIRMWARE = Firmware(files=_files, chain=_chain, apply=as_firmware.apply)

@@ -1,49 +1,31 @@
-"""Table runs of one gyro, repeated and over temperature → gyro_scale.json: mean, K and F0 over
-temperature, repeatability.
+"""Table runs of one gyro, repeated and over temperature: mean, K and F0 over temperature, response
+over rate, repeatability.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.coefficients import Coefficient, Figure, Model, Parameter, StageResult
-from calibkit.instruments.gyro_scale import shape
-from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
-from calibkit.instruments.gyro_scale.pair_files import (
-    GJB,
-    IEEE,
-    PPM,
-    UNCERTAIN,
-    bias_figures,
-    conditions,
-    line_figures,
-    polynomial_model,
-    scale_model,
-    uncertain,
-    valid_of,
-    with_unit,
-)
+from calibkit.arrays import Array
+from calibkit.coefficients import Figure
+from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale.forms import FigureName, line_name
+from calibkit.instruments.gyro_scale.numeric import gjb_figures, response, scale_factor
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, IEEE, PPM
+from calibkit.instruments.gyro_scale.numeric.response import Response
+from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
+from calibkit.instruments.gyro_scale.runs import UNCERTAIN, TableRun, flag_uncertain
 from calibkit.numeric import gum
-from calibkit.numeric.dispersion import rms
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.gyro_scale.numeric.response import Response
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleFactor
-    from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
-    from calibkit.instruments.gyro_scale.runs import TableRun
-    from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
-
+from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 ROOM_DEGC = 5.0
 """Runs this near the reference temperature repeat each other (GJB 2426A)."""
 VARIES_DEGC = 5.0
 """Span of the runs' temperatures from which K is fitted over temperature."""
+UNLOGGED = (
+    "temperature is not logged in every run: nothing is fitted over it, all runs count as repeated"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,125 +38,74 @@ class GyroOverRuns:
     runs: tuple[TableRun, ...]
     at_room: tuple[TableRun, ...]
     K: tuple[float, float]
+    """Mean and its standard uncertainty [1/deg]."""
     F0: tuple[float, float]
+    """The same [1/s]."""
     K_over_temperature: TemperaturePolynomial | None
     F0_over_temperature: TemperaturePolynomial | None
     response: Response | None
 
 
-def over_runs(gyro: str, runs: Sequence[TableRun], spec: OwnAxisRecipe) -> GyroOverRuns:
+def fit_over_runs(spec: OwnAxisRecipe, gyro: str, runs: Sequence[TableRun]) -> GyroOverRuns:
     """One gyro over all runs: the mean at the reference temperature, and K and F0 over temperature
     where it varies.
     """
     temperature = np.array([run.temp_degc for run in runs])
     near = np.isnan(temperature) | (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC)
     at_room = tuple(run for run, is_near in zip(runs, near, strict=True) if is_near) or tuple(runs)
-    lines = [run.scale(gyro) for run in at_room]
-    K = scale_factor.mean_of_runs(
-        [s.K for s in lines], [float(s.standard_uncertainty[0]) for s in lines]
+    varies = np.isfinite(temperature).all() and np.ptp(temperature) >= VARIES_DEGC
+    K, F0 = (scale_factor.mean_of_runs(*_points(gyro, at_room, name)) for name in ("K", "F0"))
+    K_curve, F0_curve = (
+        scale_factor.over_temperature(*_points(gyro, runs, name), temperature) if varies else None
+        for name in ("K", "F0")
     )
-    F0 = scale_factor.mean_of_runs(
-        [s.F0 for s in lines], [float(s.standard_uncertainty[1]) for s in lines]
-    )
-    curves = _over_temperature([run.scale(gyro) for run in runs], temperature)
-    return GyroOverRuns(
-        gyro,
-        tuple(runs),
-        at_room,
-        K,
-        F0,
-        *curves,
-        shape.choose(spec, [(run, gyro) for run in runs]),
-    )
+    bent = choose_response(spec, gyro, runs)
+    return GyroOverRuns(gyro, tuple(runs), at_room, K, F0, K_curve, F0_curve, bent)
 
 
-def _over_temperature(
-    lines: Sequence[ScaleFactor], temperature: Array
-) -> tuple[TemperaturePolynomial | None, TemperaturePolynomial | None]:
-    """K and F0 as polynomials of temperature, or none where it was not logged or hardly varies."""
-    if not np.isfinite(temperature).all() or np.ptp(temperature) < VARIES_DEGC:
-        return None, None
-    K, F0 = (np.array([getattr(line, name) for line in lines]) for name in ("K", "F0"))
-    u_K, u_F0 = np.array([line.standard_uncertainty[:2] for line in lines]).T
-    return scale_factor.over_temperature(K, u_K, temperature), scale_factor.over_temperature(
-        F0, u_F0, temperature
+def _points(gyro: str, runs: Sequence[TableRun], name: str) -> tuple[Array, Array]:
+    """K or F0 of a gyro in q runs [q], and their standard uncertainties [q]."""
+    lines, number = [run.scale(gyro) for run in runs], scale_factor.TERMS.index(name)
+    return (
+        np.array([getattr(line, name) for line in lines]),
+        np.array([float(line.standard_uncertainty[number]) for line in lines]),
     )
 
 
-def rate_table_result(
-    gyros: Sequence[GyroOverRuns], flags: Sequence[str], spec: OwnAxisRecipe
-) -> StageResult:
-    """gyro_scale.json of runs: a line a gyro and run, the mean at the reference temperature, K and
-    F0 over temperature.
+def choose_response(spec: OwnAxisRecipe, gyro: str, runs: Sequence[TableRun]) -> Response | None:
+    """Response over rate, (F − F0)/K [°/s] against the table rate, of runs together: chosen by
+    leave-one-rate-out error.
+
+    None where the recipe asks for the line alone, or the line is the best.
     """
-    models: list[Model] = []
-    figures: list[Figure] = []
-    for one in gyros:
-        name = f"gyro_{one.gyro}"
-        models += [_mean_model(name, one), *_temperature_models(name, one)]
-        models += [scale_model(f"{name}.{run.log.name}", run, one.gyro) for run in one.runs]
-        if one.response is not None:
-            models.append(shape.model(f"{name}.response", one.response, one.runs[0]))
-        figures += run_figures(name, one, spec)
-        figures += [
-            figure
-            for run in one.runs
-            for figure in line_figures(run, one.gyro, f"{name}.{run.log.name}")
-        ]
-        for run in one.runs:
-            figures += bias_figures(f"{name}.{run.log.name}", run.scale(one.gyro), spec)
-    return StageResult("gyro_scale", tuple(models), tuple(figures), tuple(flags), conditions(spec))
-
-
-def _mean_model(name: str, one: GyroOverRuns) -> Model:
-    """gyro-scale/1 model of the mean of the runs at the reference temperature."""
-    lines = [run.scale(one.gyro) for run in one.at_room]
-    noise = np.sum([line.covariance[:2, :2] for line in lines], axis=0)
-    correlation = (
-        float(noise[0, 1] / np.sqrt(noise[0, 0] * noise[1, 1]))
-        if noise[0, 0] * noise[1, 1] > 0.0
-        else 0.0
-    )
-    cross = correlation * one.K[1] * one.F0[1]
-    return Model(
-        name=name,
-        form="gyro-scale/1",
-        coefficients=(
-            Coefficient("K", *with_unit(one.K, "1/deg")),
-            Coefficient("F0", *with_unit(one.F0, "1/s")),
-        ),
-        covariance=((one.K[1] ** 2, cross), (cross, one.F0[1] ** 2)),
-        dof=sum(line.dof for line in lines),
-        residual_rms=rms([line.residual_rms for line in lines]),
-        residual_unit="1/s",
-        valid=valid_of(one.at_room),
-        parameters=(Parameter("runs", float(len(lines)), "1"),),
-    )
-
-
-def _temperature_models(name: str, one: GyroOverRuns) -> list[Model]:
-    """polynomial/1 models of K and F0 over case temperature, where it varies."""
-    curves = (("K", "1/deg", one.K_over_temperature), ("F0", "1/s", one.F0_over_temperature))
-    return [
-        polynomial_model(f"{name}.{letter}_over_temperature", unit, fit, one.runs)
-        for letter, unit, fit in curves
-        if fit is not None
-    ]
+    if spec.response == "line":
+        return None
+    rate = np.concatenate([run.plateaus.rate_dps for run in runs])
+    lines = [run.scale(gyro) for run in runs]
+    indicated = np.concatenate([(line.indication - line.F0) / line.K for line in lines])
+    # runs repeat their rates: a rate is left out only when it is left out of all of them
+    group = np.round(rate, 3)
+    levels = [group == level for level in np.unique(group)]
+    means = [np.array([x[level].mean() for level in levels]) for x in (rate, indicated)]
+    try:
+        chosen, _ = response.choose(*means)
+    except FitError:
+        return None
+    return None if chosen.form == "odd-polynomial" and chosen.order == 1 else chosen
 
 
 def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
     """Repeatability and temperature sensitivity, where the runs can show them."""
     figures = []
-    if len(one.at_room) > 1 and _repeats(one):
-        K = np.array([run.scale(one.gyro).K for run in one.at_room])
-        value = gjb_figures.repeatability(K)
-        u = value / float(np.sqrt(2.0 * (K.size - 1)))
-        figures.append(Figure(f"repeatability.{GJB}.{name}", value, "ppm", u))
+    if _repeats(one):
+        at_room, _ = _points(one.gyro, one.at_room, "K")
+        value = gjb_figures.repeatability(at_room)
+        u = value / float(np.sqrt(2.0 * (at_room.size - 1)))
+        figures.append(Figure(FigureName("repeatability", GJB, name).text, value, "ppm", u))
     if one.K_over_temperature is None:
         return figures
-    K, u_K, temperature = (
-        np.array(x) for x in zip(*(_point(run, one.gyro) for run in one.runs), strict=True)
-    )
+    temperature = np.array([run.temp_degc for run in one.runs])
+    K, u_K = _points(one.gyro, one.runs, "K")
 
     def slope(values: Array) -> float:
         line = scale_factor.over_temperature(values, u_K, temperature, order=1)
@@ -183,13 +114,13 @@ def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
     def largest(values: Array) -> float:
         return gjb_figures.temperature_sensitivity(values, temperature, spec.reference_temp_degc)
 
-    u_K = np.hypot(u_K, _scatter(one))
+    spread = np.hypot(u_K, _scatter(one))
     room = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
-    if room.any() and not room.all():
-        value, u = _propagated(largest, K, u_K)
-        figures.append(Figure(f"temperature_sensitivity.{GJB}.{name}", value, "ppm/degC", u))
-    value, u = _propagated(slope, K, u_K)
-    figures.append(Figure(f"temperature_sensitivity.{IEEE}.{name}", value, "ppm/degC", u))
+    kinds = [(GJB, largest), (IEEE, slope)] if room.any() and not room.all() else [(IEEE, slope)]
+    for standard, function in kinds:
+        value, u = _propagated(function, K, spread)
+        figure = FigureName("temperature_sensitivity", standard, name)
+        figures.append(Figure(figure.text, value, "ppm/degC", u))
     return figures
 
 
@@ -198,8 +129,8 @@ def _scatter(one: GyroOverRuns) -> float:
     widen it by Student's t.
     """
     found = []
-    if len(one.at_room) > 1 and _repeats(one):
-        K = np.array([run.scale(one.gyro).K for run in one.at_room])
+    if _repeats(one):
+        K, _ = _points(one.gyro, one.at_room, "K")
         found.append((K.size - 1, float(np.var(K, ddof=1))))
     curve = one.K_over_temperature
     if curve is not None and curve.dof > 0:
@@ -215,15 +146,10 @@ def _scatter(one: GyroOverRuns) -> float:
 
 
 def _repeats(one: GyroOverRuns) -> bool:
-    """Whether the runs of the mean are at one temperature, or at none that is known."""
+    """Whether there are several runs of the mean, at one temperature or at none that is known."""
     temperature = np.array([run.temp_degc for run in one.at_room])
-    return bool(np.isnan(temperature).any() or np.ptp(temperature) <= 2.0 * ROOM_DEGC)
-
-
-def _point(run: TableRun, gyro: str) -> tuple[float, float, float]:
-    """K, its standard uncertainty and the temperature of one run."""
-    line = run.scale(gyro)
-    return line.K, float(line.standard_uncertainty[0]), run.temp_degc
+    alike = np.isnan(temperature).any() or np.ptp(temperature) <= 2.0 * ROOM_DEGC
+    return bool(temperature.size > 1 and alike)
 
 
 def _propagated(
@@ -240,45 +166,36 @@ def _propagated(
     return at, float(np.sqrt(np.sum(np.square(steps))))
 
 
-def _apart(one: GyroOverRuns) -> list[str]:
+def _flag_other_gyro(one: GyroOverRuns) -> list[str]:
     """Flag for a run at the reference temperature whose K is not that of the others: another gyro
     or setting.
     """
-    K = np.array([run.scale(one.gyro).K for run in one.at_room])
+    K, _ = _points(one.gyro, one.at_room, "K")
     off = np.abs(K / np.median(K) - 1.0)
-    if len(K) < 2 or not _repeats(one) or not off.max() > UNCERTAIN:
+    if not _repeats(one) or not off.max() > UNCERTAIN:
         return []
     name = one.at_room[int(np.argmax(off))].log.file
-    return [
-        (
-            f"gyro_{one.gyro}: K of {name} is {PPM * off.max():.0f} ppm off the other runs: another"
-            " gyro or setting?"
-        )
-    ]
+    apart = f"{PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"
+    return [f"{line_name(one.gyro)}: K of {name} is {apart}"]
 
 
-def run_flags(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> list[str]:
+def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...]:
     """What a reader of figures over several runs must know."""
-    temperature = np.array([run.temp_degc for run in gyros[0].runs])
-    flags = uncertain(
-        [
-            (f"gyro_{one.gyro} in {run.log.file}", run.scale(one.gyro))
-            for one in gyros
-            for run in one.runs
-        ]
-    )
-    flags += [flag for one in gyros for flag in _apart(one)]
+    runs = gyros[0].runs
+    flags = [flag for run in runs for flag in run.flags]
+    for one in gyros:
+        for run in runs:
+            name = f"{line_name(one.gyro)} in {run.log.file}"
+            flags += flag_uncertain(name, run.scale(one.gyro))
+    for one in gyros:
+        flags += _flag_other_gyro(one)
+    temperature = np.array([run.temp_degc for run in runs])
+    near = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
     if len(temperature) > 1 and np.isnan(temperature).any():
-        flags.append(
-            "temperature is not logged in every run: nothing is fitted over it, all runs count as"
-            " repeated"
-        )
-    elif (
-        not (np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC).any()
-        and np.isfinite(temperature).all()
-    ):
+        flags.append(UNLOGGED)
+    elif not near.any() and np.isfinite(temperature).all():
         flags.append(
             f"no run within {ROOM_DEGC:g} °C of {spec.reference_temp_degc:g} °C: the mean is that"
             f" of all runs, {temperature.min():.1f} to {temperature.max():.1f} °C"
         )
-    return flags
+    return tuple(dict.fromkeys(flags))

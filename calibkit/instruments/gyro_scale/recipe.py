@@ -4,13 +4,23 @@ gyros over three axes.
 
 from __future__ import annotations
 
+from fnmatch import fnmatchcase
 from typing import Annotated, ClassVar, Literal
 
 from pydantic import Field, model_validator
 
+from calibkit.errors import RecipeError
 from calibkit.recipe.tables import NonNegative, Positive, Recipe, Table
 
-Axis = Annotated[str, Field(pattern=r"^[a-z0-9]+$")]
+Gyro = Annotated[str, Field(pattern=r"^[a-z0-9]+$")]
+Gyros = Annotated[tuple[Gyro, ...], Field(min_length=1, strict=False)]
+Patterns = Annotated[tuple[str, ...], Field(min_length=1, strict=False)]
+
+
+def _refuse_doubles(gyros: tuple[str, ...]) -> None:
+    """Refuse a gyro that stands twice."""
+    if len(set(gyros)) != len(gyros):
+        raise ValueError(f"gyros = {list(gyros)}: a gyro stands twice")
 
 
 class TableSpec(Table):
@@ -45,6 +55,13 @@ class GyroRecipe(Recipe):
         return self
 
 
+class LineAcceptance(Table):
+    """Limits of lines; a limit that is not stated is not tested."""
+
+    max_nonlinearity_ppm: Positive | None = None
+    max_asymmetry_ppm: Positive | None = None
+
+
 class OwnAxisRecipe(GyroRecipe):
     """Gyros compensated about their own axes, each by itself."""
 
@@ -76,11 +93,9 @@ class PairLogs(Table):
         return self
 
 
-class PairAcceptance(Table):
+class PairAcceptance(LineAcceptance):
     """Limits of a pair; a limit that is not stated is not tested."""
 
-    max_nonlinearity_ppm: Positive | None = None
-    max_asymmetry_ppm: Positive | None = None
     max_scale_factor_error_ppm: Positive | None = None
     max_gamma_uncertainty: Positive | None = None
     max_orthogonality_error_deg: Positive | None = None
@@ -91,16 +106,29 @@ class GyroPairRecipe(OwnAxisRecipe):
     axis.
     """
 
+    gyros: ClassVar[tuple[str, ...]] = ("a", "b")
+
     procedure: Literal["gyro_pair"]
     pair: PairLogs = PairLogs()
     acceptance: PairAcceptance = PairAcceptance()
 
+    def own_axis(self, gyro: str) -> str:
+        """Table axis of a gyro's own line."""
+        return gyro
 
-class RateTableAcceptance(Table):
+    def find_axis(self, file: str) -> str:
+        """Table axis of a log; RecipeError for a log of neither."""
+        for axis, name in (("a", self.pair.axis_a), ("b", self.pair.axis_b)):
+            if file == name:
+                return axis
+        raise RecipeError(
+            f"{file}: a log of neither table axis", hint="name one log an axis under [pair]"
+        )
+
+
+class RateTableAcceptance(LineAcceptance):
     """Limits of rate-table runs; a limit that is not stated is not tested."""
 
-    max_nonlinearity_ppm: Positive | None = None
-    max_asymmetry_ppm: Positive | None = None
     max_scale_factor_error_ppm: Positive | None = None
     max_repeatability_ppm: Positive | None = None
     max_temperature_sensitivity_ppm_degc: Positive | None = None
@@ -114,29 +142,34 @@ class RateTableRecipe(OwnAxisRecipe):
     along_chunks: ClassVar[bool] = True
 
     procedure: Literal["rate_table"]
-    gyros: Annotated[tuple[Axis, ...], Field(min_length=1, strict=False)] = ("x",)
+    gyros: Gyros = ("x",)
     acceptance: RateTableAcceptance = RateTableAcceptance()
+
+    def own_axis(self, gyro: str) -> str:  # noqa: ARG002 (as of a pair)
+        """Every run is about the one table axis, which has no name."""
+        return ""
+
+    def find_axis(self, file: str) -> str:  # noqa: ARG002 (as of a pair)
+        """Every log is about the one table axis, which has no name."""
+        return ""
 
     @model_validator(mode="after")
     def _each_gyro_once(self) -> RateTableRecipe:
-        if len(set(self.gyros)) != len(self.gyros):
-            raise ValueError(f"gyros = {list(self.gyros)}: a gyro stands twice")
+        _refuse_doubles(self.gyros)
         return self
 
 
 class TriadLogs(Table):
     """Which logs are of which table axis, by file name patterns."""
 
-    x: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = ("about_x*.csv",)
-    y: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = ("about_y*.csv",)
-    z: Annotated[tuple[str, ...], Field(min_length=1, strict=False)] = ("about_z*.csv",)
+    x: Patterns = ("about_x*.csv",)
+    y: Patterns = ("about_y*.csv",)
+    z: Patterns = ("about_z*.csv",)
 
 
-class TriadAcceptance(Table):
+class TriadAcceptance(LineAcceptance):
     """Limits of gyros over three table axes; a limit that is not stated is not tested."""
 
-    max_nonlinearity_ppm: Positive | None = None
-    max_asymmetry_ppm: Positive | None = None
     max_orthogonality_error_deg: Positive | None = None
     max_angle_uncertainty_deg: Positive | None = None
     max_rate_error_ppm: Positive | None = None
@@ -149,12 +182,28 @@ class GyroTriadRecipe(GyroRecipe):
     """
 
     procedure: Literal["gyro_triad"]
-    gyros: Annotated[tuple[Axis, ...], Field(min_length=1, strict=False)] = ("x", "y", "z")
+    gyros: Gyros = ("x", "y", "z")
     axes: TriadLogs = TriadLogs()
     acceptance: TriadAcceptance = TriadAcceptance()
 
+    def find_axis(self, file: str) -> str:
+        """Table axis of a log; RecipeError for a log of none or of two."""
+        named = [
+            axis
+            for axis, patterns in self.axes
+            if any(fnmatchcase(file, pattern) for pattern in patterns)
+        ]
+        if len(named) == 1:
+            return str(named[0])
+        what = f"of the table axes {' and '.join(named)}" if named else "of no table axis"
+        raise RecipeError(
+            f"{file}: a log {what}", hint="name the logs of each table axis under [axes]"
+        )
+
     @model_validator(mode="after")
     def _each_gyro_once(self) -> GyroTriadRecipe:
-        if len(set(self.gyros)) != len(self.gyros):
-            raise ValueError(f"gyros = {list(self.gyros)}: a gyro stands twice")
+        _refuse_doubles(self.gyros)
         return self
+
+
+AnyRecipe = RateTableRecipe | GyroPairRecipe | GyroTriadRecipe

@@ -1,32 +1,25 @@
 """Logs of a rate table → held rates → scale factors of every gyro in every run."""
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from calibkit import check
+from calibkit.arrays import Array
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
+from calibkit.instruments.gyro_scale.forms import RATE, TEMPERATURE, gyro_column
 from calibkit.instruments.gyro_scale.numeric import plateau_means, plateaus, scale_factor
+from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
+from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleFactor
+from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
 from calibkit.numeric import anomalies, chunks, earth, order_statistics
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from calibkit.arrays import Array
-    from calibkit.ingest.logs import Reader
-    from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleFactor
-    from calibkit.instruments.gyro_scale.recipe import GyroRecipe
-
-
-RATE, ANGLE, TEMPERATURE = "table_rate_dps", "table_angle_deg", "temp_case_degc"
+ANGLE = "table_angle_deg"
 FASTEST_DPS = 2e4
 """Table rate [°/s] that no table reaches: the column is in another unit."""
 ONE_TABLE = 0.01
@@ -42,6 +35,8 @@ HALF_TURN_DEG = 180.0
 ONE_SOAK_DEGC = 2.0
 """Span of a run's temperatures [°C] up to which it stood at one."""
 LEAST_ROWS = 16
+UNCERTAIN = 1e-3
+"""Relative standard uncertainty from which a scale factor is flagged."""
 LEAST_TRIAD = 3
 """Gyros over three axes from which one of them is along the table axis of every log."""
 
@@ -88,22 +83,26 @@ class TableRun:
         return min(low for low, _ in ends), max(high for _, high in ends)
 
 
-def column(gyro: str) -> str:
-    """Canonical column of a gyro's counts per second."""
-    return f"gyro_{gyro}_lsb"
-
-
-def read(
-    spec: GyroRecipe, data: Path, file: str, gyros: Sequence[str], reader: Reader = logs.read_log
-) -> Log:
+def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read_log) -> Log:
     """One log of the table in canonical columns; table angle and temperature are read where the log
     has them.
     """
-    needed: tuple[str, ...] = ("time_s", RATE, *map(column, gyros))
+    needed: tuple[str, ...] = ("time_s", RATE, *map(gyro_column, spec.gyros))
     optional: tuple[str, ...] = (ANGLE, TEMPERATURE)
     if spec.table.reference == "angle":
         needed, optional = (*needed, ANGLE), (TEMPERATURE,)
     return reader(spec, data / file, file, needed, optional)
+
+
+def flag_uncertain(name: str, line: ScaleFactor) -> list[str]:
+    """Flag for a scale factor about a gyro's own axis that hardly is any: too slow, too short or
+    too noisy a run.
+    """
+    u = float(line.standard_uncertainty[0])
+    if u < UNCERTAIN * abs(line.K):
+        return []
+    share = f"{100.0 * u / abs(line.K):.2g} %"
+    return [f"{name}: K is known to {share} only: hold faster rates, or hold them longer"]
 
 
 def vertical_rate_dps(spec: GyroRecipe) -> float | None:
@@ -116,21 +115,21 @@ def vertical_rate_dps(spec: GyroRecipe) -> float | None:
     return upward if spec.table.axis == "up" else -upward
 
 
-def examine(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Examined:
-    """Findings and held rates of a log."""
-    found, held = _examined(log, gyros, spec)
-    pinned = (
-        stated_segments.stated_rows(log, spec, ["rate"]) is not None if held is not None else False
-    )
-    rates = zip(held.span.tolist(), held.rate_dps.tolist(), strict=True) if held is not None else ()
+def examine(spec: AnyRecipe, log: Log) -> Examined:
+    """Find what is wrong with one log, and its held rates."""
+    found, held = _find_faults(spec, log)
+    if held is None:
+        return Examined(tuple(found), ())
+    pinned = stated_segments.stated_rows(log, spec, ["rate"]) is not None
+    rates = zip(held.span.tolist(), held.rate_dps.tolist(), strict=True)
     return Examined(
         tuple(found), tuple(Held("rate", a, b, rate, "°/s", pinned) for (a, b), rate in rates)
     )
 
 
-def run_of(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> TableRun:
+def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     """Held rates and scale factors of one log; raises FrameError or FitError that names it."""
-    found, held = _examined(log, gyros, spec)
+    found, held = _find_faults(spec, log)
     refuse(found)
     if held is None:
         raise FitError(f"{log.file}: no held rates")
@@ -139,85 +138,76 @@ def run_of(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> TableRun:
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     notes = (f"{log.file}: {note}" for note in (*log.notes, *held.flags))
-    return TableRun(
-        log,
-        tuple(gyros),
-        held,
-        scales,
-        (*notes, *(str(finding) for finding in found if finding.flagged)),
-    )
+    flags = (*notes, *(str(finding) for finding in found if finding.flagged))
+    return TableRun(log, spec.gyros, held, scales, flags)
 
 
-def _examined(
-    log: Log, gyros: Sequence[str], spec: GyroRecipe
-) -> tuple[list[Finding], Plateaus | None]:
+def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], Plateaus | None]:
     """What is wrong with a log, and its held rates where it is fit for them."""
-    early = [
+    found = [
         *check.find_too_few_rows(log, LEAST_ROWS),
         *check.find_missing_values(log, list(log.frame.columns)),
     ]
-    if not early:
-        early = [
-            *check.find_unordered_times(log),
-            *check.find_constant_columns(log, [RATE, *map(column, gyros)]),
-            *_too_fast(log),
-            *(finding for gyro in gyros for finding in _beyond(log, column(gyro))),
-            *(
-                check.find_implausible_temperatures(log, [TEMPERATURE])
-                if TEMPERATURE in log.frame.columns
-                else ()
-            ),
-        ]
-    if any(finding.refused for finding in early):
-        return early, None
+    if not found:
+        found = _find_implausible(log, [gyro_column(gyro) for gyro in spec.gyros])
+    if any(finding.refused for finding in found):
+        return found, None
     try:
-        held = _held(log, gyros, spec)
+        held = _average_held_rates(spec, log)
     except FitError as error:
         advice = error.hint or "check the table's columns and [plateaus] in the recipe"
-        finding = Finding(
-            log.file, error.message, "held rates of the table", advice, name="held_rates"
-        )
-        return [*early, finding], None
-    found = [*early, *_few_rates(log, held, spec), *_two_tables(log, held)]
+        expected = "held rates of the table"
+        return [*found, Finding(log.file, error.message, expected, advice, name="held_rates")], None
+    found += [*_find_few_rates(spec, log, held), *_find_two_tables(log, held)]
     if not any(finding.refused for finding in found):
-        found += _suspicious(log, gyros, spec)
+        found += _find_suspicious(spec, log)
     return found, held
 
 
-def _suspicious(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> list[Finding]:
-    """What a sensor or its logger did, and signs: a fit goes on and says so."""
-    found = (
-        check.series.check_temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
-    )
-    reach = {gyro: _span(values(log.frame, column(gyro))) for gyro in gyros}
-    # a gyro across the table axis answers with its misalignment, of either sign
-    along = max(reach, key=lambda gyro: reach[gyro])
-    for gyro in gyros:
-        found += check.series.check_driven_indication(log, column(gyro), RATE, "1/s", reach[along])
-    if not (
-        spec.procedure == "gyro_triad" and len(gyros) < LEAST_TRIAD
-    ):  # none of two need be along this axis
-        found += check.magnitude.check_gyro_sign(log, column(along), RATE)
+def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
+    """Faults of single columns, of which those of gyros are named."""
+    thermometers = [TEMPERATURE] if TEMPERATURE in log.frame.columns else []
     return [
-        *found,
-        *check.magnitude.find_compensated_names(log, spec, [column(gyro) for gyro in gyros]),
+        *check.find_unordered_times(log),
+        *check.find_constant_columns(log, [RATE, *gyros]),
+        *_find_beyond(
+            log,
+            RATE,
+            FASTEST_DPS,
+            "°/s",
+            f"at most {FASTEST_DPS:g} °/s",
+            f"state the log's unit in [columns.{RATE}]",
+        ),
+        *(finding for gyro in gyros for finding in _find_overload(log, gyro)),
+        *check.find_implausible_temperatures(log, thermometers),
     ]
 
 
-def _held(log: Log, gyros: Sequence[str], spec: GyroRecipe) -> Plateaus:
-    """Means over the held rates of a log."""
-    rules = plateaus.Rules(
-        spec.plateaus.shortest_s,
-        spec.plateaus.shortest_samples,
-        spec.plateaus.settle_s,
-        spec.plateaus.relative,
-        spec.plateaus.floor_dps,
+def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
+    """What a sensor or its logger did, and signs: a fit goes on and says so."""
+    columns = [gyro_column(gyro) for gyro in spec.gyros]
+    found = (
+        check.series.check_temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
     )
+    reach = {name: _span(values(log.frame, name)) for name in columns}
+    # a gyro across the table axis answers with its misalignment, of either sign
+    along = max(columns, key=lambda name: reach[name])
+    for name in columns:
+        found += check.series.check_driven_indication(log, name, RATE, "1/s", reach[along])
+    # none of two gyros of a triad need be along this axis
+    if spec.procedure != "gyro_triad" or len(columns) >= LEAST_TRIAD:
+        found += check.magnitude.check_gyro_sign(log, along, RATE)
+    return [*found, *check.magnitude.find_compensated_names(log, spec, columns)]
+
+
+def _average_held_rates(spec: AnyRecipe, log: Log) -> Plateaus:
+    """Means over the held rates of a log."""
+    rules = plateaus.Rules(**spec.plateaus.model_dump(exclude={"min_rates"}))
     present = log.frame.columns
     return plateau_means.means(
         values(log.frame, "time_s"),
         values(log.frame, RATE),
-        _beside([values(log.frame, column(gyro)) for gyro in gyros], log),
+        _beside([values(log.frame, gyro_column(gyro)) for gyro in spec.gyros], log),
         table_angle_deg=values(log.frame, ANGLE) if ANGLE in present else None,
         temp_degc=values(log.frame, TEMPERATURE) if TEMPERATURE in present else None,
         rules=rules,
@@ -237,19 +227,22 @@ def _beside(columns: Sequence[Array], log: Log) -> Array:
     return made
 
 
-def _too_fast(log: Log) -> list[Finding]:
-    """Table rates that no table reaches."""
-    if max(map(abs, log.extremes(RATE))) <= FASTEST_DPS:
+def _find_beyond(
+    log: Log, column: str, limit: float, unit: str, expected: str, advice: str
+) -> list[Finding]:
+    """First value of a column beyond a limit in its unit, and how many there are."""
+    if max(map(abs, log.extremes(column))) <= limit:
         return []
-    rate = values(log.frame, RATE)
-    bad = chunks.rows_where(rate, lambda part: np.abs(part) > FASTEST_DPS)
+    data = values(log.frame, column)
+    bad = chunks.rows_where(data, lambda part: np.abs(part) > limit)
     if not bad.size:
         return []
-    what = f"{rate[bad[0]]:g} °/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
-    advice = f"state the log's unit in [columns.{RATE}]"
+    worst = float(data[bad[0]])
+    what = f"{worst:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
+    figure = None if column == RATE else worst
     return [
         check.finding_at_row(
-            log, int(bad[0]), RATE, what, f"at most {FASTEST_DPS:g} °/s", advice, "range"
+            log, int(bad[0]), column, what, expected, advice, "range", figure=figure
         )
     ]
 
@@ -265,28 +258,22 @@ def _span(counts: Array) -> float:
     return high - low
 
 
-def _beyond(log: Log, name: str) -> list[Finding]:
+def _find_overload(log: Log, column: str) -> list[Finding]:
     """Counts that no rate of the log explains: what loggers write for overload."""
-    data = values(log.frame, name)
+    data = values(log.frame, column)
     usual = order_statistics.quantile_of_chunks(
         lambda: (np.abs(data[a:b]) for a, b in chunks.ranges_along(data)), data.size, 0.99
     )
-    if not usual > 0.0 or max(map(abs, log.extremes(name))) <= BEYOND * usual:
+    if not usual > 0.0:
         return []
-    bad = chunks.rows_where(data, lambda part: np.abs(part) > BEYOND * usual)
-    what = f"{data[bad[0]]:g} 1/s ({bad.size} such row{'s' if bad.size > 1 else ''})"
     advice = (
         "a logger writes such numbers for overload or nothing: leave the rows out with [[exclude]]"
     )
     expected = f"counts like those of the other rows, up to {usual:.4g} 1/s"
-    return [
-        check.finding_at_row(
-            log, int(bad[0]), name, what, expected, advice, "range", figure=float(data[bad[0]])
-        )
-    ]
+    return _find_beyond(log, column, BEYOND * usual, "1/s", expected, advice)
 
 
-def distinct(rate_dps: Array, spec: GyroRecipe) -> Array:
+def _distinct_rates(spec: GyroRecipe, rate_dps: Array) -> Array:
     """Distinct held rates, ascending: those that differ by no more than a held rate may vary are
     one.
     """
@@ -297,9 +284,9 @@ def distinct(rate_dps: Array, spec: GyroRecipe) -> Array:
     return ordered[np.concatenate(([True], np.diff(ordered) > near))]
 
 
-def _few_rates(log: Log, held: Plateaus, spec: GyroRecipe) -> list[Finding]:
+def _find_few_rates(spec: GyroRecipe, log: Log, held: Plateaus) -> list[Finding]:
     """Fewer distinct held rates than tell a line and how far it holds."""
-    rates = distinct(held.rate_dps, spec)
+    rates = _distinct_rates(spec, held.rate_dps)
     if rates.size >= spec.plateaus.min_rates:
         return []
     there = ", ".join(f"{rate:.4g}" for rate in rates)
@@ -319,7 +306,7 @@ def _few_rates(log: Log, held: Plateaus, spec: GyroRecipe) -> list[Finding]:
     ]
 
 
-def _two_tables(log: Log, held: Plateaus) -> list[Finding]:
+def _find_two_tables(log: Log, held: Plateaus) -> list[Finding]:
     """Table angle and table rate that differ by more than a table can: one is in another unit or
     sign.
 
@@ -331,7 +318,7 @@ def _two_tables(log: Log, held: Plateaus) -> list[Finding]:
         return []
     turn = np.abs(held.rate_dps) * log.steps.usual
     slow = turn < HALF_TURN_DEG
-    aliased = _aliased(log, turn[~slow], int(slow.sum())) if not slow.all() else []
+    aliased = _find_aliased(log, turn[~slow], int(slow.sum())) if not slow.all() else []
     angle, rate = held.angle_rate_dps[slow], held.rate_dps[slow]
     ratio = float(angle @ rate / (rate @ rate)) if np.any(rate) else 1.0
     if abs(ratio - 1.0) <= ONE_TABLE:
@@ -346,7 +333,7 @@ def _two_tables(log: Log, held: Plateaus) -> list[Finding]:
     ]
 
 
-def _aliased(log: Log, turn: Array, slower: int) -> list[Finding]:
+def _find_aliased(log: Log, turn: Array, slower: int) -> list[Finding]:
     """Rates at which the angle is logged too seldom to say how fast the table turned."""
     found = f"the table turns by up to {turn.max():.0f}° from row to row at {turn.size} held rates"
     held = f"the {slower} slower ones" if slower else "none"

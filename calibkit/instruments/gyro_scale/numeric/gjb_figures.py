@@ -19,6 +19,8 @@ if TYPE_CHECKING:
 
 
 PPM = 1e6
+GJB, IEEE = "GJB 2426A", "IEEE Std 952"
+"""Standards that define the figures."""
 HALF = 0.5
 """Share of the expected output that counts as a response (GJB 2426A, IEEE Std 952: threshold,
 resolution).
@@ -171,12 +173,11 @@ def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[Figure, ..
     `standard_uncertainty` [p] is of the plateau means; each figure's own is what that noise makes
     of it.
     """
-    gjb, ieee = "GJB 2426A", "IEEE Std 952"
     u_K = float(scale.standard_uncertainty[0])
     pulse = ARCSECONDS_PER_DEGREE / abs(scale.K)
     return (
-        Figure("scale_factor_gjb", scale.K, u_K, "1/deg", gjb),
-        Figure("scale_factor_ieee", pulse, pulse * u_K / abs(scale.K), "arcsec", ieee),
+        Figure("scale_factor_gjb", scale.K, u_K, "1/deg", GJB),
+        Figure("scale_factor_ieee", pulse, pulse * u_K / abs(scale.K), "arcsec", IEEE),
         *_nonlinearities(scale, standard_uncertainty),
         *_asymmetries(scale, standard_uncertainty),
         *_limits(scale, standard_uncertainty),
@@ -185,7 +186,6 @@ def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[Figure, ..
 
 def _nonlinearities(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
     """Nonlinearity over full scale and per point, with the noise of the point that decides it."""
-    gjb, ieee = "GJB 2426A", "IEEE Std 952"
     worst = int(np.argmax(np.abs(scale.residuals)))
     of_full = PPM / float(np.max(np.abs(scale.indication)))
     per_point = np.abs(nonlinearity_per_point(scale))
@@ -200,9 +200,9 @@ def _nonlinearities(scale: ScaleFactor, standard_uncertainty: Array) -> list[Fig
         scale.K
     )
     return [
-        Figure("nonlinearity_full_scale", nonlinearity_full_scale(scale), u_full, "ppm", gjb),
-        Figure("nonlinearity_per_point", float(per_point[point]), u_point, "ppm", gjb),
-        Figure("linearity_error_rms", rms, u_rms, "deg/s", ieee),
+        Figure("nonlinearity_full_scale", nonlinearity_full_scale(scale), u_full, "ppm", GJB),
+        Figure("nonlinearity_per_point", float(per_point[point]), u_point, "ppm", GJB),
+        Figure("linearity_error_rms", rms, u_rms, "deg/s", IEEE),
     ]
 
 
@@ -216,8 +216,8 @@ def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure
         for rows in (_slopes_of_sides(rate), _slopes_about_intercept(rate))
     )
     return [
-        Figure("asymmetry_gjb", asymmetry_gjb(scale), gjb, "ppm", "GJB 2426A"),
-        Figure("asymmetry_ieee", asymmetry_ieee(scale), ieee, "ppm", "IEEE Std 952"),
+        Figure("asymmetry_gjb", asymmetry_gjb(scale), gjb, "ppm", GJB),
+        Figure("asymmetry_ieee", asymmetry_ieee(scale), ieee, "ppm", IEEE),
     ]
 
 
@@ -229,11 +229,7 @@ def _limits(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
         ("threshold", threshold_dps(scale, standard_uncertainty)),
         ("resolution", resolution_dps(scale, standard_uncertainty)),
     )
-    return [
-        Figure(name, value, 0.0, "deg/s", "GJB 2426A")
-        for name, value in found
-        if np.isfinite(value)
-    ]
+    return [Figure(name, value, 0.0, "deg/s", GJB) for name, value in found if np.isfinite(value)]
 
 
 def _turning(rate_dps: Array) -> Mask:

@@ -58,6 +58,15 @@ class GyroPair:
     gamma_indicated: float
     """K_Ba/K_B before it was clamped."""
     flags: tuple[str, ...]
+    gamma_from_a: tuple[float, float] = (float("nan"), float("nan"))
+    """γ again from gyro A about B's axis, and its standard uncertainty; NaN where it was not
+    turned about that.
+    """
+
+    @property
+    def values(self) -> tuple[float, float, float, float]:
+        """N, ε, γ, α [°]."""
+        return self.N, self.epsilon, self.gamma, self.alpha_deg
 
     @property
     def standard_uncertainty(self) -> Array:
@@ -153,8 +162,8 @@ def from_runs(about_a: RunScales, about_b: RunScales, *, seed: int = 0) -> GyroP
         float(about_a.K[0]), float(about_b.K[1]), float(about_a.K[1]), covariance, seed=seed
     )
     own = np.diag([about_a.covariance[0, 0], about_b.covariance[0, 0]])
-    _, _, flags = cross_check(found, float(about_a.K[0]), float(about_b.K[0]), own)
-    return replace(found, flags=(*found.flags, *flags))
+    gamma, uncertainty, flags = cross_check(found, float(about_a.K[0]), float(about_b.K[0]), own)
+    return replace(found, flags=(*found.flags, *flags), gamma_from_a=(gamma, uncertainty))
 
 
 def _ratios_jacobian(K_A: float, K_B: float, K_Ba: float) -> Array:

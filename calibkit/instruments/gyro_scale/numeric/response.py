@@ -2,23 +2,17 @@
 fibre-optic gyro.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
-from calibkit.errors import FitError
+from calibkit.arrays import Array
+from calibkit.errors import CoefficientError, FitError
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import leave_out
 from calibkit.numeric.least_squares.fit import linear
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-
 
 Form = Literal["odd-polynomial", "sine"]
 ORDERS = (1, 3, 5, 7)
@@ -27,6 +21,8 @@ LARGEST_PHASE = np.pi / 2.0
 """Where the sine stops growing: an open-loop gyro is used below it."""
 GRID = 24
 """Rates of the sine that are tried before refinement."""
+INVERSE_GRID = 20001
+"""Rates on which a response is turned around before one Newton step."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -50,11 +46,51 @@ class Response:
 
     def at(self, rate_dps: Array) -> Array:
         """Indication at rates [n] [°/s]."""
-        if self.form == "sine":
-            zero, slope, scale = self.coefficients
-            return np.asarray(zero + slope * scale * np.sin(rate_dps / scale), dtype=np.float64)
-        powers = np.concatenate(([0], np.arange(1, self.order + 1, 2)))
-        return np.asarray(rate_dps[:, None] ** powers @ self.coefficients, dtype=np.float64)
+        return evaluate(self.coefficients, rate_dps, is_sine=self.form == "sine")
+
+
+def _odd_powers(count: int) -> list[int]:
+    """Powers of the coefficients of an odd polynomial: 0, 1, 3, 5, …."""
+    return [0, *range(1, 2 * count - 2, 2)]
+
+
+def evaluate(coefficients: Array, rate_dps: Array, *, is_sine: bool) -> Array:
+    """Indication [n] of a response at rates [n] [°/s]."""
+    if is_sine:
+        zero, slope, scale = coefficients
+        return np.asarray(zero + slope * scale * np.sin(rate_dps / scale), dtype=np.float64)
+    powers = _odd_powers(coefficients.size)
+    return np.asarray(sum(c * rate_dps**k for c, k in zip(coefficients, powers, strict=True)))
+
+
+def gradient(coefficients: Array, rate_dps: Array, *, is_sine: bool) -> Array:
+    """Derivatives [n, p] of the indication by the coefficients, at rates [n] [°/s]."""
+    if not is_sine:
+        return np.asarray(rate_dps[:, None] ** _odd_powers(coefficients.size), dtype=np.float64)
+    _, slope, scale = coefficients
+    phase = rate_dps / scale
+    bend = slope * (np.sin(phase) - phase * np.cos(phase))
+    return np.column_stack((np.ones_like(phase), scale * np.sin(phase), bend))
+
+
+def invert(curve: Callable[[Array], Array], limits: tuple[float, float], indicated: Array) -> Array:
+    """Rates [n] at which a response gives indicated rates [n] [°/s]; beyond the limits of the
+    fitted rates the correction of their end is held.
+
+    Raises CoefficientError for a response that is not monotonic.
+    """
+    grid = np.linspace(*limits, INVERSE_GRID)
+    bent = curve(grid)
+    if not (np.diff(bent) > 0.0).all():
+        raise CoefficientError(
+            "the response is not monotonic over its rates", hint="fit with response = 'line'"
+        )
+    rate = np.interp(indicated, bent, grid)
+    step = 1e-4 * (limits[1] - limits[0])
+    slope = (curve(rate + step) - curve(rate - step)) / (2.0 * step)
+    inside = rate - (curve(rate) - indicated) / slope
+    outside = rate + (indicated - np.clip(indicated, bent[0], bent[-1]))
+    return np.where((indicated >= bent[0]) & (indicated <= bent[-1]), inside, outside)
 
 
 def odd_polynomial(rate_dps: Array, indication: Array, order: int) -> Response:
@@ -64,7 +100,7 @@ def odd_polynomial(rate_dps: Array, indication: Array, order: int) -> Response:
     """
     if order % 2 == 0:
         raise FitError(f"an odd polynomial of order {order}", hint="give an odd order")
-    powers = np.concatenate(([0], np.arange(1, order + 1, 2)))
+    powers = np.array(_odd_powers((order + 3) // 2))
     unit = float(np.max(np.abs(rate_dps)))
     names = ("F0", *(f"K{k}" for k in powers[1:]))
     design = (rate_dps[:, None] / unit) ** powers
@@ -95,16 +131,9 @@ def sine(rate_dps: Array, indication: Array) -> Response:
         )
     scale = _best_scale(rate_dps, indication)
     zero, slope = _sine_factors(rate_dps, indication, scale)
-    phase = rate_dps / scale
-    jacobian = np.column_stack(
-        (
-            np.ones_like(phase),
-            scale * np.sin(phase),
-            slope * (np.sin(phase) - phase * np.cos(phase)),
-        )
-    )
-    residuals = indication - zero - slope * scale * np.sin(phase)
-    dof = rate_dps.size - 3
+    coefficients = np.array([zero, slope, scale])
+    jacobian = gradient(coefficients, rate_dps, is_sine=True)
+    residuals = indication - evaluate(coefficients, rate_dps, is_sine=True)
     # the linear fit of the residuals on the Jacobian carries the covariance of the last
     # Gauss-Newton step
     step = linear(jacobian, residuals, names=("F0", "K", "rate_scale"))
@@ -112,9 +141,9 @@ def sine(rate_dps: Array, indication: Array) -> Response:
         form="sine",
         order=1,
         names=("F0", "K", "rate_scale_dps"),
-        coefficients=np.array([zero, slope, scale]),
+        coefficients=coefficients,
         covariance=step.covariance,
-        dof=dof,
+        dof=rate_dps.size - 3,
         residuals=residuals,
         left_out_rms=rms(_left_out_sine(rate_dps, indication)),
     )

@@ -17,7 +17,7 @@ from calibkit.numeric.least_squares.fit import linear
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from numpy.typing import ArrayLike
 
     from calibkit.arrays import Array
     from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
@@ -292,7 +292,7 @@ def _raw_noise(standard_uncertainty: Array, temp_degc: Array, order: int) -> Arr
     return np.asarray((solver * standard_uncertainty**2) @ solver.T, dtype=np.float64)
 
 
-def mean_of_runs(K: Sequence[float], standard_uncertainty: Sequence[float]) -> tuple[float, float]:
+def mean_of_runs(K: ArrayLike, standard_uncertainty: ArrayLike) -> tuple[float, float]:
     """Mean of repeated runs and its standard uncertainty: the larger of a run's own and of the
     scatter of the mean.
 

@@ -1,0 +1,143 @@
+"""Figures of fits and of unseen runs against the limits of a recipe."""
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+from calibkit.coefficients import Criterion, Figure, at_most
+from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale.axes import AxesFit
+from calibkit.instruments.gyro_scale.forms import read_figure_name
+from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB
+from calibkit.instruments.gyro_scale.pair import PairFit
+from calibkit.instruments.gyro_scale.recipe import (
+    LineAcceptance,
+    PairAcceptance,
+    RateTableAcceptance,
+    TriadAcceptance,
+)
+
+LINE_LIMITS = {
+    "nonlinearity_full_scale": ("nonlinearity over full scale", "max_nonlinearity_ppm", "ppm"),
+    "asymmetry": ("asymmetry", "max_asymmetry_ppm", "ppm"),
+}
+"""Figure of a line (GJB 2426A) → its limit: name, key of the recipe, unit."""
+RUN_LIMITS = LINE_LIMITS | {
+    "repeatability": ("repeatability", "max_repeatability_ppm", "ppm"),
+    "temperature_sensitivity": (
+        "temperature sensitivity",
+        "max_temperature_sensitivity_ppm_degc",
+        "ppm/degC",
+    ),
+}
+UNSEEN_LINE_LIMITS = {
+    "scale_factor_error_ppm": ("scale-factor error", "max_scale_factor_error_ppm", "ppm"),
+    "nonlinearity_full_scale_ppm": LINE_LIMITS["nonlinearity_full_scale"],
+}
+UNSEEN_BASE_LIMITS = {
+    "rate_error_max_ppm_of_full_scale": ("rate error", "max_rate_error_ppm", "ppm"),
+    "cross_axis_max_ppm_of_full_scale": (
+        "rate across the turned axis",
+        "max_cross_axis_ppm",
+        "ppm",
+    ),
+}
+
+
+def _judge(
+    limits: LineAcceptance, *found: tuple[tuple[str, str, str], float]
+) -> tuple[Criterion, ...]:
+    """Criteria of values that must not exceed limits, where those are stated."""
+    return tuple(
+        at_most(name, value, getattr(limits, key), unit)
+        for (name, key, unit), value in found
+        if getattr(limits, key) is not None
+    )
+
+
+def _judge_figures(
+    figures: Sequence[Figure],
+    kinds: Mapping[str, tuple[str, str, str]],
+    limits: LineAcceptance,
+) -> tuple[Criterion, ...]:
+    """Criteria of the largest figure of each kind; raises FitError where a limit is stated and no
+    run shows the figure.
+    """
+    found = []
+    for what, limit in kinds.items():
+        shown = [
+            figure.value for figure in figures if read_figure_name(figure.name)[:2] == (what, GJB)
+        ]
+        value = getattr(limits, limit[1])
+        if value is not None and not shown:
+            raise FitError(
+                f"acceptance.{limit[1]} = {value:g}: these logs cannot show that figure",
+                hint="add the runs that it needs, or take the limit out of the recipe",
+            )
+        found.append((limit, max(shown, default=0.0)))
+    return _judge(limits, *found)
+
+
+def judge_runs(figures: Sequence[Figure], limits: RateTableAcceptance) -> tuple[Criterion, ...]:
+    """Limits on the runs of a rate table."""
+    return _judge_figures(figures, RUN_LIMITS, limits)
+
+
+def judge_pair(
+    fitted: PairFit, figures: Sequence[Figure], limits: PairAcceptance
+) -> tuple[Criterion, ...]:
+    """Limits on the lines of a pair about own axes, and on its angle."""
+    u_gamma = float(fitted.found.standard_uncertainty[2])
+    error = abs(fitted.found.orthogonality_error_deg)
+    return _judge_figures(figures, LINE_LIMITS, limits) + _judge(
+        limits,
+        (("standard uncertainty of gamma", "max_gamma_uncertainty", "1"), u_gamma),
+        (("orthogonality error", "max_orthogonality_error_deg", "deg"), error),
+    )
+
+
+def judge_triad(
+    fitted: AxesFit, figures: Sequence[Figure], limits: TriadAcceptance
+) -> tuple[Criterion, ...]:
+    """Limits on the lines about main axes, and on the angles in every set."""
+    angles = [
+        (
+            abs(90.0 - float(one.triad.angles_deg[pair])),
+            float(one.triad.angle_uncertainty_deg[pair]),
+        )
+        for one in fitted.sets
+        for pair in fitted.pairs
+    ]
+    error, u = (max(found) for found in zip(*(angles or [(0.0, 0.0)]), strict=True))
+    return _judge_figures(figures, LINE_LIMITS, limits) + _judge(
+        limits,
+        (("orthogonality error", "max_orthogonality_error_deg", "deg"), error),
+        (("standard uncertainty of an angle", "max_angle_uncertainty_deg", "deg"), u),
+    )
+
+
+def judge_unseen_lines(
+    compared: Sequence[Mapping[str, Any]], limits: PairAcceptance | RateTableAcceptance
+) -> tuple[Criterion, ...]:
+    """Limits on runs that were not fitted: scale factor against the frozen one, and the run's own
+    nonlinearity.
+    """
+    return _judge(
+        limits,
+        *(
+            (limit, max(abs(one[key]) for one in compared))
+            for key, limit in UNSEEN_LINE_LIMITS.items()
+        ),
+    )
+
+
+def judge_unseen_base(
+    compared: Sequence[Mapping[str, Any]], limits: TriadAcceptance
+) -> tuple[Criterion, ...]:
+    """Limits on rates of runs that were not fitted, along and across the turned axis."""
+    return _judge(
+        limits,
+        *(
+            (limit, max(one["after"][key] for one in compared))
+            for key, limit in UNSEEN_BASE_LIMITS.items()
+        ),
+    )

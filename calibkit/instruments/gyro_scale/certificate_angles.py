@@ -1,0 +1,225 @@
+"""Results between gyros: N, ε, γ and α of a pair, or sensitivities, unit vectors of the input axes
+and angles between them.
+"""
+
+import math
+from collections.abc import Mapping
+from dataclasses import replace
+
+from calibkit.certificate.results import Block, Equation, GridTable, ListTable, Result
+from calibkit.certificate.stated import COEFFICIENT_NOTE, Stated, range_words, residual_words
+from calibkit.certificate.words import Words
+from calibkit.coefficients import Figure, Model, Record
+from calibkit.instruments.gyro_scale.forms import (
+    AXES,
+    ORTHOGONALITY_FILE,
+    PAIR,
+    RATE,
+    TEMPERATURE,
+    TRIAD,
+)
+
+PAIR_EQUATION = Equation(
+    PAIR.name,
+    r"N = \frac{K_B}{K_A}, \quad \varepsilon = \frac{K_{Ba}}{K_A}, \quad \gamma ="
+    r" \frac{\varepsilon}{N} = \cos\alpha",
+    Words(
+        "K_A, K_B scale factors about the gyros' own axes, K_Ba that of B about A's axis, α the"
+        " angle between the two axes.",
+        "K_A、K_B 为各陀螺绕自身轴的标度因数，K_Ba 为 B 绕 A 轴的标度因数，α 为两轴夹角。",
+    ),
+)
+TRIAD_EQUATION = Equation(
+    TRIAD.name,
+    r"\mathbf{F} = \mathbf{S}\,\boldsymbol{\Omega} + \mathbf{F}_0, \quad \mathbf{u}_g ="
+    r" \mathbf{s}_g / |\mathbf{s}_g|, "
+    r"\quad \cos\alpha_{gh} = \mathbf{u}_g \cdot \mathbf{u}_h",
+    Words(
+        "F indications [1/s], Ω rate about the axes of the base [°/s]; the rows of S are the"
+        " sensitivities of the gyros.",
+        "F 为示值 [1/s]，Ω 为绕基准轴的角速率 [°/s]，S 的各行为各陀螺的灵敏度。",
+    ),
+)
+PAIR_WORDS = {
+    "N": ("N", Words("ratio of the scale factors", "标度因数比")),
+    "epsilon": ("ε", Words("projection ratio", "投影比")),
+    "gamma": ("γ", Words("orthogonality coefficient", "正交系数")),
+    "alpha_deg": ("α", Words("angle between the axes", "两轴夹角")),
+}
+"""Coefficient of a pair → its symbol and what it is."""
+GYRO = Words("gyro", "陀螺")
+FULL_SCALE = 100.0
+"""Table rate [°/s] that shares of it are taken of where a model does not name its own."""
+
+
+def list_rate_influences(
+    value: float, largest: float = FULL_SCALE
+) -> dict[str, tuple[float, float]]:
+    """Sensitivity of K, and of what is proportional to it, to the table rate at full scale and to
+    the time base (of 1 s).
+    """
+    return {RATE: (largest, -value / largest), "time_s": (1.0, value)}
+
+
+def find_full_scale(model: Model, default: float = FULL_SCALE) -> float:
+    """Largest table rate [°/s] of a model."""
+    return max(map(abs, model.valid.get(RATE, ())), default=0.0) or default
+
+
+def state_angles(stated: Stated, record: Record) -> Block:
+    """Block of a gyro_orthogonality.json of a pair or of sets of runs about three axes."""
+    if any(model.form == PAIR.name for model in record.models):
+        return _state_pair(stated, record)
+    models = [model for model in record.models if model.form == TRIAD.name]
+    tables = (
+        _tabulate_sensitivities(stated, record, models),
+        *(
+            _tabulate_figures(stated, record, models, what, title, unit)
+            for what, title, unit in (
+                ("misalignment", Words("Unit vectors of the input axes", "输入轴单位矢量"), "1"),
+                ("angle_deg", Words("Angles between the input axes", "输入轴夹角"), "deg"),
+            )
+        ),
+    )
+    notes = [words for model in models for words in (residual_words(model), range_words(model))]
+    title = Words("Sensitivities and angles of the gyros", "陀螺灵敏度与夹角")
+    return Block(
+        record.stage, ORTHOGONALITY_FILE, title, (TRIAD_EQUATION,), tables, (), tuple(notes)
+    )
+
+
+def _tabulate_sensitivities(stated: Stated, record: Record, models: list[Model]) -> GridTable:
+    """Rows of S, one a gyro and temperature."""
+    labels: list[str] = []
+    cells: list[tuple[Result, ...]] = []
+    for model in models:
+        full_scale = find_full_scale(model, 1.0)
+        rows: dict[str, list[Result]] = {}
+        for c in model.coefficients:
+            gyro, axis = c.name[2:-1], c.name[-1]
+            if c.name.startswith("S_"):
+                result = stated.linear(
+                    record,
+                    model,
+                    c.name,
+                    Words("sensitivity", "灵敏度"),
+                    {c.name: 1.0},
+                    "1/deg",
+                    sensitivities=list_rate_influences(c.value, full_scale),
+                    principal=model.name == "triad" and gyro == axis,
+                )
+                rows.setdefault(gyro, []).append(result)
+        labels += [f"{gyro} ({_where(model)})" for gyro in rows]
+        cells += map(tuple, rows.values())
+    return GridTable(
+        Words("Sensitivities about the axes of the base", "绕基准轴的灵敏度"),
+        GYRO,
+        tuple(Words(f"about {axis}", f"绕 {axis} 轴") for axis in AXES),
+        ("1/deg",) * len(AXES),
+        tuple(labels),
+        tuple(cells),
+        COEFFICIENT_NOTE,
+    )
+
+
+def _where(model: Model) -> str:
+    """Temperature that a triad was found at, where it was logged."""
+    span = model.valid.get(TEMPERATURE)
+    return model.name if span is None else f"{sum(span) / 2.0:.1f} °C".replace("-", "−")
+
+
+def _tabulate_figures(
+    stated: Stated, record: Record, models: list[Model], what: str, title: Words, unit: str
+) -> GridTable:
+    """Figures named what.<pair>[.<temperature>]: a row for each set of runs and, but for angles,
+    each gyro.
+    """
+    labels: list[str] = []
+    cells: list[tuple[Result, ...]] = []
+    columns: dict[str, None] = {}
+    for model in models:
+        suffix = model.name.removeprefix("triad").removeprefix(".")
+        rows: dict[str, list[Result]] = {}
+        for figure in record.figures:
+            kind, _, rest = figure.name.partition(".")
+            key, _, where = rest.partition(".")
+            if (kind, where) == (what, suffix):
+                gyro, column = ("", key.replace("_", " – ")) if "_" in key else (key[:-1], key[-1])
+                columns[column] = None
+                name = Words(title.en.lower(), title.zh)
+                rows.setdefault(gyro, []).append(stated.figure(record, figure, name, model.dof))
+        labels += [f"{gyro} ({_where(model)})".strip() for gyro in rows]
+        cells += map(tuple, rows.values())
+    heads = tuple(map(Words, columns))
+    return GridTable(title, GYRO, heads, (unit,) * len(heads), tuple(labels), tuple(cells))
+
+
+def _by_angle(model: Model, name: str) -> dict[str, tuple[float, float]]:
+    """Sensitivity of γ = cos α and ε = N γ to the angle, which type B terms on alpha_deg reach them
+    by.
+    """
+    alpha = model.value("alpha_deg")
+    slope = -math.sin(math.radians(alpha)) * math.pi / 180.0
+    derivatives = {
+        "gamma": slope,
+        "epsilon": model.value("N") * slope,
+        "orthogonality_error_deg": -1.0,
+    }
+    return {"alpha_deg": (alpha, derivatives[name])} if name in derivatives else {}
+
+
+def _state_pair(stated: Stated, record: Record) -> Block:
+    """N, ε, γ, α; the table's rate and the time base cancel in them."""
+    model = record.model("pair")
+    figures = {figure.name: figure for figure in record.figures}
+    *ratios, alpha = (
+        stated.linear(
+            record,
+            model,
+            c.name,
+            PAIR_WORDS[c.name][1],
+            {c.name: 1.0},
+            c.unit,
+            symbol=PAIR_WORDS[c.name][0],
+            sensitivities=_by_angle(model, c.name),
+            principal=True,
+        )
+        for c in model.coefficients
+    )
+    error = figures["orthogonality_error_deg"]
+    off = stated.figure(
+        record,
+        error,
+        Words("orthogonality error 90° − α", "正交误差 90° − α"),
+        model.dof,
+        sensitivities=_by_angle(model, error.name),
+    )
+    results = (*ratios, _bounded(alpha, figures), off)
+    title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
+    table = ListTable(Words("Orthogonality", "正交性"), results)
+    notes = _note_pair(model, figures)
+    return Block(record.stage, ORTHOGONALITY_FILE, title, (PAIR_EQUATION,), (table,), (), notes)
+
+
+def _note_pair(model: Model, figures: Mapping[str, Figure]) -> tuple[Words, ...]:
+    """Side of gyro B, ranges, and whether γ was clamped."""
+    side = Words("Gyro B lies on the same side as gyro A.", "两陀螺同侧。")
+    if figures["side"].value < 0.0:
+        side = Words(
+            "Gyro B lies on the side opposite to gyro A (α > 90°).", "两陀螺异侧（α > 90°）。"
+        )
+    clamped = Words("|γ| was beyond 1 by noise and is clamped.", "|γ| 因噪声超过 1，已限幅。")
+    return (side, range_words(model), *([clamped] if figures["clamped"].value else []))
+
+
+def _bounded(alpha: Result, figures: Mapping[str, Figure]) -> Result:
+    """α with the interval of the file where α ± U would leave 0° to 180°: there u(α) to first order
+    diverges.
+    """
+    if alpha.uncertainty is None:
+        return alpha
+    U = alpha.uncertainty.expanded_uncertainty
+    if alpha.value - U > 0.0 and alpha.value + U < 180.0:
+        return alpha
+    low, high = (figures[f"alpha_{end}_95_deg"].value for end in ("low", "high"))
+    return replace(alpha, interval=(low, high))

@@ -1,0 +1,226 @@
+"""Gyros on a rate table: runs of single gyros, a pair about two axes, any number about three."""
+
+from __future__ import annotations
+
+from typing import TYPE_CHECKING, Any
+
+from calibkit.check import copies
+from calibkit.coefficients import Input
+from calibkit.errors import RecipeError
+from calibkit.ingest import logs as ingest
+from calibkit.instruments import Fitted, Instrument
+from calibkit.instruments.gyro_scale import (
+    acceptance,
+    coefficient_files,
+    compensate,
+    curves,
+    forms,
+    propose,
+    runs as table_runs,
+    simulate_pair,
+    simulate_rate_table,
+    simulate_triad,
+    tables,
+    unseen,
+)
+from calibkit.instruments.gyro_scale.axes import fit_axes
+from calibkit.instruments.gyro_scale.over_runs import fit_over_runs, flag_runs
+from calibkit.instruments.gyro_scale.pair import fit_pair
+from calibkit.instruments.gyro_scale.recipe import (
+    AnyRecipe,
+    GyroPairRecipe,
+    GyroTriadRecipe,
+    RateTableRecipe,
+)
+from calibkit.report.documents import Drawn
+from calibkit.report.summary import Summary
+
+if TYPE_CHECKING:
+    from collections.abc import Iterable, Mapping, Sequence
+    from pathlib import Path
+
+    from calibkit.certificate.results import Block
+    from calibkit.certificate.stated import Stated
+    from calibkit.coefficients import Criterion, StageResult
+    from calibkit.instruments import Firmware, Progress
+    from calibkit.instruments.gyro_scale.curves import GyroReport
+    from calibkit.instruments.gyro_scale.runs import TableRun
+    from calibkit.report.table import Table
+
+
+def _read_runs(
+    spec: AnyRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> dict[str, tuple[TableRun, ...]]:
+    """Table axis → its runs, in the order of the files."""
+    axes = {file: spec.find_axis(file) for file in files}
+    logs = copies.refuse_copies(
+        ingest.read_ahead(
+            progress(files, "reading and averaging"), lambda file: table_runs.read(spec, data, file)
+        )
+    )
+    found: dict[str, tuple[TableRun, ...]] = {}
+    for log in logs:
+        axis = axes[log.file]
+        found[axis] = (*found.get(axis, ()), table_runs.fit_run(spec, log))
+    return {axis: found[axis] for axis in sorted(found)}
+
+
+def _fitted(
+    spec: AnyRecipe,
+    runs: Mapping[str, Sequence[TableRun]],
+    results: tuple[StageResult, ...],
+    shown: Iterable[Table],
+    criteria: tuple[Criterion, ...],
+    drawing: GyroReport,
+) -> Fitted[GyroReport]:
+    """What a fit gives; every file carries all flags."""
+    inputs = tuple(Input.of(run.log) for group in runs.values() for run in group)
+    summary = Summary(spec.title, tuple(shown), results[0].flags, criteria)
+    return Fitted(results, inputs, summary, drawing)
+
+
+def _fit_rate_table(
+    spec: RateTableRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[GyroReport]:
+    """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
+    runs = _read_runs(spec, data, files, progress)
+    gyros = [fit_over_runs(spec, gyro, runs[""]) for gyro in spec.gyros]
+    results = coefficient_files.list_rate_table_results(gyros, flag_runs(gyros, spec), spec)
+    (scales,) = results
+    shown = (
+        tables.tabulate_lines(scales.models),
+        *tables.tabulate_curves(scales.models),
+        *tables.tabulate_runs(gyros, scales.figures),
+        *tables.tabulate_biases(scales.figures),
+    )
+    criteria = acceptance.judge_runs(scales.figures, spec.acceptance)
+    return _fitted(spec, runs, results, shown, criteria, curves.report_runs(gyros))
+
+
+def _fit_pair(
+    spec: GyroPairRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[GyroReport]:
+    """Fit the scale factors about both axes and the orthogonality of the pair."""
+    needed = {"a": spec.pair.axis_a, "b": spec.pair.axis_b}
+    for axis, name in needed.items():
+        if name not in files:
+            raise RecipeError(
+                f"pair.axis_{axis} = '{name}': no such log among {', '.join(files)}",
+                hint="a pair needs the log of each table axis; see [logs] files and [[exclude]]",
+            )
+    runs = _read_runs(spec, data, sorted(files, key=spec.find_axis), progress)
+    fitted = fit_pair(*runs["a"], *runs["b"])
+    results = coefficient_files.list_pair_results(fitted, spec)
+    scales = results[0]
+    own = [forms.line_name(gyro, gyro) for gyro in spec.gyros]
+    shown = (
+        tables.tabulate_lines(scales.models),
+        *tables.tabulate_curves(scales.models),
+        *tables.tabulate_figures(scales.figures, own, "Figures of each gyro about its own axis"),
+        *tables.tabulate_biases(scales.figures),
+        tables.tabulate_pair(fitted),
+    )
+    criteria = acceptance.judge_pair(fitted, scales.figures, spec.acceptance)
+    return _fitted(spec, runs, results, shown, criteria, curves.report_pair(fitted))
+
+
+def _fit_triad(
+    spec: GyroTriadRecipe, data: Path, files: Sequence[str], progress: Progress
+) -> Fitted[GyroReport]:
+    """Fit the sensitivities of every gyro about three axes, the angles between them, and both over
+    temperature.
+    """
+    runs = _read_runs(spec, data, files, progress)
+    fitted = fit_axes(spec, runs)
+    results = coefficient_files.list_triad_results(fitted, spec)
+    scales = results[0]
+    shown = (
+        *tables.tabulate_triad(fitted),
+        *tables.tabulate_biases(scales.figures),
+        *tables.tabulate_curves(scales.models),
+    )
+    criteria = acceptance.judge_triad(fitted, scales.figures, spec.acceptance)
+    return _fitted(spec, runs, results, shown, criteria, curves.report_triad(fitted))
+
+
+def _draw(title: str, fitted: Fitted[GyroReport]) -> Drawn:
+    """Figures and summary of a fit."""
+    from calibkit.instruments.gyro_scale.figures import draw_pages
+
+    return Drawn(draw_pages(title, fitted.drawing), fitted.summary)
+
+
+def _certificate(stated: Stated) -> tuple[Block, ...]:
+    """Blocks of results on a certificate."""
+    from calibkit.instruments.gyro_scale.certificate import list_blocks
+
+    return list_blocks(stated)
+
+
+def _firmware() -> Firmware[Any]:
+    """How a run becomes firmware."""
+    from calibkit.instruments.gyro_scale.firmware import FIRMWARE
+
+    return FIRMWARE
+
+
+LINE_KEYS = r"gyro_scale\.(nonlinearity_full_scale|asymmetry)\.GJB 2426A\..+"
+"""Key figures of lines."""
+
+RATE_TABLE = Instrument(
+    recipe=RateTableRecipe,
+    read=table_runs.read,
+    examine=table_runs.examine,
+    fit=_fit_rate_table,
+    draw=_draw,
+    validate=unseen.validate,
+    apply=compensate.apply,
+    certificate=_certificate,
+    forms=lambda: forms.FORMS,
+    firmware=_firmware,
+    key_figures=(
+        r"gyro_scale\.gyro_[a-z0-9]+\.(K|F0|residual_rms)",
+        r"gyro_scale\.(repeatability|temperature_sensitivity)\.GJB 2426A\..+",
+        LINE_KEYS,
+    ),
+    campaigns={"rate_table": simulate_rate_table.campaign},
+    propose=propose.propose_rate_table,
+)
+PAIR = Instrument(
+    recipe=GyroPairRecipe,
+    read=table_runs.read,
+    examine=table_runs.examine,
+    fit=_fit_pair,
+    draw=_draw,
+    validate=unseen.validate,
+    apply=compensate.apply,
+    certificate=_certificate,
+    forms=lambda: forms.FORMS,
+    firmware=_firmware,
+    key_figures=(
+        r"gyro_scale\.(a_about_a|b_about_b|b_about_a|a_about_b)\.(K|F0|residual_rms)",
+        LINE_KEYS,
+        r"gyro_orthogonality\.(N|epsilon|gamma|alpha_deg)",
+    ),
+    campaigns={"gyro_pair": simulate_pair.campaign},
+    propose=propose.propose_pair,
+)
+TRIAD = Instrument(
+    recipe=GyroTriadRecipe,
+    read=table_runs.read,
+    examine=table_runs.examine,
+    fit=_fit_triad,
+    draw=_draw,
+    validate=unseen.validate,
+    apply=compensate.apply,
+    certificate=_certificate,
+    forms=lambda: forms.FORMS,
+    firmware=_firmware,
+    key_figures=(
+        r"gyro_orthogonality\.scale_factor\.[a-z0-9]+",
+        r"gyro_orthogonality\.misalignment\.(?!(\w)\1$)[a-z0-9]+",
+        r"gyro_orthogonality\.orthogonality_error_deg\.[a-z0-9]+_[a-z0-9]+",
+    ),
+    campaigns={"gyro_triad": simulate_triad.campaign},
+    propose=propose.propose_triad,
+)
