@@ -265,17 +265,20 @@ def convert(values: Array, source: str, target: str, *, gravity_mps2: float | No
     return (values + a.shift) * a.factor / a.divisor * b.divisor / b.factor - b.shift
 
 
-def scaled(values: Array, factor: float) -> Array:
-    """Values [any shape] times a factor that is meant as its decimal digits say.
+def scaled(values: Array, factor: float, *, offset: float = 0.0) -> Array:
+    """Values [any shape] times a factor that is meant as its decimal digits say, plus an offset.
 
     The factor is taken as the fraction of two whole numbers that its shortest decimal text is:
     whole counts of 0.0001 become the float64 nearest to the true product, which a multiplication by
     the float64 next to 0.0001 does not.
     """
-    exact = Fraction(repr(float(factor)))
-    if max(abs(exact.numerator), exact.denominator) >= 1 << 53:
-        return values * factor
-    return values * float(exact.numerator) / float(exact.denominator)
+    if factor != 1.0:
+        exact = Fraction(repr(float(factor)))
+        if max(abs(exact.numerator), exact.denominator) >= 1 << 53:
+            values = values * factor
+        else:
+            values = values * float(exact.numerator) / float(exact.denominator)
+    return values + offset if offset else values
 
 
 _BRACKETED = re.compile(r"[(（\[<{]\s*([^()（）\[\]<>{}]*(?:\(°\)[^()]*)?)\s*[)）\]>}]\s*$")

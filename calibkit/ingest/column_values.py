@@ -187,8 +187,7 @@ def read_values(
         raw, reading = _unwrap(raw, column.wraps_at, source)
     if column.accumulated:
         raw = np.concatenate([[np.nan], np.diff(raw)])
-    values = units.scaled(raw, column.scale) if column.scale != 1.0 else raw
-    values = values + column.offset if column.offset else values
+    values = units.scaled(raw, column.scale, offset=column.offset)
     per_sample = unit == "1/sample"
     if per_sample:
         values = values / _interval(column, seconds, name, table)

@@ -16,7 +16,7 @@ from calibkit.ingest import mapping
 from calibkit.ingest.column_values import unmap_values
 from calibkit.numeric import chunks
 from calibkit.readers import clean, delimited, registry, tokens
-from calibkit.recipe.formats import AUTO
+from calibkit.recipe.logs import AUTO
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Iterable, Iterator, Mapping
@@ -25,7 +25,6 @@ if TYPE_CHECKING:
     import pandas as pd
 
     from calibkit.arrays import Array
-    from calibkit.readers.table import Table
     from calibkit.recipe import Recipe
 
 
@@ -175,7 +174,7 @@ def _blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
 
 def _fields(recipe: Recipe, path: Path) -> _Fields:
     """Fields of a log: of CSV as they are, of any other dialect or format by its reader."""
-    data = delimited.read_bytes(path, path.name)
+    data, _ = delimited.read_bytes(path, path.name)
     if recipe.logs.format in _CSV and delimited.looks_clean(data):
         try:
             header, body = delimited.split_header(data, path.name)
@@ -189,7 +188,7 @@ def _fields(recipe: Recipe, path: Path) -> _Fields:
             read = list(map(list, zip(*rows, strict=True)))
             return _Fields(header, stated, len(rows), lambda: [read], quotes=False)
     table = registry.read(path, path.name, recipe.logs, ())
-    columns = [_characters(table.frame[name], table) for name in table.frame.columns]
+    columns = [_characters(table.frame[name], table.decimal) for name in table.frame.columns]
     return _Fields(
         list(map(str, table.frame.columns)),
         table.units,
@@ -199,14 +198,13 @@ def _fields(recipe: Recipe, path: Path) -> _Fields:
     )
 
 
-def _characters(column: pd.Series, table: Table) -> list[str]:
+def _characters(column: pd.Series, decimal: str) -> list[str]:
     """A column's own characters with decimal points, or its numbers."""
     if column.dtype.kind == "f":
         return _texts(column.to_numpy(dtype=np.float64))
-    commas = any(line.startswith("decimal = ','") for line in table.reading)
-    texts = [str(text) for text in column.fillna("")]
-    if not commas:
-        return texts
+    texts = map(str, column.fillna(""))
+    if decimal == ".":
+        return list(texts)
     return [
         text.replace(",", ".") if tokens.NUMBER[","].fullmatch(text) else text for text in texts
     ]

@@ -11,7 +11,6 @@ or described wrongly.
 
 from __future__ import annotations
 
-import hashlib
 from typing import TYPE_CHECKING
 
 import numpy as np
@@ -25,18 +24,15 @@ if TYPE_CHECKING:
     from collections.abc import Collection
     from pathlib import Path
 
-    from numpy.typing import NDArray
-
-    from calibkit.arrays import Array
-    from calibkit.recipe.logs import BinarySpec, FieldSpec, Logs
+    from calibkit.recipe.logs import BinarySpec, Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
     """Read raw records whole, or raise LogFormatError that names the record."""
     assert logs.binary is not None  # noqa: S101 (the recipe's own check: format = 'binary' has [logs.binary])
     spec = logs.binary
-    data = delimited.read_bytes(path, file)
-    layout = _layout(spec)
+    data, sha256 = delimited.read_bytes(path, file)
+    layout = _record_type(spec)
     body = len(data) - spec.header_bytes
     if body <= 0 or body % layout.itemsize:
         raise LogFormatError(
@@ -47,28 +43,31 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     records = np.frombuffer(data, layout, offset=spec.header_bytes)
     _require_sync(data, spec, layout.itemsize, file)
     kept = [field for field in spec.fields if field.type != "skip"]
-    frame = arrays.make_frame({field.name: _scaled(records[field.name], field) for field in kept})
-    stated = {field.name: units.of_text(field.unit) for field in kept if field.unit}
-    reading = (f"binary records of {layout.itemsize} bytes, {len(frame)} rows",)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, stated)
+    columns = {
+        field.name: units.scaled(
+            records[field.name].astype(np.float64), field.scale, offset=field.offset
+        )
+        for field in kept
+    }
+    return Table(
+        file,
+        sha256,
+        arrays.make_frame(columns),
+        reading=(f"binary records of {layout.itemsize} bytes, {len(records)} rows",),
+        units={field.name: units.of_text(field.unit) for field in kept if field.unit},
+    )
 
 
-def _layout(spec: BinarySpec) -> np.dtype[np.void]:
+def _record_type(spec: BinarySpec) -> np.dtype[np.void]:
     """Type of a record for numpy."""
-    marks = {"little": "<", "big": ">"}
     fields = []
     for number, field in enumerate(spec.fields):
-        order = spec.byte_order if field.byte_order == "record" else field.byte_order
-        kind = f"V{field.bytes}" if field.type == "skip" else marks[order] + field.type
-        fields.append((f"skipped {number}" if field.type == "skip" else field.name, kind))
+        if field.type == "skip":
+            fields.append((f"skipped {number}", np.dtype(f"V{field.bytes}")))
+        else:
+            order = spec.byte_order if field.byte_order == "record" else field.byte_order
+            fields.append((field.name, np.dtype(field.type).newbyteorder(order)))
     return np.dtype(fields)
-
-
-def _scaled(stored: NDArray[np.generic], field: FieldSpec) -> Array:
-    """Values of a field."""
-    values = stored.astype(np.float64)
-    values = units.scaled(values, field.scale) if field.scale != 1.0 else values
-    return values + field.offset if field.offset else values
 
 
 def _require_sync(data: bytes, spec: BinarySpec, size: int, file: str) -> None:

@@ -13,11 +13,8 @@ first, depends on the chamber's configuration: the recipe says which column is w
 
 from __future__ import annotations
 
-import hashlib
 import re
 from typing import TYPE_CHECKING
-
-import numpy as np
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited, encoding as encodings, times
@@ -39,10 +36,18 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     """Read recorded replies whole, or raise LogFormatError that names the line."""
     import pandas as pd
 
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
-    lines = content.rstrip("\n").split("\n")
-    replies = [_reply(line, number, file) for number, line in enumerate(lines, start=1)]
+    replies: list[re.Match[str]] = []
+    for number, line in enumerate(content.rstrip("\n").split("\n"), start=1):
+        found = _REPLY.fullmatch(line)
+        if found is None:
+            raise LogFormatError(
+                f"{file}:{number}: found '{line[:60]}', expected a time and 12 or 14 fields as"
+                " 0023.0",
+                hint="the reply is cut short or has other fields; repair or remove the line",
+            )
+        replies.append(found)
     width = len(replies[0]["fields"].split())
     for number, reply in enumerate(replies, start=1):
         _require_alike(reply, replies[0], width, number, file)
@@ -52,10 +57,12 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             f"{file}:1: {len(names)} columns with the time, the recipe names {len(logs.names)}",
             hint="correct [logs] names",
         )
-    values = np.array([[float(field) for field in reply["fields"].split()] for reply in replies])
+    frame = pd.DataFrame(
+        [[float(field) for field in reply["fields"].split()] for reply in replies],
+        columns=names[1:],
+    )
     written = [reply["time"].strip() for reply in replies]
-    plain = all(times.is_decimal(field) for field in written)
-    frame = pd.DataFrame(values, columns=names[1:])
+    plain = all(map(times.is_decimal, written))
     frame.insert(0, "time", [float(field) for field in written] if plain else written)
     frame.columns = list(logs.names) or names
     frame.index = frame.index + 1 - FIRST_ROW
@@ -63,19 +70,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
         f"chamber replies of {width} fields, {encoding}, {len(frame)} rows",
         "set value before actual value (assumed)",
     )
-    units = {str(name): "degC" for name in list(frame.columns)[1:3]}
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, units)
-
-
-def _reply(line: str, number: int, file: str) -> re.Match[str]:
-    """Parts of one line; raises LogFormatError for a line that is no reply."""
-    found = _REPLY.fullmatch(line)
-    if found is None:
-        raise LogFormatError(
-            f"{file}:{number}: found '{line[:60]}', expected a time and 12 or 14 fields as 0023.0",
-            hint="the reply is cut short or has other fields; repair or remove the line",
-        )
-    return found
+    return Table(file, sha256, frame, (), reading, dict.fromkeys(frame.columns[1:3], "degC"))
 
 
 def _require_alike(

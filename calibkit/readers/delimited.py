@@ -12,7 +12,7 @@ import csv
 import hashlib
 import io
 from contextlib import contextmanager
-from typing import TYPE_CHECKING, BinaryIO
+from typing import TYPE_CHECKING, Any, BinaryIO
 
 import numpy as np
 
@@ -36,13 +36,14 @@ def read(path: Path, file: str, needed: Collection[str]) -> Table:
 
     Raises LogFormatError that names line and column of what cannot be read.
     """
-    return parse(read_bytes(path, file), file, needed)
+    return parse(*read_bytes(path, file), file, needed)
 
 
-def read_bytes(path: Path, file: str) -> bytes:
-    """Bytes of a log; raises LogFormatError where the file cannot be read."""
+def read_bytes(path: Path, file: str) -> tuple[bytes, str]:
+    """Bytes of a log and their SHA-256; raises LogFormatError where the file cannot be read."""
     with open_log(path, file) as stream:
-        return stream.read()
+        data = stream.read()
+    return data, hashlib.sha256(data).hexdigest()
 
 
 @contextmanager
@@ -57,25 +58,25 @@ def open_log(path: Path, file: str) -> Iterator[BinaryIO]:
         ) from None
 
 
-def parse(data: bytes, file: str, needed: Collection[str]) -> Table:
+def parse(data: bytes, sha256: str, file: str, needed: Collection[str]) -> Table:
     """The table of a log's bytes; raises LogFormatError that names line and column of what cannot
     be read.
     """
     header, body = split_header(data, file)
     require_fields(body, len(header), file)
     try:
-        frame = _parse(body, dict.fromkeys(range(len(header)), "float64"))
+        frame = parse_rows(body, dict.fromkeys(range(len(header)), "float64"))
     except (ValueError, OverflowError):
         kinds = {
             number: "float64" if is_needed(name, needed) else "str"
             for number, name in enumerate(header)
         }
         try:
-            frame = _parse(body, kinds)
+            frame = parse_rows(body, kinds)
         except (ValueError, OverflowError):
             raise _bad_token(body, header, needed, file) from None
     frame.columns = header
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, check_last_line(body, file))
+    return Table(file, sha256, frame, check_last_line(body, file))
 
 
 def looks_clean(data: bytes) -> bool:
@@ -91,11 +92,13 @@ def is_needed(name: str, needed: Collection[str]) -> bool:
     return name in needed or units.name_without_unit(name) in needed
 
 
-def _parse(body: bytes, kinds: dict[int, str]) -> pd.DataFrame:
-    """Numbers and texts of the rows, columns numbered from 0."""
+def parse_rows(body: bytes, kinds: dict[int, str], **dialect: Any) -> pd.DataFrame:  # noqa: ANN401 (options of pandas)
+    """Numbers and texts of the rows, with one kind per column, numbered from 0; `dialect` as in
+    `pandas.read_csv`.
+    """
     import pandas as pd
 
-    return pd.read_csv(
+    frame: pd.DataFrame = pd.read_csv(
         io.BytesIO(body),
         header=None,
         names=list(kinds),
@@ -104,7 +107,9 @@ def _parse(body: bytes, kinds: dict[int, str]) -> pd.DataFrame:
         keep_default_na=False,
         na_values=sorted(MISSING),
         skip_blank_lines=False,
+        **dialect,
     )
+    return frame
 
 
 def split_header(data: bytes, file: str) -> tuple[list[str], bytes]:
@@ -150,12 +155,11 @@ def split_header(data: bytes, file: str) -> tuple[list[str], bytes]:
 def _require_names(header: list[str], file: str) -> None:
     """Raise LogFormatError for a header that is not distinct names separated by commas."""
     if len(header) == 1:
-        hint = (
-            "separate columns with commas"
-            if any(mark in header[0] for mark in ";\t|")
-            else "expected several columns"
+        other = any(mark in header[0] for mark in ";\t|")
+        raise LogFormatError(
+            f"{file}:1: one column named '{header[0][:60]}'",
+            hint="separate columns with commas" if other else "expected several columns",
         )
-        raise LogFormatError(f"{file}:1: one column named '{header[0][:60]}'", hint=hint)
     for number, name in enumerate(header, start=1):
         if not name:
             raise LogFormatError(

@@ -9,7 +9,6 @@ cells (`#N/A`) have no value.
 """
 
 import datetime as dt
-import hashlib
 import io
 from collections.abc import Collection
 from dataclasses import replace
@@ -25,7 +24,7 @@ from calibkit.recipe.logs import Logs, TextSpec
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one sheet of a workbook, or raise LogFormatError."""
     calamine = optional.import_library("python_calamine", "excel", file)
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     with optional.refuse_damaged(file, "Excel"):
         book = calamine.CalamineWorkbook.from_filelike(io.BytesIO(data))
         sheets = {
@@ -43,13 +42,13 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     found = sniff.recognise_dialect(content, "utf-8", file, spec, logs.names)
     table = text.parse_text(
         content,
-        hashlib.sha256(data).hexdigest(),
+        sha256,
         file,
         found,
         logs.model_copy(update={"text": spec}),
         needed,
     )
-    described = (text for text in found.describe() if text.startswith(("skip", "header", "column")))
+    described = (*map(found.describe_key, ("skip_lines", "header_lines")), *found.describe_times())
     return replace(table, reading=(f"sheet '{name}'", *how, *described))
 
 

@@ -10,7 +10,6 @@ zeros, are refused.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import math
 from typing import TYPE_CHECKING, Any
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one group of an HDF5 file, or raise LogFormatError."""
     h5py = optional.import_library("h5py", "hdf5", file)
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     found: dict[str, Any] = {}
     stated: dict[str, str] = {}
 
@@ -55,8 +54,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     with optional.refuse_damaged(file, "HDF5"), h5py.File(io.BytesIO(data), "r") as opened:
         opened.visititems(collect)
     frame, how = arrays.select_columns(found, file, logs, needed)
-    reading = (f"HDF5, {len(frame)} rows", *how)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, stated)
+    return Table(file, sha256, frame, (), (f"HDF5, {len(frame)} rows", *how), stated)
 
 
 def _require_own_values(name: str, node: Any, file: str) -> None:  # noqa: ANN401 (h5py's dataset)

@@ -9,7 +9,6 @@ beyond its range to infinity; null has no value.
 
 from __future__ import annotations
 
-import hashlib
 import json
 from typing import TYPE_CHECKING, Any
 
@@ -29,7 +28,7 @@ if TYPE_CHECKING:
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one member of a JSON log, or raise LogFormatError that names the line."""
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     text, _ = encodings.decode(data, file, "utf-8")
     try:
         # whole numbers of any length as float64 too
@@ -42,8 +41,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             f"{place}: not JSON: {error}", hint="the file is cut off or damaged"
         ) from None
     frame, how = arrays.select_columns(_arrays(document, "", file), file, logs, needed)
-    reading = (f"JSON, {len(frame)} rows", *how)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading)
+    return Table(file, sha256, frame, reading=(f"JSON, {len(frame)} rows", *how))
 
 
 def _members(pairs: list[tuple[str, Any]], file: str) -> dict[str, Any]:
@@ -94,12 +92,9 @@ def _arrays_of_members(
 
 def _records(rows: list[Any], path: str, file: str) -> dict[str, Array]:
     """Columns of a list of objects."""
-    keys = set(rows[0])
-    other = next(
-        (k for k, row in enumerate(rows) if not isinstance(row, dict) or set(row) != keys), None
-    )
-    if other is not None:
-        raise LogFormatError(
-            f"{file}: record {other + 1} has other keys than the first", hint="repair the log"
-        )
+    for number, row in enumerate(rows, start=1):
+        if not isinstance(row, dict) or row.keys() != rows[0].keys():
+            raise LogFormatError(
+                f"{file}: record {number} has other keys than the first", hint="repair the log"
+            )
     return _arrays_of_members(((key, [row[key] for row in rows]) for key in rows[0]), path, file)

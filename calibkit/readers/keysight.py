@@ -14,7 +14,6 @@ order that runs forwards is taken, or the recipe's time_format.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import replace
 from typing import TYPE_CHECKING
 
@@ -30,7 +29,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.readers.dialect import Dialect
+    from calibkit.readers.sniff import Dialect
     from calibkit.recipe.logs import Logs
 
 SCAN_NUMBERS = ("sweep #", "sweep", "scan", "scan #", "scan number")
@@ -40,7 +39,7 @@ _MOST_LINES = 400
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a scan log whole, or raise LogFormatError that names the line."""
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     line, delimiter = _header(content, file)
     spec = logs.text.model_copy(
@@ -50,7 +49,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     scan = found.names[0]
     table = text.parse_text(
         content,
-        hashlib.sha256(data).hexdigest(),
+        sha256,
         file,
         found,
         logs,

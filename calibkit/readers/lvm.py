@@ -13,7 +13,6 @@ computed time is the float64 nearest to X0 + k·Delta_X.
 
 from __future__ import annotations
 
-import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
@@ -51,7 +50,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     """Read a measurement file whole, or raise LogFormatError that names line and column."""
     import pandas as pd
 
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     lines = content.rstrip("\n").split("\n")
     if not lines[0].startswith("LabVIEW Measurement"):
@@ -75,7 +74,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     reading = (
         f"LabVIEW measurement file, {encoding}, {len(segments)} segments, {len(frame)} rows",
     )
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, first.units)
+    return Table(file, sha256, frame, (), reading, first.units)
 
 
 def _value(lines: Sequence[str], key: str, default: str) -> str:

@@ -7,7 +7,6 @@ lists). Uncertainty: values as stored in float64; text, cells and objects are no
 
 from __future__ import annotations
 
-import hashlib
 import io
 import struct
 import zlib
@@ -38,7 +37,7 @@ DEEPEST = 30
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one struct, or one matrix, of a MAT-file, or raise LogFormatError."""
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     if data[:20].startswith((b"MATLAB 7.3", b"\x89HDF")):
         return hdf5.read(path, file, logs, needed)
     if not data.startswith(b"MATLAB 5.0") and data[:4] not in {b"\0\0\0\0", b"\x0a\0\0\0"}:
@@ -53,9 +52,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     with optional.refuse_damaged(file, "MATLAB"):
         variables = scipy_io.loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type] # files are read too
     frame, how = arrays.select_columns(_flat(variables), file, logs, needed)
-    return Table(
-        file, hashlib.sha256(data).hexdigest(), frame, (), (f"MATLAB, {len(frame)} rows", *how)
-    )
+    return Table(file, sha256, frame, (), (f"MATLAB, {len(frame)} rows", *how))
 
 
 def _require_nested(

@@ -7,7 +7,6 @@ to float64; nulls have no value.
 
 from __future__ import annotations
 
-import hashlib
 import io
 from typing import TYPE_CHECKING, Any
 
@@ -30,7 +29,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     """Read a Parquet file, or raise LogFormatError."""
     pyarrow = optional.import_library("pyarrow", "parquet", file)
     parquet = optional.import_library("pyarrow.parquet", "parquet", file)
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     columns, stated = {}, {}
     with optional.refuse_damaged(file, "Parquet"):
         table = parquet.ParquetFile(io.BytesIO(data)).read()
@@ -46,8 +45,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
             if unit := units.of_text(about.get("units", about.get("unit", ""))):
                 stated[field.name] = unit
     frame = arrays.join_vectors(columns, file, needed)
-    reading = (f"Parquet, {len(frame)} rows",)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, stated)
+    return Table(file, sha256, frame, (), (f"Parquet, {len(frame)} rows",), stated)
 
 
 def _numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: ANN401 (pyarrow ships no types)

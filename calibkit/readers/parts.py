@@ -21,7 +21,6 @@ from calibkit.readers.table import Table
 from calibkit.recipe.logs import Logs
 
 _NUMBERED = re.compile(r"(?P<stem>.*?)(?P<number>\d+)(?P<suffix>\.[^.]*)?")
-_BLOCK = 1 << 20
 
 
 def group_parts(files: Sequence[str]) -> list[list[str]]:
@@ -61,8 +60,9 @@ def digest_log(path: Path, file: str, *, split: bool) -> str:
     sha256 = hashlib.sha256()
     for part in parts:
         with (path.parent / part.rpartition("/")[2]).open("rb") as stream:
-            while block := stream.read(_BLOCK):
-                sha256.update(block)
+            hashlib.file_digest(
+                stream, lambda: sha256
+            )  # goes on with the digest of the parts before
     return sha256.hexdigest()
 
 

@@ -14,8 +14,7 @@ from calibkit import plugins, units
 from calibkit.errors import LogFormatError, UsageError
 from calibkit.readers import clean, delimited, optional
 from calibkit.readers.table import Guess, Table
-from calibkit.recipe.formats import AUTO, FORMATS
-from calibkit.recipe.logs import Logs, TextSpec
+from calibkit.recipe.logs import AUTO, FORMATS, Logs, TextSpec
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
@@ -104,11 +103,11 @@ def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> T
     described = bool(logs.names) or logs.text != TextSpec()
     if not described and (table := clean.read(path, file)) is not None:
         return table
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     found = recognise_format(data)
     if not found:
         try:
-            return _text(data, file, logs, needed, described=described)
+            return _read_text(data, sha256, file, logs, needed, described=described)
         except LogFormatError:
             found = "" if described else recognise_plugin(data)
             if not found:
@@ -117,20 +116,22 @@ def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> T
     return replace(table, reading=(Guess(f"format = '{found}' (guessed)"), *table.reading))
 
 
-def _text(data: bytes, file: str, logs: Logs, needed: Collection[str], *, described: bool) -> Table:
+def _read_text(
+    data: bytes, sha256: str, file: str, logs: Logs, needed: Collection[str], *, described: bool
+) -> Table:
     """Read text in its dialect; of comma-separated text that is not clean for a fault, the message
     of the strict reader is the one to give.
     """
     from calibkit.readers import text
 
+    strict: LogFormatError | None = None
     if not described and delimited.looks_clean(data):
         try:
-            return delimited.parse(data, file, needed)
-        except LogFormatError as strict:
-            try:
-                table = text.parse(data, file, logs, needed)
-            except LogFormatError:
-                raise strict from None
-    else:
-        table = text.parse(data, file, logs, needed)
+            return delimited.parse(data, sha256, file, needed)
+        except LogFormatError as error:
+            strict = error
+    try:
+        table = text.parse(data, sha256, file, logs, needed)
+    except LogFormatError as error:
+        raise (strict or error) from None
     return replace(table, reading=(Guess("format = 'text' (guessed)"), *table.reading))

@@ -14,7 +14,7 @@ from pathlib import Path
 from calibkit import units
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited, encoding as encodings, times, tokens
-from calibkit.readers.dialect import Dialect, TextColumn
+from calibkit.readers.table import Guess
 from calibkit.recipe.logs import TextSpec
 
 _HEAD_LINES = 400
@@ -25,6 +25,85 @@ _MOST_PREAMBLE = 120
 """Largest number of lines above the first row."""
 _DELIMITERS = ("\t", ";", ",", "|", "space")
 _PIN_HEADER = "pin skip_lines and header_lines in [logs.text], or list the columns in [logs] names"
+
+
+@dataclass(frozen=True, slots=True)
+class TextColumn:
+    """One column of a text log: name and unit as the log writes them (unit "" where it states
+    none), and what its fields are.
+    """
+
+    name: str
+    unit: str
+    kind: str
+    """number, time, text or empty"""
+    time_format: str = ""
+
+
+@dataclass(frozen=True, slots=True)
+class Dialect:
+    """How a text log is written; `guessed` names the keys of [logs.text] that were not pinned by
+    the recipe.
+    """
+
+    encoding: str
+    delimiter: str
+    decimal: str
+    skip_lines: int
+    header_lines: int
+    columns: tuple[TextColumn, ...]
+    guessed: tuple[str, ...] = ()
+    widths: tuple[int, ...] = ()
+    renamed: bool = False
+    """Whether the recipe's names stand in place of a header's."""
+
+    @property
+    def names(self) -> tuple[str, ...]:
+        """Names of the columns."""
+        return tuple(column.name for column in self.columns)
+
+    @property
+    def first_line(self) -> int:
+        """Line of the first row."""
+        return self.skip_lines + self.header_lines + 1
+
+    @property
+    def clean(self) -> bool:
+        """Whether the strict reader of comma-separated UTF-8 reads it."""
+        return tuple(self.recipe_keys().values()) == ("utf-8", ",", ".", 0, 1)
+
+    def recipe_keys(self) -> dict[str, str | int | list[int]]:
+        """Keys of [logs.text] that pin this dialect, with their values."""
+        pinned: dict[str, str | int | list[int]] = {
+            "encoding": self.encoding,
+            "delimiter": self.delimiter,
+            "decimal": self.decimal,
+            "skip_lines": self.skip_lines,
+            "header_lines": self.header_lines,
+        }
+        return pinned | ({"widths": list(self.widths)} if self.widths else {})
+
+    def describe(self) -> tuple[str, ...]:
+        """How the log is written, one fact per text, each guess a `Guess`."""
+        renamed = "the recipe's names stand in place of the header's"
+        return (
+            *map(self.describe_key, self.recipe_keys()),
+            *([renamed] if self.renamed else []),
+            *self.describe_times(),
+        )
+
+    def describe_key(self, key: str) -> str:
+        """Value of one key of [logs.text], and whether it was guessed."""
+        text = f"{key} = {self.recipe_keys()[key]!r}"
+        return Guess(f"{text} (guessed)") if key in self.guessed else f"{text} (from the recipe)"
+
+    def describe_times(self) -> tuple[str, ...]:
+        """Formats of the columns of times, all guessed."""
+        return tuple(
+            Guess(f"column '{column.name}': time_format = '{column.time_format}' (guessed)")
+            for column in self.columns
+            if column.kind == "time"
+        )
 
 
 def guess_dialect(
@@ -65,8 +144,7 @@ def recognise_dialect(
                 " header_lines"
             ),
         )
-    decimal = _decimal(best, spec, file)
-    return _dialect(best, decimal, encoding, file, spec, names)
+    return _dialect(best, _decimal(best, spec, file), encoding, file, spec, names)
 
 
 @dataclass(frozen=True, slots=True)
@@ -99,13 +177,13 @@ def _cut_at(
         return None
     whole = [fields for fields in rows if len(fields) == width]
     known = [tokens.is_recognised(field) for fields in whole[:100] for field in fields]
-    header = _header_fits(cut, first, width, delimiter, lines) or (
-        len(names) == width and first == 0
-    )
     score = (
         float(width > 1),
         round(len(whole) / len(rows), 3),
-        float(header),
+        float(
+            _header_fits(cut, first, width, delimiter, lines)
+            or (len(names) == width and first == 0)
+        ),
         sum(known) / max(len(known), 1),
         -float(_DELIMITERS.index(delimiter)) if delimiter in _DELIMITERS else 0.0,
     )
@@ -199,18 +277,20 @@ def _dialect(
             f"{file}:1: {fields} fields, expected {width} as in the rows below",
             hint="repair the row, or pin skip_lines in [logs.text] where rows begin further down",
         )
-    kinds = [
-        _kind([row[k] for row in layout.rows if len(row) == width], decimal) for k in range(width)
-    ]
-    columns = tuple(
-        TextColumn(name, unit, kind, form)
-        for (name, unit), (kind, form) in zip(stated, kinds, strict=True)
-    )
-    pins = {"encoding", "delimiter", "decimal", "skip_lines", "header_lines"}
-    guessed = tuple(key for key in sorted(pins) if getattr(spec, key) == "auto")
-    renamed = bool(names) and header > 0
+    rows = [row for row in layout.rows if len(row) == width]
     return Dialect(
-        encoding, layout.delimiter, decimal, skip, header, columns, guessed, layout.widths, renamed
+        encoding,
+        layout.delimiter,
+        decimal,
+        skip,
+        header,
+        columns=tuple(
+            TextColumn(name, unit, *_kind([row[k] for row in rows], decimal))
+            for k, (name, unit) in enumerate(stated)
+        ),
+        guessed=tuple(key for key, value in spec if value == "auto"),
+        widths=layout.widths,
+        renamed=bool(names) and header > 0,
     )
 
 
@@ -273,11 +353,7 @@ def _names_and_units(
     if not lines:
         return [(name, units.of_header(name)) for name in names]
     header = [field.strip() for field in above[-lines]]
-    stated = (
-        [units.of_text(field) for field in above[-1]]
-        if lines == 2
-        else [units.of_header(name) for name in header]
-    )
+    stated = map(units.of_text, above[-1]) if lines == 2 else map(units.of_header, header)
     return list(zip(names or _unique_names(header), stated, strict=True))
 
 

@@ -32,7 +32,8 @@ class Table:
     The frame's index is the line (or record) of the file minus 2, so that every row can be found
     again; `units` holds the unit that the log itself states of a column; `reading` is how the file
     was read, each guess a `Guess`; `parts` are the files of a split log, each with the number that
-    was added to its index; `plugins` are those that read it.
+    was added to its index; `plugins` are those that read it; `decimal` is the decimal mark of its
+    texts.
     """
 
     file: str
@@ -43,3 +44,4 @@ class Table:
     units: Mapping[str, str] = field(default_factory=dict)
     parts: tuple[tuple[str, int], ...] = ()
     plugins: tuple[Plugin, ...] = ()
+    decimal: str = "."

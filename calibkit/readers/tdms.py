@@ -10,7 +10,6 @@ float64; a file whose last segment was not finished is refused.
 
 from __future__ import annotations
 
-import hashlib
 import io
 import logging
 from typing import TYPE_CHECKING, Any
@@ -35,7 +34,7 @@ if TYPE_CHECKING:
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one group of a TDMS file, or raise LogFormatError."""
     nptdms = optional.import_library("nptdms", "tdms", file)
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     for name in [name for name in logging.root.manager.loggerDict if name.startswith("nptdms")]:
         logging.getLogger(name).setLevel(logging.ERROR)  # what it warns of is refused here
     with optional.refuse_damaged(file, "TDMS"), nptdms.TdmsFile.open(io.BytesIO(data)) as opened:
@@ -58,7 +57,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         kept |= _time(next(iter(increments)), next(iter(lengths)))
     frame = arrays.join_vectors(kept, file, needed)
     reading = (f"TDMS, group '{group.name}', {len(frame)} rows", *how)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, (), reading, stated)
+    return Table(file, sha256, frame, (), reading, stated)
 
 
 def _group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:

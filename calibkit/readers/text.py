@@ -13,10 +13,8 @@ nearest float64; nothing is rounded, resampled or dropped.
 
 from __future__ import annotations
 
-import csv
-import hashlib
-import io
 import re
+from functools import partial
 from typing import TYPE_CHECKING
 
 from calibkit.errors import LogFormatError
@@ -29,7 +27,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
-    from calibkit.readers.dialect import Dialect
+    from calibkit.readers.sniff import Dialect
     from calibkit.recipe.logs import Logs
 
 _SEPARATOR = "\x1f"
@@ -38,18 +36,16 @@ _SEPARATOR = "\x1f"
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a log in any dialect; columns that nobody needs may hold text. Raises LogFormatError."""
-    data = delimited.read_bytes(path, file)
-    return parse(data, file, logs, needed)
+    return parse(*delimited.read_bytes(path, file), file, logs, needed)
 
 
-def parse(data: bytes, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def parse(data: bytes, sha256: str, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """The table of a log's bytes; raises LogFormatError that names line and column of what cannot
     be read.
     """
-    spec = logs.text
-    text, encoding = encodings.decode(data, file, spec.encoding)
-    found = sniff.recognise_dialect(text, encoding, file, spec, logs.names)
-    return parse_text(text, hashlib.sha256(data).hexdigest(), file, found, logs, needed)
+    text, encoding = encodings.decode(data, file, logs.text.encoding)
+    found = sniff.recognise_dialect(text, encoding, file, logs.text, logs.names)
+    return parse_text(text, sha256, file, found, logs, needed)
 
 
 def parse_text(
@@ -70,20 +66,26 @@ def parse_text(
     missing = tokens.SENTINELS | {
         word.strip().lower() for word in logs.sentinels if isinstance(word, str)
     }
-    frame, words = _numbers(body, kinds, found, file, separator, missing)
+    frame, notes = _numbers(body, kinds, found, file, separator, missing)
     frame.columns = list(found.names)
     frame.index = frame.index + first - FIRST_ROW
-    if len(frame) != rows.count("\n") + 1:
-        lines = rows.count("\n") + 1
+    lines = rows.count("\n") + 1
+    if len(frame) != lines:
         raise LogFormatError(
             f"{file}: {lines} lines gave {len(frame)} rows", hint="report this log as a fault"
         )
-    units = {column.name: column.unit for column in found.columns if column.unit}
-    notes = (
-        *_notes_on_words(frame, words, missing),
-        *delimited.check_last_line(body, file, separator, found.decimal, first),
+    return Table(
+        file,
+        sha256,
+        frame,
+        notes=(
+            *notes,
+            *delimited.check_last_line(body, file, separator, found.decimal, first),
+        ),
+        reading=(*found.describe(), *accounts),
+        units={column.name: column.unit for column in found.columns if column.unit},
+        decimal=found.decimal,
     )
-    return Table(file, sha256, frame, notes, (*found.describe(), *accounts), units)
 
 
 def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple[str, ...]]:
@@ -103,11 +105,15 @@ def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple
         )
     body = text[start:end]
     rows, total = body.count("\n") + 1, text.count("\n") + (not text.endswith("\n"))
-    above = f"{found.skip_lines} above the header, {found.header_lines} of header"
-    accounts = [f"{total} lines: {above}, {rows} rows"]
-    accounts += [f"{blank} blank lines at the end"] if blank > 0 else []
-    accounts += [f"{footer} lines of footer (from the recipe)"] if footer else []
-    return body, tuple(accounts)
+    accounts = (
+        (
+            f"{total} lines: {found.skip_lines} above the header, {found.header_lines} of header,"
+            f" {rows} rows"
+        ),
+        f"{blank} blank lines at the end" if blank > 0 else "",
+        f"{footer} lines of footer (from the recipe)" if footer else "",
+    )
+    return body, tuple(filter(None, accounts))
 
 
 def _cut(body: str, found: Dialect) -> tuple[bytes, str]:
@@ -141,85 +147,55 @@ def _numbers(
     found: Dialect,
     file: str,
     separator: str,
-    missing: Collection[str],
-) -> tuple[pd.DataFrame, pd.DataFrame | None]:
-    """Numbers and texts of the rows; where words for missing values stand among numbers, the texts
-    of those too.
+    words: Collection[str],
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """Numbers and texts of the rows, and one note per column in which words for missing values
+    stand among numbers.
     """
-    try:
-        return _parsed(body, kinds, found, separator), None
-    except (ValueError, OverflowError):
-        texts = _parsed(body, dict.fromkeys(kinds, "str"), found, separator)
-    frame = texts.copy()
-    for number, kind in kinds.items():
-        if kind == "float64":
-            frame[number] = _column(texts[number], found, number, file, missing)
-    return frame, texts[[number for number, kind in kinds.items() if kind == "float64"]]
-
-
-def _parsed(body: bytes, kinds: dict[int, str], found: Dialect, separator: str) -> pd.DataFrame:
-    """Rows parsed with one kind per column."""
-    import pandas as pd
-
-    return pd.read_csv(
-        io.BytesIO(body),
-        header=None,
-        names=list(kinds),
-        dtype=kinds,
-        sep=separator,
-        decimal=found.decimal,
-        quoting=csv.QUOTE_NONE,
-        keep_default_na=False,
-        na_values=sorted(delimited.MISSING),
-        skip_blank_lines=False,
-        skipinitialspace=True,
+    parse_rows = partial(
+        delimited.parse_rows, body, sep=separator, decimal=found.decimal, skipinitialspace=True
     )
+    try:
+        return parse_rows(kinds), ()
+    except (ValueError, OverflowError):
+        frame = parse_rows(dict.fromkeys(kinds, "str"))
+    notes: tuple[str, ...] = ()
+    for number in (number for number, kind in kinds.items() if kind == "float64"):
+        frame[number], noted = _column(frame[number], found, number, file, words)
+        notes += noted
+    return frame, notes
 
 
 def _column(
     texts: pd.Series, found: Dialect, number: int, file: str, words: Collection[str]
-) -> pd.Series:
-    """Numbers of a column in which words stand; a word that is none of those for missing values
-    refuses the file.
+) -> tuple[pd.Series, tuple[str, ...]]:
+    """Numbers of a column in which words stand, and a note on the words: how many, the first one,
+    its line; a word that is none of those for missing values refuses the file.
     """
     import numpy as np
     import pandas as pd
 
-    column = found.columns[number].name
     plain = texts.fillna("").str.strip()
-    missing = (plain == "") | plain.str.lower().isin(words)
+    empty, word = plain == "", plain.str.lower().isin(words)
     numeric = plain.str.fullmatch(tokens.NUMBER[found.decimal].pattern, flags=re.ASCII).astype(bool)
-    wrong = np.flatnonzero((~missing & ~numeric).to_numpy())
+    name = found.columns[number].name
+    wrong = np.flatnonzero((~empty & ~word & ~numeric).to_numpy())
     if wrong.size:
         row = int(wrong[0])
         raise LogFormatError(
-            f"{file}:{found.first_line + row}: column '{column}': found '{plain.iloc[row][:40]}',"
+            f"{file}:{found.first_line + row}: column '{name}': found '{plain.iloc[row][:40]}',"
             " expected a number",
             hint="repair the row, or leave the range out with [[exclude]]",
         )
     values = (
-        plain.where(~missing, "nan")
+        plain.where(~empty & ~word, "nan")
         .str.replace(" ", "")
         .str.replace(found.decimal, ".", regex=False)
     )
-    return pd.Series(np.array([float(value) for value in values]), index=texts.index)
-
-
-def _notes_on_words(
-    frame: pd.DataFrame, words: pd.DataFrame | None, missing: Collection[str]
-) -> tuple[str, ...]:
-    """One note per column with words for missing values: how many, the first one, its line."""
-    if words is None:
-        return ()
-    notes = []
-    for number in map(int, words.columns):
-        texts = words[number].fillna("").str.strip()
-        hits = texts[(texts != "") & texts.str.lower().isin(missing)]
-        if len(hits):
-            line = int(frame.index[hits.index[0]]) + FIRST_ROW
-            name = list(frame.columns)[number]
-            notes.append(
-                f"column '{name}': {len(hits)} × no value, the first '{hits.iloc[0]}' in line"
-                f" {line}"
-            )
-    return tuple(notes)
+    hits = np.flatnonzero((word & ~empty).to_numpy())
+    notes = tuple(
+        f"column '{name}': {hits.size} × no value, the first '{plain.iloc[row]}' in line"
+        f" {found.first_line + row}"
+        for row in hits[:1]
+    )
+    return pd.Series(np.array([float(value) for value in values]), index=texts.index), notes

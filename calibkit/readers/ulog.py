@@ -9,7 +9,6 @@ dropouts of the logger are counted and noted. A file that ends inside a message 
 
 from __future__ import annotations
 
-import hashlib
 import io
 import struct
 from contextlib import redirect_stdout
@@ -37,7 +36,7 @@ DATA = ord("D")
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one topic of a ULog file, or raise LogFormatError."""
     pyulog = optional.import_library("pyulog", "ulog", file)
-    data = delimited.read_bytes(path, file)
+    data, sha256 = delimited.read_bytes(path, file)
     counted = _messages(data, file)
     with optional.refuse_damaged(file, "ULog"):
         printed = io.StringIO()
@@ -58,10 +57,18 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             " rows",
             hint="the file is damaged; copy it again",
         )
-    lost = f"{len(dropouts)} dropout{'s' * (len(dropouts) > 1)} of the logger"
-    notes = (f"{lost}, {sum(dropouts)} ms in all",) if dropouts else ()
-    how = (f"ULog, topic '{topic.name}:{topic.multi_id}', {len(frame)} rows", *how)
-    return Table(file, hashlib.sha256(data).hexdigest(), frame, notes, how, {"timestamp": "us"})
+    lost = (
+        f"{len(dropouts)} dropout{'s' * (len(dropouts) > 1)} of the logger,"
+        f" {sum(dropouts)} ms in all"
+    )
+    return Table(
+        file,
+        sha256,
+        frame,
+        notes=(lost,) if dropouts else (),
+        reading=(f"ULog, topic '{topic.name}:{topic.multi_id}', {len(frame)} rows", *how),
+        units={"timestamp": "us"},
+    )
 
 
 def _messages(data: bytes, file: str) -> dict[int, int]:

@@ -1,17 +1,53 @@
-"""Recipe tables that say how logs are written: format, text dialect, binary records, missing
-values.
+"""The log formats that calibkit reads by itself, and the recipe tables on how logs are written:
+format, text dialect, binary records, missing values.
 """
 
 from __future__ import annotations
 
+from dataclasses import dataclass
 from typing import Annotated, Literal
 
 from pydantic import Field, field_validator, model_validator
 from pydantic_core import PydanticCustomError
 
-from calibkit import units
-from calibkit.recipe.formats import AUTO, FORMATS, describes, format_names
+from calibkit import plugins, units
 from calibkit.recipe.strict import Positive, Table
+
+AUTO = "auto"
+"""Value of [logs] format that leaves the format to be recognised from the file."""
+
+
+@dataclass(frozen=True, slots=True)
+class _LogFormat:
+    """A log format: the module of `calibkit.readers` that reads it, the bytes that its files begin
+    with where they always do, and the keys of [logs] that can describe it further.
+    """
+
+    module: str
+    signatures: tuple[bytes, ...] = ()
+    keys: tuple[str, ...] = ()
+
+
+FORMATS: dict[str, _LogFormat] = {
+    "csv": _LogFormat("delimited"),
+    "text": _LogFormat("text", keys=("text", "names")),
+    "keysight": _LogFormat("keysight", keys=("text",)),
+    "lvm": _LogFormat("lvm", (b"LabVIEW Measurement",), ("text", "names")),
+    "tdms": _LogFormat("tdms", (b"TDSm",), ("table",)),
+    "excel": _LogFormat(
+        "excel", (b"PK\x03\x04", b"\xd0\xcf\x11\xe0\xa1\xb1\x1a\xe1"), ("text", "table", "names")
+    ),
+    "matlab": _LogFormat(
+        "matlab", (b"MATLAB 5.0 MAT-file", b"MATLAB 7.3 MAT-file"), ("table", "names")
+    ),
+    "hdf5": _LogFormat("hdf5", (b"\x89HDF\r\n\x1a\n",), ("table", "names")),
+    "parquet": _LogFormat("parquet", (b"PAR1",)),
+    "ulog": _LogFormat("ulog", (b"ULog\x01\x12\x35",), ("table",)),
+    "json": _LogFormat("json_arrays", keys=("table", "names")),
+    "chamber": _LogFormat("chamber", keys=("text", "names")),
+    "binary": _LogFormat("binary"),
+}
+"""Value of [logs] format → format."""
 
 Count = Annotated[int, Field(ge=0)]
 Auto = Literal["auto"]
@@ -136,23 +172,27 @@ class Logs(Table):
     def _known_format(cls, name: object) -> object:
         if name == AUTO or (isinstance(name, str) and name in FORMATS):
             return name
-        *most, last = names = [*map(repr, format_names())]
-        if repr(name) in names:
+        known = dict.fromkeys((AUTO, *FORMATS, *plugins.installed(plugins.READERS)))
+        if isinstance(name, str) and name in known:
             return name
-        expected = f"{', '.join(most)} or {last}"
+        *most, last = map(repr, known)
         raise PydanticCustomError(
-            "literal_error", "Input should be {expected}", {"expected": expected}
+            "literal_error",
+            "Input should be {expected}",
+            {"expected": f"{', '.join(most)} or {last}"},
         )
 
     @model_validator(mode="after")
     def _of_the_format(self) -> Logs:
         if (self.format == "binary") != (self.binary is not None):
             raise ValueError("format = 'binary' and a table [logs.binary] go together")
-        if self.text != TextSpec() and not describes("text", self.format):
+        # a plugin decides itself which keys mean something to its format
+        means = FORMATS[self.format].keys if self.format in FORMATS else ("text", "table", "names")
+        if self.text != TextSpec() and "text" not in means:
             raise ValueError(f"[logs.text] says nothing about format = '{self.format}'")
-        if self.table and not describes("table", self.format):
+        if self.table and "table" not in means:
             raise ValueError(f"table = '{self.table}' says nothing about format = '{self.format}'")
-        if self.names and not describes("names", self.format):
+        if self.names and "names" not in means:
             raise ValueError(
                 f"names = [...] says nothing about format = '{self.format}': its columns have names"
             )
