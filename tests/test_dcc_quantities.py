@@ -29,11 +29,6 @@ UNITS = [
 """Unit of a coefficient file, how many of the certificate's unit it is, and that unit."""
 
 
-def root():
-    """Return an element that quantities are put into."""
-    return xml.etree().Element("root")
-
-
 def stated(expanded, standard=0.5):
     """Return an uncertainty in the unit of its result."""
     return Uncertainty((), standard, 50.0, 2.0, expanded, 0.9545)
@@ -58,9 +53,8 @@ def texts(element, name):
 @pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
 def test_a_result_and_its_expanded_uncertainty_are_converted(unit, size, spelling):
     """3 ± 0.25 of a unit, at a condition of 20 of the same unit."""
-    made = root()
     at = (("input", 20.0, unit),)
-    dcc_results._quantity(made, result(3.0, unit, uncertainty=stated(0.25), at=at), NOTATION)
+    made = dcc_results._quantity(result(3.0, unit, uncertainty=stated(0.25), at=at), NOTATION)
     assert numbers(made, "value") == pytest.approx([3.0 * size, 20.0 * size], rel=1e-14)
     assert texts(made, "unit") == [spelling, spelling]
     assert numbers(made, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)
@@ -70,9 +64,8 @@ def test_a_result_and_its_expanded_uncertainty_are_converted(unit, size, spellin
 @pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
 def test_a_coverage_interval_is_converted(unit, size, spelling):
     """3 with the standard uncertainty 0.5 in the interval from 2 to 4.5 of a unit."""
-    made = root()
     one = result(3.0, unit, uncertainty=stated(0.25), interval=(2.0, 4.5))
-    dcc_results._quantity(made, one, NOTATION)
+    made = dcc_results._quantity(one, NOTATION)
     assert texts(made, "unit") == [spelling]
     assert numbers(made, "value") == pytest.approx([3.0 * size], rel=1e-14)
     assert numbers(made, "valueStandardMU") == pytest.approx([0.5 * size], rel=1e-14)
@@ -83,8 +76,7 @@ def test_a_coverage_interval_is_converted(unit, size, spelling):
 @pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
 def test_a_condition_and_its_standard_uncertainty_are_converted(unit, size, spelling):
     """An influence condition of 20 with u = 0.1 of a unit."""
-    made = root()
-    dcc_results.influence(made, "local_input", 20.0, unit, NOTATION, 0.1)
+    made = dcc_results.influence("local_input", 20.0, unit, NOTATION, 0.1)
     assert numbers(made, "value") == pytest.approx([20.0 * size], rel=1e-14)
     assert texts(made, "unit") == [spelling]
     assert numbers(made, "valueStandardMU") == pytest.approx([0.1 * size], rel=1e-14)
@@ -106,8 +98,7 @@ def test_a_column_over_a_condition_is_converted(kind, unit, size, spelling):
             title, Words("input"), (title,), (unit,), ("10", "20"), tuple((r,) for r in column)
         )
     )
-    made = root()
-    dcc_results.table(made, table, NOTATION)
+    made = dcc_results.tabulate_results(table, NOTATION)
     expected = np.array([10.0, 20.0, 1.0, 3.0]) * size
     assert numbers(made, "valueXMLList") == pytest.approx(expected, rel=1e-14)
     assert texts(made, "unitXMLList") == [f"{spelling} {spelling}"] * 2
@@ -128,8 +119,7 @@ def test_parameters_and_their_covariance_are_converted():
         "g",
         {},
     )
-    made = root()
-    dcc_results.parameters(made, "accel", model, NOTATION)
+    made = dcc_results.parameters("accel", model, NOTATION)
     values, *covariance = (
         [float(v) for v in one.text.split()] for one in made.iter(f"{{{xml.SI}}}valueXMLList")
     )
@@ -150,9 +140,8 @@ def test_parameters_and_their_covariance_are_converted():
 @pytest.mark.parametrize(("unit", "size", "spelling"), UNITS)
 def test_as_found_and_as_left_are_converted(unit, size, spelling):
     """A figure of a validation, 3 with U = 0.25 of a unit."""
-    made = root()
     row = BeforeAfter("log.csv", Words("rms"), 3.0, 3.0, unit, 0.25)
-    dcc_results.as_found(made, AsFoundAsLeft((row,), (), (), (), (), ""), NOTATION)
+    made = dcc_results.as_found_as_left(AsFoundAsLeft((row,), (), (), (), (), ""), NOTATION)
     assert numbers(made, "value") == pytest.approx([3.0 * size] * 2, rel=1e-14)
     assert texts(made, "unit") == [spelling] * 2
     assert numbers(made, "valueExpandedMU") == pytest.approx([0.25 * size], rel=1e-14)

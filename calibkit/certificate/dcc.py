@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING
 from calibkit import coefficients
 from calibkit.certificate import dcc_check, dcc_results, dcc_xml as xml
 from calibkit.certificate.content import Attachment, Relationship
-from calibkit.certificate.dcc_xml import Notation, add
+from calibkit.certificate.dcc_xml import Notation, node
 from calibkit.certificate.words import CONDITIONS, HEADINGS, SENTENCES, Words, unit_mark
 from calibkit.version import __version__
 
@@ -48,6 +48,7 @@ CONFORMITY = {
     "conditional fail": "conditionalFail",
 }
 """Verdict → its name in the schema, which has none for a statement that is not possible."""
+SERIAL_NUMBER = Words("serial number", "编号")
 PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other")
 """Places of work that the schema knows; any other text stands in a statement."""
 
@@ -63,96 +64,129 @@ def attachment(certificate: Certificate, lang: Lang, schema_dir: Path | None = N
 
 def render(certificate: Certificate, lang: Lang) -> bytes:
     """XML of a certificate, the same bytes for the same certificate."""
-    etree = xml.etree()
-    root = etree.Element(
-        f"{{{xml.DCC}}}digitalCalibrationCertificate", nsmap=xml.NAMES, schemaVersion=VERSION
-    )
-    root.set(f"{{{xml.XSI}}}schemaLocation", f"{xml.DCC} {xml.DCC}/v{VERSION}/dcc.xsd")
-    _administrative(add(root, "dcc:administrativeData"), certificate, lang)
     gravity = (c.value for c in certificate.run.conditions if c.name == "local_gravity")
     known = next(gravity, certificate.profile.conditions.local_gravity_mps2)
-    _measurements(add(root, "dcc:measurementResults"), certificate, Notation(lang, known))
-    made: bytes = etree.tostring(root, xml_declaration=True, encoding="UTF-8", pretty_print=True)
+    notation = Notation(lang, known)
+    root = node(
+        "dcc:digitalCalibrationCertificate",
+        _administrative(certificate, notation),
+        _measurements(certificate, notation),
+        schemaVersion=VERSION,
+    )
+    root.set(f"{{{xml.XSI}}}schemaLocation", f"{xml.DCC} {xml.DCC}/v{VERSION}/dcc.xsd")
+    made: bytes = xml.etree().tostring(
+        root, xml_declaration=True, encoding="UTF-8", pretty_print=True
+    )
     return made
 
 
-def _administrative(parent: _Element, certificate: Certificate, lang: Lang) -> None:
+def _administrative(certificate: Certificate, notation: Notation) -> _Element:
     """Software, dates and numbers, item, laboratory, person, customer, statements."""
     profile, person = certificate.profile, certificate.profile.authorised_by
-    software = xml.named(add(parent, "dcc:dccSoftware"), "dcc:software", "calibkit", lang)
-    add(software, "dcc:release", RELEASE)
-    add(software, "dcc:type", "application")
-    _core(add(parent, "dcc:coreData"), certificate, lang)
-    _item(add(parent, "dcc:items"), certificate, lang)
-    _party(add(parent, "dcc:calibrationLaboratory"), "dcc:contact", profile.laboratory, lang)
-    responsible = add(add(parent, "dcc:respPersons"), "dcc:respPerson")
-    xml.optional(xml.named(responsible, "dcc:person", person.name, lang), "dcc:eMail", person.email)
-    xml.optional(responsible, "dcc:role", person.role)
-    add(responsible, "dcc:mainSigner", "true")
-    _party(parent, "dcc:customer", profile.customer, lang)
-    _statements(add(parent, "dcc:statements"), certificate, lang)
+    software = (node("dcc:release", RELEASE), node("dcc:type", "application"))
+    return node(
+        "dcc:administrativeData",
+        node("dcc:dccSoftware", notation.named("dcc:software", "calibkit", *software)),
+        _core(certificate, notation.lang),
+        _item(certificate, notation),
+        node("dcc:calibrationLaboratory", _party("dcc:contact", profile.laboratory, notation)),
+        node(
+            "dcc:respPersons",
+            node(
+                "dcc:respPerson",
+                notation.named("dcc:person", person.name, xml.optional("dcc:eMail", person.email)),
+                xml.optional("dcc:role", person.role),
+                node("dcc:mainSigner", "true"),
+            ),
+        ),
+        _party("dcc:customer", profile.customer, notation),
+        _statements(certificate, notation),
+    )
 
 
-def _core(parent: _Element, certificate: Certificate, lang: Lang) -> None:
+def _core(certificate: Certificate, lang: Lang) -> _Element:
     """Number, dates, place, the certificate that this one replaces."""
     profile, dates = certificate.profile, certificate.profile.dates
-    add(parent, "dcc:countryCodeISO3166_1", profile.laboratory.country or NO_COUNTRY)
-    for name in ("dcc:usedLangCodeISO639_1", "dcc:mandatoryLangCodeISO639_1"):
-        for code in xml.LANGUAGES[lang]:
-            add(parent, name, code)
-    add(parent, "dcc:uniqueIdentifier", xml.line(profile.certificate.number))
-    xml.optional(parent, "dcc:receiptDate", str(dates.received or ""))
     performed = str(dates.performed or NO_DATE)
-    add(parent, "dcc:beginPerformanceDate", performed)
-    add(parent, "dcc:endPerformanceDate", str(dates.performed_until or performed))
     place = profile.laboratory.place_of_work.strip()
-    add(parent, "dcc:performanceLocation", place if place in PLACES else "laboratory")
-    add(parent, "dcc:issueDate", certificate.issued.isoformat())
+    amended = None
     if profile.certificate.amends.strip():
-        amended = add(parent, "dcc:reportAmendedSubstituted")
-        add(amended, "dcc:typeOfChange", "substituted")
-        add(amended, "dcc:replacedUniqueIdentifier", xml.line(profile.certificate.amends))
+        amended = node(
+            "dcc:reportAmendedSubstituted",
+            node("dcc:typeOfChange", "substituted"),
+            node("dcc:replacedUniqueIdentifier", xml.line(profile.certificate.amends)),
+        )
+    return node(
+        "dcc:coreData",
+        node("dcc:countryCodeISO3166_1", profile.laboratory.country or NO_COUNTRY),
+        *(node("dcc:usedLangCodeISO639_1", code) for code in xml.LANGUAGES[lang]),
+        *(node("dcc:mandatoryLangCodeISO639_1", code) for code in xml.LANGUAGES[lang]),
+        node("dcc:uniqueIdentifier", xml.line(profile.certificate.number)),
+        xml.optional("dcc:receiptDate", str(dates.received or "")),
+        node("dcc:beginPerformanceDate", performed),
+        node("dcc:endPerformanceDate", str(dates.performed_until or performed)),
+        node("dcc:performanceLocation", place if place in PLACES else "laboratory"),
+        node("dcc:issueDate", certificate.issued.isoformat()),
+        amended,
+    )
 
 
-def _item(parent: _Element, certificate: Certificate, lang: Lang) -> None:
+def _item(certificate: Certificate, notation: Notation) -> _Element:
     """The calibrated item."""
     item = certificate.profile.item
-    made = xml.named(parent, "dcc:item", item.type, lang)
-    xml.rich(made, "dcc:description", [item.condition], lang)
-    if item.maker.strip():
-        xml.named(made, "dcc:manufacturer", item.maker, lang)
-    xml.optional(made, "dcc:model", item.model)
-    known = add(made, "dcc:identifications")
-    serial = Words("serial number", "编号")
-    _identification(
-        known, "manufacturer", certificate.run.serial, serial, lang, refType="basic_serialNumber"
+    serial = _identification(
+        "manufacturer",
+        certificate.run.serial,
+        SERIAL_NUMBER,
+        notation,
+        refType="basic_serialNumber",
     )
-    if item.identification.strip():
-        _identification(known, "other", item.identification, Words("identification", "标识"), lang)
+    other = _identification("other", item.identification, Words("identification", "标识"), notation)
+    return node(
+        "dcc:items",
+        notation.named(
+            "dcc:item",
+            item.type,
+            notation.rich("dcc:description", [item.condition]),
+            notation.named("dcc:manufacturer", item.maker) if item.maker.strip() else None,
+            xml.optional("dcc:model", item.model),
+            node("dcc:identifications", serial, other),
+        ),
+    )
 
 
 def _identification(
-    parent: _Element, issuer: str, value: str, name: Words, lang: Lang, **attributes: str
-) -> None:
-    """One identification with who gave it."""
-    made = add(parent, "dcc:identification", **attributes)
-    add(made, "dcc:issuer", issuer)
-    add(made, "dcc:value", xml.line(value))
-    xml.text(made, "dcc:name", name, lang)
+    issuer: str, value: str, name: Words, notation: Notation, **attributes: str
+) -> _Element | None:
+    """One identification with who gave it; None where there is none."""
+    if not value.strip():
+        return None
+    return node(
+        "dcc:identification",
+        node("dcc:issuer", issuer),
+        node("dcc:value", xml.line(value)),
+        notation.text("dcc:name", name),
+        **attributes,
+    )
 
 
-def _party(parent: _Element, tag: str, party: Party, lang: Lang) -> None:
+def _party(tag: str, party: Party, notation: Notation) -> _Element:
     """Name and location of a laboratory or a customer."""
-    made = xml.named(parent, tag, party.name, lang)
-    xml.optional(made, "dcc:eMail", party.email)
-    xml.optional(made, "dcc:phone", party.phone)
-    location = add(made, "dcc:location")
-    xml.optional(location, "dcc:countryCode", party.country)
     lines = [part for part in party.address.splitlines() if part.strip()]
-    xml.rich(location, "dcc:further", lines or [xml.NOT_STATED], lang)
+    return notation.named(
+        tag,
+        party.name,
+        xml.optional("dcc:eMail", party.email),
+        xml.optional("dcc:phone", party.phone),
+        node(
+            "dcc:location",
+            xml.optional("dcc:countryCode", party.country),
+            notation.rich("dcc:further", lines or [xml.NOT_STATED]),
+        ),
+    )
 
 
-def _statements(parent: _Element, certificate: Certificate, lang: Lang) -> None:
+def _statements(certificate: Certificate, notation: Notation) -> _Element:
     """Statements on the whole certificate: validity, draft, adjustment, amendment, remarks,
     conformity.
     """
@@ -168,14 +202,18 @@ def _statements(parent: _Element, certificate: Certificate, lang: Lang) -> None:
         (Words("Left out", "剔除数据"), [f"{w}: {why} ({who})" for w, why, who in run.excluded]),
         (Words("Flags of the evaluation", "数据处理提示"), run.flags),
     ]
-    for name, texts in statements:
-        if xml.given(texts):
-            xml.rich(xml.named(parent, "dcc:statement", name, lang), "dcc:declaration", texts, lang)
-    for statement in certificate.statements:
-        _conformity(parent, statement, lang)
+    return node(
+        "dcc:statements",
+        *(
+            notation.named("dcc:statement", name, notation.rich("dcc:declaration", texts))
+            for name, texts in statements
+            if xml.given(texts)
+        ),
+        *(_conformity(statement, notation) for statement in certificate.statements),
+    )
 
 
-def _conformity(parent: _Element, statement: Statement, lang: Lang) -> None:
+def _conformity(statement: Statement, notation: Notation) -> _Element:
     """A statement of conformity: which result, which limits, which rule, what follows."""
     unit = unit_mark(statement.result.unit)
     limits = [
@@ -183,43 +221,50 @@ def _conformity(parent: _Element, statement: Statement, lang: Lang) -> None:
         for word, value in (("lower limit", statement.lower), ("upper limit", statement.upper))
         if value is not None
     ]
-    name = " ".join(filter(None, (statement.name, statement.source))) or "specification"
-    made = xml.named(parent, "dcc:statement", name, lang, refType="basic_conformity")
-    add(made, "dcc:norm", f"decision rule: {statement.rule}")
-    add(made, "dcc:reference", xml.line(statement.result.key))
     verdict = Words(f"{'; '.join(limits)}: {statement.verdict}")
     if statement.reason.en:
         verdict += Words(": ") + statement.reason
-    xml.rich(made, "dcc:declaration", [verdict], lang)
-    if statement.verdict in CONFORMITY:
-        add(made, "dcc:conformity", CONFORMITY[statement.verdict])
+    return notation.named(
+        "dcc:statement",
+        " ".join(filter(None, (statement.name, statement.source))) or "specification",
+        node("dcc:norm", f"decision rule: {statement.rule}"),
+        node("dcc:reference", xml.line(statement.result.key)),
+        notation.rich("dcc:declaration", [verdict]),
+        xml.optional("dcc:conformity", CONFORMITY.get(statement.verdict, "")),
+        refType="basic_conformity",
+    )
 
 
-def _measurements(parent: _Element, certificate: Certificate, notation: Notation) -> None:
+def _measurements(certificate: Certificate, notation: Notation) -> _Element:
     """One measurement result per coefficient file, then as found and as left."""
-    lang = notation.lang
-    if certificate.profile.standard:
-        into = add(parent, "dcc:measuringEquipments")
-        for standard in certificate.profile.standard:
-            _equipment(into, standard, lang)
+    equipment = [_equipment(standard, notation) for standard in certificate.profile.standard]
     files = {a.name: a for a in certificate.attachments}
-    for block in certificate.blocks:
-        made = xml.named(parent, "dcc:measurementResult", block.title, lang)
-        xml.rich(made, "dcc:description", block.notes, lang)
-        _methods(add(made, "dcc:usedMethods"), certificate, block, lang)
-        _influences(add(made, "dcc:influenceConditions"), certificate, notation)
-        results = add(made, "dcc:results")
-        for table in block.tables:
-            dcc_results.table(results, table, notation)
-        if block.file in files:
-            _file(results, files[block.file], notation)
+    results = [
+        notation.named(
+            "dcc:measurementResult",
+            block.title,
+            notation.rich("dcc:description", block.notes),
+            _methods(certificate, block, notation),
+            _influences(certificate, notation),
+            node(
+                "dcc:results",
+                *(dcc_results.tabulate_results(table, notation) for table in block.tables),
+                *(_file(files[block.file], notation) if block.file in files else ()),
+            ),
+        )
+        for block in certificate.blocks
+    ]
     if not certificate.blocks or certificate.as_found is not None:
-        dcc_results.as_found(parent, certificate.as_found, notation)
+        results.append(dcc_results.as_found_as_left(certificate.as_found, notation))
+    return node(
+        "dcc:measurementResults",
+        node("dcc:measuringEquipments", *equipment) if equipment else None,
+        *results,
+    )
 
 
-def _equipment(parent: _Element, standard: Standard, lang: Lang) -> None:
+def _equipment(standard: Standard, notation: Notation) -> _Element:
     """A standard with the certificate that makes it traceable."""
-    made = xml.named(parent, "dcc:measuringEquipment", standard.name, lang)
     facts = [
         f"{word} {value}"
         for word, value in (
@@ -229,19 +274,21 @@ def _equipment(parent: _Element, standard: Standard, lang: Lang) -> None:
         )
         if value
     ]
-    xml.rich(made, "dcc:description", [", ".join(facts)], lang)
-    numbers = [
-        (Words("serial number", "编号"), standard.serial, "manufacturer"),
-        (Words("calibration certificate", "校准证书"), standard.certificate, "other"),
+    known = [
+        _identification("manufacturer", standard.serial, SERIAL_NUMBER, notation),
+        _identification(
+            "other", standard.certificate, Words("calibration certificate", "校准证书"), notation
+        ),
     ]
-    if any(value.strip() for _, value, _ in numbers):
-        known = add(made, "dcc:identifications")
-        for name, value, issuer in numbers:
-            if value.strip():
-                _identification(known, issuer, value, name, lang)
+    return notation.named(
+        "dcc:measuringEquipment",
+        standard.name,
+        notation.rich("dcc:description", [", ".join(facts)]),
+        None if known == [None, None] else node("dcc:identifications", *known),
+    )
 
 
-def _methods(parent: _Element, certificate: Certificate, block: Block, lang: Lang) -> None:
+def _methods(certificate: Certificate, block: Block, notation: Notation) -> _Element:
     """The laboratory's procedure, and how calibkit evaluated it, with the equations."""
     method, run = certificate.profile.method, certificate.run
     facts = [
@@ -249,11 +296,7 @@ def _methods(parent: _Element, certificate: Certificate, block: Block, lang: Lan
         (Words("Deviations from the method: ", "对方法的偏离："), method.deviations),
         (Words("From external providers: ", "外部提供的部分："), method.external_providers),
     ]
-    made = xml.named(parent, "dcc:usedMethod", method.name, lang)
     given = [label + Words(text) for label, text in facts if text.strip()]
-    xml.rich(made, "dcc:description", given, lang)
-    evaluation = f"{run.software}: {run.procedure}, {block.stage}"
-    made = xml.named(parent, "dcc:usedMethod", evaluation, lang)
     recipe = Words(
         f"Recipe {run.recipe}, digest of its text and of what --set changed (field recipe.sha256 of"
         " run.json): ",
@@ -261,10 +304,18 @@ def _methods(parent: _Element, certificate: Certificate, block: Block, lang: Lan
     ) + Words(run.recipe_sha256)
     where = [equation.where for equation in block.equations]
     latex = [equation.latex for equation in block.equations]
-    xml.rich(made, "dcc:description", [recipe, run.content_digest, *where], lang, latex)
+    return node(
+        "dcc:usedMethods",
+        notation.named("dcc:usedMethod", method.name, notation.rich("dcc:description", given)),
+        notation.named(
+            "dcc:usedMethod",
+            f"{run.software}: {run.procedure}, {block.stage}",
+            notation.rich("dcc:description", [recipe, run.content_digest, *where], latex),
+        ),
+    )
 
 
-def _influences(parent: _Element, certificate: Certificate, notation: Notation) -> None:
+def _influences(certificate: Certificate, notation: Notation) -> _Element:
     """Conditions of the laboratory in words, and those of the computation as numbers."""
     stated = certificate.profile.conditions
     texts = [(words, str(getattr(stated, key))) for key, words in CONDITIONS]
@@ -272,20 +323,34 @@ def _influences(parent: _Element, certificate: Certificate, notation: Notation) 
     shown = [(words, text) for words, text in texts if text.strip()]
     if not shown and not certificate.run.conditions:
         shown = [(HEADINGS["conditions"], xml.NOT_STATED)]
-    for words, text in shown:
-        made = xml.named(parent, "dcc:influenceCondition", words, notation.lang)
-        xml.text(add(made, "dcc:data"), "dcc:text", text, notation.lang)
-    for c in certificate.run.conditions:
-        dcc_results.influence(parent, c.name, c.value, c.unit, notation, c.standard_uncertainty)
+    return node(
+        "dcc:influenceConditions",
+        *(
+            notation.named(
+                "dcc:influenceCondition", words, node("dcc:data", notation.text("dcc:text", text))
+            )
+            for words, text in shown
+        ),
+        *(
+            dcc_results.influence(c.name, c.value, c.unit, notation, c.standard_uncertainty)
+            for c in certificate.run.conditions
+        ),
+    )
 
 
-def _file(parent: _Element, attached: Attachment, notation: Notation) -> None:
+def _file(attached: Attachment, notation: Notation) -> list[_Element]:
     """Parameters with covariance of every model of a coefficient file, and the file itself."""
     record = coefficients.loads(attached.content.decode("utf-8"), attached.name)
-    for model in record.models:
-        if model.coefficients:
-            dcc_results.parameters(parent, record.stage, model, notation)
-    name = Words(f"Coefficient file {attached.name}", f"系数文件 {attached.name}")
-    made = xml.named(parent, "dcc:result", name, notation.lang)
-    xml.rich(made, "dcc:description", [f"SHA-256 {attached.sha256}"], notation.lang)
-    xml.file(add(made, "dcc:data"), attached)
+    return [
+        *(
+            dcc_results.parameters(record.stage, model, notation)
+            for model in record.models
+            if model.coefficients
+        ),
+        notation.named(
+            "dcc:result",
+            Words(f"Coefficient file {attached.name}", f"系数文件 {attached.name}"),
+            notation.rich("dcc:description", [f"SHA-256 {attached.sha256}"]),
+            node("dcc:data", xml.file(attached)),
+        ),
+    ]

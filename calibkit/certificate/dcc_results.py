@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 
 from calibkit.certificate import dcc_xml as xml
 from calibkit.certificate.dcc_units import dsi
-from calibkit.certificate.dcc_xml import add
+from calibkit.certificate.dcc_xml import node
 from calibkit.certificate.results import GridTable, ListTable
 from calibkit.certificate.words import AS_FOUND, AS_LEFT, HEADINGS, Words, unit_mark
 from calibkit.numeric import gum
@@ -19,7 +19,7 @@ if TYPE_CHECKING:
 
     from lxml.etree import _Element
 
-    from calibkit.certificate.as_found import AsFoundAsLeft
+    from calibkit.certificate.as_found import AsFoundAsLeft, BeforeAfter
     from calibkit.certificate.dcc_units import Unit
     from calibkit.certificate.dcc_xml import Notation
     from calibkit.certificate.results import Result
@@ -39,7 +39,7 @@ RATIO = Words(
 )
 
 
-def table(parent: _Element, shown: ListTable | GridTable, notation: Notation) -> None:
+def tabulate_results(shown: ListTable | GridTable, notation: Notation) -> _Element | None:
     """A table as one result: a list of quantities, a column of one unit as one list of values."""
     if isinstance(shown, ListTable):
         heads, columns = [shown.title], [shown.results]
@@ -47,20 +47,22 @@ def table(parent: _Element, shown: ListTable | GridTable, notation: Notation) ->
         heads = list(shown.heads)
         columns = [tuple(filter(None, column)) for column in zip(*shown.cells, strict=True)]
     if not any(columns):
-        return
-    made = xml.named(parent, "dcc:result", shown.title, notation.lang)
+        return None
     ratio = notation.gravity is None and any(dsi(r.unit).gravity for c in columns for r in c)
     notes = [*([shown.note] if shown.note else []), *([RATIO] if ratio else [])]
-    xml.rich(made, "dcc:description", notes, notation.lang)
-    into = add(add(made, "dcc:data"), "dcc:list")
+    listed: list[_Element] = []
     for head, column in zip(heads, columns, strict=True):
         certain = tuple(r for r in column if not r.by_definition)
-        listed = len(certain) > 1 and _uniform(certain)
-        for result in column:
-            if result.by_definition or not listed:
-                _quantity(into, result, notation)
-        if listed:
-            _series(into, certain, head, notation)
+        series = len(certain) > 1 and _uniform(certain)
+        listed += [_quantity(r, notation) for r in column if r.by_definition or not series]
+        if series:
+            listed.append(_series(certain, head, notation))
+    return notation.named(
+        "dcc:result",
+        shown.title,
+        notation.rich("dcc:description", notes),
+        node("dcc:data", node("dcc:list", *listed)),
+    )
 
 
 def _uniform(column: Sequence[Result]) -> bool:
@@ -74,65 +76,81 @@ def _uniform(column: Sequence[Result]) -> bool:
     )
 
 
-def _quantity(parent: _Element, result: Result, notation: Notation) -> None:
+def _quantity(result: Result, notation: Notation) -> _Element:
     """One result with its uncertainty and the conditions that it holds at."""
-    unit, u = notation.unit(result.unit), result.uncertainty
+    unit, u, uncertainty = notation.unit(result.unit), result.uncertainty, None
     name = result.name if result.name.en else Words(result.symbol or result.key)
     if result.standard:
         name += Words(f" ({result.standard})")
-    made = xml.named(parent, "dcc:quantity", name, notation.lang, refType=MEASURED)
-    value = xml.real(made, result.value, unit, result.key)
     if u is not None and result.interval is not None:
-        xml.interval(value, u, result.interval, unit.factor)
+        uncertainty = xml.interval(u, result.interval, unit.factor)
     elif u is not None:
-        xml.expanded(value, u.expanded_uncertainty * unit.factor, u.coverage_factor, u.probability)
-    if result.at:
-        conditions = add(made, "dcc:influenceConditions")
-        for condition in result.at:
-            influence(conditions, *condition, notation)
+        uncertainty = xml.expanded(
+            u.expanded_uncertainty * unit.factor, u.coverage_factor, u.probability
+        )
+    conditions = [influence(*condition, notation) for condition in result.at]
+    gravity = None
     if unit.text == r"\one" and dsi(result.unit).gravity:
-        meta = add(add(made, "dcc:measurementMetaData"), "dcc:metaData")
-        add(meta, "dcc:nonSIDefinition", "local gravity at the place of calibration")
-        add(meta, "dcc:nonSIUnit", "g")
+        gravity = node(
+            "dcc:measurementMetaData",
+            node(
+                "dcc:metaData",
+                node("dcc:nonSIDefinition", "local gravity at the place of calibration"),
+                node("dcc:nonSIUnit", "g"),
+            ),
+        )
+    return notation.named(
+        "dcc:quantity",
+        name,
+        xml.real(result.value, unit, result.key, uncertainty),
+        node("dcc:influenceConditions", *conditions) if conditions else None,
+        gravity,
+        refType=MEASURED,
+    )
 
 
-def influence(
-    parent: _Element, name: str, value: float, unit: str, notation: Notation, u: float = 0.0
-) -> None:
+def influence(name: str, value: float, unit: str, notation: Notation, u: float = 0.0) -> _Element:
     """An influence condition that is a number, with its standard uncertainty."""
-    found = notation.unit(unit)
-    made = xml.named(parent, "dcc:influenceCondition", Words(name.replace("_", " ")), notation.lang)
-    shown = xml.real(add(add(made, "dcc:data"), "dcc:quantity"), value, found)
+    found, uncertainty = notation.unit(unit), None
     if u > 0.0:
-        standard = add(add(shown, "si:measurementUncertaintyUnivariate"), "si:standardMU")
-        add(standard, "si:valueStandardMU", xml.number(u * found.factor))
+        stated = node("si:valueStandardMU", xml.number(u * found.factor))
+        uncertainty = node("si:measurementUncertaintyUnivariate", node("si:standardMU", stated))
+    shown = node("dcc:quantity", xml.real(value, found, uncertainty=uncertainty))
+    return notation.named(
+        "dcc:influenceCondition", Words(name.replace("_", " ")), node("dcc:data", shown)
+    )
 
 
-def _series(parent: _Element, column: Sequence[Result], head: Words, notation: Notation) -> None:
+def _series(column: Sequence[Result], head: Words, notation: Notation) -> _Element:
     """A column over its conditions: the conditions as lists of their own, then values with expanded
     uncertainties.
     """
-    first, lang, count = column[0], notation.lang, len(column)
-    into = xml.named(parent, "dcc:list", head, lang)
-    for k, (condition, _, unit) in enumerate(first.at):
-        quantity = xml.named(into, "dcc:quantity", Words(condition.replace("_", " ")), lang)
-        xml.real_list(quantity, [r.at[k][1] for r in column], [notation.unit(unit)] * count)
-    name = first.name if first.name.en else head
-    quantity = xml.named(into, "dcc:quantity", name, lang, refType=MEASURED)
-    found = notation.unit(first.unit)
-    values = xml.real_list(
-        quantity, [r.value for r in column], [found] * count, [r.key for r in column]
-    )
+    first, unit, count = column[0], notation.unit(column[0].unit), len(column)
+    conditions = [
+        notation.named(
+            "dcc:quantity",
+            Words(condition.replace("_", " ")),
+            xml.real_list([r.at[k][1] for r in column], [notation.unit(own)] * count),
+        )
+        for k, (condition, _, own) in enumerate(first.at)
+    ]
     uncertainties = [r.uncertainty for r in column if r.uncertainty is not None]
-    xml.expanded_list(values, uncertainties, found.factor)
+    values = xml.real_list(
+        [r.value for r in column],
+        [unit] * count,
+        [r.key for r in column],
+        xml.expanded_list(uncertainties, unit.factor),
+    )
+    name = first.name if first.name.en else head
+    quantity = notation.named("dcc:quantity", name, values, refType=MEASURED)
+    return notation.named("dcc:list", head, *conditions, quantity)
 
 
-def parameters(parent: _Element, stage: str, model: Model, notation: Notation) -> None:
+def parameters(stage: str, model: Model, notation: Notation) -> _Element:
     """Every parameter of a model as it is in the coefficient file, with the covariance of the
     fit.
     """
     name = Words(f"{model.name}: parameters ({model.form})", f"{model.name}：参数（{model.form}）")
-    made = xml.named(parent, "dcc:result", name, notation.lang)
     rms = f"{model.residual_rms:.6g} {unit_mark(model.residual_unit)}"
     spread = Words(
         f"Residual rms of the fit {rms}, {model.dof} degrees of freedom: a descriptor, not an"
@@ -142,32 +160,50 @@ def parameters(parent: _Element, stage: str, model: Model, notation: Notation) -
     ranges = Words(
         "; ".join(f"{column}: {low!r} … {high!r}" for column, (low, high) in model.valid.items())
     )
-    xml.rich(made, "dcc:description", [PARAMETERS, spread, ranges], notation.lang)
     units = [notation.unit(c.unit) for c in model.coefficients]
     values = xml.real_list(
-        add(add(made, "dcc:data"), "dcc:quantity"),
         [c.value for c in model.coefficients],
         units,
         [f"{stage}.{model.name}.{c.name}" for c in model.coefficients],
+        _covariance(model, units),
     )
-    _covariance(values, model, units)
+    return notation.named(
+        "dcc:result",
+        name,
+        notation.rich("dcc:description", [PARAMETERS, spread, ranges]),
+        node("dcc:data", node("dcc:quantity", values)),
+    )
 
 
-def _covariance(parent: _Element, model: Model, units: Sequence[Unit]) -> None:
+def _covariance(model: Model, units: Sequence[Unit]) -> _Element:
     """Covariance of all parameters of a model, column by column, with the factor of its region."""
-    region = add(
-        add(parent, "si:measurementUncertaintyMultivariateXMLList"), "si:ellipsoidalRegionMUXMLList"
+    columns = [
+        node(
+            "si:columnXMLList",
+            *(
+                node(
+                    "si:covarianceXMLList",
+                    node(
+                        "si:valueXMLList",
+                        xml.number(model.covariance[i][j] * first.factor * second.factor),
+                    ),
+                    node("si:unitXMLList", (first * second).text),
+                )
+                for i, first in enumerate(units)
+            ),
+        )
+        for j, second in enumerate(units)
+    ]
+    factor = xml.factor(_region_factor(len(units), model.dof))
+    return node(
+        "si:measurementUncertaintyMultivariateXMLList",
+        node(
+            "si:ellipsoidalRegionMUXMLList",
+            node("si:covarianceMatrixXMLList", *columns),
+            node("si:coverageFactorXMLList", factor),
+            node("si:coverageProbabilityXMLList", xml.probability(REGION)),
+        ),
     )
-    matrix = add(region, "si:covarianceMatrixXMLList")
-    for j, second in enumerate(units):
-        column = add(matrix, "si:columnXMLList")
-        for i, first in enumerate(units):
-            entry = add(column, "si:covarianceXMLList")
-            covariance = model.covariance[i][j] * first.factor * second.factor
-            add(entry, "si:valueXMLList", xml.number(covariance))
-            add(entry, "si:unitXMLList", (first * second).text)
-    add(region, "si:coverageFactorXMLList", xml.factor(_region_factor(len(units), model.dof)))
-    add(region, "si:coverageProbabilityXMLList", xml.probability(REGION))
 
 
 def _region_factor(parameters: int, dof: float) -> float:
@@ -179,24 +215,37 @@ def _region_factor(parameters: int, dof: float) -> float:
     return math.sqrt(parameters * float(fdtri(parameters, max(dof, 1.0), REGION)))
 
 
-def as_found(parent: _Element, found: AsFoundAsLeft | None, notation: Notation) -> None:
+def as_found_as_left(found: AsFoundAsLeft | None, notation: Notation) -> _Element:
     """As-found and as-left results of a validation, descriptors but for those that state an
     uncertainty.
     """
-    lang = notation.lang
-    made = xml.named(parent, "dcc:measurementResult", HEADINGS["as_found"], lang)
-    results = add(made, "dcc:results")
     rows = () if found is None else (*found.rows, *found.check_points)
     before = [(row, row.found, None) for row in rows if row.found is not None]
     after = [(row, row.left, row.left_u) for row in rows if row.left is not None]
-    for head, stated in ((AS_FOUND, before), (AS_LEFT, after)):
-        data = add(xml.named(results, "dcc:result", head, lang), "dcc:data")
-        if not stated:
-            xml.text(data, "dcc:text", xml.NOT_STATED, lang)
-        for row, value, U in stated:
-            unit = notation.unit(row.unit)
-            name = (Words(f"{row.log}: ") if row.log else Words("")) + row.what
-            quantity = xml.named(data, "dcc:quantity", name, lang, refType=MEASURED)
-            real = xml.real(quantity, value, unit)
-            if U:
-                xml.expanded(real, U * unit.factor, 2.0, gum.TWO_SIGMA)
+    results = [
+        notation.named(
+            "dcc:result",
+            head,
+            node(
+                "dcc:data",
+                *(_validated(*row, notation) for row in stated),
+                None if stated else notation.text("dcc:text", xml.NOT_STATED),
+            ),
+        )
+        for head, stated in ((AS_FOUND, before), (AS_LEFT, after))
+    ]
+    return notation.named(
+        "dcc:measurementResult", HEADINGS["as_found"], node("dcc:results", *results)
+    )
+
+
+def _validated(row: BeforeAfter, value: float, U: float | None, notation: Notation) -> _Element:
+    """One value of a validation, with its expanded uncertainty where it has one."""
+    unit = notation.unit(row.unit)
+    uncertainty = xml.expanded(U * unit.factor, 2.0, gum.TWO_SIGMA) if U else None
+    return notation.named(
+        "dcc:quantity",
+        (Words(f"{row.log}: ") if row.log else Words("")) + row.what,
+        xml.real(value, unit, uncertainty=uncertainty),
+        refType=MEASURED,
+    )

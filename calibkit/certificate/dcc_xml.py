@@ -34,20 +34,6 @@ NOT_STATED = "not stated"
 _ILLEGAL = re.compile("[^\t\n\r\u0020-\ud7ff\ue000-\ufffd\U00010000-\U0010ffff]")
 
 
-@dataclass(frozen=True, slots=True)
-class Notation:
-    """How a document writes texts and values: its languages, and the local gravity [m/s²] that
-    values in g are converted with, where it is known.
-    """
-
-    lang: Lang
-    gravity: float | None
-
-    def unit(self, unit: str) -> Unit:
-        """D-SI unit of a unit."""
-        return dsi(unit).at(self.gravity)
-
-
 def etree() -> Any:  # noqa: ANN401 (a module of an optional library)
     """lxml.etree, or OutputError that names the command that installs it."""
     return extras.load_library("lxml.etree", "dcc", "digital calibration certificates need lxml")
@@ -61,47 +47,66 @@ def line(text: str) -> str:
     return " ".join(clean.split()) or NOT_STATED
 
 
-def add(parent: _Element, name: str, text: str | None = None, **attributes: str) -> _Element:
-    """Child `dcc:name` or `si:name` of an element."""
+def node(name: str, *content: _Element | str | None, **attributes: str) -> _Element:
+    """Element `dcc:name` or `si:name` with a text or with elements; None is left out."""
     prefix, _, local = name.partition(":")
-    child: _Element = etree().SubElement(parent, f"{{{NAMES[prefix]}}}{local}", attributes)
-    if text is not None:
-        child.text = text
-    return child
+    made: _Element = etree().Element(f"{{{NAMES[prefix]}}}{local}", attributes, nsmap=NAMES)
+    for part in content:
+        if isinstance(part, str):
+            made.text = part
+        elif part is not None:
+            made.append(part)
+    return made
 
 
-def _content(parent: _Element, words: Words | str, lang: Lang) -> None:
-    """`dcc:content` in each language of the certificate; a user's text has no language of its
-    own.
+@dataclass(frozen=True, slots=True)
+class Notation:
+    """How a document writes texts and values: its languages, and the local gravity [m/s²] that
+    values in g are converted with, where it is known.
     """
-    if isinstance(words, str):
-        add(parent, "dcc:content", line(words))
-        return
-    for code in LANGUAGES[lang]:
-        text = words.zh if code == "zh" and words.zh else words.en
-        add(parent, "dcc:content", line(text), lang=code)
+
+    lang: Lang
+    gravity: float | None
+
+    def unit(self, unit: str) -> Unit:
+        """D-SI unit of a unit."""
+        return dsi(unit).at(self.gravity)
+
+    def _contents(self, words: Words | str) -> list[_Element]:
+        """`dcc:content` in each language of the certificate; a user's text has no language of its
+        own.
+        """
+        if isinstance(words, str):
+            return [node("dcc:content", line(words))]
+        texts = {code: words.zh if code == "zh" else words.en for code in LANGUAGES[self.lang]}
+        return [
+            node("dcc:content", line(text or words.en), lang=code) for code, text in texts.items()
+        ]
+
+    def text(self, name: str, words: Words | str) -> _Element:
+        """Element of the schema's text type."""
+        return node(name, *self._contents(words))
+
+    def named(
+        self, name: str, words: Words | str, *content: _Element | None, **attributes: str
+    ) -> _Element:
+        """Element that begins with a `dcc:name`."""
+        return node(name, self.text("dcc:name", words), *content, **attributes)
+
+    def rich(
+        self, name: str, texts: Iterable[Words | str], latex: Iterable[str] = ()
+    ) -> _Element | None:
+        """Element of the schema's rich content type with texts and formulas; None where there are
+        none.
+        """
+        parts = [part for words in given(texts) for part in self._contents(words)]
+        parts += [node("dcc:formula", node("dcc:latex", formula)) for formula in latex]
+        return node(name, *parts) if parts else None
 
 
-def text(parent: _Element, name: str, words: Words | str, lang: Lang) -> _Element:
-    """Element of the schema's text type."""
-    made = add(parent, name)
-    _content(made, words, lang)
-    return made
-
-
-def named(
-    parent: _Element, name: str, words: Words | str, lang: Lang, **attributes: str
-) -> _Element:
-    """Element that begins with a `dcc:name`."""
-    made = add(parent, name, **attributes)
-    text(made, "dcc:name", words, lang)
-    return made
-
-
-def optional(parent: _Element, name: str, value: str) -> None:
-    """Element with a text on one line, or no element where the text is empty."""
-    if value.strip():
-        add(parent, name, line(value))
+def optional(name: str, value: str) -> _Element | None:
+    """Element with a text on one line; None where the text is empty."""
+    return node(name, line(value)) if value.strip() else None
 
 
 def given(texts: Iterable[Words | str]) -> list[Words | str]:
@@ -109,28 +114,14 @@ def given(texts: Iterable[Words | str]) -> list[Words | str]:
     return [words for words in texts if (words if isinstance(words, str) else words.en).strip()]
 
 
-def rich(
-    parent: _Element, name: str, texts: Iterable[Words | str], lang: Lang, latex: Sequence[str] = ()
-) -> None:
-    """Element of the schema's rich content type with texts and formulas, or no element where there
-    are none.
-    """
-    shown = given(texts)
-    if not shown and not latex:
-        return
-    made = add(parent, name)
-    for words in shown:
-        _content(made, words, lang)
-    for formula in latex:
-        add(add(made, "dcc:formula"), "dcc:latex", formula)
-
-
-def file(parent: _Element, attachment: Attachment) -> None:
+def file(attachment: Attachment) -> _Element:
     """`dcc:byteData` of a file."""
-    made = add(parent, "dcc:byteData")
-    add(made, "dcc:fileName", line(attachment.name))
-    add(made, "dcc:mimeType", attachment.media_type)
-    add(made, "dcc:dataBase64", base64.b64encode(attachment.content).decode())
+    return node(
+        "dcc:byteData",
+        node("dcc:fileName", line(attachment.name)),
+        node("dcc:mimeType", attachment.media_type),
+        node("dcc:dataBase64", base64.b64encode(attachment.content).decode()),
+    )
 
 
 def number(value: float) -> str:
@@ -158,61 +149,74 @@ def _label(key: str) -> str:
     return line(key).replace(" ", "_")
 
 
-def real(parent: _Element, value: float, unit: Unit, key: str = "") -> _Element:
-    """`si:real` of a value, converted to its D-SI unit."""
-    made = add(parent, "si:real")
-    if key:
-        add(made, "si:label", line(key))
-    add(made, "si:value", number(value * unit.factor))
-    add(made, "si:unit", unit.text)
-    return made
+def real(value: float, unit: Unit, key: str = "", uncertainty: _Element | None = None) -> _Element:
+    """`si:real` of a value, converted to its D-SI unit, with its uncertainty."""
+    return node(
+        "si:real",
+        node("si:label", line(key)) if key else None,
+        node("si:value", number(value * unit.factor)),
+        node("si:unit", unit.text),
+        uncertainty,
+    )
 
 
 def real_list(
-    parent: _Element, values: Sequence[float], units: Sequence[Unit], keys: Sequence[str] = ()
+    values: Iterable[float],
+    units: Sequence[Unit],
+    keys: Sequence[str] = (),
+    uncertainty: _Element | None = None,
 ) -> _Element:
-    """`si:realListXMLList` of values, each converted to its D-SI unit."""
-    made = add(parent, "si:realListXMLList")
-    if keys:
-        add(made, "si:labelXMLList", " ".join(map(_label, keys)))
+    """`si:realListXMLList` of values, each converted to its D-SI unit, with their uncertainty."""
     scaled = [number(value * unit.factor) for value, unit in zip(values, units, strict=True)]
-    add(made, "si:valueXMLList", " ".join(scaled))
-    add(made, "si:unitXMLList", " ".join(unit.text for unit in units))
-    return made
+    return node(
+        "si:realListXMLList",
+        node("si:labelXMLList", " ".join(map(_label, keys))) if keys else None,
+        node("si:valueXMLList", " ".join(scaled)),
+        node("si:unitXMLList", " ".join(unit.text for unit in units)),
+        uncertainty,
+    )
 
 
-def expanded(parent: _Element, U: float, coverage_factor: float, coverage: float) -> None:
+def expanded(U: float, coverage_factor: float, coverage: float) -> _Element:
     """Expanded uncertainty of one value with its coverage factor and probability."""
-    made = add(add(parent, "si:measurementUncertaintyUnivariate"), "si:expandedMU")
-    add(made, "si:valueExpandedMU", number(U))
-    add(made, "si:coverageFactor", factor(coverage_factor))
-    add(made, "si:coverageProbability", probability(coverage))
+    return node(
+        "si:measurementUncertaintyUnivariate",
+        node(
+            "si:expandedMU",
+            node("si:valueExpandedMU", number(U)),
+            node("si:coverageFactor", factor(coverage_factor)),
+            node("si:coverageProbability", probability(coverage)),
+        ),
+    )
 
 
-def interval(
-    parent: _Element, uncertainty: Uncertainty, ends: tuple[float, float], scale: float
-) -> None:
+def interval(uncertainty: Uncertainty, ends: tuple[float, float], scale: float) -> _Element:
     """Coverage interval of one value."""
-    made = add(add(parent, "si:measurementUncertaintyUnivariate"), "si:coverageIntervalMU")
-    add(made, "si:valueStandardMU", number(uncertainty.standard_uncertainty * scale))
-    add(made, "si:intervalMin", number(ends[0] * scale))
-    add(made, "si:intervalMax", number(ends[1] * scale))
-    add(made, "si:coverageProbability", probability(uncertainty.probability))
+    return node(
+        "si:measurementUncertaintyUnivariate",
+        node(
+            "si:coverageIntervalMU",
+            node("si:valueStandardMU", number(uncertainty.standard_uncertainty * scale)),
+            node("si:intervalMin", number(ends[0] * scale)),
+            node("si:intervalMax", number(ends[1] * scale)),
+            node("si:coverageProbability", probability(uncertainty.probability)),
+        ),
+    )
 
 
-def expanded_list(parent: _Element, uncertainties: Sequence[Uncertainty], scale: float) -> None:
+def expanded_list(uncertainties: Sequence[Uncertainty], scale: float) -> _Element:
     """Expanded uncertainties of a list of values."""
-    made = add(add(parent, "si:measurementUncertaintyUnivariateXMLList"), "si:expandedMUXMLList")
-    add(
-        made,
-        "si:valueExpandedMUXMLList",
-        " ".join(number(u.expanded_uncertainty * scale) for u in uncertainties),
-    )
-    add(
-        made, "si:coverageFactorXMLList", " ".join(factor(u.coverage_factor) for u in uncertainties)
-    )
-    add(
-        made,
-        "si:coverageProbabilityXMLList",
-        " ".join(probability(u.probability) for u in uncertainties),
+    columns = {
+        "si:valueExpandedMUXMLList": [
+            number(u.expanded_uncertainty * scale) for u in uncertainties
+        ],
+        "si:coverageFactorXMLList": [factor(u.coverage_factor) for u in uncertainties],
+        "si:coverageProbabilityXMLList": [probability(u.probability) for u in uncertainties],
+    }
+    return node(
+        "si:measurementUncertaintyUnivariateXMLList",
+        node(
+            "si:expandedMUXMLList",
+            *(node(name, " ".join(column)) for name, column in columns.items()),
+        ),
     )
