@@ -7,24 +7,27 @@ from __future__ import annotations
 import difflib
 import math
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Any, Literal
 
 import numpy as np
 
 from calibkit.check import copies
+from calibkit.coefficients import Coefficient
 from calibkit.errors import UsageError
 from calibkit.numeric import change
 
 if TYPE_CHECKING:
     from collections.abc import Iterable, Iterator, Mapping, Sequence
 
-    from calibkit.coefficients import Coefficient, Model, Record
+    from calibkit.coefficients import Model, Record
     from calibkit.forms import Form, FormsOf
     from calibkit.numeric.change import Joint
     from calibkit.store import Run
 
 Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", "appeared", "gone"]
 JUDGED = ("moved", "held")
+ABSENT = Coefficient("", math.nan, "", math.nan)
+"""Stands for a number that a run does not have."""
 MEASURED = {"gyro-scale/1": {"temp_case": 0.1}}
 """Form → parameters that say where its coefficients were measured, with the difference that is
 worth saying [their unit].
@@ -119,12 +122,15 @@ def compare_runs(before: Run, after: Run, forms_of: FormsOf) -> Difference:
             f"{before.name} is a run of {procedures[0]}, {after.name} of {procedures[1]}",
             hint="compare runs of one procedure",
         )
+    forms = forms_of(procedures[0])
     models: list[ModelChange] = []
     figures: list[ModelChange] = []
-    for file in dict.fromkeys([*before.records, *after.records]):
+    for file, record in {**before.records, **after.records}.items():
         old, new = before.records.get(file), after.records.get(file)
-        models += _models(old, new, forms_of(procedures[0]))
-        figures += _figures(old, new)
+        models += _models(record.stage, old, new, forms)
+        changes = compare_numbers(old.figures if old else (), new.figures if new else ())
+        if changes:
+            figures.append(ModelChange(record.stage, "", "", changes, None, ()))
     return Difference(
         before,
         after,
@@ -136,26 +142,18 @@ def compare_runs(before: Run, after: Run, forms_of: FormsOf) -> Difference:
 
 
 def _models(
-    old: Record | None, new: Record | None, forms: Mapping[str, Form]
+    stage: str, old: Record | None, new: Record | None, forms: Mapping[str, Form]
 ) -> Iterator[ModelChange]:
     """Models of one stage, in the order of the older run; those of one run only have nothing to be
     held against.
     """
-    olds = {model.name: model for model in old.models} if old else {}
-    news = {model.name: model for model in new.models} if new else {}
-    for name in dict.fromkeys([*olds, *news]):
-        if old and name not in news:
-            model = olds[name]
-            yield ModelChange(
-                old.stage, name, model.form, compare_numbers(model.coefficients, ()), None, ()
-            )
-        elif new and name not in olds:
-            model = news[name]
-            yield ModelChange(
-                new.stage, name, model.form, compare_numbers((), model.coefficients), None, ()
-            )
-        elif new:
-            yield _model(new.stage, olds[name], news[name], forms.get(olds[name].form))
+    olds, news = ({m.name: m for m in record.models} if record else {} for record in (old, new))
+    for name, model in {**olds, **news}.items():
+        if name in olds and name in news:
+            yield _model(stage, olds[name], model, forms.get(olds[name].form))
+        else:
+            pair = (models[name].coefficients if name in models else () for models in (olds, news))
+            yield ModelChange(stage, name, model.form, compare_numbers(*pair), None, ())
 
 
 def _model(stage: str, old: Model, new: Model, form: Form | None) -> ModelChange:
@@ -202,38 +200,31 @@ def compare_numbers(
     old: Sequence[Coefficient], new: Sequence[Coefficient], *, comparable: bool = True
 ) -> tuple[Change, ...]:
     """Numbers of two lists by name, in the order of the first."""
-    olds, news = {entry.name: entry for entry in old}, {entry.name: entry for entry in new}
+    olds, news = ({entry.name: entry for entry in numbers} for numbers in (old, new))
     changes = []
-    for name in dict.fromkeys([*olds, *news]):
-        if name not in news:
-            a = olds[name]
-            changes.append(
-                Change(name, a.unit, a.value, math.nan, a.standard_uncertainty, math.nan, "gone")
+    for name in {**olds, **news}:
+        a, b = olds.get(name, ABSENT), news.get(name, ABSENT)
+        changes.append(
+            Change(
+                name,
+                ", ".join(dict.fromkeys(filter(None, (a.unit, b.unit)))),
+                a.value,
+                b.value,
+                a.standard_uncertainty,
+                b.standard_uncertainty,
+                _verdict(a, b, comparable=comparable),
             )
-        elif name not in olds:
-            b = news[name]
-            changes.append(
-                Change(
-                    name, b.unit, math.nan, b.value, math.nan, b.standard_uncertainty, "appeared"
-                )
-            )
-        else:
-            changes.append(_change(olds[name], news[name], comparable=comparable))
+        )
     return tuple(changes)
 
 
-def _change(a: Coefficient, b: Coefficient, *, comparable: bool) -> Change:
-    """One number of both runs with its verdict."""
-    unit = a.unit if a.unit == b.unit else f"{a.unit}, {b.unit}"
-    judged = _verdict(a, b) if comparable and a.unit == b.unit else "not comparable"
-    return Change(
-        a.name, unit, a.value, b.value, a.standard_uncertainty, b.standard_uncertainty, judged
-    )
-
-
-def _verdict(a: Coefficient, b: Coefficient) -> Verdict:
+def _verdict(a: Coefficient, b: Coefficient, *, comparable: bool) -> Verdict:
     """Whether a number moved by more than 2 standard uncertainties of the difference."""
     u = math.hypot(a.standard_uncertainty, b.standard_uncertainty)
+    if ABSENT in (a, b):
+        return "gone" if b is ABSENT else "appeared"
+    if not comparable or a.unit != b.unit:
+        return "not comparable"
     if a.value == b.value:
         return "held" if u > 0.0 else "equal"
     if u == 0.0:
@@ -260,59 +251,41 @@ def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
     return change.joint(np.array([entry.difference for entry in changes]), covariance, dof)
 
 
-def _figures(old: Record | None, new: Record | None) -> Iterator[ModelChange]:
-    """Figures of one stage as one block, where it has any."""
-    changes = compare_numbers(old.figures if old else (), new.figures if new else ())
-    if changes:
-        yield ModelChange(old.stage if old else new.stage if new else "", "", "", changes, None, ())
-
-
 def _settings(before: Run, after: Run) -> Iterator[_Setting]:
     """Recipe lines, overrides, conditions, software and libraries that differ."""
     a, b = before.document, after.document
     for what in ("serial", "software", "python"):
         if a[what] != b[what]:
             yield _Setting(what, a[what], b[what])
-    for name in sorted({*a["libraries"], *b["libraries"]}):
-        versions = a["libraries"].get(name, "-"), b["libraries"].get(name, "-")
-        if versions[0] != versions[1]:
-            yield _Setting(name, *versions)
-    yield from _conditions(before, after)
-    for what, old, new in _recipe_lines(a["recipe"], b["recipe"]):
-        yield _Setting(what, old, new)
+    yield from _differing("", a["libraries"], b["libraries"])
+    for file, record in before.records.items():
+        if file in after.records:
+            old, new = (
+                {c.name: f"{c.value:.9g} {c.unit}" for c in one.conditions}
+                for one in (record, after.records[file])
+            )
+            yield from _differing(f"{record.stage}: ", old, new)
+    yield from _recipe_lines(a["recipe"], b["recipe"])
 
 
-def _conditions(before: Run, after: Run) -> Iterator[_Setting]:
-    """Conditions of a stage that differ."""
-    for stage in before.records.keys() & after.records.keys():
-        olds = {c.name: f"{c.value:.9g} {c.unit}" for c in before.records[stage].conditions}
-        news = {c.name: f"{c.value:.9g} {c.unit}" for c in after.records[stage].conditions}
-        for name in sorted({*olds, *news}):
-            if olds.get(name) != news.get(name):
-                yield _Setting(
-                    f"{before.records[stage].stage}: {name}",
-                    olds.get(name, "-"),
-                    news.get(name, "-"),
-                )
+def _differing(prefix: str, old: Mapping[str, str], new: Mapping[str, str]) -> Iterator[_Setting]:
+    """Entries of two tables that differ; a dash stands for one that is missing."""
+    for name in sorted({*old, *new}):
+        if old.get(name) != new.get(name):
+            yield _Setting(f"{prefix}{name}", old.get(name, "-"), new.get(name, "-"))
 
 
-def _recipe_lines(
-    a: Mapping[str, object], b: Mapping[str, object]
-) -> Iterator[tuple[str, str, str]]:
+def _recipe_lines(a: Mapping[str, Any], b: Mapping[str, Any]) -> Iterator[_Setting]:
     """Lines of two recipes, and overrides of the command line, that are in one of them only."""
     texts = [
-        [line.strip() for line in str(recipe["text"]).splitlines()]
-        + [f"--set {o}" for o in _listed(recipe["overrides"])]
+        [line.strip() for line in recipe["text"].splitlines()]
+        + [f"--set {override}" for override in recipe["overrides"]]
         for recipe in (a, b)
     ]
     for line in difflib.ndiff(texts[0], texts[1]):
         if line.startswith(("- ", "+ ")) and (text := line[2:]) and not text.startswith("#"):
-            yield ("recipe", text, "") if line[0] == "-" else ("recipe", "", text)
-
-
-def _listed(value: object) -> list[str]:
-    """A JSON array of texts."""
-    return [str(entry) for entry in value] if isinstance(value, list) else []
+            old, new = (text, "") if line[0] == "-" else ("", text)
+            yield _Setting("recipe", old, new)
 
 
 def _flags(before: Run, after: Run) -> tuple[str, ...]:

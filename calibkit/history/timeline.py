@@ -123,7 +123,15 @@ def read_timeline(serial: str, runs_folder: Path, forms_of: FormsOf, pattern: st
             runs.append(store.load_revision(runs_folder, serial, number))
         except CoefficientError as error:
             refused.append(_Refused(number, str(error)))
-    series = tuple(entry for entry in _series(runs, forms_of) if _wanted(entry.quantity, pattern))
+    series = tuple(
+        entry
+        for entry in _series(runs, forms_of)
+        if (
+            fnmatch.fnmatchcase(entry.quantity.label, pattern)
+            if pattern
+            else bool(entry.quantity.form)
+        )
+    )
     if runs and not series and pattern:
         raise UsageError(
             f"--only {pattern}: no coefficient or figure of {serial} matches", hint="try --only '*'"
@@ -137,11 +145,6 @@ def read_timeline(serial: str, runs_folder: Path, forms_of: FormsOf, pattern: st
         _flags(runs),
         series,
     )
-
-
-def _wanted(quantity: Quantity, pattern: str) -> bool:
-    """Whether a quantity is followed."""
-    return fnmatch.fnmatchcase(quantity.label, pattern) if pattern else bool(quantity.form)
 
 
 def _chain(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
@@ -206,7 +209,7 @@ def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
         " slopes take the newer"
         for k, newer in enumerate(runs)
         for older in runs[:k]
-        if copies.shared_logs(_logs(older), _logs(newer))
+        if copies.shared_logs(older.document["inputs"], newer.document["inputs"])
     ]
     procedures = dict.fromkeys(run.document["procedure"] for run in runs)
     if len(procedures) > 1:
@@ -214,19 +217,14 @@ def _flags(runs: Sequence[Run]) -> tuple[str, ...]:
     return tuple(flags)
 
 
-def _logs(run: Run) -> list[Mapping[str, object]]:
-    """The logs that a run was fitted to, as its run.json lists them."""
-    return list(run.document["inputs"])
-
-
 def _independent(runs: Sequence[Run]) -> set[int]:
     """Revisions that were accepted and share no log with a newer one of them."""
     seen: list[Mapping[str, object]] = []
     kept = set()
     for run in sorted(runs, key=lambda run: -int(run.document["revision"])):
-        if run.document["accepted"] and not copies.shared_logs(_logs(run), seen):
+        if run.document["accepted"] and not copies.shared_logs(run.document["inputs"], seen):
             kept.add(int(run.document["revision"]))
-            seen += _logs(run)
+            seen += run.document["inputs"]
     return kept
 
 
