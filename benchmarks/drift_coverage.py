@@ -86,9 +86,12 @@ def thermal_log(name: str, log: fog.SimulatedLog, indication: np.ndarray) -> poo
     """Block means of a log with the given indication."""
     columns = log.columns
     seconds = columns["time_s"].astype(np.float64)
-    return pooled_fit.thermal_log(
-        name, seconds, columns["temp_case_degc"], columns["temp_env_degc"], indication, INTERVAL_S
+    held = intervals.of(seconds, INTERVAL_S)
+    means = (
+        held.means(column)
+        for column in (seconds, columns["temp_case_degc"], columns["temp_env_degc"])
     )
+    return pooled_fit.thermal_blocks(name, held, means, indication)
 
 
 def of_the_family(seed: int, form: str) -> np.ndarray:
@@ -108,7 +111,13 @@ def of_the_family(seed: int, form: str) -> np.ndarray:
         )
         seen = bias + rng.normal(0.0, device.turn_on_dph) + drift + random
         logs.append(thermal_log(name, log, noise.pulses(seen, device.resolution_dph)))
-    model = lagged.fit(logs) if form == "lagged" else level.fit(logs)
+    stacked = pooled_fit.stack(logs)
+    basis = level.basis(stacked)
+    if form == "lagged":
+        surveyed = lagged.survey(stacked, basis.robust)
+        model = lagged.finish(lagged.solve(surveyed, lagged.LAGGED_TERMS), stacked)
+    else:
+        model = pooled_fit.finish(level.solve(basis, TERMS), stacked)
     expected = true.coefficients + np.concatenate([[bias], np.zeros(8)])
     errors = np.concatenate([model.coefficients - expected, np.subtract(model.lags, true.lags)])
     stated = model.standard_uncertainty
@@ -149,10 +158,11 @@ def compared(
     """
     found = evaluate.evaluate(model, blocks.time, blocks.case, blocks.env)
     parts = uncertainty.contributions(model, found)
-    _, _, expanded = gum.expand_along(parts.values, parts.dof)
+    _, _, values, dof = zip(*parts, strict=True)
+    _, _, expanded = gum.expand_along(np.stack(values), np.array(dof))
     seconds = log.columns["time_s"].astype(np.float64)
     error = found.drift - intervals.of(seconds, INTERVAL_S).means(log.drift)
-    return error / expanded, error / (2.0 * parts.values[0])
+    return error / expanded, error / (2.0 * values[0])
 
 
 def family_table(form: str, count: int, first: int) -> bool:

@@ -20,6 +20,7 @@ import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import choice as thermal_choice, evaluate, pooled_fit
+from calibkit.numeric import intervals
 from calibkit.simulate.chamber import Chamber
 
 INTERVAL_S = 10.0
@@ -88,9 +89,12 @@ def thermal_log(
             2.0, 50.0, hit.sum()
         )
     seconds = columns["time_s"].astype(np.float64)
-    return pooled_fit.thermal_log(
-        name, seconds, columns["temp_case_degc"], columns["temp_env_degc"], indication, INTERVAL_S
+    held = intervals.of(seconds, INTERVAL_S)
+    means = (
+        held.means(column)
+        for column in (seconds, columns["temp_case_degc"], columns["temp_env_degc"])
     )
+    return pooled_fit.thermal_blocks(name, held, means, indication)
 
 
 def means(values: np.ndarray, size: int) -> np.ndarray:

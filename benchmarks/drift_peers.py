@@ -26,6 +26,7 @@ import numpy as np
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import choice, evaluate, level, pooled_fit
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS
 from calibkit.numeric import intervals
 from calibkit.simulate.chamber import Chamber
 
@@ -138,9 +139,9 @@ def thermal_log(name: str, log: fog.SimulatedLog) -> pooled_fit.ThermalLog:
     """Block means of a log."""
     c = log.columns
     seconds = c["time_s"].astype(np.float64)
-    return pooled_fit.thermal_log(
-        name, seconds, c["temp_case_degc"], c["temp_env_degc"], c["gyro_dph"], INTERVAL_S
-    )
+    held = intervals.of(seconds, INTERVAL_S)
+    means = (held.means(column) for column in (seconds, c["temp_case_degc"], c["temp_env_degc"]))
+    return pooled_fit.thermal_blocks(name, held, means, c["gyro_dph"])
 
 
 def judged(
@@ -152,7 +153,8 @@ def judged(
     start = time.perf_counter()
     model = choice.choose(blocks).model
     seconds = {"calibkit, chosen": time.perf_counter() - start}
-    plain = level.fit(blocks)
+    stacked = pooled_fit.stack(blocks)
+    plain = pooled_fit.finish(level.solve(level.basis(stacked), TERMS), stacked)
     peer, seconds["ardupilot"] = packaged(python, fitted)
     start = time.perf_counter()
     px4 = cubic(fitted)

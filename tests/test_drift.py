@@ -8,6 +8,7 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import compensation, gradient as drift, gradient_order
+from calibkit.numeric import intervals
 from conftest import AUTHORITIES
 from naive import block_means, compensate
 
@@ -27,7 +28,7 @@ def vector_blocks(ramp):
 def vector_fits(estimate="levels"):
     """Fits of every ramp of the vector."""
     return [
-        drift.ramp(vector_blocks(ramp), ramp["ramp_degc_min"], estimate=estimate)
+        drift.fit_ramp(vector_blocks(ramp), ramp["ramp_degc_min"], estimate=estimate)
         for ramp in VECTOR["ramps"]
     ]
 
@@ -48,7 +49,7 @@ def test_the_cubic_through_four_rates_is_the_published_one(estimate):
     """c_jm come back to 1e-9 relative with the order pinned to 3, and the degrees of freedom are
     zero.
     """
-    found = drift.over_rates(vector_fits(estimate), 3, "heating")
+    found = drift.fit_over_rates(vector_fits(estimate), 3, "heating")
     assert np.abs(found.c / C - 1.0).max() < 1e-9
     assert found.dof == 0
 
@@ -57,7 +58,7 @@ def test_the_recursive_output_of_the_vector_stays_at_its_first_sample():
     """Recursive compensation leaves the first sample's value; one-step leaves 0 from the second
     sample on, to 1e-9 °/h.
     """
-    polynomial = drift.over_rates(vector_fits(), 3, "heating")
+    polynomial = drift.fit_over_rates(vector_fits(), 3, "heating")
     for ramp in VECTOR["ramps"]:
         blocks = vector_blocks(ramp)
         delta = compensation.increments([polynomial], blocks.gradient, blocks.rate).delta
@@ -87,7 +88,7 @@ def test_one_step_removes_the_true_rate_and_recursive_keeps_it():
     all (gain 0).
     """
     blocks = vector_blocks(VECTOR["ramps"][2])
-    polynomial = drift.over_rates(vector_fits(), 3, "heating")
+    polynomial = drift.fit_over_rates(vector_fits(), 3, "heating")
     delta = compensation.increments([polynomial], blocks.gradient, blocks.rate).delta
     gain = compensation.rate_gain(lambda w: w - compensation.recursive(delta), blocks.indication)
     lost = compensation.rate_gain(lambda w: compensation.one_step(w, delta), blocks.indication)
@@ -153,12 +154,19 @@ def test_the_drift_is_zero_at_the_reference_temperature():
     assert compensation.referenced(level, temperature, 99.0, (-40.0, 60.0))[-1] == 0.0
 
 
+def filled(time, case, env):
+    """Block means at 10 s of a log whose indication and slope are its case temperature."""
+    held = intervals.of(time, 10.0)
+    means = (held.means(column) for column in (time, case, env, case))
+    return drift.fill_blocks(held, means, case)
+
+
 @pytest.mark.parametrize("step", [0.1, 1.0, 2.5, 10.0])
 def test_block_means_equal_their_loop(step):
     """Block means at 10 s equal those of a dictionary for every sampling interval, to 1e-12."""
     time = np.round(np.arange(0.0, 200.0, step), 6)
     value = np.sin(time)
-    blocks = drift.blocks(time, value, value - 1.0, value, value, 10.0)
+    blocks = filled(time, value, value - 1.0)
     assert blocks.indication == pytest.approx(
         block_means(time.tolist(), value.tolist(), 10.0), abs=1e-12
     )
@@ -169,13 +177,15 @@ def test_jitter_of_the_clock_moves_no_sample_into_another_block():
     """A millisecond of jitter on 10 s samples leaves one sample a block."""
     rng = np.random.default_rng(7)
     time = np.arange(0.0, 400.0, 10.0) + rng.uniform(-1e-3, 1e-3, 40)
-    assert drift.block_index(time, 10.0).tolist() == list(range(40))
+    held = intervals.of(time, 10.0)
+    assert held.number.tolist() == list(range(40))
+    assert held.count.tolist() == [1] * 40
 
 
 def test_an_interval_without_samples_is_bridged():
     """A missing interval is filled by a straight line."""
     time = np.delete(np.arange(0.0, 100.0), slice(40, 55))
-    blocks = drift.blocks(time, time, time, time, time, 10.0)
+    blocks = filled(time, time, time)
     assert blocks.time.size == 10
     assert np.diff(blocks.indication).max() < 13.0
 
@@ -183,7 +193,7 @@ def test_an_interval_without_samples_is_bridged():
 def test_a_log_slower_than_the_model_interval_is_refused():
     """Coefficients per 10 s cannot be fitted to samples every 20 s."""
     with pytest.raises(FitError, match="sampled every 20 s, the model interval is 10 s"):
-        drift.block_index(np.arange(0.0, 400.0, 20.0), 10.0)
+        intervals.of(np.arange(0.0, 400.0, 20.0), 10.0)
 
 
 def test_a_ramp_that_cannot_determine_its_coefficients_is_refused():
@@ -191,10 +201,10 @@ def test_a_ramp_that_cannot_determine_its_coefficients_is_refused():
     flat = np.full(30, -5.0)
     blocks = drift.Blocks(np.arange(30.0), flat, flat, np.arange(30.0), flat)
     with pytest.raises(FitError, match="cannot determine"):
-        drift.ramp(blocks, 1.0)
+        drift.fit_ramp(blocks, 1.0)
     short = drift.Blocks(*(np.arange(5.0) for _ in range(5)))
     with pytest.raises(FitError, match="5 intervals"):
-        drift.ramp(short, 1.0)
+        drift.fit_ramp(short, 1.0)
 
 
 def test_levels_know_the_coefficients_better_than_increments():
@@ -213,14 +223,14 @@ def test_levels_know_the_coefficients_better_than_increments():
             blocks.rate,
         )
         for estimate, found in scatter.items():
-            found.append(drift.ramp(noisy, 10.0, estimate=estimate).coefficients[1])
+            found.append(drift.fit_ramp(noisy, 10.0, estimate=estimate).coefficients[1])
     assert np.std(scatter["levels"]) < np.std(scatter["increments"]) / 1.5
 
 
 def test_more_coefficients_than_rates_are_refused():
     """An order-2 polynomial needs three rates."""
     with pytest.raises(FitError, match="order 2 needs 3 temperature rates, found 2"):
-        drift.over_rates(vector_fits()[:2], 2, "heating")
+        drift.fit_over_rates(vector_fits()[:2], 2, "heating")
 
 
 def test_a_lower_order_through_exact_data_finds_the_exact_polynomials():
@@ -235,8 +245,8 @@ def test_a_lower_order_through_exact_data_finds_the_exact_polynomials():
         steps = np.vander(G, 3, increasing=True) @ (truth @ [1.0, r])
         indication = np.concatenate([[5.0], 5.0 + np.cumsum(steps)])
         exact = drift.Blocks(blocks.time, G, blocks.gradient, indication, blocks.rate)
-        fits.append(drift.ramp(exact, r))
-    found = drift.over_rates(fits, 1, "heating")
+        fits.append(drift.fit_ramp(exact, r))
+    found = drift.fit_over_rates(fits, 1, "heating")
     assert np.abs(found.c / truth - 1.0).max() < 1e-9
     assert found.dof == 2
 
@@ -262,7 +272,7 @@ def test_the_cubic_is_never_chosen_from_four_rates():
     """
     rng = np.random.default_rng(9)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 8.0, 10.0)]
-    fits = [drift.ramp(log, log.rate[0]) for log in logs]
+    fits = [drift.fit_ramp(log, log.rate[0]) for log in logs]
     assert [result.order for result in gradient_order.candidates(fits, logs, "heating", 10)] == [
         0,
         1,
@@ -276,11 +286,11 @@ def test_a_linear_bias_is_caught_by_constant_coefficients():
     """
     rng = np.random.default_rng(10)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 8.0, 10.0)]
-    fits = [drift.ramp(log, log.rate[0]) for log in logs]
+    fits = [drift.fit_ramp(log, log.rate[0]) for log in logs]
     best = gradient_order.best(gradient_order.candidates(fits, logs, "heating", 10))
     assert best is not None
     assert best.helps
-    model = drift.over_rates(fits, best.order, "heating")
+    model = drift.fit_over_rates(fits, best.order, "heating")
     withheld = physical_log(3.0, rng)
     delta = compensation.increments([model], withheld.gradient, withheld.rate).delta
     raw = compensation.drift_rms(withheld.indication, 10)
@@ -295,7 +305,7 @@ def test_pure_noise_is_given_no_drift_term():
     for seed in range(20):
         rng = np.random.default_rng(seed)
         logs = [physical_log(rate, rng, linear=0.0) for rate in (1.0, 5.0, 8.0, 10.0)]
-        fits = [drift.ramp(log, log.rate[0]) for log in logs]
+        fits = [drift.fit_ramp(log, log.rate[0]) for log in logs]
         chosen += (
             gradient_order.best(gradient_order.candidates(fits, logs, "heating", 10)) is not None
         )
@@ -306,7 +316,7 @@ def test_ramps_of_one_rate_are_left_out_together():
     """Two ramps at 5 and 5.2 °C/min count as one rate."""
     rng = np.random.default_rng(11)
     logs = [physical_log(rate, rng) for rate in (1.0, 5.0, 5.2, 10.0)]
-    fits = [drift.ramp(log, log.rate[0]) for log in logs]
+    fits = [drift.fit_ramp(log, log.rate[0]) for log in logs]
     assert gradient_order._rate_groups(fits) == [[0], [1, 2], [3]]
 
 
@@ -326,7 +336,7 @@ def test_an_order_that_spoils_a_fitted_ramp_does_not_help():
     chosen.
     """
     raw = np.array([1.0, 1.0])
-    good = gradient_order.LeftOut("heating", 1, raw, np.array([0.5, 0.5]), np.array([0.4, 0.4]))
-    spoilt = gradient_order.LeftOut("heating", 1, raw, np.array([0.5, 0.5]), np.array([0.4, 1.2]))
-    small = gradient_order.LeftOut("heating", 1, raw, np.array([0.95, 0.95]), np.array([0.4, 0.4]))
+    good = gradient_order.LeftOutRates(raw, np.array([0.5, 0.5]), 1, np.array([0.4, 0.4]))
+    spoilt = gradient_order.LeftOutRates(raw, np.array([0.5, 0.5]), 1, np.array([0.4, 1.2]))
+    small = gradient_order.LeftOutRates(raw, np.array([0.95, 0.95]), 1, np.array([0.4, 0.4]))
     assert (good.helps, spoilt.helps, small.helps) == (True, False, False)

@@ -12,8 +12,6 @@ from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
 from calibkit.instruments.fog_thermal.numeric import (
     choice as thermal_choice,
     evaluate,
-    lagged,
-    level,
     noise as thermal_noise,
     pooled_fit,
     uncertainty,
@@ -29,6 +27,7 @@ from calibkit.instruments.fog_thermal.numeric.pooled_fit import ThermalLog
 from calibkit.numeric import intervals
 from calibkit.simulate import noise
 from calibkit.simulate.chamber import Chamber
+from drift_fits import block_log, fit_lagged, fit_level
 
 INTERVAL_S = 10.0
 WITHHELD = "withheld/"
@@ -50,9 +49,8 @@ def blocks(name, made, *, spikes=0.0):
     hit = rng.random(seen.size) < spikes
     seen[hit] += rng.choice((-1.0, 1.0), hit.sum()) * rng.uniform(2.0, 50.0, hit.sum())
     time = columns["time_s"].astype(np.float64)
-    return pooled_fit.thermal_log(
-        name, time, columns["temp_case_degc"], columns["temp_env_degc"], seen, INTERVAL_S
-    )
+    read = (time, columns["temp_case_degc"], columns["temp_env_degc"], seen)
+    return block_log(name, read, INTERVAL_S)
 
 
 def fitted(logs, **kwargs):
@@ -64,7 +62,7 @@ def fitted(logs, **kwargs):
 
 def drift_uncertainty(model, found):
     """Return the standard uncertainty [n, °/h] that the contributions make together."""
-    return np.sqrt(np.sum(uncertainty.contributions(model, found).values ** 2, axis=0))
+    return np.sqrt(sum(part[2] ** 2 for part in uncertainty.contributions(model, found)))
 
 
 def withheld(logs, model):
@@ -108,7 +106,7 @@ def test_a_lagged_model_takes_ten_times_the_drift_off_every_withheld_ramp(logs, 
     before, after, _ = withheld(logs, choice.model)
     assert len(before) == 4
     assert np.min(before / after) > 10.0
-    _, by_level, _ = withheld(logs, level.fit(fitted(logs)))
+    _, by_level, _ = withheld(logs, fit_level(fitted(logs)))
     assert np.max(after / by_level) < 0.7
 
 
@@ -216,7 +214,7 @@ def test_left_out_errors_of_a_level_model_are_those_of_a_plain_fit_to_the_other_
         root = np.sqrt(solution.weights[kept])
         fit = np.linalg.lstsq(design * root[:, None], stacked.indication[kept] * root)[0][8:]
         left = stacked.indication[rows] - solution.columns[rows] @ fit
-        expected = np.std(thermal_choice._figure_means(left, solution.trust[rows], 10))
+        expected = np.std(thermal_choice._figure_means(left, solution.robust[rows], 10))
         assert found.compensated[ramp] == pytest.approx(expected, rel=1e-6)
 
 
@@ -235,10 +233,10 @@ def result(compensated, raw=(0.2, 0.2, 0.2), *, parameters=5, endless=False):
     """Return left-out figures of some candidate."""
     zeros = tuple(np.zeros(3) for _ in raw)
     return _LeftOut(
-        CANDIDATES[0],
-        ("a", "b", "c"),
         np.array(raw),
         np.array(compensated),
+        CANDIDATES[0],
+        ("a", "b", "c"),
         zeros,
         parameters,
         endless,
@@ -391,9 +389,9 @@ def test_noise_is_told_into_white_and_flicker():
         for _ in range(8):
             seen = true * root @ rng.normal(0.0, 1.0, 500) + rng.normal(0.0, 0.1, 500)
             groups.append(
-                thermal_noise.grouped(np.arange(500.0)[:, None] / 500.0, seen, np.ones(500))
+                thermal_noise.group_rows(np.arange(500.0)[:, None] / 500.0, seen, np.ones(500))
             )
-        found = thermal_noise.estimated(groups)
+        found = thermal_noise.estimate(groups)
         assert low <= found.flicker <= high  # °/h
         assert found.white_variance == pytest.approx(0.01, rel=0.3)
 
@@ -408,7 +406,7 @@ def test_hysteresis_is_shown_by_cooling_against_heating():
     some, none = (simulated(33, hysteresis_scale=scale) for scale in (12.0, 0.0))
     terms = ("b0", "b1", "b2", "b3")
     shown, quiet = (
-        uncertainty.hysteresis(lagged.fit(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs))
+        uncertainty.hysteresis(fit_lagged(fitted(logs), (*terms, "s_rate", "s_grad")), fitted(logs))
         for logs in (some, none)
     )
     assert shown.temperature.size > 15

@@ -16,7 +16,7 @@ from speed import peers
 from speed.page import table
 
 from calibkit.instruments.fog_thermal import simulate as fog, simulate_gyro
-from calibkit.instruments.fog_thermal.numeric import occupancy
+from calibkit.numeric import intervals
 from calibkit.simulate.chamber import Chamber
 from truth.product import DATE, calibkit
 
@@ -110,7 +110,7 @@ def compensated(folder: Path, logs: dict[str, fog.SimulatedLog]) -> dict[str, Ar
 def means(log: fog.SimulatedLog, values: Array) -> Array:
     """Block means of a value at every sample of a log."""
     time_s = np.asarray(log.columns["time_s"], dtype=np.float64)
-    return occupancy.block_means(time_s, np.asarray(values, dtype=np.float64), BLOCK_S)[1]
+    return intervals.of(time_s, BLOCK_S).means(np.asarray(values, dtype=np.float64))
 
 
 def polynomial_drift(log: fog.SimulatedLog, rng_seed: int) -> fog.SimulatedLog:

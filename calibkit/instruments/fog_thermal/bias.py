@@ -76,7 +76,7 @@ def at_rest(
     if model.thermal is None:
         return None
     temperature = model.thermal.nearest_fitted(recipe.reference_temp_degc)
-    row = evaluate.at_rest(model.thermal, temperature)[0]
+    row = evaluate.design_at_rest(model.thermal, temperature)[0]
     rate = float(row @ model.thermal.coefficients)
     u = float(np.sqrt(row @ model.thermal.covariance[:9, :9] @ row))
     turn_on = tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True))

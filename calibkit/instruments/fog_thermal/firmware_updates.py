@@ -14,7 +14,7 @@ from calibkit.ingest.write_back import Applied
 from calibkit.instruments.fog_thermal import ramps
 from calibkit.instruments.fog_thermal.numeric import gradient
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
-from calibkit.numeric import segments
+from calibkit.numeric import intervals, segments
 
 SUMMED = 3
 """Updates of each row of a chain that sums increments: the error bound grows with them."""
@@ -64,7 +64,9 @@ def apply(
     time, case, env, gyro = (values(log.frame, column) for column in ramps.COLUMNS)
     slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
     interval = spec.drift.interval_s
-    blocks = gradient.blocks(time, case, env, gyro, slope, interval)
+    held = intervals.of(time, interval)
+    means = (held.means(column) for column in (time, case, env, gyro))
+    blocks = gradient.fill_blocks(held, means, slope)
     heard = {
         "temp_case_degc": blocks.case,
         "temp_env_degc": blocks.case - blocks.gradient,
@@ -78,7 +80,7 @@ def apply(
     (output,) = quantised.structure.outputs
     drifts = [twin.decode(quantised, output.name, one.outputs[output.name]) for one in results]
     level, status = np.concatenate(drifts), np.concatenate([one.status for one in results])
-    known = level[np.maximum(gradient.block_index(time, interval) - 1, 0)]
+    known = level[np.maximum(np.repeat(held.number, held.count) - 1, 0)]
     note = (
         f"{log.file}: each interval of {interval:g} s is corrected by the drift of the one before,"
         " the first by its own"

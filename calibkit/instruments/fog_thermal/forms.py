@@ -7,7 +7,6 @@ it, the lags are followed from sample to sample: `numeric.evaluate` does that wi
 """
 
 import math
-from dataclasses import astuple
 
 import numpy as np
 
@@ -196,7 +195,7 @@ def write_thermal(model: ThermalModel, interval_s: float) -> Model:
         dof=model.dof,
         residual_rms=model.residual_rms,
         residual_unit="deg/h",
-        valid=dict(zip(DRIVERS, astuple(model.valid), strict=True)),
+        valid=dict(zip(DRIVERS, model.valid, strict=True)),
         parameters=tuple(parameters),
     )
 

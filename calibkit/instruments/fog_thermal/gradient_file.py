@@ -35,7 +35,7 @@ class SideChoice:
     """
 
     side: str
-    tested: tuple[gradient_order.LeftOut, ...]
+    tested: tuple[gradient_order.LeftOutRates, ...]
     chosen: gradient.RatePolynomial | None
     flags: tuple[str, ...]
 
@@ -47,7 +47,7 @@ def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> list[FittedRamp]:
         for ramp in log.ramps:
             try:
                 blocks = log.denoised.between(ramp.start, ramp.stop)
-                found = gradient.ramp(blocks, ramp.rate, estimate=spec.estimate)
+                found = gradient.fit_ramp(blocks, ramp.rate, estimate=spec.estimate)
             except FitError as error:
                 raise FitError(f"{log.source.name}: {error.message}", hint=error.hint) from None
             fitted.append(FittedRamp(ramp, log, found))
@@ -112,7 +112,7 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
         return _pinned(fits, tested, spec.order, side)
     winner = gradient_order.best(tested)
     if winner is not None:
-        polynomial = gradient.over_rates(fits, winner.order, side)
+        polynomial = gradient.fit_over_rates(fits, winner.order, side)
         return SideChoice(side, tuple(tested), polynomial, ())
     if not tested:
         reason = "one temperature rate only, so that no rate can be left out to test the model"
@@ -134,14 +134,14 @@ def _stretch(item: FittedRamp) -> gradient.Blocks:
 
 def _pinned(
     fits: Sequence[gradient.RampFit],
-    tested: Sequence[gradient_order.LeftOut],
+    tested: Sequence[gradient_order.LeftOutRates],
     pinned: int,
     side: str,
 ) -> SideChoice:
     """The order that the recipe pins, exported whatever leave-one-rate-out says, and flagged for
     what it is.
     """
-    polynomial = gradient.over_rates(fits, pinned, side)
+    polynomial = gradient.fit_over_rates(fits, pinned, side)
     flags = []
     if polynomial.dof == 0:
         flags.append(

@@ -3,7 +3,7 @@ interval.
 """
 
 from collections.abc import Iterator, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
@@ -178,15 +178,16 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     cuts, slope = _cut(log, recipe)
     chunks.release(time, env)
     smooth, noise, flags = _denoised(log, gyro, cuts, held, recipe)
-    middle, t_case, t_env = (held.means(values) for values in (time, case, env))
-    raw = gradient.blocks_of(held, middle, t_case, t_env, held.means(gyro), slope)
-    clean = replace(raw, indication=held.filled(smooth))
+    means = [held.means(column) for column in (time, case, env)]
+    raw = gradient.fill_blocks(held, [*means, held.means(gyro)], slope)
+    # a soak belongs to the ramp before it, the first soak to the first ramp
+    begins = [segment.start for segment in cuts if segment.kind == "ramp"][1:]
     return PreparedLog(
         log.name,
         Input.of(log),
         raw,
-        clean,
-        pooled_fit.thermal_blocks(log.name, held, middle, t_case, t_env, gyro, _begins(cuts)),
+        raw._replace(indication=held.filled(smooth)),
+        pooled_fit.thermal_blocks(log.name, held, means, gyro, begins),
         _ramps(log, cuts, held, env),
         noise,
         tuple(f"{log.file}: {note}" for note in (*log.notes, *flags, *_coarse(case, env, recipe)))
@@ -203,8 +204,8 @@ def block_means(
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     held = intervals.of(time, recipe.drift.interval_s, log.steps.usual)
     slope = _cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
-    middle, t_case, t_env, rate = (held.means(column) for column in (time, case, env, gyro))
-    return held, gradient.blocks_of(held, middle, t_case, t_env, rate, slope)
+    means = (held.means(column) for column in (time, case, env, gyro))
+    return held, gradient.fill_blocks(held, means, slope)
 
 
 def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
@@ -216,13 +217,6 @@ def _coarse(case: Array, env: Array, recipe: FogThermalRecipe) -> list[str]:
         for column, values in (("temp_case_degc", case), ("temp_env_degc", env))
         if segments.coarse(values, window)
     ]
-
-
-def _begins(cuts: Sequence[segments.Segment]) -> list[int]:
-    """First rows of the ramps after the first: a soak belongs to the ramp before it, the first soak
-    to the first ramp.
-    """
-    return [segment.start for segment in cuts if segment.kind == "ramp"][1:]
 
 
 def _cut(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], Array]:

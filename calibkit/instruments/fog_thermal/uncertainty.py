@@ -119,8 +119,7 @@ def _propagate(
     with a sensitivity to it by that.
     """
     found = evaluate.evaluate(thermal, time, case, env, reference_degc)
-    own = uncertainty.contributions(thermal, found)
-    known = list(zip(own.names, own.kinds, own.values, own.dof.tolist(), strict=True))
+    known = uncertainty.contributions(thermal, found)
     for term in terms:
         influenced = _influenced(term)
         if not influenced:

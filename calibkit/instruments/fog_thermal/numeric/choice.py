@@ -11,10 +11,10 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import lagged, level, pooled_fit, uncertainty
+from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOutRamps
 from calibkit.instruments.fog_thermal.numeric.lagged import Survey
 from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, chosen_columns
-from calibkit.numeric.dispersion import rms
 
 CLEARLY = 0.95
 """Share of the raw drift figure that a model must get below on left-out ramps."""
@@ -22,18 +22,14 @@ ALIKE = 1.0025
 """Ratio of pooled errors up to which two candidates count as alike: the noise of 100 s means hides
 more.
 """
-WORSE = 1.01
-"""Factor above raw at which a left-out ramp counts as made worse: the drift rms of a log repeats to
-about a percent.
-"""
 FIGURE_BLOCKS = 10
 """Blocks that the drift figure averages: 100 s, the longer of the two intervals of GJB 2426A, at a
 model interval of 10 s.
 """
 LEAST_RAMPS = 3
-"""Ramps below which leaving one out says nothing: one more than the sides of a thermal cycle."""
-HALF_TRUSTED = 0.5
-"""Share of a figure's rows that must have a say, robust weights considered, for it to count."""
+"""Ramps that leaving one out needs: one more than the sides of a thermal cycle."""
+LEAST_WEIGHT = 0.5
+"""Mean robust weight of a group of rows, over the median of all rows, from which it counts."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -71,15 +67,13 @@ class _Fitted:
 
 
 @dataclass(frozen=True, slots=True)
-class _LeftOut:
-    """What a candidate did to each ramp that was left out of its fit."""
+class _LeftOut(LeftOutRamps):
+    """What a candidate did to each ramp that was left out of its fit: drift rms of 100 s means, the
+    ramp's mean removed.
+    """
 
     candidate: _Candidate
     ramps: tuple[str, ...]
-    raw: Array
-    """[ramps], drift rms [°/h] of 100 s means, the ramp's mean removed."""
-    compensated: Array
-    """[ramps], the same with the model of the other ramps taken off."""
     errors: tuple[Array, ...]
     """Each ramp's compensated 100 s means [°/h], the mean removed."""
     parameters: int
@@ -88,16 +82,6 @@ class _LeftOut:
     """Whether a lag came out as the longest that is looked for: then it stands for something that
     is not a lag.
     """
-
-    @property
-    def pooled_raw(self) -> float:
-        """Root mean square of the raw figures [°/h]."""
-        return rms(self.raw)
-
-    @property
-    def pooled(self) -> float:
-        """Root mean square of the compensated figures [°/h]."""
-        return rms(self.compensated)
 
     @property
     def helps(self) -> bool:
@@ -126,7 +110,6 @@ def choose(
     logs: Sequence[ThermalLog],
     candidates: Sequence[_Candidate] = CANDIDATES,
     *,
-    window_s: float | None = None,
     figure_blocks: int = FIGURE_BLOCKS,
 ) -> ThermalChoice:
     """Fit each candidate without each ramp in turn, and export the one with the smallest error on
@@ -141,8 +124,6 @@ def choose(
     ----------
     logs : block means of each log.
     candidates : models to choose from.
-    window_s : trailing window of the rates of level models [s]; by default 90 s, longer for long
-        blocks.
     figure_blocks : blocks that the drift figures average.
 
     Raises
@@ -157,15 +138,14 @@ def choose(
             " drift term"
         )
         return ThermalChoice((), (), None, None, reason)
-    solutions, refused = _solutions_of(stacked, candidates, window_s)
+    solutions, refused = _solutions_of(stacked, candidates)
     tested = tuple(_left_out(fitted, stacked, figure_blocks) for fitted in solutions)
     best = _best_of(tested)
     if best is None:
         return ThermalChoice(tested, refused, None, None, _nothing_helps(tested, refused))
     solution = solutions[best].solution
-    model = (lagged.finished if solution.form == "lagged" else pooled_fit.finished)(
-        solution, stacked
-    )
+    finish = lagged.finish if solution.form == "lagged" else pooled_fit.finish
+    model = finish(solution, stacked)
     explained = uncertainty.explained(model, stacked.logs, figure_blocks)
     model = replace(
         model,
@@ -215,15 +195,15 @@ def _nothing_helps(tested: Sequence[_LeftOut], refused: Sequence[str]) -> str:
 
 
 def _solutions_of(
-    stacked: Stack, candidates: Sequence[_Candidate], window_s: float | None = None
+    stacked: Stack, candidates: Sequence[_Candidate]
 ) -> tuple[list[_Fitted], tuple[str, ...]]:
     """Solutions of the candidates that the logs can determine, and why the others are not there.
 
     The robust weights of the rows are the same for every candidate, so that their errors compare.
     """
-    prepared = level.basis(stacked, window_s)
+    prepared = level.basis(stacked)
     surveyed = (
-        lagged.survey(stacked, prepared.trust)
+        lagged.survey(stacked, prepared.robust)
         if any(c.form == "lagged" for c in candidates)
         else None
     )
@@ -249,11 +229,11 @@ def _left_out(fitted: _Fitted, stacked: Stack, figure_blocks: int) -> _LeftOut:
     to all of them.
     """
     raw, compensated, errors = [], [], []
-    trust = fitted.solution.trust
+    robust = fitted.solution.robust
     for rows, predicted in zip(stacked.ramps, _predicted(fitted, stacked), strict=True):
         indication = stacked.indication[rows]
-        raw.append(float(np.std(_figure_means(indication, trust[rows], figure_blocks))))
-        error = _figure_means(indication - predicted, trust[rows], figure_blocks)
+        raw.append(float(np.std(_figure_means(indication, robust[rows], figure_blocks))))
+        error = _figure_means(indication - predicted, robust[rows], figure_blocks)
         errors.append(error - error.mean())
         compensated.append(float(np.std(error)))
     lags = fitted.solution.log_lags
@@ -274,28 +254,26 @@ def _predicted(fitted: _Fitted, stacked: Stack) -> Iterator[Array]:
     if fitted.survey is None:
         moment = pooled_fit.moments(solution.columns, solution.weights, stacked)
         for number, rows in enumerate(stacked.ramps):
-            kept = np.arange(len(stacked.ramps)) != number
-            found = pooled_fit.solved(pooled_fit.pooled(moment, stacked, kept))
+            found = pooled_fit.solve_moments(pooled_fit.pool_moments(moment, stacked, number))
             yield solution.columns[rows] @ (
                 found[0] if found else np.zeros(solution.columns.shape[1])
             )
         return
     chosen = chosen_columns(solution.terms)[1:]
-    everything = np.ones(len(stacked.ramps), dtype=bool)
-    problem = lagged.Problem(fitted.survey, chosen, solution.weights, everything)
-    near = lagged.tangent(problem, solution.log_lags)
+    problem = lagged.Problem(fitted.survey, chosen, solution.weights)
+    moments = lagged.tangent_moments(problem, solution.log_lags)
     for number, rows in enumerate(stacked.ramps):
-        yield lagged.without(near, number)[1][rows]
+        yield lagged.leave_out(problem, solution.log_lags, moments, number)[rows]
 
 
-def _figure_means(values: Array, trust: Array, group: int) -> Array:
-    """Means [m] of values [n] over groups of rows that have a say; a rest that fills no group is
-    left out.
+def _figure_means(values: Array, robust: Array, group: int) -> Array:
+    """Means [m] of values [n] over groups of rows, by robust weights, without the groups of little
+    weight; a rest that fills no group is left out.
     """
     whole = max(values.size // group, 1) * min(group, values.size)
-    weight = trust[:whole].reshape(-1, min(group, values.size))
-    usable = weight.mean(axis=1) >= HALF_TRUSTED * max(
-        float(np.median(trust)), np.finfo(float).tiny
+    weight = robust[:whole].reshape(-1, min(group, values.size))
+    usable = weight.mean(axis=1) >= LEAST_WEIGHT * max(
+        float(np.median(robust)), np.finfo(float).tiny
     )
     grouped = values[:whole].reshape(weight.shape)[usable]
     return np.asarray(np.average(grouped, axis=1, weights=weight[usable]), dtype=np.float64)

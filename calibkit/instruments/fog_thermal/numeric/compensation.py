@@ -7,11 +7,34 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.instruments.fog_thermal.numeric import gradient as drift
+from calibkit.numeric.dispersion import rms
 
 FIGURE_INTERVAL_S = 100.0
 """Averaging time of the drift figure [s]: the longer of the two that GJB 2426A names."""
 INJECTED_RATE_DPH = 7.5
 """Constant rate that the rate-gain check adds to the indication [°/h]."""
+WORSE = 1.01
+"""Factor above raw at which a left-out ramp counts as made worse: the drift rms of a log repeats to
+about a percent.
+"""
+
+
+@dataclass(frozen=True, slots=True)
+class LeftOutRamps:
+    """Drift rms [ramps, °/h] of ramps that a model was not fitted to, raw and compensated by it."""
+
+    raw: Array
+    compensated: Array
+
+    @property
+    def pooled_raw(self) -> float:
+        """Root mean square of the raw figures [°/h]."""
+        return rms(self.raw)
+
+    @property
+    def pooled(self) -> float:
+        """Root mean square of the compensated figures [°/h]."""
+        return rms(self.compensated)
 
 
 @dataclass(frozen=True, slots=True)
@@ -34,7 +57,7 @@ def increments(
 
     Each rate is served by the side it was fitted on. The drift is held (Δ̂ = 0) below half of the
     smallest fitted rate, where a0 would be integrated without bound, and on a side that was not
-    fitted. Rates and gradients beyond the fitted ranges are clamped to them, and said so.
+    fitted. Rates and gradients beyond the fitted ranges are clamped to them, and marked.
     """
     n = gradient.size
     delta, held = np.zeros(n), np.ones(n, dtype=bool)
@@ -47,9 +70,8 @@ def increments(
         delta[served + 1] = a[:, 0] + a[:, 1] * clamped + a[:, 2] * clamped**2
         held[served + 1] = False
         low, high = polynomial.rates
-        slack = 0.1 * max(
-            abs(low), abs(high)
-        )  # the measured rate of one ramp wanders by some percent
+        # the measured rate of one ramp wanders by some percent
+        slack = 0.1 * max(abs(low), abs(high))
         rate_clamped[served + 1] = (r[served] < low - slack) | (r[served] > high + slack)
         gradient_clamped[served + 1] = clamped != G[served]
     return _Increments(delta, held, rate_clamped, gradient_clamped)

@@ -8,12 +8,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.instruments.fog_thermal.numeric import coil, level
-from calibkit.instruments.fog_thermal.numeric.terms import (
-    Drivers,
-    ThermalModel,
-    clamped,
-    raw_design,
-)
+from calibkit.instruments.fog_thermal.numeric.terms import Drivers, ThermalModel, raw_design
 
 REFERENCE_DEGC = 25.0
 RELATIVE_STEP = 1e-3
@@ -34,11 +29,6 @@ class Evaluation:
     temperature_clamped: Mask
     rate_clamped: Mask
     gradient_clamped: Mask
-
-    @property
-    def clamped(self) -> Mask:
-        """Where anything was clamped."""
-        return self.temperature_clamped | self.rate_clamped | self.gradient_clamped
 
 
 def _drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drivers:
@@ -77,23 +67,41 @@ def evaluate(
 
     """
     found = _drivers(model, time, case, env)
-    inside = clamped(found, model.valid, model.terms)
-    rest = at_rest(model, reference_degc)
-    rows = raw_design(inside.drivers) - rest
-    by_lag = [
-        _by_lag(model, k, found, inside.drivers, (time, case, env)) for k in range(len(model.lags))
-    ]
+    inside = _clamp(found, model)
+    rest = design_at_rest(model, reference_degc)
+    rows = raw_design(inside) - rest
+    by_lag = [_by_lag(model, k, found, inside, (time, case, env)) for k in range(len(model.lags))]
+    temperature, rate, gradient, gradient_rate = (
+        np.asarray(values != held) for values, held in zip(found, inside, strict=True)
+    )
     return Evaluation(
         rows @ model.coefficients,
         np.column_stack([rows, *by_lag]),
         (raw_design(found) - rest - rows) @ model.coefficients,
-        inside.temperature,
-        inside.rate,
-        inside.gradient,
+        temperature,
+        rate | gradient_rate,
+        gradient,
     )
 
 
-def at_rest(model: ThermalModel, reference_degc: float) -> Array:
+def _clamp(drivers: Drivers, model: ThermalModel) -> Drivers:
+    """Drivers inside the fitted ranges; those that no term of the model uses stay as they are."""
+    terms = set(model.terms)
+    used = (
+        len(terms) > 1,
+        not terms.isdisjoint({"s_rate", "s_temp_rate"}),
+        "s_grad" in terms,
+        "s_grad_rate" in terms,
+    )
+    return Drivers(
+        *(
+            np.clip(values, *span) if enters else values
+            for values, span, enters in zip(drivers, model.valid, used, strict=True)
+        )
+    )
+
+
+def design_at_rest(model: ThermalModel, reference_degc: float) -> Array:
     """Design row [1, 9] of rest at the reference temperature, clamped to the fitted range."""
     still = np.zeros(1)
     return raw_design(
@@ -111,12 +119,10 @@ def _by_lag(
     lags = tuple(lag + step * (j == k) for j, lag in enumerate(model.lags))
     moved = _drivers(replace(model, lags=lags), *log)
     held = Drivers(
-        np.where(found.temperature == inside.temperature, moved.temperature, inside.temperature),
-        np.where(found.rate == inside.rate, moved.rate, inside.rate),
-        np.where(found.gradient == inside.gradient, moved.gradient, inside.gradient),
-        np.where(
-            found.gradient_rate == inside.gradient_rate, moved.gradient_rate, inside.gradient_rate
-        ),
+        *(
+            np.where(values == limited, after, limited)
+            for values, limited, after in zip(found, inside, moved, strict=True)
+        )
     )
     return np.asarray(
         (raw_design(held) - raw_design(inside)) @ model.coefficients / step, dtype=np.float64

@@ -10,27 +10,25 @@ Source: CN102095419A (Shen & Chen, 2010). Per ramp, with G = T_case − T_env at
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, NamedTuple
 
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.numeric import intervals
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import fit, hac
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
-    from calibkit.arrays import Array, Integers
+    from calibkit.arrays import Array
     from calibkit.numeric.intervals import Intervals
 
 
 TERMS = ("a0", "a1", "a2")
 
 
-@dataclass(frozen=True, slots=True)
-class Blocks:
+class Blocks(NamedTuple):
     """Block means at the model interval: time [s], case and chamber temperature [°C], indication
     [°/h], rate [°C/min].
     """
@@ -43,14 +41,7 @@ class Blocks:
 
     def between(self, start: int, stop: int) -> Blocks:
         """Intervals start … stop − 1."""
-        part = slice(start, stop)
-        return Blocks(
-            self.time[part],
-            self.case[part],
-            self.gradient[part],
-            self.indication[part],
-            self.rate[part],
-        )
+        return Blocks(*(values[start:stop] for values in self))
 
 
 @dataclass(frozen=True, slots=True)
@@ -70,6 +61,11 @@ class RampFit:
     rate: float
     gradient: tuple[float, float]
     case: tuple[float, float]
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Type A standard uncertainties [3] of the coefficients."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 @dataclass(frozen=True, slots=True)
@@ -96,39 +92,19 @@ class RatePolynomial:
         return int(self.c.shape[1]) - 1
 
 
-def block_index(time: Array, interval_s: float) -> Integers:
-    """Number of the model interval that each sample [n] falls in; raises FitError as
-    `intervals.of`.
-    """
-    held = intervals.of(time, interval_s)
-    return np.repeat(held.number, held.count)
-
-
-def blocks(
-    time: Array, case: Array, env: Array, indication: Array, slope: Array, interval_s: float
-) -> Blocks:
-    """Block means of a log [n] at the model interval, as `blocks_of`; raises FitError as
-    `intervals.of`.
-    """
-    held = intervals.of(time, interval_s)
-    middle, t_case, t_env, mean = (held.means(values) for values in (time, case, env, indication))
-    return blocks_of(held, middle, t_case, t_env, mean, slope)
-
-
-def blocks_of(
-    held: Intervals, time: Array, case: Array, env: Array, indication: Array, slope: Array
-) -> Blocks:
-    """Block means of a log from those [m] of its model intervals; the rate is the causal slope [n]
-    at each block's last sample.
+def fill_blocks(held: Intervals, means: Iterable[Array], slope: Array) -> Blocks:
+    """Block means of a log from the means [m] of its time, case, chamber and indication over the
+    model intervals that hold samples; the rate is the causal slope [n] at each block's last sample.
 
     Intervals with less than half of their samples, whose means would be noisier than the others,
     are filled by straight lines between their neighbours.
     """
-    t_case, t_env, rate = (held.filled(values) for values in (case, env, held.last(slope)))
-    return Blocks(held.centres(time), t_case, t_case - t_env, held.filled(indication), rate)
+    time, *others = means
+    case, env, indication, rate = map(held.filled, (*others, held.last(slope)))
+    return Blocks(held.centres(time), case, case - env, indication, rate)
 
 
-def ramp(ramp_blocks: Blocks, rate: float, *, estimate: str = "levels") -> RampFit:
+def fit_ramp(blocks: Blocks, rate: float, *, estimate: str = "levels") -> RampFit:
     """Fit a0, a1, a2 of one ramp.
 
     estimate = "increments" regresses ω_k − ω_{k−1} on G_{k−1} as published. "levels" regresses the
@@ -137,45 +113,33 @@ def ramp(ramp_blocks: Blocks, rate: float, *, estimate: str = "levels") -> RampF
     coefficients come out with a fraction of the uncertainty. Raises FitError when the ramp is too
     short or its gradient does not vary.
     """
-    G = ramp_blocks.gradient[:-1]
+    G = blocks.gradient[:-1]
     if G.size < 6:
         raise FitError(
             f"the ramp has {G.size + 1} intervals, expected at least 7",
             hint="shorten drift.interval_s",
         )
-    terms = np.vander(G, 3, increasing=True)
+    design, target, names = np.vander(G, 3, increasing=True), np.diff(blocks.indication), [*TERMS]
     if estimate == "levels":
-        design = np.column_stack(
-            [np.ones(G.size + 1), np.vstack([np.zeros(3), np.cumsum(terms, axis=0)])]
-        )
-        found = fit.linear(design, ramp_blocks.indication, names=("start", *TERMS))
-        keep = slice(1, 4)
-    else:
-        design = terms
-        found = fit.linear(design, np.diff(ramp_blocks.indication), names=TERMS)
-        keep = slice(0, 3)
+        summed = np.vstack([np.zeros(3), np.cumsum(design, axis=0)])
+        design = np.column_stack([np.ones(G.size + 1), summed])
+        target, names = blocks.indication, ["start", *TERMS]
+    found = fit.linear(design, target, names=names)
     covariance = hac.covariance(lambda part: design[part], found.residuals)
+    factor = np.linalg.qr(design)[1]
     return RampFit(
-        found.coefficients[keep],
-        covariance[keep, keep],
-        _information(design),
+        found.coefficients[-3:],
+        covariance[-3:, -3:],
+        np.asarray(factor[-3:, -3:] / np.sqrt(design.shape[0])),
         found.dof,
         found.residual_rms,
         rate,
         (float(G.min()), float(G.max())),
-        (float(ramp_blocks.case.min()), float(ramp_blocks.case.max())),
+        (float(blocks.case.min()), float(blocks.case.max())),
     )
 
 
-def _information(design: Array) -> Array:
-    """Triangular factor [3, 3] of the last three columns of a design [n, p], the others eliminated,
-    for one row.
-    """
-    factor = np.linalg.qr(design)[1]
-    return np.asarray(factor[-3:, -3:] / np.sqrt(design.shape[0]), dtype=np.float64)
-
-
-def over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolynomial:
+def fit_over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolynomial:
     """Fit a_j(r) = Σ_m c_jm r^m to the ramps' a_j; raises FitError for fewer distinct rates than
     coefficients.
 
@@ -199,15 +163,15 @@ def over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolynomia
     a = np.stack([ramp.coefficients for ramp in ramps])
     c = (solver @ a.ravel() / powers).reshape(3, order + 1)
     deviations = a - np.vander(rates, order + 1, increasing=True) @ c.T
-    covariance = (
-        _propagated(solver, ramps)
-        * _inflation(deviations, ramps, 3 * (order + 1))
-        / np.outer(powers, powers)
+    propagated = sum(
+        part @ ramp.covariance @ part.T
+        for part, ramp in zip(np.hsplit(solver, len(ramps)), ramps, strict=True)
     )
+    inflation = _inflation(deviations, ramps, 3 * (order + 1))
     return RatePolynomial(
         side,
         c,
-        covariance,
+        propagated * inflation / np.outer(powers, powers),
         len(ramps) - order - 1,
         rms(deviations[:, 0]),
         (float(rates.min()), float(rates.max())),
@@ -219,26 +183,16 @@ def over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolynomia
 
 def _solver(basis: Array, ramps: Sequence[RampFit]) -> Array:
     """Matrix [3(M+1), 3·ramps] that takes the ramps' a_j, ramp by ramp, to the scaled c00 … c2M."""
-    if (
-        basis.shape[0] == basis.shape[1]
-    ):  # interpolation: weights drop out, and would only cost digits
+    if basis.shape[0] == basis.shape[1]:
+        # interpolation: weights drop out, and would only cost digits
         inverse = np.linalg.inv(basis)
         return np.concatenate([np.kron(inverse, np.eye(3)[j]) for j in range(3)])
     weighted = np.concatenate(
         [ramp.information @ np.kron(np.eye(3), row) for ramp, row in zip(ramps, basis, strict=True)]
     )
     left = np.linalg.pinv(weighted, rcond=1e-12)
-    return np.concatenate(
-        [left[:, 3 * i : 3 * i + 3] @ ramp.information for i, ramp in enumerate(ramps)], axis=1
-    )
-
-
-def _propagated(solver: Array, ramps: Sequence[RampFit]) -> Array:
-    """Covariance of the scaled c00 … c2M from the covariances of the a_j of independent ramps."""
-    parts = [solver[:, 3 * i : 3 * i + 3] for i in range(len(ramps))]
-    return np.asarray(
-        sum(part @ ramp.covariance @ part.T for part, ramp in zip(parts, ramps, strict=True))
-    )
+    parts = np.hsplit(left, len(ramps))
+    return np.hstack([part @ ramp.information for part, ramp in zip(parts, ramps, strict=True)])
 
 
 def _inflation(deviations: Array, ramps: Sequence[RampFit], fitted: int) -> float:

@@ -9,15 +9,10 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.instruments.fog_thermal.numeric import compensation, gradient
-from calibkit.numeric.dispersion import rms
+from calibkit.instruments.fog_thermal.numeric.compensation import WORSE, LeftOutRamps
 
 SAME_RATE = 0.1
 """Relative difference up to which two ramps count as one temperature rate."""
-WORSE = 1.01
-"""Factor above raw at which a left-out ramp counts as made worse: the drift rms of a log repeats to
-about a percent.
-"""
-
 MARGIN = 0.9
 """Factor below raw that the pooled error must reach: of several orders one beats raw by some
 percent by luck alone.
@@ -25,26 +20,13 @@ percent by luck alone.
 
 
 @dataclass(frozen=True, slots=True)
-class LeftOut:
-    """Drift rms [°/h] of each ramp's log: raw, compensated by a model fitted without that ramp's
-    rate, and with it.
+class LeftOutRates(LeftOutRamps):
+    """Drift rms [°/h] of each ramp's log for an order of the polynomials: `compensated` is by a
+    model that was fitted without that ramp's rate, `fitted` by one that was fitted with it.
     """
 
-    side: str
     order: int
-    raw: Array
-    compensated: Array
     fitted: Array
-
-    @property
-    def pooled_raw(self) -> float:
-        """Root mean square of the raw figures [°/h]."""
-        return rms(self.raw)
-
-    @property
-    def pooled(self) -> float:
-        """Root mean square of the compensated figures [°/h]."""
-        return rms(self.compensated)
 
     @property
     def helps(self) -> bool:
@@ -77,7 +59,7 @@ def _leave_one_rate_out(
     order: int,
     side: str,
     group: int,
-) -> LeftOut:
+) -> LeftOutRates:
     """Fit the polynomials without each rate in turn and compensate that rate's logs as the
     instrument would.
 
@@ -90,12 +72,12 @@ def _leave_one_rate_out(
     groups = _rate_groups(ramps)
     for left in groups:
         kept = [ramps[i] for other in groups if other is not left for i in other]
-        polynomial = gradient.over_rates(kept, order, side)
+        polynomial = gradient.fit_over_rates(kept, order, side)
         for i in left:
             compensated[i] = _left(polynomial, logs[i], group)
-    whole = gradient.over_rates(ramps, order, side)
-    return LeftOut(
-        side, order, raw, compensated, np.array([_left(whole, log, group) for log in logs])
+    whole = gradient.fit_over_rates(ramps, order, side)
+    return LeftOutRates(
+        raw, compensated, order, np.array([_left(whole, log, group) for log in logs])
     )
 
 
@@ -107,7 +89,7 @@ def _left(polynomial: gradient.RatePolynomial, log: gradient.Blocks, group: int)
 
 def candidates(
     ramps: Sequence[gradient.RampFit], logs: Sequence[gradient.Blocks], side: str, group: int
-) -> list[LeftOut]:
+) -> list[LeftOutRates]:
     """Leave-one-rate-out results of every order that the rates of a side can test: four rates never
     test the cubic.
     """
@@ -115,7 +97,7 @@ def candidates(
     return [_leave_one_rate_out(ramps, logs, order, side, group) for order in range(rates - 1)]
 
 
-def best(results: Sequence[LeftOut]) -> LeftOut | None:
+def best(results: Sequence[LeftOutRates]) -> LeftOutRates | None:
     """Of the orders that help, the one with the smallest pooled error; none when no order helps."""
     helping = [result for result in results if result.helps]
     return min(helping, key=lambda result: result.pooled) if helping else None

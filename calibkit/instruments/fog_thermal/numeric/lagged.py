@@ -13,10 +13,10 @@ from dataclasses import dataclass, replace
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers, Mask
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import coil, pooled_fit
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack
 from calibkit.instruments.fog_thermal.numeric.terms import (
     LAGS,
     TERMS,
@@ -46,8 +46,8 @@ HALVINGS = 6
 CLOSE = 1e-4
 """Square sum of a step, in that of an average row, that ends a descent."""
 DETERMINED = 0.3
-"""Relative standard uncertainty of a lag above which its interval, and those of the terms it is one
-with, are not normal.
+"""Relative standard uncertainty of a lag above which its interval, and those of the terms that it
+cannot be told from, are not normal.
 """
 ONE_WITH_LAGS = ("s_rate", "s_grad", "s_grad2")
 SETTLED = 1e-10
@@ -63,7 +63,7 @@ class Survey:
     stacked: Stack
     along: coil.Path
     scales: Scales
-    trust: Array
+    robust: Array
     """[n], robust weights of the rows."""
     grid: Array
     """[g, 2], logarithms of the lags."""
@@ -71,22 +71,16 @@ class Survey:
     """[g, ramps, 9, 9], of (1, LAGGED_TERMS without b0, indication)."""
 
 
-def survey(stacked: Stack, trust: Array | None = None) -> Survey:
-    """Survey of logs; trust [n] are robust weights from another fit to them, by default those for
-    the middle of the grid.
-    """
+def survey(stacked: Stack, robust: Array) -> Survey:
+    """Survey of logs with robust weights [n] from another fit to them."""
     along = coil.path([(log.time, log.case) for log in stacked.logs])
     middle = float(np.sqrt(STARTS_S[2] * STARTS_S[3]))
     scales = scales_of(valid_of(coil.drivers(along, middle, middle)))
     every = np.arange(1, len(LAGGED_TERMS))
-    if trust is None:
-        trust = pooled_fit.trust(
-            scaled_design(coil.drivers(along, middle, middle), scales)[:, every], stacked
-        )
     grid = np.log(np.stack(np.meshgrid(STARTS_S, STARTS_S, indexing="ij"), axis=-1).reshape(-1, 2))
     designs = (scaled_design(coil.drivers(along, *np.exp(lags)), scales)[:, every] for lags in grid)
-    found = np.stack([pooled_fit.moments(design, trust, stacked) for design in designs])
-    return Survey(stacked, along, scales, trust, grid, found)
+    found = np.stack([pooled_fit.moments(design, robust, stacked) for design in designs])
+    return Survey(stacked, along, scales, robust, grid, found)
 
 
 @dataclass(frozen=True, slots=True)
@@ -102,14 +96,15 @@ class _Lags:
 
 @dataclass(frozen=True, slots=True)
 class Problem:
-    """What variable projection minimises: the square sum of a fit to the kept ramps, whose columns
-    depend on the lags.
+    """What variable projection minimises: the square sum of a fit whose columns depend on the
+    lags.
     """
 
     survey: Survey
     chosen: Integers
     weights: Array
-    kept: Mask
+    left_out: int | None = None
+    """Ramp that is left out of the fit."""
 
     def drivers(self, log_lags: Array) -> Drivers:
         """Drivers of the logs, one after the other, for logarithms of one lag or two."""
@@ -127,7 +122,8 @@ class Problem:
 
     def _solved(self, design: Array) -> tuple[Array, float] | None:
         matrix = pooled_fit.moments(design, self.weights, self.survey.stacked)
-        return pooled_fit.solved(pooled_fit.pooled(matrix, self.survey.stacked, self.kept))
+        pooled = pooled_fit.pool_moments(matrix, self.survey.stacked, self.left_out)
+        return pooled_fit.solve_moments(pooled)
 
     def sensitivities(self, here: _Lags, design: Array) -> Array:
         """Change [n, lags] of the fitted drift for a change of the logarithm of each lag."""
@@ -151,6 +147,13 @@ class Problem:
         )
 
 
+def _undetermined() -> FitError:
+    """Error of logs that show too little."""
+    return FitError(
+        "the logs cannot determine the terms of the lagged model", hint="vary temperature and rate"
+    )
+
+
 def _shifts(log_lags: Array) -> Array:
     """Steps [lags] by which columns are differentiated, inside the bounds."""
     return np.where(log_lags + STEP < np.log(BOUNDS_S[1]), STEP, -STEP)
@@ -167,10 +170,7 @@ def _projected(problem: Problem, start: Array) -> _Lags:
     design = problem.design(start)
     here = problem.at(start, design)
     if here is None:
-        raise FitError(
-            "the logs cannot determine the terms of the lagged model",
-            hint="vary temperature and rate",
-        )
+        raise _undetermined()
     enough = CLOSE / float(problem.weights.sum())
     for _ in range(ITERATIONS):
         step = problem.direction(here, design)
@@ -184,55 +184,40 @@ def _projected(problem: Problem, start: Array) -> _Lags:
     return here
 
 
-@dataclass(frozen=True, slots=True)
-class _Tangent:
-    """A problem near its minimum: moments of its columns and of their derivatives, with which any
-    ramp can be left out.
+def tangent_moments(problem: Problem, log_lags: Array) -> Array:
+    """Moments [ramps, (1 + lags) k + 2, ...] of (1, columns, derivatives by the logarithm of each
+    lag, indication) at given lags, with which any ramp can be left out.
     """
-
-    problem: Problem
-    log_lags: Array
-    moments: Array
-    """[ramps, (1 + lags) k + 2, ...], of (1, columns, derivatives by the logarithm of each lag,
-    indication).
-    """
-
-
-def tangent(problem: Problem, log_lags: Array) -> _Tangent:
-    """Tangent of a problem at given lags."""
     design = problem.design(log_lags)
     moved = [
         (problem.design(log_lags + step) - design) / step.sum()
         for step in np.diag(_shifts(log_lags))
     ]
     whole = np.concatenate([design, *moved], axis=1)
-    return _Tangent(
-        problem, log_lags, pooled_fit.moments(whole, problem.weights, problem.survey.stacked)
-    )
+    return pooled_fit.moments(whole, problem.weights, problem.survey.stacked)
 
 
-def without(at: _Tangent, ramp: int) -> tuple[Array, Array]:
-    """Log lags and drift [n, °/h, up to a constant] of the fit to all ramps but one: one
-    Gauss-Newton step from all of them.
+def leave_out(everything: Problem, log_lags: Array, moments: Array, ramp: int) -> Array:
+    """Drift [n, °/h, up to a constant] of the fit to all ramps but one: one Gauss-Newton step from
+    the lags of all of them, by their tangent moments.
 
     Where the step does not lower the square sum of the ramps that remain, the lags stay.
     """
-    stacked = at.problem.survey.stacked
-    problem = replace(at.problem, kept=np.arange(len(stacked.ramps)) != ramp)
-    k, lags = problem.chosen.size, at.log_lags.size
-    matrix = pooled_fit.pooled(at.moments, stacked, problem.kept)
+    problem = replace(everything, left_out=ramp)
+    k, lags = problem.chosen.size, log_lags.size
+    matrix = pooled_fit.pool_moments(moments, problem.survey.stacked, ramp)
     own = np.r_[:k, matrix.shape[0] - 1]
-    here = pooled_fit.solved(matrix[np.ix_(own, own)])
+    here = pooled_fit.solve_moments(matrix[np.ix_(own, own)])
     if here is not None:
         along = np.zeros((matrix.shape[0], k + lags + 1))
         along[:k, :k] = np.eye(k)
         along[k:-1, k:-1] = np.kron(np.eye(lags), here[0][:, None])
         along[-1, -1] = 1.0
-        step = pooled_fit.solved(along.T @ matrix @ along)
-        lower = None if step is None else _lower(problem, _Lags(at.log_lags, *here), step[0][k:])
+        step = pooled_fit.solve_moments(along.T @ matrix @ along)
+        lower = None if step is None else _lower(problem, _Lags(log_lags, *here), step[0][k:])
         if lower is not None:
-            return lower[0].log_lags, lower[1] @ lower[0].coefficients
-    return at.log_lags, problem.design(at.log_lags) @ (np.zeros(k) if here is None else here[0])
+            return lower[1] @ lower[0].coefficients
+    return problem.design(log_lags) @ (np.zeros(k) if here is None else here[0])
 
 
 def _lower(problem: Problem, here: _Lags, step: Array) -> tuple[_Lags, Array] | None:
@@ -284,14 +269,13 @@ def solve(surveyed: Survey, terms: Sequence[str]) -> Solution:
             "s_grad_rate is not a term of a lagged model: G' = T' − G/τ_i is a sum of the others",
             hint="drop it",
         )
-    everything = np.ones(len(surveyed.stacked.ramps), dtype=bool)
-    problem = Problem(surveyed, chosen, surveyed.trust, everything)
+    problem = Problem(surveyed, chosen, surveyed.robust)
     count = 2 if "s_grad" in names else 1
     reached = [_projected(problem, start[:count]) for start in _starts(surveyed, chosen, count)]
     rough = min(reached, key=lambda lags: lags.square)
     design = problem.design(rough.log_lags)
-    weights = pooled_fit.balanced_weights(design, surveyed.trust, surveyed.stacked, names)
-    problem = Problem(surveyed, chosen, weights, everything)
+    weights = pooled_fit.balanced_weights(design, surveyed.robust, surveyed.stacked, names)
+    problem = Problem(surveyed, chosen, weights)
     return _solution(problem, _polished(problem, _projected(problem, rough.log_lags)), names)
 
 
@@ -302,19 +286,15 @@ def _starts(surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
     Which of two lags is the outer one is told by little, and each order may have a minimum of its
     own.
     """
-    everything = np.ones(len(surveyed.stacked.ramps), dtype=bool)
     columns = np.concatenate([[0], chosen, [len(LAGGED_TERMS)]])
     squares = np.full(len(surveyed.grid), np.inf)
     for k, moment in enumerate(surveyed.moments):
-        found = pooled_fit.solved(
-            pooled_fit.pooled(moment[:, columns[:, None], columns], surveyed.stacked, everything)
-        )
-        squares[k] = np.inf if found is None else found[1]
+        own = moment[:, columns[:, None], columns]
+        found = pooled_fit.solve_moments(pooled_fit.pool_moments(own, surveyed.stacked))
+        if found is not None:
+            squares[k] = found[1]
     if not np.isfinite(squares).any():
-        raise FitError(
-            "the logs cannot determine the terms of the lagged model",
-            hint="vary temperature and rate",
-        )
+        raise _undetermined()
     grid = squares.reshape(len(STARTS_S), -1)[:, : None if count > 1 else 1]
     padded = np.pad(grid, 1, constant_values=np.inf)
     around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).min(axis=(2, 3))
@@ -345,17 +325,17 @@ def _solution(problem: Problem, found: _Lags, names: tuple[str, ...]) -> Solutio
         coefficients=found.coefficients,
         log_lags=found.log_lags,
         free=free,
-        trust=problem.survey.trust,
+        robust=problem.survey.robust,
         weights=problem.weights,
         window_s=0.0,
     )
 
 
-def finished(solution: Solution, stacked: Stack) -> ThermalModel:
+def finish(solution: Solution, stacked: Stack) -> ThermalModel:
     """Drift model of a lagged solution; lags that the logs do not determine are flagged, with the
-    terms they are one with.
+    terms that they cannot be told from.
     """
-    model = pooled_fit.finished(solution, stacked)
+    model = pooled_fit.finish(solution, stacked)
     relative = model.standard_uncertainty[9:] / np.array(model.lags)
     flags: list[str] = []
     entangled: list[str] = []
@@ -371,22 +351,3 @@ def finished(solution: Solution, stacked: Stack) -> ThermalModel:
         if not free or u > DETERMINED:
             entangled += [name, *(term for term in ONE_WITH_LAGS if term in model.terms)]
     return replace(model, flags=tuple(flags), entangled=tuple(dict.fromkeys(entangled)))
-
-
-def fit(logs: Sequence[ThermalLog], terms: Sequence[str] = LAGGED_TERMS) -> ThermalModel:
-    """Fit the lagged model to all logs at once.
-
-    Parameters
-    ----------
-    logs : block means of each log; every log has its own turn-on bias and starts in thermal
-        equilibrium.
-    terms : names out of LAGGED_TERMS, b0 among them; without s_grad the coil is one mass with
-        tau_outer alone.
-
-    Raises
-    ------
-    FitError : no log, a ramp too short, or terms that the logs cannot determine.
-
-    """
-    stacked = pooled_fit.stack(logs)
-    return finished(solve(survey(stacked), terms), stacked)

@@ -15,14 +15,12 @@ from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import pooled_fit
-from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack, ThermalLog
+from calibkit.instruments.fog_thermal.numeric.pooled_fit import Solution, Stack
 from calibkit.instruments.fog_thermal.numeric.terms import (
     TERMS,
     Drivers,
     Scales,
-    ThermalModel,
     chosen_columns,
-    joined,
     scaled_design,
     scales_of,
     valid_of,
@@ -114,28 +112,22 @@ class _Basis:
     drivers: Drivers
     scales: Scales
     design: Array
-    trust: Array
+    robust: Array
 
 
-def _window_for(stacked: Stack) -> float:
-    """Trailing window [s] for logs: WINDOW_S, or twice what the rates need where blocks are
-    long.
+def basis(stacked: Stack) -> _Basis:
+    """Basis of a level fit; the robust weights of the rows are those of all terms together.
+
+    The trailing window of the rates is WINDOW_S, or twice what they need where blocks are long.
     """
     step = max(float(np.median(np.diff(log.time))) for log in stacked.logs)
-    return max(WINDOW_S, 2.0 * (LEAST_SAMPLES - 1) * round(step, 3))
-
-
-def basis(stacked: Stack, window_s: float | None = None) -> _Basis:
-    """Basis of a level fit with rates over a trailing window [s]; the rows' weights are those of
-    all terms together.
-    """
-    window_s = _window_for(stacked) if window_s is None else window_s
-    found = joined([drivers(log.time, log.case, log.env, window_s) for log in stacked.logs])
+    window_s = max(WINDOW_S, 2.0 * (LEAST_SAMPLES - 1) * round(step, 3))
+    parts = [drivers(log.time, log.case, log.env, window_s) for log in stacked.logs]
+    found = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
     scales = scales_of(valid_of(found))
     design = scaled_design(found, scales)
-    return _Basis(
-        stacked, window_s, found, scales, design, pooled_fit.trust(design[:, 1:], stacked)
-    )
+    robust = pooled_fit.robust_weights(design[:, 1:], stacked)
+    return _Basis(stacked, window_s, found, scales, design, robust)
 
 
 def solve(prepared: _Basis, terms: Sequence[str]) -> Solution:
@@ -143,7 +135,7 @@ def solve(prepared: _Basis, terms: Sequence[str]) -> Solution:
     chosen = chosen_columns(terms)[1:]
     design = prepared.design[:, chosen]
     names = tuple(TERMS[k] for k in chosen)
-    weights = pooled_fit.balanced_weights(design, prepared.trust, prepared.stacked, names)
+    weights = pooled_fit.balanced_weights(design, prepared.robust, prepared.stacked, names)
     return Solution(
         form="level",
         terms=("b0", *names),
@@ -154,28 +146,7 @@ def solve(prepared: _Basis, terms: Sequence[str]) -> Solution:
         coefficients=pooled_fit.coefficients(design, weights, prepared.stacked, names),
         log_lags=np.zeros(0),
         free=np.zeros(0, dtype=bool),
-        trust=prepared.trust,
+        robust=prepared.robust,
         weights=weights,
         window_s=prepared.window_s,
     )
-
-
-def fit(
-    logs: Sequence[ThermalLog], terms: Sequence[str] = TERMS, *, window_s: float | None = None
-) -> ThermalModel:
-    """Fit the level model to all logs at once.
-
-    Parameters
-    ----------
-    logs : block means of each log; every log has its own turn-on bias.
-    terms : names out of TERMS, b0 among them.
-    window_s : trailing window of the rates [s], which the model carries with it; by default 90 s,
-        longer for long blocks.
-
-    Raises
-    ------
-    FitError : no log, a ramp too short, or terms that the logs cannot determine.
-
-    """
-    stacked = pooled_fit.stack(logs)
-    return pooled_fit.finished(solve(basis(stacked, window_s), terms), stacked)

@@ -20,7 +20,7 @@ FINER = 8
 """Samples of flicker noise in an interval whose mean is meant: with 100 the variogram is 2 % lower.
 """
 MOST_GROUPS = 250
-"""Groups a log at most: matrices of that size are factored."""
+"""Most groups of a log: matrices of that size are factored."""
 DEPENDENT = 1e-12
 """Eigenvalue of a correlation matrix below which its columns count as dependent."""
 GROUP = 10
@@ -59,7 +59,7 @@ class Noise:
     flicker: float
 
 
-def grouped(design: Array, indication: Array, weights: Array) -> _Grouped:
+def group_rows(design: Array, indication: Array, weights: Array) -> _Grouped:
     """Weighted means of a log's design [n, k] and indication [n] over groups of rows; a rest joins
     the last group.
     """
@@ -95,7 +95,7 @@ def flicker_kernel(count: int) -> Array:
     return np.asarray(means @ means.T, dtype=np.float64)
 
 
-def estimated(logs: Sequence[_Grouped]) -> Noise:
+def estimate(logs: Sequence[_Grouped]) -> Noise:
     """White variance and flicker level of the residuals of logs, each with a free offset and all
     with common coefficients.
 

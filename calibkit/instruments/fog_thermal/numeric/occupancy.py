@@ -130,17 +130,17 @@ def weights(count: Array, noise: float, misfit: float) -> Array:
     return np.asarray(raw / np.mean(raw), dtype=np.float64)
 
 
-def misfit(residuals: Array, trust: Array, lags: Sequence[int]) -> float:
+def misfit(residuals: Array, robust: Array, lags: Sequence[int]) -> float:
     """Misfit [°/h] of a model along one log: root of the mean product of residuals [n] that are
     some blocks apart.
 
-    White noise drops out of such products; what lasts for longer than the lags does not. `trust`
-    [n] weighs the rows, and the mean is 0 where it comes out negative.
+    White noise drops out of such products; what lasts for longer than the lags does not. The
+    robust weights [n] weigh the rows, and the mean is 0 where it comes out negative.
     """
     products, shares = 0.0, 0.0
-    weighted = residuals * trust
+    weighted = residuals * robust
     for lag in lags:
         if lag < residuals.size:
             products += float(weighted[lag:] @ weighted[:-lag])
-            shares += float(trust[lag:] @ trust[:-lag])
+            shares += float(robust[lag:] @ robust[:-lag])
     return float(np.sqrt(max(products, 0.0) / shares)) if shares > 0.0 else 0.0

@@ -1,12 +1,12 @@
-"""Many logs in one fit of drift on levels: each log its own turn-on bias, spikes without a say,
-every temperature its share.
+"""Many logs in one fit of drift on levels: each log with its own turn-on bias, spikes without
+weight, every temperature with its share.
 
-The fit works on moments of the scaled columns, one matrix a ramp. Sums of them give the fit to any
-choice of ramps at the cost of a small linear system, which is what leaving out each ramp in turn,
-and fitting lags, ask for again and again.
+The fit works on moments of the scaled columns, one matrix per ramp. Sums of them give the fit to
+any choice of ramps at the cost of a small linear system, which is what leaving out each ramp in
+turn, and fitting lags, ask for again and again.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Literal
@@ -17,7 +17,6 @@ from calibkit.arrays import Array, Integers, Mask
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal.numeric import noise as thermal_noise, occupancy
 from calibkit.instruments.fog_thermal.numeric.terms import (
-    TERMS,
     Drivers,
     Scales,
     ThermalModel,
@@ -25,7 +24,6 @@ from calibkit.instruments.fog_thermal.numeric.terms import (
     to_raw,
     valid_of,
 )
-from calibkit.numeric import intervals
 from calibkit.numeric.dispersion import mad_sigma, rms
 from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit
@@ -63,38 +61,20 @@ class ThermalLog:
     part: Integers
 
 
-def thermal_log(
-    name: str,
-    time: Array,
-    case: Array,
-    env: Array,
-    indication: Array,
-    interval_s: float,
-    begins: Sequence[int] = (),
-) -> ThermalLog:
-    """Block means of a log [n] at the model interval [s], as `thermal_blocks`; raises FitError as
-    `intervals.of`.
-    """
-    held = intervals.of(time, interval_s)
-    middle, t_case, t_env = (held.means(values) for values in (time, case, env))
-    return thermal_blocks(name, held, middle, t_case, t_env, indication, begins)
-
-
 def thermal_blocks(
     name: str,
     held: Intervals,
-    time: Array,
-    case: Array,
-    env: Array,
+    means: Iterable[Array],
     indication: Array,
     begins: Sequence[int] = (),
 ) -> ThermalLog:
-    """Block means of a log: those [m] of time, case and chamber over the intervals that hold
-    samples, those of an indication [n].
+    """Block means of a log: those [m] of its time, case and chamber over the intervals that hold
+    samples, and those of an indication [n].
 
     Spikes of the indication are left out. `begins` are the first samples of the ramps after the
     log's first.
     """
+    time, case, env = means
     rate = occupancy.means(indication, held, without=occupancy.spikes(indication, held))
     ramp = np.searchsorted(np.asarray(begins, dtype=np.int64), held.first, side="right")
     return ThermalLog(name, time, case, env, rate, ramp.astype(np.int64))
@@ -108,18 +88,10 @@ class Stack:
 
     logs: tuple[ThermalLog, ...]
     indication: Array
+    log_rows: tuple[slice, ...]
     ramps: tuple[slice, ...]
     ramp_log: Integers
     ramp_names: tuple[str, ...]
-
-    @property
-    def log_rows(self) -> list[slice]:
-        """Rows of each log."""
-        ends = np.cumsum([log.time.size for log in self.logs])
-        return [
-            slice(int(end) - log.time.size, int(end))
-            for end, log in zip(ends, self.logs, strict=True)
-        ]
 
 
 def stack(logs: Sequence[ThermalLog]) -> Stack:
@@ -136,7 +108,7 @@ def stack(logs: Sequence[ThermalLog]) -> Stack:
                 f"{log.name}: a value that is not finite reached the fit",
                 hint="exclude the rows that hold it",
             )
-    ramps, owners, names = [], [], []
+    ramps, owners, names, log_rows = [], [], [], []
     row = 0
     for number, log in enumerate(logs):
         edges = [0, *(np.flatnonzero(np.diff(log.part)) + 1).tolist(), log.part.size]
@@ -149,16 +121,21 @@ def stack(logs: Sequence[ThermalLog]) -> Stack:
             ramps.append(slice(row + start, row + stop))
             owners.append(number)
             names.append(log.name if len(edges) == 2 else f"{log.name}:{k}")
+        log_rows.append(slice(row, row + log.part.size))
         row += log.part.size
-    indication = np.concatenate([log.indication for log in logs])
     return Stack(
-        tuple(logs), indication, tuple(ramps), np.array(owners, dtype=np.int64), tuple(names)
+        tuple(logs),
+        np.concatenate([log.indication for log in logs]),
+        tuple(log_rows),
+        tuple(ramps),
+        np.array(owners, dtype=np.int64),
+        tuple(names),
     )
 
 
 def moments(columns: Array, weights: Array, stacked: Stack) -> Array:
-    """Moment matrices [ramps, k + 2, k + 2] of (1, columns [n, k], indication), weighted, one a
-    ramp.
+    """Moment matrices [ramps, k + 2, k + 2] of (1, columns [n, k], indication), weighted, one
+    per ramp.
     """
     whole = np.empty((columns.shape[0], columns.shape[1] + 2))
     whole[:, 0], whole[:, 1:-1], whole[:, -1] = 1.0, columns, stacked.indication
@@ -166,17 +143,18 @@ def moments(columns: Array, weights: Array, stacked: Stack) -> Array:
     return np.stack([weighted[rows].T @ whole[rows] for rows in stacked.ramps])
 
 
-def pooled(moment: Array, stacked: Stack, kept: Mask) -> Array:
-    """Moment matrix [k + 1, k + 1] of the kept ramps [ramps], a free offset of each log
+def pool_moments(moment: Array, stacked: Stack, left_out: int | None = None) -> Array:
+    """Moment matrix [k + 1, k + 1] of all ramps, or all but one, a free offset of each log
     eliminated.
     """
+    kept = [ramp for ramp in range(len(stacked.ramps)) if ramp != left_out]
     _, first = np.unique(stacked.ramp_log[kept], return_index=True)
     log = np.add.reduceat(moment[kept], first, axis=0)
     away = log[:, 0, 1:] / np.sqrt(log[:, :1, 0])
     return np.asarray(log[:, 1:, 1:].sum(axis=0) - away.T @ away, dtype=np.float64)
 
 
-def solved(matrix: Array) -> tuple[Array, float] | None:
+def solve_moments(matrix: Array) -> tuple[Array, float] | None:
     """Coefficients [k] and weighted square sum of the residuals of a moment matrix [k + 1, k + 1];
     None where dependent.
     """
@@ -193,22 +171,26 @@ def solved(matrix: Array) -> tuple[Array, float] | None:
     return found, max(float(rest), 0.0)
 
 
-def _offsets(columns: Array, coefficients: Array, weights: Array, stacked: Stack) -> Array:
-    """Weighted mean residual [logs] of each log: b0 with its turn-on bias."""
+def _residuals(
+    columns: Array, coefficients: Array, weights: Array, stacked: Stack
+) -> tuple[Array, Array]:
+    """Residuals [n, °/h] less their weighted mean in each log, and these means [logs]: b0 with the
+    turn-on bias of each log.
+    """
     residual = stacked.indication - columns @ coefficients
-    return np.array(
-        [float(np.average(residual[rows], weights=weights[rows])) for rows in stacked.log_rows],
-        dtype=np.float64,
+    offsets = np.array(
+        [np.average(residual[rows], weights=weights[rows]) for rows in stacked.log_rows]
     )
-
-
-def _residuals(columns: Array, coefficients: Array, weights: Array, stacked: Stack) -> Array:
-    """Residuals [n, °/h] with each log's own offset removed."""
-    level = _offsets(columns, coefficients, weights, stacked)
     sizes = [log.time.size for log in stacked.logs]
-    return np.asarray(
-        stacked.indication - columns @ coefficients - np.repeat(level, sizes), dtype=np.float64
-    )
+    return residual - np.repeat(offsets, sizes), offsets
+
+
+def _centre(columns: Array, weights: Array, stacked: Stack) -> Array:
+    """Columns [n, k] less their weighted mean in each log."""
+    centred = columns.copy(order="K")
+    for rows in stacked.log_rows:
+        centred[rows] -= np.average(centred[rows], axis=0, weights=weights[rows])
+    return centred
 
 
 def _isolated(residual: Array, stacked: Stack) -> Array:
@@ -224,49 +206,35 @@ def _isolated(residual: Array, stacked: Stack) -> Array:
     return apart
 
 
-def _noise_of(apart: Array) -> float:
-    """Standard deviation [°/h] of a block's noise from isolated residuals [n], by their median
-    absolute value.
-    """
-    return mad_sigma(apart)
-
-
 def _loss_weights(apart: Array, *, biweight: bool) -> Array:
     """Weights [n] of Huber's loss, or of Tukey's, for isolated residuals [n] over their scale."""
-    scale = _noise_of(apart)
-    ratio = np.abs(apart) / (scale if scale > 0.0 else 1.0)
+    ratio = np.abs(apart) / (mad_sigma(apart) or 1.0)
     if biweight:
         return np.asarray((1.0 - np.minimum(ratio / TUKEY, 1.0) ** 2) ** 2, dtype=np.float64)
     return np.asarray(HUBER / np.maximum(ratio, HUBER), dtype=np.float64)
 
 
-def coefficients(
-    columns: Array, weights: Array, stacked: Stack, names: Sequence[str], kept: Mask | None = None
-) -> Array:
-    """Coefficients [k] of a weighted fit to the kept ramps (all when absent), each log with its own
-    offset.
+def coefficients(columns: Array, weights: Array, stacked: Stack, names: Sequence[str]) -> Array:
+    """Coefficients [k] of a weighted fit, each log with its own offset.
 
     Raises FitError naming the terms that the logs cannot determine.
     """
-    everything = np.ones(len(stacked.ramps), dtype=bool) if kept is None else kept
-    found = solved(pooled(moments(columns, weights, stacked), stacked, everything))
+    found = solve_moments(pool_moments(moments(columns, weights, stacked), stacked))
     if found is not None:
         return found[0]
-    whole = columns.copy()
-    for rows in stacked.log_rows:
-        whole[rows] -= np.average(whole[rows], axis=0, weights=weights[rows])
-    loose = fit.undetermined(whole * np.sqrt(weights)[:, None], names) or list(names)
+    centred = _centre(columns, weights, stacked)
+    loose = fit.undetermined(centred * np.sqrt(weights)[:, None], names) or list(names)
     raise FitError(
         f"the logs cannot determine {', '.join(loose)}",
         hint="vary temperature, rate and gradient, or drop these terms",
     )
 
 
-def trust(columns: Array, stacked: Stack) -> Array:
+def robust_weights(columns: Array, stacked: Stack) -> Array:
     """Tukey's weights [n] of the rows of a fit to these columns, started from Huber's.
 
     The loss acts on isolated residuals: where a model misses a transient for minutes no row loses
-    its say, and columns that the logs cannot tell apart do not matter.
+    its weight, and columns that the logs cannot tell apart do not matter.
     """
     weights = np.ones(stacked.indication.size)
     for biweight in (False, True):
@@ -289,32 +257,31 @@ def _projected_out(columns: Array, weights: Array, stacked: Stack) -> Array:
     """Residuals [n] of a weighted fit of whatever the columns determine, each log with its own
     offset.
     """
-    matrix = pooled(
-        moments(columns, weights, stacked), stacked, np.ones(len(stacked.ramps), dtype=bool)
-    )
-    length = np.sqrt(np.clip(np.diag(matrix)[:-1], 0.0, None))
-    length = np.where(length > 0.0, length, 1.0)
+    matrix = pool_moments(moments(columns, weights, stacked), stacked)
+    square = np.diag(matrix)[:-1]
+    length = np.sqrt(np.where(square > 0.0, square, 1.0))
     correlation = matrix[:-1, :-1] / np.outer(length, length)
     found = (
         np.linalg.pinv(correlation, rcond=DEPENDENT, hermitian=True)
         @ (matrix[:-1, -1] / length)
         / length
     )
-    return _residuals(columns, found, weights, stacked)
+    return _residuals(columns, found, weights, stacked)[0]
 
 
-def balanced_weights(columns: Array, trust: Array, stacked: Stack, names: Sequence[str]) -> Array:
-    """Weights [n] of the rows: trust in each (robust weights [n]), shared out over the temperatures
-    by their occupancy.
+def balanced_weights(columns: Array, robust: Array, stacked: Stack, names: Sequence[str]) -> Array:
+    """Weights [n] of the rows: their robust weights [n], shared out over the temperatures by their
+    occupancy.
     """
-    residual = _residuals(columns, coefficients(columns, trust, stacked, names), trust, stacked)
-    noise = _noise_of(_isolated(residual, stacked))
+    found = coefficients(columns, robust, stacked, names)
+    residual, _ = _residuals(columns, found, robust, stacked)
+    noise = mad_sigma(_isolated(residual, stacked))
     lasting = [
-        occupancy.misfit(residual[rows], trust[rows], _lasting(log))
+        occupancy.misfit(residual[rows], robust[rows], _lasting(log))
         for rows, log in zip(stacked.log_rows, stacked.logs, strict=True)
     ]
     case = np.concatenate([log.case for log in stacked.logs])
-    return trust * occupancy.weights(occupancy.counts(case), noise, rms(lasting))
+    return robust * occupancy.weights(occupancy.counts(case), noise, rms(lasting))
 
 
 @dataclass(frozen=True, slots=True)
@@ -335,14 +302,14 @@ class Solution:
     """Logarithms of the lags [s]; none of a level model."""
     free: Mask
     """[lags], whether a lag was fitted and is not on its bound."""
-    trust: Array
+    robust: Array
     """[n], robust weights."""
     weights: Array
-    """[n], with the occupancy of the temperatures."""
+    """[n], these with the occupancy of the temperatures."""
     window_s: float
 
 
-def finished(solution: Solution, stacked: Stack) -> ThermalModel:
+def finish(solution: Solution, stacked: Stack) -> ThermalModel:
     """Drift model of a solution, in raw units, with a covariance for noise that is as long as the
     logs.
 
@@ -351,31 +318,30 @@ def finished(solution: Solution, stacked: Stack) -> ThermalModel:
     chosen = chosen_columns(solution.terms)[1:]
     exact = _exact(solution, stacked)
     design = np.column_stack([solution.columns, solution.sensitivities])
-    residual = _residuals(solution.columns, exact, solution.weights, stacked)
+    residual, level = _residuals(solution.columns, exact, solution.weights, stacked)
     groups = [
-        thermal_noise.grouped(design[r], residual[r], solution.weights[r]) for r in stacked.log_rows
+        thermal_noise.group_rows(design[rows], residual[rows], solution.weights[rows])
+        for rows in stacked.log_rows
     ]
-    noise = thermal_noise.estimated(groups)
-    level = _offsets(solution.columns, exact, solution.weights, stacked)
+    noise = thermal_noise.estimate(groups)
     matrix = _to_raw_and_lags(solution, len(stacked.logs), chosen)
     found = thermal_noise.covariance(groups, noise)
     covariance = matrix @ found @ matrix.T
     covariance[0, 0] += _turn_on_variance(level, found)
-    lags = np.exp(solution.log_lags)
     scaled = np.concatenate([[level.mean()], np.zeros(8)])
     scaled[chosen] = exact
-    used = solution.trust > 0.0
+    used = int(np.count_nonzero(solution.robust))
     return ThermalModel(
         form=solution.form,
         terms=solution.terms,
         coefficients=to_raw(solution.scales) @ scaled,
-        lags=tuple(lags.tolist()),
+        lags=tuple(np.exp(solution.log_lags).tolist()),
         covariance=covariance,
         window_s=solution.window_s,
         valid=valid_of(solution.drivers),
         turn_on=level - level.mean(),
-        dof=int(used.sum()) - chosen.size - int(solution.free.sum()) - len(stacked.logs),
-        residual_rms=float(np.sqrt(np.average(residual**2, weights=solution.trust))),
+        dof=used - chosen.size - int(solution.free.sum()) - len(stacked.logs),
+        residual_rms=float(np.sqrt(np.average(residual**2, weights=solution.robust))),
         noise=noise,
         model_error=0.0,
         model_error_dof=float("inf"),
@@ -389,11 +355,9 @@ def _exact(solution: Solution, stacked: Stack) -> Array:
     log.
     """
     whole = np.column_stack([solution.columns, stacked.indication])
-    for rows in stacked.log_rows:
-        whole[rows] -= np.average(whole[rows], axis=0, weights=solution.weights[rows])
-    names = tuple(term for term in TERMS if term in solution.terms)[1:]
+    centred = _centre(whole, solution.weights, stacked)
     return fit.linear(
-        whole[:, :-1], whole[:, -1], weights=solution.weights, names=names
+        centred[:, :-1], centred[:, -1], weights=solution.weights, names=solution.terms[1:]
     ).coefficients
 
 

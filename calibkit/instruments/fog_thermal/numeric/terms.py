@@ -12,7 +12,7 @@ for is the matter of `level` and `lagged`.
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import TYPE_CHECKING, Literal, NamedTuple
 
 import numpy as np
 
@@ -22,7 +22,7 @@ from calibkit.numeric.least_squares import polynomial
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from calibkit.arrays import Array, Integers, Mask
+    from calibkit.arrays import Array, Integers
     from calibkit.instruments.fog_thermal.numeric.noise import Noise
 
     Span = tuple[float, float]
@@ -47,8 +47,7 @@ has its zero.
 """
 
 
-@dataclass(frozen=True, slots=True)
-class Drivers:
+class Drivers(NamedTuple):
     """What drift is a function of, each [n]: temperature [°C], its rate [°C/min], gradient [K], its
     rate [K/min].
     """
@@ -59,8 +58,7 @@ class Drivers:
     gradient_rate: Array
 
 
-@dataclass(frozen=True, slots=True)
-class Valid:
+class Valid(NamedTuple):
     """Fitted ranges of the drivers: temperature [°C], its rate [°C/min], gradient [K], its rate
     [K/min].
     """
@@ -69,16 +67,6 @@ class Valid:
     rate: Span
     gradient: Span
     gradient_rate: Span
-
-
-@dataclass(frozen=True, slots=True)
-class _Clamped:
-    """Drivers inside the fitted ranges, and where [n] they had to be brought there."""
-
-    drivers: Drivers
-    temperature: Mask
-    rate: Mask
-    gradient: Mask
 
 
 def chosen_columns(terms: Sequence[str]) -> Integers:
@@ -95,60 +83,17 @@ def chosen_columns(terms: Sequence[str]) -> Integers:
     return np.array([k for k, term in enumerate(TERMS) if term in terms], dtype=np.int64)
 
 
-def joined(parts: Sequence[Drivers]) -> Drivers:
-    """Drivers of several logs, one after the other."""
-    return Drivers(
-        np.concatenate([part.temperature for part in parts]),
-        np.concatenate([part.rate for part in parts]),
-        np.concatenate([part.gradient for part in parts]),
-        np.concatenate([part.gradient_rate for part in parts]),
-    )
-
-
 def valid_of(drivers: Drivers) -> Valid:
     """Ranges that the drivers cover."""
-
-    def span(values: Array) -> Span:
-        return float(values.min()), float(values.max())
-
-    return Valid(
-        span(drivers.temperature),
-        span(drivers.rate),
-        span(drivers.gradient),
-        span(drivers.gradient_rate),
-    )
-
-
-def clamped(drivers: Drivers, valid: Valid, terms: Sequence[str]) -> _Clamped:
-    """Bring the drivers that the terms use into the fitted ranges; the rate of the gradient counts
-    as a rate.
-    """
-    rated = {"s_rate", "s_temp_rate"} & set(terms)
-    T, _ = _inside(drivers.temperature, valid.temperature, used=len(terms) > 1)
-    r, rate = _inside(drivers.rate, valid.rate, used=bool(rated))
-    g, gradient = _inside(drivers.gradient, valid.gradient, used="s_grad" in terms)
-    q, second = _inside(drivers.gradient_rate, valid.gradient_rate, used="s_grad_rate" in terms)
-    return _Clamped(Drivers(T, r, g, q), drivers.temperature != T, rate | second, gradient)
-
-
-def _inside(values: Array, span: Span, *, used: bool) -> tuple[Array, Mask]:
-    """Values [n] inside a range and where they were not; as they are where no term uses them."""
-    inside = np.clip(values, *span) if used else values
-    return inside, np.asarray(inside != values)
+    return Valid(*((float(values.min()), float(values.max())) for values in drivers))
 
 
 def raw_design(drivers: Drivers) -> Array:
-    """Design [n, 9] in raw units, one column a term."""
-    T, r = drivers.temperature, drivers.rate
-    design = np.empty((T.size, 9))
-    design[:, 0] = 1.0
-    design[:, 1], design[:, 4] = T, r
-    np.multiply(T, T, out=design[:, 2])
-    np.multiply(design[:, 2], T, out=design[:, 3])
-    design[:, 5] = drivers.gradient
-    np.multiply(drivers.gradient, drivers.gradient, out=design[:, 6])
-    np.multiply(T, r, out=design[:, 7])
-    design[:, 8] = drivers.gradient_rate
+    """Design [n, 9] in raw units, one column per term."""
+    T, r, G, q = drivers
+    design, square = np.ones((T.size, 9)), T * T
+    for k, term in enumerate((T, square, square * T, r, G, G * G, T * r, q), start=1):
+        design[:, k] = term
     return design
 
 
@@ -168,8 +113,8 @@ def slope_over_gradient(drivers: Drivers) -> Array:
 
 @dataclass(frozen=True, slots=True)
 class Scales:
-    """Maps of the drivers to about [−1, 1]: u = (T − middle)/half, the others over their largest
-    magnitude.
+    """Maps of the drivers to about [−1, 1]: u = (T − middle)/half, the others divided by their
+    largest magnitude.
     """
 
     middle: float

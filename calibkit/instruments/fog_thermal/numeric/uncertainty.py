@@ -94,36 +94,26 @@ def about_its_mean(covariance: Array) -> Array:
     return np.asarray(columns - columns.mean(axis=1)[:, None], dtype=np.float64)
 
 
-@dataclass(frozen=True, slots=True)
-class _Contributions:
-    """Independent contributions [m, n, °/h] to the uncertainty of the drift along a log: names,
-    kinds, degrees of freedom [m].
-    """
-
-    names: tuple[str, ...]
-    kinds: tuple[str, ...]
-    values: Array
-    dof: Array
-
-
-def contributions(model: ThermalModel, evaluation: Evaluation) -> _Contributions:
-    """Contributions to the uncertainty of the drift along a log.
+def contributions(
+    model: ThermalModel, evaluation: Evaluation
+) -> list[tuple[str, str, Array, float]]:
+    """Independent contributions to the uncertainty of the drift along a log, each with its name,
+    kind, values [n, °/h] and degrees of freedom.
 
     Type A of coefficients and lags, propagated (JCGM 100, 5.2.2); the model error on left-out
     ramps; where a driver was clamped, a rectangular distribution as wide to either side as what the
-    model would have said without clamping. The type A variance is already the mean over what the
+    model would have given without clamping. The type A variance is already the mean over what the
     noise may be (thermal_noise.estimated), so that k = 2 covers 95 %: its degrees of freedom count
     as infinite (Kacker & Jones 2003, Metrologia 40:235).
     """
     type_a = gum.uncertainty_along(evaluation.sensitivities, model.covariance)
     missed = np.full(type_a.size, model.model_error)
     beyond = np.abs(evaluation.beyond) / np.sqrt(3.0)
-    return _Contributions(
-        ("coefficients", "model error on ramps left out", "beyond the fitted ranges"),
-        ("A", "A", "B"),
-        np.stack([type_a, missed, beyond]),
-        np.array([np.inf, model.model_error_dof, np.inf]),
-    )
+    return [
+        ("coefficients", "A", type_a, np.inf),
+        ("model error on ramps left out", "A", missed, model.model_error_dof),
+        ("beyond the fitted ranges", "B", beyond, np.inf),
+    ]
 
 
 @dataclass(frozen=True, slots=True)
@@ -153,38 +143,27 @@ def hysteresis(model: ThermalModel | None, logs: Sequence[ThermalLog]) -> Hyster
     hysteresis its shape is shown, not a constant part. Raises FitError where no temperature was
     passed in both directions.
     """
-    heating: dict[int, list[float]] = {}
-    cooling: dict[int, list[float]] = {}
+    parts = []
     for log in logs:
         left = log.indication
         if model is not None:
             left = left - evaluate.evaluate(model, log.time, log.case, log.env).drift
         rate = _smoothed(np.gradient(log.case, log.time)) * SECONDS_PER_MINUTE
-        bins = np.floor(log.case / HYSTERESIS_BIN_DEGC).astype(np.int64)
-        for cells, moving in (
-            (heating, rate >= MOVING_DEGC_MIN),
-            (cooling, rate <= -MOVING_DEGC_MIN),
-        ):
-            for number in np.unique(bins[moving]).tolist():
-                cells.setdefault(number, []).extend(
-                    (left - left.mean())[moving & (bins == number)].tolist()
-                )
-    sides = [
-        (number, cooling.get(number, []), heating.get(number, [])) for number in sorted(heating)
-    ]
-    both = [
-        (number, down, up) for number, down, up in sides if min(len(down), len(up)) >= LEAST_BLOCKS
-    ]
+        direction = np.sign(rate) * (np.abs(rate) >= MOVING_DEGC_MIN)
+        parts.append((np.floor(log.case / HYSTERESIS_BIN_DEGC), direction, left - left.mean()))
+    number, direction, left = (np.concatenate(part) for part in zip(*parts, strict=True))
+    both = []
+    for k in np.unique(number):
+        down, up = (left[(number == k) & (direction == way)] for way in (-1.0, 1.0))
+        if min(down.size, up.size) >= LEAST_BLOCKS:
+            variance = np.var(down, ddof=1) / down.size + np.var(up, ddof=1) / up.size
+            temperature = (k + 0.5) * HYSTERESIS_BIN_DEGC
+            both.append((temperature, down.mean() - up.mean(), np.sqrt(variance)))
     if not both:
         raise FitError(
             "no temperature was passed heating and cooling", hint="hysteresis needs ramps both ways"
         )
-    middle = (np.array([number for number, _, _ in both]) + 0.5) * HYSTERESIS_BIN_DEGC
-    difference = np.array([np.mean(down) - np.mean(up) for _, down, up in both])
-    variance = [
-        np.var(down, ddof=1) / len(down) + np.var(up, ddof=1) / len(up) for _, down, up in both
-    ]
-    return Hysteresis(middle, difference, np.sqrt(np.array(variance)))
+    return Hysteresis(*np.array(both).T)
 
 
 def _smoothed(values: Array) -> Array:

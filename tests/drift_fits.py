@@ -1,0 +1,31 @@
+"""Level and lagged drift models fitted to logs, as the choice among candidates fits each."""
+
+from calibkit.instruments.fog_thermal.numeric import lagged, level, pooled_fit
+from calibkit.instruments.fog_thermal.numeric.lagged import LAGGED_TERMS
+from calibkit.instruments.fog_thermal.numeric.terms import TERMS
+from calibkit.numeric import intervals
+
+
+def block_log(name, columns, interval_s, begins=()):
+    """Block means of a log [n] of time [s], case, chamber [°C] and indication [°/h]."""
+    *slow, indication = columns
+    held = intervals.of(slow[0], interval_s)
+    means = (held.means(column) for column in slow)
+    return pooled_fit.thermal_blocks(name, held, means, indication, begins)
+
+
+def fit_level(logs, terms=TERMS):
+    """Level model of all logs at once."""
+    stacked = pooled_fit.stack(logs)
+    return pooled_fit.finish(level.solve(level.basis(stacked), terms), stacked)
+
+
+def survey(stacked):
+    """Survey of stacked logs with the robust weights of a level fit."""
+    return lagged.survey(stacked, level.basis(stacked).robust)
+
+
+def fit_lagged(logs, terms=LAGGED_TERMS):
+    """Lagged model of all logs at once."""
+    stacked = pooled_fit.stack(logs)
+    return lagged.finish(lagged.solve(survey(stacked), terms), stacked)
