@@ -14,7 +14,7 @@ import subprocess
 import tempfile
 from pathlib import Path
 
-from calibkit import instruments, pipeline, recipe, store
+from calibkit import instruments, pipeline, recipe
 from calibkit.firmware import c_header, c_source, export, formats
 from calibkit.instruments import silent
 
@@ -161,7 +161,7 @@ def main() -> None:
             outcome = pipeline.fit(
                 recipe.find(procedure, overrides), data, "U", folder, "2026-11-21", silent
             )
-            run = store.load(outcome.folder)
+            run = outcome.run
             chain = (
                 instruments.find(run.document["procedure"])
                 .firmware()

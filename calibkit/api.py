@@ -128,8 +128,7 @@ def fit(
     CalibkitError : recipe, logs or fit at fault; nothing is written then.
 
     """
-    outcome = pipeline.fit(_source(recipe), Path(data), serial, Path(runs), date, silent)
-    return store.load(outcome.folder)
+    return pipeline.fit(_source(recipe), Path(data), serial, Path(runs), date, silent).run
 
 
 def find_run(name: AnyPath, runs: AnyPath = "runs") -> Run:
@@ -200,7 +199,8 @@ def verify(path: AnyPath) -> str:
     """What a file of calibkit's is; raises CalibkitError where its digest, signature or vectors are
     wrong.
     """
-    return pipeline.verify(Path(path))
+    found = pipeline.verify(Path(path))
+    return "; ".join((found.what, *found.warnings))
 
 
 def load_coefficients(path: AnyPath) -> Record:

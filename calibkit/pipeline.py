@@ -4,14 +4,10 @@ from __future__ import annotations
 
 import contextlib
 import difflib
-import functools
-import hashlib
-import importlib.metadata
-import platform
 from dataclasses import asdict, dataclass, replace
 from typing import TYPE_CHECKING, Any
 
-from calibkit import coefficients, instruments, new_files, recipe, store
+from calibkit import coefficients, instruments, new_files, recipe, run_content, store
 from calibkit.check import copies
 from calibkit.errors import (
     CoefficientError,
@@ -23,10 +19,9 @@ from calibkit.errors import (
 )
 from calibkit.history import dates
 from calibkit.ingest import logs as ingest
-from calibkit.readers.table import Guess
 from calibkit.recipe import type_b
-from calibkit.report import budget, documents, figures, html
-from calibkit.version import __version__
+from calibkit.report import budget, figures
+from calibkit.version import SOFTWARE
 
 if TYPE_CHECKING:
     from collections.abc import Iterator, Mapping, Sequence
@@ -36,26 +31,22 @@ if TYPE_CHECKING:
     from calibkit.check.report import LogReport
     from calibkit.firmware.export import Export
     from calibkit.ingest.proposal import Proposal
-    from calibkit.instruments import Firmware, Fitted, Progress
+    from calibkit.ingest.write_back import Applied
+    from calibkit.instruments import Firmware, Progress
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
 
-SOFTWARE = f"calibkit {__version__}"
-LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
 VALIDATION_FORMAT = "calibkit-validation/1"
 
 
 @dataclass(frozen=True, slots=True)
 class _FitOutcome:
-    """A finished fit: where its run folder is, what it says, whether its limits held."""
+    """A finished fit: its run, which a dry run does not save, the summary for people, and what was
+    guessed of how the logs are written.
+    """
 
-    folder: Path
-    name: str
+    run: store.Run
     summary: Summary
-    document: Mapping[str, Any]
-    """As in run.json."""
-    records: Mapping[str, coefficients.Record]
-    """By file name, as in the run folder."""
     guesses: tuple[str, ...]
 
 
@@ -74,41 +65,20 @@ def fit(
     """
     spec = instruments.parse_recipe(source)
     serial = store.check_serial(serial or spec.serial)
-    instrument = instruments.find(spec.procedure)
     with _placed(source):
         files = ingest.find_logs(spec, data)
         ingest.require_named_logs(spec, files)
-        fitted = instrument.fit(spec, data, files, progress)
-    type_b.require_known(spec.type_b, (*_results(fitted), *spec.own_columns()))
-    built: dict[str, Any] = {}
-    made: dict[str, coefficients.Record] = {}
-
-    def build(revision: int, superseded: Mapping[str, str]) -> dict[str, bytes]:
-        identity = coefficients.Identity(
-            serial, revision, date, SOFTWARE, source.sha256, fitted.inputs
+        fitted = instruments.find(spec.procedure).fit(spec, data, files, progress)
+    type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
+    with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
+        summary = dates.flagged(fitted.summary, out, serial, revision, date)
+        content = run_content.build_run(
+            source, spec, replace(fitted, summary=summary), serial, revision, date, superseded
         )
-        records = {
-            r.file: coefficients.record(r, identity, superseded.get(r.stage, ""))
-            for r in fitted.results
-        }
-        dated = replace(fitted, summary=dates.flagged(fitted.summary, out, serial, revision, date))
-        contents = {file: coefficients.dumps(record).encode() for file, record in records.items()}
-        with figures.styled():
-            drawn = instrument.draw(f"{serial} r{revision:03d}", dated)
-        contents |= documents.printed(drawn)
-        so_far = _run_document(identity, source, spec, dated, contents)
-        contents[documents.PAGE] = html.page(so_far, records, drawn)
-        text = coefficients.seal(_run_document(identity, source, spec, dated, contents))
-        built.update(coefficients.unseal(text, new_files.RUN_FILE, store.RUN_FORMATS))
-        made.update(records)
-        return {new_files.RUN_FILE: text.encode(), **contents}
-
-    folder = (store.rehearse if dry_run else store.commit)(out, serial, build)
-    name = f"{serial}@{folder.name}"
-    summary = replace(
-        fitted.summary, title=f"{name}: {spec.title or spec.procedure}", flags=tuple(built["flags"])
-    )
-    return _FitOutcome(folder, name, summary, built, made, _guesses(fitted.inputs))
+        folder = store.save(out, serial, revision, content.files, dry_run=dry_run)
+    run = store.Run(folder, content.document, content.records)
+    summary = replace(summary, title=f"{run.name}: {spec.title or spec.procedure}")
+    return _FitOutcome(run, summary, _guesses(run.document["inputs"]))
 
 
 @contextlib.contextmanager
@@ -120,93 +90,18 @@ def _placed(source: recipe.Source) -> Iterator[None]:
         raise recipe.located(source, error) from None
 
 
-def _guesses(inputs: Sequence[coefficients.Input]) -> tuple[str, ...]:
-    """What was guessed of how the logs are written: one line a guess, with the logs that it was
-    made of.
+def _guesses(inputs: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
+    """What was guessed of how the logs are written: one line per guess, with the logs that it was
+    made of, as run.json lists them.
     """
     made: dict[str, list[str]] = {}
     for entry in inputs:
-        for said in entry.reading:
-            if isinstance(said, Guess):
-                made.setdefault(said, []).append(entry.name)
+        for guess in entry.get("guesses", ()):
+            made.setdefault(guess, []).append(entry["name"])
     return tuple(
-        f"{names[0] if len(names) == 1 else f'{len(names)} logs'}: {said}; pin it in the recipe"
-        for said, names in made.items()
+        f"{names[0] if len(names) == 1 else f'{len(names)} logs'}: {guess}; pin it in the recipe"
+        for guess, names in made.items()
     )
-
-
-def _uncertainty(fitted: Fitted[Any], spec: recipe.Recipe) -> list[Mapping[str, Any]]:
-    """Combined uncertainties that the procedure states, then those of what type B terms name beside
-    them.
-    """
-    stated = {entry["result"] for entry in fitted.uncertainty}
-    named = budget.of_results(fitted.results, spec.type_b)
-    return [*fitted.uncertainty, *(entry for entry in named if entry["result"] not in stated)]
-
-
-def _results(fitted: Fitted[Any]) -> set[str]:
-    """Names of all that a fit found: figures, and coefficients by themselves and as
-    model.coefficient.
-    """
-    names = {figure.name for result in fitted.results for figure in result.figures}
-    for model in (model for result in fitted.results for model in result.models):
-        names |= {coefficient.name for coefficient in model.coefficients}
-        names |= {f"{model.name}.{coefficient.name}" for coefficient in model.coefficients}
-    return names
-
-
-@functools.cache
-def _versions() -> dict[str, str]:
-    """Library → version; found once, because each is a file that is searched for and parsed."""
-    return {name: importlib.metadata.version(name) for name in LIBRARIES}
-
-
-def _run_document(
-    identity: coefficients.Identity,
-    source: recipe.Source,
-    spec: recipe.Recipe,
-    fitted: Fitted[Any],
-    contents: Mapping[str, bytes],
-) -> dict[str, Any]:
-    """run.json: the recipe, the logs, the software, the verdict and the digests of the run's
-    files.
-    """
-    own = instruments.installed_plugin(spec.procedure)
-    readers = {plugin for log in identity.inputs for plugin in log.plugins}
-    plugins = [*([own] if own else []), *sorted(readers, key=lambda plugin: plugin.name)]
-    return {
-        "format": store.RUN_FORMAT,
-        "serial": identity.serial,
-        "revision": identity.revision,
-        "procedure": spec.procedure,
-        "effective_from": identity.effective_from,
-        "software": SOFTWARE,
-        "python": platform.python_version(),
-        "libraries": dict(_versions()),
-        **({"plugins": [asdict(plugin) for plugin in plugins]} if plugins else {}),
-        "recipe": {
-            "name": source.name,
-            "sha256": source.sha256,
-            "overrides": list(source.overrides),
-            "text": source.text,
-        },
-        "inputs": [copies.describe_input(log) for log in identity.inputs],
-        "excluded": [entry.model_dump() for entry in spec.exclude],
-        **(
-            {"corrections": [entry.model_dump() for entry in spec.correction]}
-            if spec.correction
-            else {}
-        ),
-        "type_b": type_b.dumps(spec.type_b),
-        "accepted": fitted.summary.accepted,
-        "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
-        "uncertainty": _uncertainty(fitted, spec),
-        "flags": list(fitted.summary.flags),
-        "files": [
-            {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
-            for name, content in sorted(contents.items())
-        ],
-    }
 
 
 def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tuple[LogReport, ...]:
@@ -224,12 +119,7 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
         files = ingest.find_logs(spec, data)
         ingest.require_named_logs(spec, files)
         outcomes = [examination.examine_log(instrument, spec, data, file) for file in files]
-    reports = [outcome.report for outcome in outcomes]
-    for file, finding in examination.compare_logs(outcomes):
-        reports = [
-            replace(report, findings=(*report.findings, finding)) if report.file == file else report
-            for report in reports
-        ]
+    compared = examination.compare_logs(outcomes)
     if figure is not None:
         from calibkit.report import logs
 
@@ -240,7 +130,11 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
             )
         with figures.styled():
             new_files.write_new(figure, figures.pdf(logs.pages(drawn)))
-    return tuple(reports)
+    reports = (outcome.report for outcome in outcomes)
+    return tuple(
+        replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
+        for one in reports
+    )
 
 
 def init(folder: Path) -> Proposal:
@@ -252,11 +146,9 @@ def init(folder: Path) -> Proposal:
         folder, instruments.parse_recipe, [one.propose for one in instruments.REGISTRY.values()]
     )
     spec = instruments.parse_recipe(recipe.Source("proposed recipe", proposed.text))
-    file = ingest.find_logs(spec, folder)[0]
+    instrument, file = instruments.find(spec.procedure), ingest.find_logs(spec, folder)[0]
     try:
-        report = examination.examine_log(
-            instruments.find(spec.procedure), spec, folder, file
-        ).report
+        report = examination.examine_log(instrument, spec, folder, file).report
     except RecipeError as error:  # something that the logs cannot say, like the site's gravity
         said = [str(error)]
     else:
@@ -270,6 +162,23 @@ def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     excluded from now on.
     """
     return instruments.fitted_recipe(run.document, *overrides).model_copy(update={"exclude": ()})
+
+
+def _compensate(
+    spec: recipe.Recipe,
+    records: Mapping[str, coefficients.Record],
+    data: Path,
+    as_firmware: str | None,
+) -> Applied:
+    """Compensated log by an instrument's own arithmetic, or by that of a firmware number format."""
+    if as_firmware is None:
+        return instruments.find(spec.procedure).apply(spec, records, data)
+    from calibkit.firmware import formats, program
+
+    firmware = _firmware(spec)
+    chain = firmware.chain(spec, records)
+    quantised = program.quantise(chain, formats.find_format(as_firmware))
+    return firmware.apply(spec.on_site(), chain, quantised, data)
 
 
 def apply(
@@ -295,15 +204,7 @@ def apply(
         update={"logs": spec.logs.model_copy(update={"split": False, "missing": "refuse"})}
     )
     try:
-        if as_firmware is None:
-            content, flags = instruments.find(spec.procedure).apply(spec, run.records, data)
-        else:
-            from calibkit.firmware import formats, program
-
-            firmware = _firmware(spec)
-            chain = firmware.chain(spec, run.records)
-            quantised = program.quantise(chain, formats.find_format(as_firmware))
-            content, flags = firmware.apply(spec.on_site(), chain, quantised, data)
+        content, flags = _compensate(spec, run.records, data, as_firmware)
     except MissingColumnError as error:
         mapped = " ".join(f"--set columns.{name}.from=…" for name in error.columns)
         raise FrameError(
@@ -331,22 +232,19 @@ def validate(
     new_files.refuse_existing(out)
     spec, inputs = run_recipe(run, ()), run.document["inputs"]
     files = ingest.find_logs(spec, data)
-    instrument, excluded, seen = (
-        instruments.find(spec.procedure),
-        instruments.fitted_recipe(run.document).exclude,
-        list[str](),
-    )
+    instrument = instruments.find(spec.procedure)
+    excluded = instruments.fitted_recipe(run.document).exclude
     read = (
         copies.read_unseen(instrument.read, spec, data, file, inputs, excluded)
         for file in progress(files, "validating")
     )
+    seen: list[str] = []
     new = copies.pass_unseen(read, seen, f"{data}: every log here was fitted by {run.name}")
     body, summary = instrument.validate(spec, run.records, new)
-    flags = (*seen, *copies.flag_missing_fingerprints(run.name, inputs), *summary.flags)
     summary = replace(
         summary,
         title=f"{run.name} on {len(files) - len(seen)} logs that it has not seen",
-        flags=flags,
+        flags=(*seen, *copies.flag_missing_fingerprints(run.name, inputs), *summary.flags),
     )
     document = {
         "format": VALIDATION_FORMAT,
@@ -357,7 +255,7 @@ def validate(
         **body,
         "acceptance": [asdict(criterion) for criterion in summary.criteria],
         "accepted": summary.accepted,
-        "flags": list(flags),
+        "flags": list(summary.flags),
     }
     text = coefficients.seal(document)
     new_files.write_new(out, text.encode(), dry_run=dry_run)
@@ -380,9 +278,9 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
     """
     from calibkit.firmware import export, formats, sources
 
-    accepted = bool(run.document["accepted"])
-    if not accepted and not allow_rejected:
-        failed = [entry["name"] for entry in run.document["acceptance"] if not entry["passed"]]
+    document = run.document
+    if not document["accepted"] and not allow_rejected:
+        failed = [entry["name"] for entry in document["acceptance"] if not entry["passed"]]
         raise OutputError(
             f"{run.name} was rejected: {', '.join(failed)}",
             hint=(
@@ -394,16 +292,14 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
     firmware = _firmware(spec)
     chain = firmware.chain(spec, run.records)
     stages = store.stage_digests(run)
-    digests = {name: stages[name.removesuffix(".json")] for name in firmware.files(spec)}
-    document = run.document
     identity = export.Identity(
         document["serial"],
         document["revision"],
         document["effective_from"],
         document["sha256"],
-        digests,
+        {name: stages[name.removesuffix(".json")] for name in firmware.files(spec)},
         SOFTWARE,
-        accepted,
+        document["accepted"],
     )
     lines = sources.lines(spec, chain, firmware.conventions(spec))
     return export.prepare(chain, identity, formats.find_format(number), prefix, lines)
@@ -432,27 +328,17 @@ def export(
     return [out / name for name in sorted(files)]
 
 
-def verified(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
-    """Check a file that calibkit wrote; returns what it is, and of a certificate what should be
-    known of it.
-    """
+def verify(path: Path, trust: Sequence[Path] = (), schema_dir: Path | None = None) -> Verified:
+    """Check a file that calibkit wrote; returns what it is, and the warnings on a certificate."""
     from calibkit.certificate import verify as certificates
 
     if path.is_file() and certificates.is_certificate(path):
         return certificates.verify(path, instruments.certificate_layout, trust, schema_dir)
-    return certificates.Verified(_what(path))
+    return certificates.Verified(_check_digests(path))
 
 
-def verify(path: Path) -> str:
-    """Check a file that calibkit wrote; returns in one line what it is."""
-    found = verified(path)
-    return "; ".join((found.what, *found.warnings))
-
-
-def _what(path: Path) -> str:
-    """Check the digests of calibkit's files and recompute the vectors of its exports; returns what
-    a file is.
-    """
+def _check_digests(path: Path) -> str:
+    """Check a file's digest or recompute an export's vectors; returns what the file is."""
     if (path / store.FLEET_FILE).is_file():
         fleet = store.load_fleet(path)
         return f"fleet of {len(fleet['units'])} units, {len(fleet['files'])} files"

@@ -8,7 +8,7 @@ import os
 import re
 import shutil
 import tempfile
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import Any
@@ -79,16 +79,6 @@ def _entries(folder: Path) -> list[Path]:
         ) from None
 
 
-def _supersede(out: Path, serial: str) -> tuple[int, dict[str, str]]:
-    """Number of the next revision of a serial, and the digests of the coefficient files that it
-    supersedes.
-    """
-    numbers = revisions(out / serial)
-    if not numbers:
-        return 1, {}
-    return numbers[-1] + 1, stage_digests(load_revision(out, serial, numbers[-1]))
-
-
 def stage_digests(run: Run) -> dict[str, str]:
     """Stage → digest that its coefficient file states of itself."""
     return {
@@ -97,12 +87,16 @@ def stage_digests(run: Run) -> dict[str, str]:
     }
 
 
-def save(out: Path, serial: str, revision: int, files: Mapping[str, bytes]) -> Path:
+def save(
+    out: Path, serial: str, revision: int, files: Mapping[str, bytes], *, dry_run: bool = False
+) -> Path:
     """Write a run folder whole: a temporary folder, every file synced, then one rename; nothing is
-    overwritten.
+    overwritten. A dry run only names it.
     """
     target = _folder(out, serial, revision)
     refuse_run_folder(target)
+    if dry_run:
+        return target
     with output_errors(target.parent, "give another --out"):
         atomic.make_folder(target.parent)
         temporary = Path(tempfile.mkdtemp(prefix=WRITING, dir=target.parent))
@@ -290,19 +284,21 @@ def _text(path: Path) -> str:
         raise CoefficientError(f"{path}: not UTF-8 text", hint="restore the run folder") from None
 
 
-def commit(
-    out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Mapping[str, bytes]]
-) -> Path:
-    """Save the next revision of a serial: `build` makes the files from its number and the digests
-    it supersedes.
+@contextlib.contextmanager
+def next_revision(
+    out: Path, serial: str, *, dry_run: bool = False
+) -> Iterator[tuple[int, dict[str, str]]]:
+    """Number of the next revision of a serial, and the digests of the coefficient files that it
+    supersedes, by stage.
 
     The serial is locked meanwhile: of two fits at once, in whatever processes, one gets the next
     number and the other the one after it. What a fit that was killed left half written is removed.
+    A dry run takes no lock.
     """
     refuse_run_folder(out / serial)
-    with held(out, serial):
-        revision, digests = _supersede(out, serial)
-        return save(out, serial, revision, build(revision, digests))
+    with contextlib.nullcontext() if dry_run else held(out, serial):
+        newest = max(revisions(out / serial), default=0)
+        yield newest + 1, stage_digests(load_revision(out, serial, newest)) if newest else {}
 
 
 @contextlib.contextmanager
@@ -332,15 +328,3 @@ def clear(out: Path, serial: str) -> None:
     if _lock(out, serial).exists() or any((out / serial).glob(f"{WRITING}*")):
         with held(out, serial):
             pass
-
-
-def rehearse(
-    out: Path, serial: str, build: Callable[[int, Mapping[str, str]], Mapping[str, bytes]]
-) -> Path:
-    """Folder that `commit` would write now; everything is made, nothing is written, no lock is
-    taken.
-    """
-    refuse_run_folder(out / serial)
-    revision, digests = _supersede(out, serial)
-    build(revision, digests)
-    return _folder(out, serial, revision)

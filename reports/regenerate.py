@@ -57,8 +57,8 @@ def report(name: str, out: Path, runs: Path) -> store.Run:
     source = recipe.find(str(ROOT / "recipes" / f"{name}.toml"))
     outcome = pipeline.fit(source, ROOT / "datasets" / name, SAMPLES[name], runs, DATE, silent)
     for file in ("report.pdf", "report.txt", *(("report.html",) if name in PAGES else ())):
-        (out / f"{name}{Path(file).suffix}").write_bytes((outcome.folder / file).read_bytes())
-    return store.load(outcome.folder)
+        (out / f"{name}{Path(file).suffix}").write_bytes((outcome.run.folder / file).read_bytes())
+    return outcome.run
 
 
 def certificate(name: str, run: store.Run, out: Path, work: Path) -> None:

@@ -92,7 +92,7 @@ def fitted(name, folder):
     source = recipe.find(procedure, overrides)
     data = ROOT / "datasets" / procedure
     outcome = pipeline.fit(source, data, f"FW-{name}", folder, "2026-11-21", instruments.silent)
-    run = store.load(outcome.folder)
+    run = store.load(outcome.run.folder)
     spec = pipeline.run_recipe(run, ())
     return Fitted(
         run, spec, instruments.find(run.document["procedure"]).firmware().chain(spec, run.records)

@@ -44,7 +44,7 @@ def keep(
 ):
     """Commit a run of these models and return its folder; without `logs` its log is its own."""
 
-    def build(revision, superseded):
+    def files(revision, superseded):
         inputs = tuple(
             Input(f"{log}.csv", log, 10) for log in logs or (f"{serial}-log-{revision}",)
         )
@@ -80,4 +80,5 @@ def keep(
             ],
         }
 
-    return store.commit(out, serial, build)
+    with store.next_revision(out, serial) as (revision, superseded):
+        return store.save(out, serial, revision, files(revision, superseded))

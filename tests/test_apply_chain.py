@@ -94,7 +94,9 @@ def chains(campaign, tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     outcome = pipeline.fit(recipe.find("fog_thermal"), campaign, "F", folder, "2026-11-21", silent)
     log = min(campaign.glob("withheld/*.csv"))
-    return calls("apply", str(outcome.folder), "--data", str(log), "--out", str(folder / "x.csv"))
+    return calls(
+        "apply", str(outcome.run.folder), "--data", str(log), "--out", str(folder / "x.csv")
+    )
 
 
 def test_the_drift_of_a_log_is_a_few_calls_below_the_command(chains):

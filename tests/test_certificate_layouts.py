@@ -27,7 +27,7 @@ def fitted(folder, name, data=None, serial="S-1", overrides=()):
     outcome = pipeline.fit(
         source, data or ROOT / "datasets" / name, serial, folder, "2026-11-21", silent
     )
-    return store.load(outcome.folder)
+    return store.load(outcome.run.folder)
 
 
 @pytest.fixture(scope="module")

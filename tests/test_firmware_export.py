@@ -163,7 +163,7 @@ def test_a_rejected_run_is_refused_or_marked(tmp_path, tmp_path_factory):
     assert list(tmp_path.iterdir()) == []
     for path in pipeline.export([run], "c", "f32", "cal", tmp_path, allow_rejected=True):
         assert "REJECTED" in path.read_text()
-        assert pipeline.verify(path).endswith(", REJECTED")
+        assert pipeline.verify(path).what.endswith(", REJECTED")
     assert "#define CAL_ACCEPTED 0" in (tmp_path / "cal.h").read_text()
 
 

@@ -25,7 +25,7 @@ def delivered(tmp_path_factory):
     outcome = pipeline.fit(
         recipe.find("rate_table"), data, "GYRO-0001", root / "runs", "2026-11-21", silent
     )
-    run = store.load(outcome.folder)
+    run = store.load(outcome.run.folder)
     pipeline.export([run], "c", "f32", "gyro", root / "exported")
     pipeline.export([run], "blob", "f32", "gyro", root / "exported_blob")
     return root

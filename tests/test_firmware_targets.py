@@ -235,7 +235,7 @@ def test_verify_says_of_every_target_that_a_unit_was_rejected(runs, tmp_path, ta
     good, bad = (store.load(runs / name / "r001") for name in UNITS[:2])
     bad = replace(bad, document={**bad.document, "accepted": False, "acceptance": []})
     said = {
-        path.name: pipeline.verify(path)
+        path.name: pipeline.verify(path).what
         for path in pipeline.export(
             [good, bad], target, "f32", "cal", tmp_path, allow_rejected=True
         )

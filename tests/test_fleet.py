@@ -208,7 +208,7 @@ def test_a_unit_is_fitted_again_when_anything_it_rests_on_has_changed(
     elif changed == "date":
         date = "2026-11-22"
     elif changed == "the software":
-        monkeypatch.setattr(unit.pipeline, "SOFTWARE", "calibkit 99")
+        monkeypatch.setattr(unit, "SOFTWARE", "calibkit 99")
     elif changed == "the run":
         path, again = tmp_path / "runs" / "U001" / "r001" / "run.json", set()
         path.write_text(
@@ -331,6 +331,37 @@ def test_the_keyboard_ends_a_fleet_that_has_just_begun_with_one_line(tmp_path):
     assert len(said.strip().splitlines()) == 1, said
     assert "interrupted" in said
     assert left_over(tmp_path / "runs") == []
+
+
+@pytest.mark.skipif(not server.COPIES, reason="processes are not copies of one here")
+def test_a_process_whose_parent_sends_it_no_task_ends_in_silence():
+    """Interrupted between the request for a process and its task, the parent alone says so."""
+    script = """if __name__ == "__main__":
+    import os
+    from multiprocessing import forkserver
+    from calibkit.fleet import server
+
+    context, pipes = server.context(), []
+
+    def interrupted(descriptors, connect=forkserver.connect_to_new_process):
+        pipes.extend(connect(descriptors))
+        raise KeyboardInterrupt
+
+    forkserver.connect_to_new_process = interrupted
+    try:
+        context.Process(target=print).start()
+    except KeyboardInterrupt:
+        os.close(pipes[1])
+    print(forkserver.read_signed(pipes[0]) > 0, forkserver.read_signed(pipes[0]))
+"""
+    done = subprocess.run(
+        [sys.executable, "-c", script],
+        env=os.environ | {"PYTHONPATH": str(ROOT)},
+        capture_output=True,
+        check=True,
+        text=True,
+    )
+    assert (done.stdout, done.stderr) == ("True 1\n", "")
 
 
 def test_a_copied_folder_of_logs_is_nobodys_calibration(tmp_path, quick):

@@ -30,7 +30,7 @@ def run(campaign, tmp_path_factory):
     source = recipe.Source(
         "mine.toml", recipe.find("fog_thermal").text + LATITUDE, (PLACE[1], PLACE[3])
     )
-    return pipeline.fit(source, campaign, "F", out, "2026-11-21", silent).folder
+    return pipeline.fit(source, campaign, "F", out, "2026-11-21", silent).run.folder
 
 
 def figures(folder):

@@ -48,7 +48,7 @@ def run(campaign, tmp_path_factory):
     folder = tmp_path_factory.mktemp("runs")
     source = recipe.Source("mine.toml", recipe.find("fog_thermal").text + TERMS)
     outcome = pipeline.fit(source, campaign, "F", folder, "2026-11-21", silent)
-    return store.load(outcome.folder), folder
+    return store.load(outcome.run.folder), folder
 
 
 def thermal(found):

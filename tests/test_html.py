@@ -131,7 +131,7 @@ def fitted(tmp_path_factory):
     (folder / name).write_bytes(content)
     source = recipe.find("gyro_noise", ("acceptance.max_angle_random_walk=1e-5",))
     return [
-        pipeline.fit(source, folder, "S-1", folder / runs, "2026-11-21", silent).folder
+        pipeline.fit(source, folder, "S-1", folder / runs, "2026-11-21", silent).run.folder
         for runs in ("first", "second")
     ]
 

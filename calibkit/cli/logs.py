@@ -71,19 +71,20 @@ def fit(
     outcome = pipeline.fit(
         find(recipe, overrides), data, serial, out, day, progress, dry_run=dry_run
     )
-    for entry in outcome.document["inputs"]:
+    run, folder = outcome.run, outcome.run.folder
+    for entry in run.document["inputs"]:
         print_detail(f"read {entry['name']}: {entry['rows']} rows, sha256 {entry['sha256']}")
     print_guesses(outcome.guesses)
     if not as_json:
         print_verdict(outcome.summary)
-        log_line("wrote", f"{outcome.folder}{DRY_RUN if dry_run else ''}")
+        log_line("wrote", f"{folder}{DRY_RUN if dry_run else ''}")
     document = {
-        "run": outcome.name,
-        "folder": str(outcome.folder),
+        "run": run.name,
+        "folder": str(folder),
         **({"dry_run": True} if dry_run else {}),
-        **{key: outcome.document[key] for key in VERDICT_KEYS},
+        **{key: run.document[key] for key in VERDICT_KEYS},
     }
-    print_result(document, (outcome.folder,), as_json=as_json, dry_run=dry_run)
+    print_result(document, (folder,), as_json=as_json, dry_run=dry_run)
     return 0 if outcome.summary.accepted else 1
 
 

@@ -62,7 +62,7 @@ def verify(
     failed: list[CalibkitError] = []
     for path in files:
         try:
-            found = pipeline.verified(path, trust, schema_dir)
+            found = pipeline.verify(path, trust, schema_dir)
             results.append(
                 {
                     "file": str(path),

@@ -2,16 +2,16 @@
 all of them.
 """
 
-import hashlib
 from collections.abc import Mapping
 from typing import Any
 
-from calibkit import coefficients, pipeline, store
+from calibkit import coefficients, run_content, store
 from calibkit.fleet.table import FleetTable
 from calibkit.fleet.unit import Plan
 from calibkit.report import control_charts, figures as drawing
 from calibkit.report.control_charts import ControlChart
 from calibkit.report.table import Cell, Column, Table, number_or_none, tabulate
+from calibkit.version import SOFTWARE
 
 DEVICE_KEYS = ("serial", "run", "run_sha256", "verdict", "error", "flags")
 TEXTS = ("serial", "run", "run_sha256", "verdict", "error", "outlier_in")
@@ -38,20 +38,12 @@ def _document(table: FleetTable, plan: Plan, contents: Mapping[str, bytes]) -> d
     """
     return {
         "format": store.FLEET_FORMAT,
-        "software": pipeline.SOFTWARE,
+        "software": SOFTWARE,
         "effective_from": plan.date,
-        "recipe": {
-            "name": plan.source.name,
-            "sha256": plan.source.sha256,
-            "overrides": list(plan.source.overrides),
-            "text": plan.source.text,
-        },
+        "recipe": run_content.describe_recipe(plan.source),
         "units": tabulate("", DEVICE_KEYS, table.entries).to_objects(),
         "figures": [_figure(table, chart) for chart in table.charts],
-        "files": [
-            {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
-            for name, content in sorted(contents.items())
-        ],
+        "files": run_content.list_files(contents),
     }
 
 

@@ -180,15 +180,12 @@ def _commit(out: Path, contents: dict[str, bytes], *, dry_run: bool) -> Path:
         numbers = store.revisions(out / store.FLEETS)
         for number in reversed(numbers):
             folder = out / store.FLEETS / f"r{number:03d}"
-            there = {path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()}
-            if there == contents:
+            if contents == {
+                path.name: path.read_bytes() for path in folder.iterdir() if path.is_file()
+            }:
                 return folder
         number = max(numbers, default=0) + 1
-        return (
-            out / store.FLEETS / f"r{number:03d}"
-            if dry_run
-            else store.save(out, store.FLEETS, number, contents)
-        )
+        return store.save(out, store.FLEETS, number, contents, dry_run=dry_run)
 
 
 def _guesses(rows: Sequence[Row]) -> tuple[str, ...]:

@@ -16,6 +16,7 @@ from multiprocessing.context import ForkServerContext, SpawnContext
 
 COPIES = sys.platform == "linux"
 NEEDED = (
+    "calibkit.fleet.handover",
     "pandas",
     "scipy.linalg",
     "scipy.special",
@@ -28,7 +29,9 @@ NEEDED = (
     "calibkit.fleet.files",
     "calibkit.fleet.unit",
 )
-"""What every unit needs, whatever its procedure, and the table of them all."""
+"""How a process without a task ends, what every unit needs, whatever its procedure, and the table
+of them all.
+"""
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 ALONE = {"JE_ARROW_MALLOC_CONF": "background_thread:false"}
 """What keeps a library from starting a thread as it is imported: of a process with threads no safe

@@ -12,6 +12,7 @@ from calibkit.check import copies
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.fleet import keys
 from calibkit.ingest import logs as ingest
+from calibkit.version import SOFTWARE
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -105,40 +106,29 @@ def _finished(plan: Plan, serial: str) -> Row:
     """Row of a unit: of the run that is there, or of the one that is fitted now.
 
     The unit is held meanwhile: where two take it up, as when a worker was taken for dead, the
-    second finds the first's run.
+    second finds the first's run. A dry run changes no disk, so it takes no lock.
     """
     spec = instruments.parse_recipe(plan.source)
-    if plan.dry_run:
-        return _rehearsed(plan, serial, spec)
-    # no serial begins with "-": this is not the lock that the fit itself holds while it writes
-    with atomic.locked(plan.out / f".-{serial}.lock", f"{plan.out / serial}", WAIT_S):
-        store.clear(plan.out, serial)
+    with contextlib.ExitStack() as lock:
+        if not plan.dry_run:
+            # no serial begins with "-": this is not the lock that the fit itself holds while it
+            # writes
+            name = plan.out / f".-{serial}.lock"
+            lock.enter_context(atomic.locked(name, f"{plan.out / serial}", WAIT_S))
+            store.clear(plan.out, serial)
         run = _already(plan, serial, spec)
         if run is not None:
             return _row(run, spec, before=True)
         outcome = pipeline.fit(
-            plan.source, plan.data / serial, serial, plan.out, plan.date, instruments.silent
+            plan.source,
+            plan.data / serial,
+            serial,
+            plan.out,
+            plan.date,
+            instruments.silent,
+            dry_run=plan.dry_run,
         )
-        return _row(store.load(outcome.folder), spec, before=False)
-
-
-def _rehearsed(plan: Plan, serial: str, spec: recipe.Recipe) -> Row:
-    """Row that a unit would have: everything is done but for what changes a disk, locks
-    included.
-    """
-    run = _already(plan, serial, spec)
-    if run is not None:
-        return _row(run, spec, before=True)
-    outcome = pipeline.fit(
-        plan.source,
-        plan.data / serial,
-        serial,
-        plan.out,
-        plan.date,
-        instruments.silent,
-        dry_run=True,
-    )
-    return _row(store.Run(outcome.folder, outcome.document, outcome.records), spec, before=False)
+        return _row(outcome.run, spec, before=False)
 
 
 def _already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
@@ -184,7 +174,7 @@ def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
 def _same_terms(document: Mapping[str, Any], plan: Plan) -> bool:
     """Whether a run was made by this software with the plan's recipe, for its date."""
     found = document["software"], document["recipe"]["sha256"], document["effective_from"]
-    return found == (pipeline.SOFTWARE, plan.source.sha256, plan.date)
+    return found == (SOFTWARE, plan.source.sha256, plan.date)
 
 
 def _sha256(path: Path) -> str:

@@ -2,7 +2,7 @@
 uncertainty, beside its type A one.
 """
 
-from collections.abc import Iterator, Sequence
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from typing import Any
 
 from calibkit.coefficients import Coefficient, StageResult
@@ -28,21 +28,30 @@ def _named(results: Sequence[StageResult]) -> Iterator[tuple[str, str, Coefficie
             yield result.stage, figure.name, figure, float("inf")
 
 
-def of_results(results: Sequence[StageResult], terms: Sequence[TypeB]) -> list[dict[str, Any]]:
-    """JSON object of every coefficient and figure that a term names: components, u, effective
-    degrees of freedom, k and U.
+def name_results(results: Sequence[StageResult]) -> set[str]:
+    """Names of all that a fit found: figures, and coefficients by themselves and as
+    model.coefficient.
     """
-    found = []
+    return {name for _, full, entry, _ in _named(results) for name in (full, entry.name)}
+
+
+def combine_results(
+    results: Sequence[StageResult], terms: Sequence[TypeB], stated: Iterable[Mapping[str, Any]]
+) -> list[Mapping[str, Any]]:
+    """Combined uncertainties that the procedure states itself, then one of every other coefficient
+    and figure that a type B term names, as JSON objects.
+    """
+    found = list(stated)
+    already = {entry["result"] for entry in found}
     for stage, name, entry, dof in _named(results):
         parts = [
             part
             for wanted in dict.fromkeys((name, entry.name))
             for part in type_b.terms_of(terms, wanted, entry.value).components
         ]
-        if not parts:
-            continue
-        own = gum.Component("type A", entry.value, entry.standard_uncertainty, "A", dof=dof)
-        found.append(combine(f"{stage}: {name}", entry.unit, [own, *parts]))
+        if parts and f"{stage}: {name}" not in already:
+            own = gum.Component("type A", entry.value, entry.standard_uncertainty, "A", dof=dof)
+            found.append(combine(f"{stage}: {name}", entry.unit, [own, *parts]))
     return found
 
 

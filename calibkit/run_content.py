@@ -1,0 +1,121 @@
+"""What a fit writes into its run folder: coefficient files, the report in its three forms, and
+run.json, which lists them.
+"""
+
+from __future__ import annotations
+
+import functools
+import hashlib
+import importlib.metadata
+import platform
+from dataclasses import asdict, dataclass
+from typing import TYPE_CHECKING, Any
+
+from calibkit import coefficients, instruments, new_files, store
+from calibkit.check import copies
+from calibkit.recipe import type_b
+from calibkit.report import budget, documents, figures, html
+from calibkit.version import SOFTWARE
+
+if TYPE_CHECKING:
+    from collections.abc import Mapping
+
+    from calibkit.instruments import Fitted
+    from calibkit.recipe import Recipe, Source
+
+_LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
+
+
+@dataclass(frozen=True, slots=True)
+class RunContent:
+    """A run before it is saved."""
+
+    document: Mapping[str, Any]
+    """As in run.json."""
+    records: Mapping[str, coefficients.Record]
+    """By file name."""
+    files: Mapping[str, bytes]
+    """Name → bytes of every file of the run folder."""
+
+
+def build_run(
+    source: Source,
+    spec: Recipe,
+    fitted: Fitted[Any],
+    serial: str,
+    revision: int,
+    date: str,
+    superseded: Mapping[str, str],
+) -> RunContent:
+    """Make all files of a run that holds from `date`; `superseded` is the digest of each stage's
+    coefficient file in the revision before.
+    """
+    identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
+    records = {
+        result.file: coefficients.record(result, identity, superseded.get(result.stage, ""))
+        for result in fitted.results
+    }
+    files = {name: coefficients.dumps(record).encode() for name, record in records.items()}
+    with figures.styled():
+        drawn = instruments.find(spec.procedure).draw(f"{serial} r{revision:03d}", fitted)
+    files |= documents.printed(drawn)
+    facts = _run_facts(source, spec, identity, fitted)
+    files[documents.PAGE] = html.page(facts | {"files": list_files(files)}, records, drawn)
+    text = coefficients.seal(facts | {"files": list_files(files)})
+    document = coefficients.unseal(text, new_files.RUN_FILE, store.RUN_FORMATS)
+    return RunContent(document, records, {new_files.RUN_FILE: text.encode(), **files})
+
+
+def _run_facts(
+    source: Source, spec: Recipe, identity: coefficients.Identity, fitted: Fitted[Any]
+) -> dict[str, Any]:
+    """run.json without its list of files: the recipe, the logs, the software, the verdict."""
+    own = instruments.installed_plugin(spec.procedure)
+    readers = {plugin for log in identity.inputs for plugin in log.plugins}
+    plugins = [*([own] if own else []), *sorted(readers, key=lambda plugin: plugin.name)]
+    facts = {
+        "format": store.RUN_FORMAT,
+        "serial": identity.serial,
+        "revision": identity.revision,
+        "procedure": spec.procedure,
+        "effective_from": identity.effective_from,
+        "software": SOFTWARE,
+        "python": platform.python_version(),
+        "libraries": dict(_library_versions()),
+        "plugins": [asdict(plugin) for plugin in plugins],
+        "recipe": describe_recipe(source),
+        "inputs": [copies.describe_input(log) for log in identity.inputs],
+        "excluded": [entry.model_dump() for entry in spec.exclude],
+        "corrections": [entry.model_dump() for entry in spec.correction],
+        "type_b": type_b.dumps(spec.type_b),
+        "accepted": fitted.summary.accepted,
+        "acceptance": [asdict(criterion) for criterion in fitted.summary.criteria],
+        "uncertainty": budget.combine_results(fitted.results, spec.type_b, fitted.uncertainty),
+        "flags": list(fitted.summary.flags),
+    }
+    optional = ("plugins", "corrections")
+    return {key: value for key, value in facts.items() if value or key not in optional}
+
+
+@functools.cache
+def _library_versions() -> dict[str, str]:
+    """Library → version; found once, because each is a file that is searched for and parsed."""
+    return {name: importlib.metadata.version(name) for name in _LIBRARIES}
+
+
+def describe_recipe(source: Source) -> dict[str, Any]:
+    """A recipe as run.json and fleet.json state it."""
+    return {
+        "name": source.name,
+        "sha256": source.sha256,
+        "overrides": list(source.overrides),
+        "text": source.text,
+    }
+
+
+def list_files(files: Mapping[str, bytes]) -> list[dict[str, str]]:
+    """Files with their digests, in order of their names, as run.json and fleet.json list them."""
+    return [
+        {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
+        for name, content in sorted(files.items())
+    ]
