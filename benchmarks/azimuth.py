@@ -50,11 +50,11 @@ def closed(readings: np.ndarray) -> float:
 def components(logs: Campaign, axis: str) -> published.Components:
     """Components of one sensor pair, its noise from the closure of the four positions."""
     log = logs.logs["stations.csv"]
-    readings = published.arrange(
+    _, readings = published.arrange(
         log["station"],
         log["position_deg"].astype(float),
         np.column_stack((log[f"accel_{axis}_g"], log[f"gyro_{axis}_dph"])),
-    ).indication
+    )
     accel, gyro = readings[:, :, 0], readings[:, :, 1]
     return published.components(
         accel,

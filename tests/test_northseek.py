@@ -10,6 +10,7 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
+from calibkit.instruments.inclinometer import stations as station_steps
 from calibkit.instruments.inclinometer.numeric import closure, published
 from calibkit.numeric import earth
 from conftest import AUTHORITIES
@@ -170,20 +171,20 @@ def test_rows_in_any_order_become_stations_in_order_of_appearance():
     """Shuffled rows and positions plus 360° give each station's four readings in order."""
     station, position, indication = rows()
     shuffle = np.random.default_rng(0).permutation(8)
-    found = published.arrange(
+    numbers, found = published.arrange(
         station[shuffle], position[shuffle] + 360.0 * (shuffle % 2), indication[shuffle]
     )
     first = station[shuffle][0]
-    assert found.station[0] == first
-    assert found.indication[0, :, 0] == pytest.approx(100.0 * first + np.array([0, 90, 180, 270]))
-    assert found.status == ("", "")
+    assert numbers[0] == first
+    assert found[0, :, 0] == pytest.approx(100.0 * first + np.array([0, 90, 180, 270]))
+    assert np.isfinite(found).all()
 
 
 def test_repeated_positions_are_averaged():
     """A closing reading at 360° is averaged with that at 0°."""
     station, position, _ = rows((1,), (0, 90, 180, 270, 360))
-    found = published.arrange(station, position, np.array([[1.0], [2.0], [3.0], [4.0], [5.0]]))
-    assert found.indication[0, :, 0] == pytest.approx([3.0, 2.0, 3.0, 4.0])
+    _, found = published.arrange(station, position, np.array([[1.0], [2.0], [3.0], [4.0], [5.0]]))
+    assert found[0, :, 0] == pytest.approx([3.0, 2.0, 3.0, 4.0])
 
 
 def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
@@ -192,23 +193,32 @@ def test_a_station_that_lacks_a_position_has_its_reason_and_the_other_is_kept():
     position[6] = 185.0
     indication[9] = np.nan
     keep = np.arange(16) != 13
-    found = published.arrange(station[keep], position[keep], indication[keep])
-    assert found.status[0] == ""
-    assert "185° is none of" in found.status[1]
-    assert "N-position" in found.status[1]
-    assert "not finite" in found.status[2]
-    assert found.status[3] == "no reading at position 90°"
+    read = station_steps.Rows(
+        station=station[keep].astype(int) - 1,
+        names=("1", "2", "3", "4"),
+        position=position[keep],
+        accel={"x": indication[keep, 0]},
+        gyro={"x": indication[keep, 0]},
+        resolution={},
+        time=np.full(15, np.nan),
+        temperature=np.full(15, np.nan),
+        reference=np.full((15, 3), np.nan),
+    )
+    parts, _, _, status = station_steps._by_differences(read, "x", None)
+    assert status[0] == ""
+    assert status[1] == "position 185° is no multiple of 90°"
+    assert status[2] == "an indication is not finite"
+    assert status[3] == "no row at position 90°"
+    assert np.isfinite(parts.accel_x).tolist() == [True, False, False, False]
 
 
 def test_a_position_a_hair_off_is_accepted():
     """Positions of 89.95° and 359.96° are those of 90° and 0°; 90.2° is not."""
-    station, _, indication = rows((1,))
-    assert published.arrange(
-        station, np.array([359.96, 89.95, 180.0, 270.0]), indication
-    ).status == ("",)
-    assert published.arrange(station, np.array([0.0, 90.2, 180.0, 270.0]), indication).status != (
-        "",
-    )
+    near = np.array([359.96, 89.95, 180.0, 270.0])
+    assert published.nearest_position(near).tolist() == [0, 1, 2, 3]
+    assert station_steps._position_fault(near) is None
+    fault = station_steps._position_fault(np.array([0.0, 90.2, 180.0, 270.0]))
+    assert fault == (1, "position 90.2° is no multiple of 90°")
 
 
 def test_the_closure_of_four_positions_tells_the_noise():

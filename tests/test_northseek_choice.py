@@ -412,11 +412,11 @@ def fitted(seed, **options):
     """
     logs = simulate.campaign(seed, **options)
     log = logs.logs["stations.csv"]
-    readings = published.arrange(
+    _, readings = published.arrange(
         log["station"],
         log["position_deg"].astype(float),
         np.column_stack((log["accel_x_g"], log["gyro_x_dph"])),
-    ).indication
+    )
     parts = published.components(
         readings[:, :, 0],
         readings[:, :, 1],
@@ -593,9 +593,9 @@ def test_the_azimuth_of_random_stations_is_within_five_hundredths_of_a_degree(wa
             logs = simulate.campaign(seed)
             log = logs.logs["stations.csv"]
             columns = np.column_stack((log[f"accel_{axis}_g"], log[f"gyro_{axis}_dph"]))
-            readings = published.arrange(
+            _, readings = published.arrange(
                 log["station"], log["position_deg"].astype(float), columns
-            ).indication
+            )
             accel, gyro = readings[:, :, 0], readings[:, :, 1]
             parts = published.components(
                 accel,

@@ -1,10 +1,18 @@
 """Stations of any number and sequence of positions: sinusoid, bias and ramp by least squares."""
 
+from types import SimpleNamespace
+
 import numpy as np
 import pytest
 
 from calibkit.errors import FitError
-from calibkit.instruments.inclinometer.numeric import published, root_choice, sinusoid_fit
+from calibkit.instruments.inclinometer import noise
+from calibkit.instruments.inclinometer.numeric import (
+    closure,
+    published,
+    root_choice,
+    sinusoid_fit,
+)
 from test_northseek import forward, wrapped
 
 ATTITUDE = (30.0, 40.0, 70.0)
@@ -48,8 +56,7 @@ def fit(columns, sensor="x", **options):
         columns[f"accel_{sensor}"],
         columns[f"gyro_{sensor}"],
         sensor,
-        time_s=columns["time"],
-        **{"accel_noise_g": 2e-5, "gyro_noise_dph": 0.01} | options,
+        **{"time_s": columns["time"], "accel_noise_g": 2e-5, "gyro_noise_dph": 0.01} | options,
     )
 
 
@@ -160,10 +167,14 @@ def test_the_noise_comes_from_the_residuals_of_all_stations():
     covariance.
     """
     columns = many(100, (*FOUR, 45.0, 135.0), np.random.default_rng(1))
-    found = fit(columns, accel_noise_g=None, gyro_noise_dph=None)
-    assert found.gyro_noise_dph == pytest.approx(0.01, rel=0.1)
-    assert found.accel_noise_g == pytest.approx(2e-5, rel=0.1)
-    assert found.dof == 300
+    found = fit(columns)
+    accel, gyro = (closure.estimate_noise(found.squares[:, k], found.dofs[:, k]) for k in range(2))
+    assert gyro == pytest.approx(0.01, rel=0.1)
+    assert accel == pytest.approx(2e-5, rel=0.1)
+    assert found.dofs.sum(axis=0).tolist() == [300, 300]
+    unit = fit(columns, accel_noise_g=1.0, gyro_noise_dph=1.0).components.covariance
+    doubled = fit(columns, accel_noise_g=2.0, gyro_noise_dph=2.0).components.covariance
+    np.testing.assert_allclose(doubled, 4.0 * unit, rtol=1e-15)
 
 
 def test_the_covariance_is_the_scatter_of_the_stations():
@@ -206,9 +217,12 @@ def test_a_station_that_cannot_be_fitted_has_its_reason_and_the_others_are_solve
 def test_what_cannot_be_fitted_at_all_is_refused():
     """No noise and no degree of freedom, no station at all, a ramp without times."""
     columns = log_of((0.0, 120.0, 240.0))
-    with pytest.raises(FitError, match="noise"):
-        fit(columns, gyro_noise_dph=None)
+    found = fit(columns)
+    auto = SimpleNamespace(accel_noise_g="auto", gyro_noise_dph="auto")
+    shown, _ = noise.judge_closures(found.squares, found.dofs, (0.0, 0.0))
+    with pytest.raises(FitError, match="no station tells the noise"):
+        noise.decide_noise(shown, None, (0.0, 0.0), SimpleNamespace(stations=auto), "x")
     with pytest.raises(FitError, match="none of 1 stations"):
         fit(log_of((0.0, 90.0)))
     with pytest.raises(FitError, match="without times"):
-        sinusoid_fit._fit_harmonics(columns["position"], columns["gyro_x"], "x", ramp=True)
+        fit(columns, gyro_ramp=True, time_s=None)

@@ -187,24 +187,24 @@ def _open(log: Log, errors: Mapping[str, Array], spec: InclinometerRecipe) -> li
         for axis in spec.axes
         for kind, suffix in (("accel", "g"), ("gyro", "dph"))
     ]
-    four = published.arrange(
+    stations, four = published.arrange(
         station, position, np.column_stack([values(log.frame, name) for _, name in names])
     )
-    known = published.arrange(
+    _, known = published.arrange(
         station, position, np.column_stack([errors[name] for _, name in names])
     )
-    closures = 2.0 * published.closures(np.moveaxis(four.indication, 1, -1))
-    certain = CERTAIN * np.sqrt(np.sum(known.indication**2, axis=1))
+    closures = 2.0 * published.closures(np.moveaxis(four, 1, -1))
+    certain = CERTAIN * np.sqrt(np.sum(known**2, axis=1))
     found = []
     for column, (kind, name) in enumerate(names):
         limit, unit = CLOSURE[kind]
         for k in np.flatnonzero(
             np.abs(closures[:, column]) > np.maximum(limit, certain[:, column])
         ).tolist():
-            row = int(np.flatnonzero(station == four.station[k])[0])
+            row = int(np.flatnonzero(station == stations[k])[0])
             found.append(
                 Finding(
-                    f"{log.place(row)}: station {four.station[k]:g}: {name}",
+                    f"{log.place(row)}: station {stations[k]:g}: {name}",
                     f"r₀ − r₉₀ + r₁₈₀ − r₂₇₀ = {closures[k, column]:.3g} {unit}",
                     f"at most {limit:g} {unit} of one attitude",
                     "the tool was moved between these dwells: give a column station, or leave out"

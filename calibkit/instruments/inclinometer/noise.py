@@ -36,24 +36,6 @@ NO_NOISE = Noise(0.0, 0.0, 0)
 """What is known of the noise before anything is read."""
 
 
-@dataclass(frozen=True, slots=True)
-class Closing:
-    """How n stations close: sums of squares [n, 2] of accelerometer and gyro, and their degrees of
-    freedom [n, 2].
-    """
-
-    squares: Array
-    dofs: Integers
-
-
-@dataclass(frozen=True, slots=True)
-class _Closed:
-    """Noise of the stations that close, and why each [n] of the others is refused (or empty)."""
-
-    noise: Noise
-    wild: tuple[str, ...]
-
-
 def least_noise(
     known: Noise | None, last_digit: tuple[float, float], spec: InclinometerRecipe
 ) -> tuple[float, float]:
@@ -71,27 +53,30 @@ def least_noise(
     return accel, gyro
 
 
-def judge_closures(closing: Closing, least: tuple[float, float]) -> _Closed:
-    """Stations that do not close by far more than the others are refused: one wild reading is no
-    noise of all.
+def judge_closures(
+    squares: Array, dofs: Integers, least: tuple[float, float]
+) -> tuple[Noise, tuple[str, ...]]:
+    """Noise of the stations that close, and why each [n] of the others is refused (or empty).
+
+    `squares` and `dofs` [n, 2] are the sums of squares by which stations fail to close, of
+    accelerometer and gyro, and their degrees of freedom. A station that fails by far more than the
+    others holds an outlier, which says nothing about the noise of all.
     """
-    reasons = [""] * len(closing.squares)
+    reasons = [""] * len(squares)
     for column, (kind, _, unit) in enumerate(KINDS):
-        squares, dofs = closing.squares[:, column], closing.dofs[:, column]
-        variance = max(closure.usual_square(squares, dofs), least[column] ** 2)
-        for k in np.flatnonzero(closure.find_outliers(squares, dofs, least[column] ** 2)).tolist():
-            size = float(np.sqrt(squares[k] / dofs[k]))
+        own = squares[:, column], dofs[:, column]
+        variance = max(closure.usual_square(*own), least[column] ** 2)
+        for k in np.flatnonzero(closure.find_outliers(*own, least[column] ** 2)).tolist():
+            size = float(np.sqrt(squares[k, column] / dofs[k, column]))
             times = f"{size / np.sqrt(variance):.0f} times the noise of the others"
             reasons[k] = (
                 reasons[k]
                 or f"a wild reading: the {kind} does not close by {size:.2g} {unit}, {times}"
             )
     kept = np.array([not reason for reason in reasons])[:, None]
-    squares, dofs = np.where(kept, closing.squares, 0.0), np.where(kept, closing.dofs, 0)
-    accel, gyro = (
-        closure.estimate_noise(squares[:, column], dofs[:, column]) for column in range(2)
-    )
-    return _Closed(Noise(accel, gyro, int(dofs[:, 1].sum())), tuple(reasons))
+    square, dof = np.where(kept, squares, 0.0), np.where(kept, dofs, 0)
+    accel, gyro = (closure.estimate_noise(square[:, column], dof[:, column]) for column in (0, 1))
+    return Noise(accel, gyro, int(dof[:, 1].sum())), tuple(reasons)
 
 
 def decide_noise(

@@ -2,6 +2,7 @@
 
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
+from decimal import Decimal
 
 import numpy as np
 
@@ -28,7 +29,6 @@ class Rows:
 
     station: Integers
     names: tuple[str, ...]
-    places: tuple[str, ...]
     position: Array
     accel: Mapping[Sensor, Array]
     gyro: Mapping[Sensor, Array]
@@ -41,7 +41,7 @@ class Rows:
 
 def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
     """Rows of all logs, their stations counted from 0 in the order in which they appear."""
-    station, names, places, offset = [], [], [], 0
+    station, names, offset = [], [], 0
     for log in logs:
         unique, first, inverse = np.unique(
             values(log.frame, "station"), return_index=True, return_inverse=True
@@ -52,13 +52,11 @@ def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
         offset += first.size
         prefix = f"{log.name}:" if len(logs) > 1 else ""
         names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
-        places += [f"{log.file}:{log.line(int(row))}" for row in np.sort(first)]
     accel = {axis: _joined(logs, f"accel_{axis}_g") for axis in spec.axes}
     gyro = {axis: _joined(logs, f"gyro_{axis}_dph") for axis in spec.axes}
     return Rows(
         np.concatenate(station),
         tuple(names),
-        tuple(places),
         _joined(logs, "position_deg"),
         {
             axis: published.along_gravity(column, spec.reference.convention)
@@ -116,13 +114,5 @@ def _resolution(data: Array, column: str, spec: InclinometerRecipe) -> float:
             1.0 / abs(float(ends[1] - ends[0])),
             unmap_values(known, spec.columns[column], column, spec),
         )
-    decimals = [
-        len(f"{value:.12g}".partition("e")[0].partition(".")[2]) - _exponent(value)
-        for value in known.tolist()
-    ]
-    return step * 10.0 ** -max(decimals, default=12)
-
-
-def _exponent(value: float) -> int:
-    """Exponent of ten that a number is written with, 0 where it is written without."""
-    return int(f"{value:.12g}".partition("e")[2] or 0)
+    last = [int(Decimal(f"{value:.12g}").as_tuple().exponent) for value in known.tolist()]
+    return step * 10.0 ** min(last, default=-12)

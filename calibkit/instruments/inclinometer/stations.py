@@ -3,12 +3,12 @@ a station is refused.
 """
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, replace
+from dataclasses import dataclass
 
 import numpy as np
 
 from calibkit import check
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Examined, Finding, Log, refuse, values
 from calibkit.instruments.inclinometer import (
@@ -17,7 +17,7 @@ from calibkit.instruments.inclinometer import (
 )
 from calibkit.instruments.inclinometer.dwells import DwellLog
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
-from calibkit.instruments.inclinometer.noise import Closing, Noise
+from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import published, sinusoid_fit
 from calibkit.instruments.inclinometer.numeric.published import Components, Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
@@ -173,9 +173,9 @@ def _position_fault(position: Array) -> tuple[int, str] | None:
     """
     if not np.isfinite(position).all():
         return int(np.flatnonzero(~np.isfinite(position))[0]), "a position is missing"
-    turned = np.remainder(position + 45.0, 360.0)
-    quarter = np.clip(np.floor(turned / 90.0), 0, 3).astype(np.int64)
-    off = np.flatnonzero(np.abs(turned - 45.0 - 90.0 * quarter) > published.POSITION_TOLERANCE_DEG)
+    quarter = published.nearest_position(position)
+    apart = np.abs(attitude.wrapped(position - 90.0 * quarter))
+    off = np.flatnonzero(apart > published.POSITION_TOLERANCE_DEG)
     if off.size:
         return int(off[0]), f"position {position[off[0]]:g}° is no multiple of 90°"
     for k, nominal in enumerate(published.POSITIONS_DEG):
@@ -195,25 +195,17 @@ def solve_components(
     contradict it. Raises FitError where nothing tells the noise.
     """
     count = len(rows.names)
-    differences = spec.stations.method == "four_differences"
-    pair = _by_differences if differences else _by_least_squares
-    parts, noises, status = {}, {}, {}
+    solve = _by_differences if spec.stations.method == "four_differences" else _by_least_squares
+    components, noises, status = {}, {}, {}
     for axis in spec.axes:
-        closing = _differences_close(rows, axis) if differences else _fits_close(rows, axis, spec)
-        before = None if known is None else known[axis]
-        closed = inclinometer_noise.judge_closures(
-            closing, inclinometer_noise.least_noise(before, rows.resolution[axis], spec)
-        )
-        noises[axis] = inclinometer_noise.decide_noise(
-            closed.noise, before, rows.resolution[axis], spec, axis
-        )
-        parts[axis], own = pair(
-            _without(rows, closed.wild),
-            axis,
-            spec,
-            inclinometer_noise.widen_noise(noises[axis], spec),
-        )
-        status[axis] = tuple(wild or reason for wild, reason in zip(closed.wild, own, strict=True))
+        parts, squares, dofs, own = solve(rows, axis, spec)
+        before, last_digit = None if known is None else known[axis], rows.resolution[axis]
+        least = inclinometer_noise.least_noise(before, last_digit, spec)
+        shown, wild = inclinometer_noise.judge_closures(squares, dofs, least)
+        noises[axis] = inclinometer_noise.decide_noise(shown, before, last_digit, spec, axis)
+        widened = inclinometer_noise.widen_noise(noises[axis], spec)
+        components[axis] = _with_noise(parts, widened, np.array([bool(text) for text in wild]))
+        status[axis] = tuple(text or reason for text, reason in zip(wild, own, strict=True))
     reference = [
         _directions(column, rows.station, count) if k else _means(column, rows.station, count)
         for k, column in enumerate(rows.reference.T)
@@ -221,7 +213,7 @@ def solve_components(
     return Stations(
         rows.names,
         rows.station,
-        parts,
+        components,
         noises,
         status,
         _means(rows.temperature, rows.station, count),
@@ -238,68 +230,35 @@ def _elapsed(rows: Rows) -> Array:
     return np.arange(time.size, dtype=np.float64)
 
 
-def _without(rows: Rows, wild: tuple[str, ...]) -> Rows:
-    """The rows without the positions of stations that hold a wild reading: they are not solved."""
-    out = np.array([bool(reason) for reason in wild])[rows.station]
-    return replace(rows, position=np.where(out, np.nan, rows.position)) if out.any() else rows
-
-
-def _arranged(rows: Rows, axis: Sensor) -> tuple[Array, Array, tuple[str, ...]]:
-    """Indications [n, 4] of accelerometer and gyro at the four positions, and why each station is
-    refused.
+def _by_differences(
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe
+) -> tuple[Components, Array, Integers, tuple[str, ...]]:
+    """Components by the four differences for readings of unit noise; squares and degrees of freedom
+    [n, 2] of the closures r₀ − r₉₀ + r₁₈₀ − r₂₇₀; and why each station is refused.
     """
+    del spec  # least squares has options, the four differences have none
     placed = np.where(np.isfinite(rows.position), rows.position, 0.0)
-    readings = published.arrange(
-        rows.station, placed, np.column_stack((rows.accel[axis], rows.gyro[axis]))
-    )
+    readings = np.column_stack((rows.accel[axis], rows.gyro[axis]))
+    _, four = published.arrange(rows.station, placed, readings)
+    finite = [bool(np.isfinite(station).all()) for station in four]
     faults = [_position_fault(rows.position[rows.station == k]) for k in range(len(rows.names))]
     status = tuple(
-        fault[1] if fault else reason for fault, reason in zip(faults, readings.status, strict=True)
+        fault[1] if fault else "" if known else "an indication is not finite"
+        for fault, known in zip(faults, finite, strict=True)
     )
     solved = np.array([not reason for reason in status])
-    indication = np.where(solved[:, None, None], readings.indication, np.nan)
-    return indication[:, :, 0], indication[:, :, 1], status
-
-
-def _differences_close(rows: Rows, axis: Sensor) -> Closing:
-    """Closures r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of each station: one degree of freedom each."""
-    accel, gyro, _ = _arranged(rows, axis)
+    accel, gyro = np.moveaxis(np.where(solved[:, None, None], four, np.nan), -1, 0)
+    parts = published.components(accel, gyro, axis, accel_noise_g=1.0, gyro_noise_dph=1.0)
     closures = np.column_stack([published.closures(accel), published.closures(gyro)])
     known = np.isfinite(closures)
-    return Closing(np.where(known, closures, 0.0) ** 2, known.astype(np.int64))
-
-
-def _fits_close(rows: Rows, axis: Sensor, spec: InclinometerRecipe) -> Closing:
-    """Residuals of each station's least squares."""
-    found = _fitted(rows, axis, spec, 1.0, 1.0)
-    return Closing(found.squares, found.dofs)
-
-
-def _by_differences(
-    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise
-) -> tuple[Components, tuple[str, ...]]:
-    """Components by the four differences, and why each station is refused."""
-    del spec  # the least-squares way has options, this one has none
-    accel, gyro, status = _arranged(rows, axis)
-    parts = published.components(
-        accel, gyro, axis, accel_noise_g=noise.accel_g, gyro_noise_dph=noise.gyro_dph
-    )
-    return parts, status
+    return parts, np.where(known, closures, 0.0) ** 2, known.astype(np.int64), status
 
 
 def _by_least_squares(
-    rows: Rows, axis: Sensor, spec: InclinometerRecipe, noise: Noise
-) -> tuple[Components, tuple[str, ...]]:
-    """Components by least squares over any positions, and why each station is refused."""
-    found = _fitted(rows, axis, spec, noise.accel_g, noise.gyro_dph)
-    return found.components, found.status
-
-
-def _fitted(
-    rows: Rows, axis: Sensor, spec: InclinometerRecipe, accel_g: float, gyro_dph: float
-) -> sinusoid_fit.Fitted:
-    """Every station by least squares, with the noise of a reading."""
-    return sinusoid_fit.fit_stations(
+    rows: Rows, axis: Sensor, spec: InclinometerRecipe
+) -> tuple[Components, Array, Integers, tuple[str, ...]]:
+    """The same by least squares over any positions; squares of the residuals."""
+    found = sinusoid_fit.fit_stations(
         rows.station,
         rows.position,
         rows.accel[axis],
@@ -307,9 +266,20 @@ def _fitted(
         axis,
         time_s=rows.time if spec.stations.gyro_ramp else None,
         gyro_ramp=spec.stations.gyro_ramp,
-        accel_noise_g=accel_g,
-        gyro_noise_dph=gyro_dph,
     )
+    return found.components, found.squares, found.dofs, found.status
+
+
+def _with_noise(parts: Components, noise: Noise, wild: Mask) -> Components:
+    """Components of readings with a noise, from those of unit noise; NaN where a station [n] holds
+    an outlier.
+    """
+    u = np.array([noise.accel_g, noise.accel_g, noise.gyro_dph, noise.gyro_dph])
+    accel_x, accel_y, gyro_x, gyro_y = (
+        np.where(wild, np.nan, column)
+        for column in (parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y)
+    )
+    return Components(accel_x, accel_y, gyro_x, gyro_y, parts.covariance * np.outer(u, u))
 
 
 def _means(column: Array, station: Integers, count: int) -> Array:

@@ -12,7 +12,7 @@ from typing import Literal
 import numpy as np
 from numpy.typing import ArrayLike
 
-from calibkit.arrays import Array, Mask
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import EARTH_RATE_DPH
 from calibkit.errors import FitError
 
@@ -25,18 +25,6 @@ against it.
 POSITIONS_DEG = (0.0, 90.0, 180.0, 270.0)
 POSITION_TOLERANCE_DEG = 0.1
 """How far a position may be from its nominal one for the four differences to hold."""
-
-
-@dataclass(frozen=True, slots=True)
-class _Readings:
-    """Indications of n stations in the four positions (step A)."""
-
-    station: Array
-    """Name of each station [n], in the order of first appearance."""
-    indication: Array
-    """[n, 4, m]: position 0°, 90°, 180°, 270°, and column; NaN where a position is missing."""
-    status: tuple[str, ...]
-    """[n]: empty, or why the station cannot be solved."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -86,19 +74,20 @@ def along_gravity(accel: Array, convention: Convention) -> Array:
     return accel if convention == "gravity" else -accel
 
 
-def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> _Readings:
+def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> tuple[Array, Array]:
     """Sort rows into stations and positions (step A).
 
     Parameters
     ----------
     station : [r], number of each row's station.
-    position_deg : [r] [°], any order, any multiple of 360° added; repeated positions are averaged.
+    position_deg : [r] [°], any order, any multiple of 360° added; each row counts for the nearest
+        of 0°, 90°, 180°, 270°, repeated positions are averaged.
     indication : [r, m].
 
     Returns
     -------
-    Readings; a station with a missing, another or a non-finite position has the reason in its
-    status.
+    Name of each station [n] in the order of first appearance, and its indications [n, 4, m]; NaN
+    where a position is missing.
 
     """
     names = np.asarray(station, dtype=np.float64)
@@ -106,27 +95,19 @@ def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> _Read
     order = np.argsort(first, kind="stable")
     rank = np.empty_like(order)
     rank[order] = np.arange(order.size)
-    turned = np.remainder(position_deg + 45.0, 360.0)
-    index = np.clip(np.floor(turned / 90.0), 0, 3).astype(np.int64)
-    off = np.abs(turned - 45.0 - 90.0 * index) > POSITION_TOLERANCE_DEG
     total = np.zeros((unique.size, 4, indication.shape[1]))
-    count = np.zeros((unique.size, 4))
-    np.add.at(total, (rank[inverse], index), indication)
-    np.add.at(count, (rank[inverse], index), 1.0)
-    mean = np.where(count[:, :, None] > 0.0, total / np.maximum(count, 1.0)[:, :, None], np.nan)
-    status = [""] * unique.size
-    for k in range(unique.size):
-        missing = [f"{p:g}°" for p, there in zip(POSITIONS_DEG, count[k], strict=True) if not there]
-        strange = np.unique(position_deg[off & (rank[inverse] == k)])
-        if strange.size:
-            status[k] = (
-                f"position {strange[0]:g}° is none of 0°, 90°, 180°, 270°: use the N-position fit"
-            )
-        elif missing:
-            status[k] = f"no reading at position {', '.join(missing)}"
-        elif not np.isfinite(mean[k]).all():
-            status[k] = "an indication is not finite"
-    return _Readings(unique[order], mean, tuple(status))
+    count = np.zeros((unique.size, 4, 1))
+    place = rank[inverse], nearest_position(position_deg)
+    np.add.at(total, place, indication)
+    np.add.at(count, place, 1.0)
+    mean = np.where(count > 0.0, total / np.maximum(count, 1.0), np.nan)
+    return unique[order], mean
+
+
+def nearest_position(position_deg: Array) -> Integers:
+    """Number [r] of the position 0°, 90°, 180° or 270° that is nearest to each rotation [r] [°]."""
+    turned = np.remainder(position_deg + 45.0, 360.0)
+    return np.clip(np.floor(turned / 90.0), 0, 3).astype(np.int64)
 
 
 def _four_differences(indication: Array, sensor: Sensor) -> tuple[Array, Array]:
