@@ -90,7 +90,11 @@ def solved(
                 other, LATITUDE_DEG, hours[: other.accel_x.size]
             )
             over = scale_prior.fit_over_temperature(first, temperatures(calibration))
-            solutions.append(root_choice.solve(parts, latitude, over.prior(temperatures(logs))))
+            prior = scale_prior.predict_scale(
+                *(over.coefficients, over.covariance, over.scatter, over.valid_degc),
+                temperatures(logs),
+            )
+            solutions.append(root_choice.solve(parts, latitude, prior))
     return solutions
 
 

@@ -15,7 +15,6 @@ from calibkit.instruments.inclinometer.numeric import (
     closure,
     covariance as northseek_covariance,
     published,
-    refusals,
     root_choice,
     scale_prior,
     sensor_pairs,
@@ -78,7 +77,6 @@ def test_the_worked_examples_are_solved_without_being_told_the_root(station, sen
     assert found.C[0] == pytest.approx(expected["C"], abs=1e-9)
     assert found.root[0] == (1 if expected["C"] > 0.0 else -1)
     assert found.weight[0] == 1.0
-    assert found.gyro_x_dph[0] == pytest.approx(found.s[0] * parts.gyro_x[0])
 
 
 def test_of_two_positive_roots_the_prior_chooses():
@@ -162,7 +160,7 @@ def test_the_covariance_is_that_of_drawn_readings(used):
     """
     rng = np.random.default_rng(3)
     latitude = 34.2
-    limits = refusals.Limits() if used else refusals.Limits(s_uncertainty=0.0)
+    limits = root_choice.Limits() if used else root_choice.Limits(s_uncertainty=0.0)
     for theta, phi, psi in (
         (10.0, 20.0, 50.0),
         (30.0, -120.0, 200.0),
@@ -283,7 +281,7 @@ def test_noise_beyond_gravity_and_negative_discriminants_are_flagged():
     flag for each clamp.
     """
     rng = np.random.default_rng(5)
-    limits = refusals.Limits(horizontal_deg=89.9)
+    limits = root_choice.Limits(horizontal_deg=89.9)
     loud = np.diag([1e-3, 1e-3, 2.0, 2.0]) ** 2
     parts = shaken(parts_of(np.full(500, 88.0), 30.0, 85.0, 34.2, noise=loud), rng)
     found = root_choice.solve(parts, 34.2, prior_of(500), limits=limits)
@@ -406,6 +404,13 @@ def test_refused_stations_do_not_disturb_the_history():
         scale_prior.history_prior(root_choice.estimates(parts, 34.2), hours[::-1])
 
 
+def prior_at(over, temperature):
+    """Prior of s that a fit over temperature gives at temperatures."""
+    return scale_prior.predict_scale(
+        over.coefficients, over.covariance, over.scatter, over.valid_degc, temperature
+    )
+
+
 def fitted(seed, **options):
     """Components of the x pair of a simulated tool, its solution by history, temperatures,
     truth.
@@ -436,7 +441,7 @@ def test_s_over_temperature_follows_the_truth():
     """
     _, found, temperature, truth = fitted(4, count=120)
     over = scale_prior.fit_over_temperature(found, temperature)
-    prior = over.prior(temperature)
+    prior = prior_at(over, temperature)
     error = prior.s - np.array(truth["s_x"])
     assert np.abs(error).max() < 4e-4
     assert np.sqrt(np.mean((error / prior.standard_uncertainty) ** 2)) < 2.0
@@ -452,7 +457,7 @@ def test_s_over_temperature_has_honest_uncertainty():
     for seed in range(60):
         _, found, temperature, truth = fitted(seed, ideal=True)
         over = scale_prior.fit_over_temperature(found, temperature, order=1)
-        prior = over.prior(60.0)
+        prior = prior_at(over, 60.0)
         z.append((prior.s[0] - truth["s_x"][0]) / prior.standard_uncertainty[0])
     assert 0.88 <= np.mean(np.abs(z) < 1.96) <= 1.0
     assert np.std(z) < 1.3
@@ -470,8 +475,7 @@ def test_a_slope_of_s_must_lower_the_left_out_sum_of_squares_by_four_mean_square
     # off the mean of the other seven: (8/7)² (168 slope² + 3432)
     slope = np.sqrt((off_line / square * (7.0 / 8.0) ** 2 - 3432.0) / 168.0)
     solution = SimpleNamespace(
-        status=[""] * 8,
-        weight=np.ones(8),
+        root_used=np.ones(8, dtype=bool),
         s_root=1.0 + 1e-4 * (slope * temperature + residuals),
         s_root_uncertainty=np.full(8, 1e-5),
     )
@@ -507,7 +511,7 @@ def test_scatter_beyond_noise_is_in_the_prior():
     found = root_choice.solve(parts, 34.2, prior_of(80))
     over = scale_prior.fit_over_temperature(found, np.linspace(20.0, 120.0, 80))
     assert over.scatter == pytest.approx(1e-3, rel=0.3)
-    assert over.prior(60.0).standard_uncertainty[0] > over.scatter
+    assert prior_at(over, 60.0).standard_uncertainty[0] > over.scatter
 
 
 def test_beyond_its_temperatures_the_prior_is_clamped_and_less_sure():

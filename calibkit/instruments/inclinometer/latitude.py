@@ -5,16 +5,13 @@ readings do not explain.
 from collections.abc import Mapping
 
 import numpy as np
-from numpy.typing import NDArray
 
-from calibkit.instruments.inclinometer.numeric import refusals, root_choice
+from calibkit.instruments.inclinometer.numeric import root_choice
 from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.scale_model import ScaleFit
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
-
-Array = NDArray[np.float64]
 
 SCATTERS = 3.0
 """Scatter of s, in standard uncertainties of a root, that is flagged; 16 sensors of simulated
@@ -79,7 +76,7 @@ def _offset(
     higher, lower = (
         root_choice.solve(
             stations.components[axis], at, fit.left_out, refused=stations.status[axis],
-            limits=refusals.Limits(**spec.limits.model_dump()),
+            limits=root_choice.Limits(**spec.limits.model_dump()),
         )
         for at in (latitude + STEP_DEG, latitude - STEP_DEG)
     )  # fmt: skip

@@ -9,7 +9,6 @@ from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import (
-    refusals,
     root_choice,
     scale_prior,
     sensor_pairs,
@@ -146,11 +145,11 @@ def _in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> 
         stations.components[axis],
         spec.site.latitude_deg,
         stations.elapsed,
-        start=_history(spec),
+        start=History(**spec.history.model_dump()),
         heading_deg=_heading(stations, spec),
         latitude_uncertainty_deg=spec.site.latitude_uncertainty_deg,
         refused=stations.status[axis],
-        limits=_limits(spec),
+        limits=root_choice.Limits(**spec.limits.model_dump()),
     )
 
 
@@ -181,19 +180,6 @@ def _contradiction(solution: Solution, k: int, spec: InclinometerRecipe) -> str:
     )
 
 
-def _history(spec: InclinometerRecipe) -> History:
-    """What a calibration knows of s before its first station."""
-    known = spec.history
-    return History(
-        known.s, known.standard_uncertainty, known.rate, known.rate_uncertainty, known.rate_walk
-    )
-
-
-def _limits(spec: InclinometerRecipe) -> refusals.Limits:
-    """The recipe's limits."""
-    return refusals.Limits(**spec.limits.model_dump())
-
-
 def _heading(stations: Stations, spec: InclinometerRecipe) -> Array | None:
     """Outside headings [n] [°] where the recipe lets them choose the root."""
     return stations.reference[:, 2] if spec.root.choice == "heading" else None
@@ -205,7 +191,7 @@ def _over_temperature(
     """s(T) of one gyro; s0 alone without temperatures, or from a single usable root."""
     timed = bool(np.isfinite(stations.temperature).any())
     temperature = stations.temperature if timed else np.zeros(stations.temperature.size)
-    usable = _usable(first) & np.isfinite(temperature)
+    usable = first.root_used & np.isfinite(temperature)
     if not usable.any():
         raise FitError(
             f"gyro_{axis}_dph: no usable root of s has a temperature", hint="add temp_case_degc"
@@ -218,9 +204,9 @@ def _over_temperature(
     # without degrees of freedom nothing tells how s scatters: what was known before the calibration
     # stays possible
     scatter = over.scatter if over.dof else spec.history.standard_uncertainty
-    left_out = (
-        over.left_out if over.dof else _at_least(over.left_out, spec.history.standard_uncertainty)
-    )
+    left_out = over.left_out
+    if not over.dof:
+        left_out = Prior(left_out.s, np.hypot(left_out.standard_uncertainty, scatter))
     model = ScaleModel(
         over.coefficients, over.covariance, scatter, over.valid_degc if timed else None, noise
     )
@@ -252,23 +238,11 @@ def _of_one(
     return ScaleFit(model, 0, 0.0, usable, prior)
 
 
-def _at_least(prior: Prior, uncertainty: float) -> Prior:
-    """A prior that is no surer than an uncertainty."""
-    return Prior(prior.s, np.hypot(prior.standard_uncertainty, uncertainty))
-
-
-def _usable(solution: Solution) -> Mask:
-    """Stations [n] whose own root of s counts."""
-    return np.array([not reason for reason in solution.status], dtype=np.bool_) & (
-        solution.weight > 0.0
-    )
-
-
 def _plausible(first: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> None:
     """Refuse a gyro without a usable root of s, or with one that only a wrong unit, sign or
     latitude explains.
     """
-    usable = _usable(first)
+    usable = first.root_used
     low, high = spec.scale.smallest, spec.scale.largest
     if not usable.any():
         positive = first.s_root[np.isfinite(first.s_root) & (first.s_root > 0.0)]
@@ -306,18 +280,15 @@ def _departed(
         stations.components[axis],
         spec.site.latitude_deg,
         refused=stations.status[axis],
-        limits=_limits(spec),
+        limits=root_choice.Limits(**spec.limits.model_dump()),
     )
     # a root measures the departure as well as s(T) and the root are known
     ratio = found.s / base.s[:, None]
     uncertainty = np.hypot(found.uncertainty, base.standard_uncertainty[:, None]) / base.s[:, None]
-    known = spec.departure
     departure = scale_prior.history_prior(
         replace(found, s=ratio, uncertainty=uncertainty),
         stations.elapsed,
-        start=History(
-            1.0, known.standard_uncertainty, 0.0, known.rate_uncertainty, known.rate_walk
-        ),
+        start=History(**spec.departure.model_dump()),
         heading_deg=_heading(stations, spec),
     )
     return Prior(
@@ -338,7 +309,7 @@ def _solved(
             heading_deg=_heading(stations, spec),
             latitude_uncertainty_deg=spec.site.latitude_uncertainty_deg,
             refused=stations.status[axis],
-            limits=_limits(spec),
+            limits=root_choice.Limits(**spec.limits.model_dump()),
         )
         for axis in spec.axes
     }

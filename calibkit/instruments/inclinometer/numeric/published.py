@@ -201,7 +201,7 @@ def azimuth(
     level = accel_x**2 + accel_y**2
     east = -(x * accel_y - y * accel_x) * np.sqrt(np.maximum(1.0 - level, 0.0))
     north = -(x * accel_x + y * accel_y) - np.sin(np.radians(latitude_deg)) * level
-    return _full_circle(_atan2(east, north))
+    return full_circle(_atan2(east, north), 2.0 * np.pi)
 
 
 def root_label(inclination: Array, psi: Array, latitude_deg: ArrayLike) -> Array:
@@ -223,7 +223,7 @@ def toolface_plus_azimuth(gyro_x: Array, gyro_y: Array) -> Array:
     """φ + ψ [n] [rad], in [0, 2π), of a vertical tool, where neither alone is defined: atan2(−ω_y,
     ω_x).
     """
-    return _full_circle(_atan2(-gyro_y, gyro_x))
+    return full_circle(_atan2(-gyro_y, gyro_x), 2.0 * np.pi)
 
 
 def _atan2(y: Array, x: Array) -> Array:
@@ -231,7 +231,7 @@ def _atan2(y: Array, x: Array) -> Array:
     return np.arctan2(y + 0.0, x)
 
 
-def _full_circle(angle: Array) -> Array:
-    """Angle in [0, 2π); a remainder that rounding lifts to the full circle is zero."""
-    turned = np.remainder(angle, 2.0 * np.pi)
-    return np.where(turned >= 2.0 * np.pi, 0.0, turned)
+def full_circle(angle: Array, turn: float) -> Array:
+    """Angle in [0, turn); a remainder that rounding lifts to the full turn is zero."""
+    turned = np.remainder(angle, turn)
+    return np.where(turned >= turn, 0.0, turned)

@@ -13,13 +13,32 @@ from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric import published
 from calibkit.instruments.inclinometer.numeric.covariance import covariance, root_gradient
 from calibkit.instruments.inclinometer.numeric.published import Attitude, Components, Roots
-from calibkit.instruments.inclinometer.numeric.refusals import Limits, _joined, _refusals
 from calibkit.numeric.attitude import wrapped
 
 LIKELIER = 3.0
 """Difference of log-likelihood, odds of 20 to 1, by which one of two positive roots must win."""
 DISAGREES = 5.0
 """Standard uncertainties by which a root may differ from its prior."""
+
+
+@dataclass(frozen=True, slots=True)
+class Limits:
+    """Where a station is refused, and where its s is not used."""
+
+    latitude_deg: float = 80.0
+    """|latitude| above which the earth's horizontal rate is too small for an azimuth."""
+    vertical_deg: float = 0.5
+    """Inclination below which toolface and azimuth are not separable."""
+    horizontal_deg: float = 85.0
+    """Inclination above which neither inclination nor azimuth can be had from the sensors across
+    the tool.
+    """
+    s_uncertainty: float = 0.02
+    """Standard uncertainty of a root above which s is its prior."""
+    separation: float = 6.0
+    """Standard uncertainties from the middle of both roots, twice those of the discriminant from
+    zero, below which noise alone could have parted the roots.
+    """
 
 
 DEFAULT_LIMITS = Limits()
@@ -77,9 +96,6 @@ class Solution:
     weight: Array
     """Of the root in s [n]; 0 where s is its prior."""
     C: Array
-    gyro_x_dph: Array
-    gyro_y_dph: Array
-    """Corrected rates s ω [n] [°/h]."""
     covariance: Array
     """[n, 4, 4] of inclination [°], toolface [°], s, azimuth [°]."""
     status: tuple[str, ...]
@@ -89,6 +105,13 @@ class Solution:
     def standard_uncertainty(self) -> Array:
         """Of inclination [°], toolface [°], s, azimuth [°] [n, 4]."""
         return np.sqrt(np.diagonal(self.covariance, axis1=1, axis2=2))
+
+    @property
+    def root_used(self) -> Mask:
+        """Stations [n] whose own root of s counts."""
+        return np.array([not reason for reason in self.status], dtype=np.bool_) & (
+            self.weight > 0.0
+        )
 
 
 def estimates(
@@ -120,18 +143,28 @@ def estimates(
     with np.errstate(invalid="ignore"):
         apart = np.abs(roots.half_difference)[:, None] > limits.separation * spread
         usable = (s > 0.0) & (spread <= limits.s_uncertainty) & apart & ~roots.clamped[:, None]
-    return Estimates(
-        found,
-        roots,
-        s,
-        spread,
-        psi,
-        usable,
-        _joined(refused, _refusals(parts, found, latitude, limits)),
-    )
+    own = _refusals(parts, found, latitude, limits)
+    if refused and len(refused) != len(own):
+        raise FitError(f"{len(refused)} reasons for {len(own)} stations")
+    status = tuple(first or second for first, second in zip(refused or own, own, strict=True))
+    return Estimates(found, roots, s, spread, psi, usable, status)
 
 
-def log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
+def choose_root(
+    found: Estimates, prior: Prior, forced: Integers, rows: slice = slice(None)
+) -> tuple[Integers, Mask]:
+    """Column [m] of the likelier root of each of some stations, or of the one that is forced, and
+    whether both are about as likely.
+    """
+    usable = found.usable[rows]
+    score = _log_likelihood(found.s[rows], found.uncertainty[rows], prior)
+    with np.errstate(invalid="ignore"):
+        alike = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
+    column = np.where(forced >= 0, forced, np.argmax(score, axis=1))
+    return column, (forced < 0) & usable.all(axis=1) & alike
+
+
+def _log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
     """Log-likelihood [n, 2] of roots [n, 2] given their priors; −inf for a root that cannot be."""
     variance = uncertainty**2 + prior.standard_uncertainty[:, None] ** 2
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -141,10 +174,12 @@ def log_likelihood(s: Array, uncertainty: Array, prior: Prior) -> Array:
     return np.where(s > 0.0, score, -np.inf)
 
 
-def choose_by_heading(found: Estimates, heading_deg: Array) -> Integers:
+def choose_by_heading(found: Estimates, heading_deg: Array | None) -> Integers:
     """Column [n] of the root whose azimuth is nearer a heading [n] [°]; −1 without heading or
     positive root.
     """
+    if heading_deg is None:
+        return np.full(len(found.s), -1)
     difference = np.abs(wrapped(np.degrees(found.azimuth) - heading_deg[:, None]))
     difference = np.where(found.s > 0.0, difference, np.inf)
     nearer = np.argmin(np.where(np.isnan(difference), np.inf, difference), axis=1)
@@ -191,18 +226,16 @@ def solve(
     _require_prior(prior, parts.accel_x.size)
     latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
     found = estimates(parts, latitude, refused=refused, limits=limits)
-    score = log_likelihood(found.s, found.uncertainty, prior)
-    heading = np.full(latitude.shape, np.nan) if heading_deg is None else heading_deg
-    forced = choose_by_heading(found, heading)
-    column = np.where(forced >= 0, forced, np.argmax(score, axis=1))
+    column, ambiguous = choose_root(found, prior, choose_by_heading(found, heading_deg))
     rows = np.arange(column.size)
     s_root, u_root = found.s[rows, column], found.uncertainty[rows, column]
     possible = s_root > 0.0
-    with np.errstate(invalid="ignore"):
-        alike = np.abs(score[:, 0] - score[:, 1]) < LIKELIER
-    ambiguous = (forced < 0) & found.usable.all(axis=1) & alike
     trusted = found.usable[rows, column] & ~ambiguous
-    weight = _weight(u_root, prior.standard_uncertainty, trusted)
+    total = u_root**2 + prior.standard_uncertainty**2
+    with np.errstate(divide="ignore", invalid="ignore"):
+        # by inverse variance; a root and a prior that are both exact agree
+        share = np.where(total > 0.0, prior.standard_uncertainty**2 / total, 1.0)
+    weight = np.where(trusted, share, 0.0)
     s = np.where(trusted, weight * s_root + (1.0 - weight) * prior.s, prior.s)
     root = np.where(possible, 1 - 2 * column, 0)
     flags = _flags(
@@ -235,14 +268,6 @@ def _require_prior(prior: Prior, count: int) -> None:
             "a prior of s is not a positive number with an uncertainty",
             hint="begin with 1 and 0.01",
         )
-
-
-def _weight(u_root: Array, u_prior: Array, trusted: Mask) -> Array:
-    """Weight of the root [n] by inverse variance; 0 where it is not trusted."""
-    total = u_root**2 + u_prior**2
-    with np.errstate(divide="ignore", invalid="ignore"):
-        weight = np.where(total > 0.0, u_prior**2 / total, 1.0)
-    return np.where(trusted, weight, 0.0)
 
 
 def _flags(
@@ -322,9 +347,51 @@ def _solution(
         root=np.where(solved, root, 0),
         weight=kept(weight),
         C=kept(published.root_label(found.attitude.inclination, psi, latitude)),
-        gyro_x_dph=kept(x),
-        gyro_y_dph=kept(y),
         covariance=np.where(solved[:, None, None], spread, np.nan),
         status=found.status,
         flags=flags,
     )
+
+
+def _refusals(
+    parts: Components, found: Attitude, latitude: Array, limits: Limits
+) -> tuple[str, ...]:
+    """Why each station is refused; empty where it is not."""
+    inclination = np.degrees(found.inclination)
+    total = np.degrees(published.toolface_plus_azimuth(parts.gyro_x, parts.gyro_y))
+    inputs = np.column_stack((parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y, latitude))
+    finite = [bool(np.isfinite(row).all()) for row in inputs]
+    silent = (parts.gyro_x == 0.0) & (parts.gyro_y == 0.0)
+    rows = zip(finite, silent, latitude, inclination, total, strict=True)
+    return tuple(
+        _refusal(a, bool(b), float(c), float(d), float(e), limits) for a, b, c, d, e in rows
+    )
+
+
+def _refusal(
+    finite: bool,  # noqa: FBT001 - one row of the table of facts above
+    silent: bool,  # noqa: FBT001 - the same
+    latitude: float,
+    inclination: float,
+    total: float,
+    limits: Limits,
+) -> str:
+    """Reason to refuse one station, or nothing."""
+    if not finite:
+        return "an indication or the latitude is not finite"
+    if abs(latitude) > limits.latitude_deg:
+        return (
+            f"latitude {latitude:g}° is beyond {limits.latitude_deg:g}°: the earth's horizontal"
+            " rate is too small for an azimuth"
+        )
+    if inclination > limits.horizontal_deg:
+        return (
+            f"inclination {inclination:.2f}° is above {limits.horizontal_deg:g}°: sensors across"
+            " the tool give no azimuth there"
+        )
+    if inclination < limits.vertical_deg:
+        return (
+            f"inclination {inclination:.3f}° is below {limits.vertical_deg:g}°: toolface and"
+            f" azimuth are not separable, their sum is {total:.2f}°"
+        )
+    return "the gyros show no rate at all" if silent else ""

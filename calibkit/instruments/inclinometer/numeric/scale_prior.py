@@ -11,16 +11,15 @@ from numpy.typing import ArrayLike
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.instruments.inclinometer.numeric.published import Components
-from calibkit.instruments.inclinometer.numeric.refusals import Limits
 from calibkit.instruments.inclinometer.numeric.root_choice import (
     DEFAULT_LIMITS,
-    LIKELIER,
     Estimates,
+    Limits,
     Prior,
     Solution,
     choose_by_heading,
+    choose_root,
     estimates,
-    log_likelihood,
     solve,
 )
 from calibkit.numeric import gum
@@ -68,12 +67,6 @@ class _ScaleOverTemperature(TemperaturePolynomial):
     """s(T) at each station [n] from all the others: the prior that does not know the station's own
     reading.
     """
-
-    def prior(self, temp_degc: ArrayLike) -> Prior:
-        """Prior at temperatures [°C]; see `prior_of`."""
-        return predict_scale(
-            self.coefficients, self.covariance, self.scatter, self.valid_degc, temp_degc
-        )
 
 
 def predict_scale(
@@ -128,9 +121,7 @@ def history_prior(
         raise FitError(
             "the stations' times decrease or are not finite", hint="sort the stations by time"
         )
-    forced = choose_by_heading(
-        found, np.full(elapsed.size, np.nan) if heading_deg is None else heading_deg
-    )
+    forced = choose_by_heading(found, heading_deg)
     state = np.array([start.s, start.rate])
     covariance = np.diag([start.standard_uncertainty**2, start.rate_uncertainty**2])
     value, spread = np.empty_like(elapsed), np.empty_like(elapsed)
@@ -140,10 +131,14 @@ def history_prior(
         )
         # the filter may predict what no gyro has; the prior stays a scale factor
         value[k], spread[k] = max(float(state[0]), 1e-3), float(np.sqrt(covariance[0, 0]))
-        column = _chosen(found, k, Prior(value[k : k + 1], spread[k : k + 1]), int(forced[k]))
-        if column is not None:
+        here = slice(k, k + 1)
+        columns, ambiguous = choose_root(
+            found, Prior(value[here], spread[here]), forced[here], here
+        )
+        root = k, int(columns[0])
+        if not found.status[k] and found.usable[root] and not ambiguous[0]:
             state, covariance = _updated(
-                state, covariance, float(found.s[k, column]), float(found.uncertainty[k, column])
+                state, covariance, float(found.s[root]), float(found.uncertainty[root])
             )
     return Prior(value, spread)
 
@@ -163,18 +158,6 @@ def _updated(state: Array, covariance: Array, s: float, uncertainty: float) -> t
         else np.zeros(2)
     )
     return state + gain * (s - state[0]), covariance - np.outer(gain, covariance[0])
-
-
-def _chosen(found: Estimates, k: int, prior: Prior, forced: int) -> int | None:
-    """Column of the root that station k adds to the history, or none."""
-    if found.status[k]:
-        return None
-    score = log_likelihood(found.s[k : k + 1], found.uncertainty[k : k + 1], prior)[0]
-    column = forced if forced >= 0 else int(np.argmax(score))
-    ambiguous = (
-        forced < 0 and bool(found.usable[k].all()) and abs(float(score[0] - score[1])) < LIKELIER
-    )
-    return column if found.usable[k, column] and not ambiguous else None
 
 
 def predict_in_sequence(
@@ -229,11 +212,7 @@ def fit_over_temperature(
         zero.
 
     """
-    used = (
-        np.array([not reason for reason in solution.status])
-        & (solution.weight > 0.0)
-        & np.isfinite(temp_degc)
-    )
+    used = solution.root_used & np.isfinite(temp_degc)
     if used.sum() < 2:
         raise FitError(
             f"{int(used.sum())} usable roots of s for s(T)", hint="add stations away from C = 0"

@@ -7,6 +7,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array, Mask
+from calibkit.instruments.inclinometer.numeric.published import full_circle
 from calibkit.instruments.inclinometer.numeric.root_choice import Solution
 from calibkit.numeric.attitude import wrapped
 
@@ -72,13 +73,14 @@ def combine(x: Solution, y: Solution) -> Combined:
     covariance = np.where(any_used[:, None, None], covariance, np.nan)
     inclination = np.where(any_used, joined[:, 0], np.fmax(x.inclination_deg, y.inclination_deg))
     status = tuple(
-        "" if u.any() else _both(a, b) for u, a, b in zip(used, x.status, y.status, strict=True)
+        "" if u.any() else a if a == b else f"x: {a}; y: {b}"
+        for u, a, b in zip(used, x.status, y.status, strict=True)
     )
     return Combined(
         inclination_deg=inclination,
         toolface_deg=wrapped(joined[:, 1]),
-        azimuth_deg=_full_circle(joined[:, 2]),
-        uncorrected_deg=_full_circle(uncorrected),
+        azimuth_deg=full_circle(joined[:, 2], 360.0),
+        uncorrected_deg=full_circle(uncorrected, 360.0),
         covariance=covariance,
         used=used,
         status=status,
@@ -107,17 +109,6 @@ def _covariance(pair: Solution, weight: Array, used: Mask) -> Array:
     """One pair's share [n, 3, 3] of the combined covariance."""
     own = pair.covariance[:, ANGLES][:, :, ANGLES]
     return np.where(used[:, None, None], weight[:, :, None] * own * weight[:, None, :], 0.0)
-
-
-def _both(of_x: str, of_y: str) -> str:
-    """Reason why neither pair gives a result."""
-    return of_x if of_x == of_y else f"x: {of_x}; y: {of_y}"
-
-
-def _full_circle(angle: Array) -> Array:
-    """Angle in [0, 360); a remainder that rounding lifts to the full circle is zero."""
-    turned = np.remainder(angle, 360.0)
-    return np.where(turned >= 360.0, 0.0, turned)
 
 
 def _flags(x: Solution, y: Solution, used: Mask, difference: Array) -> tuple[tuple[str, ...], ...]:

@@ -86,16 +86,12 @@ def fit_stations(
         status.append(_reason(position, both, sensor, clock, ramp=gyro_ramp))
         if status[k]:
             continue
-        found[k], covariance[k] = 0.0, 0.0
+        covariance[k] = 0.0
         for j, (indication, ramp, noise) in enumerate(sensors):
             design, names = _design(position, sensor, clock, ramp=ramp)
-            fit = linear(design, indication[rows], names=names)
-            found[k, j, : len(names)] = fit.coefficients
             own = slice(2 * j, 2 * j + 2)
-            covariance[k, own, own] = _unit_covariance(design)[:2, :2] * noise**2
-            dofs[k, j] = fit.dof
-            # exactly zero without degrees of freedom, where only rounding is left
-            squares[k, j] = np.sum(fit.residuals**2) if fit.dof else 0.0
+            found[k, j], unit, squares[k, j], dofs[k, j] = _fit(design, indication[rows], names)
+            covariance[k, own, own] = unit * noise**2
     if all(status):
         raise FitError(f"none of {order.size} stations can be fitted: {status[0]}")
     accel_x, accel_y, accel_bias, _, gyro_x, gyro_y, gyro_bias, gyro_ramps = (
@@ -138,11 +134,17 @@ def _design(
     return np.column_stack(columns), NAMES[: len(columns)]
 
 
-def _unit_covariance(design: Array) -> Array:
-    """Covariance [q, q] of linear coefficients for readings of unit variance, through scaled
-    columns.
+def _fit(
+    design: Array, indication: Array, names: tuple[str, ...]
+) -> tuple[Array, Array, float, int]:
+    """Coefficients [4] of one sensor at one station, 0 where not fitted; covariance [2, 2] of its
+    components for readings of unit variance; sum of squared residuals and degrees of freedom.
     """
+    fit = linear(design, indication, names=names)
+    coefficients = np.zeros(len(NAMES))
+    coefficients[: len(names)] = fit.coefficients
     size = np.linalg.norm(design, axis=0)
-    _, r = np.linalg.qr(design / size)
-    inverse = np.linalg.inv(r) / size[:, None]
-    return np.asarray(inverse @ inverse.T, dtype=np.float64)
+    inverse = np.linalg.inv(np.linalg.qr(design / size, mode="r")) / size[:, None]
+    # exactly zero without degrees of freedom, where only rounding is left
+    square = float(np.sum(fit.residuals**2)) if fit.dof else 0.0
+    return coefficients, (inverse @ inverse.T)[:2, :2], square, fit.dof
