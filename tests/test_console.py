@@ -489,11 +489,10 @@ def test_a_log_file_that_cannot_be_written_is_exit_code_4(tmp_path, calibkit):
 
 def test_a_log_file_that_fails_later_does_not_fail_the_command(tmp_path, calibkit, monkeypatch):
     """When the disk fills up under the log, the command says so once and goes on."""
-    from calibkit.cli import log_file
     from calibkit.errors import OutputError
 
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}))
-    own, calls = log_file.append, []
+    own, calls = console._append_to_log, []
 
     def fails_after_the_first(*arguments):
         calls.append(arguments)
@@ -501,7 +500,7 @@ def test_a_log_file_that_fails_later_does_not_fail_the_command(tmp_path, calibki
             raise OutputError("--log-file: No space left on device")
         own(*arguments)
 
-    monkeypatch.setattr(log_file, "append", fails_after_the_first)
+    monkeypatch.setattr(console, "_append_to_log", fails_after_the_first)
     outcome = calibkit("show", "S-1", "--runs", tmp_path, "--log-file", tmp_path / "x.log")
     assert outcome.code == 0
     assert outcome.err.count("no more is logged") == 1

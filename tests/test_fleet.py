@@ -114,12 +114,12 @@ def test_processes_begin_with_what_they_need_and_with_this_calibkit(tmp_path):
     plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     said = [outcome.message for outcome in local.outcomes(quick_unit.imported, plan, ["A", "B"], 2)]
     assert said == [f"True {atomic.__file__} 1"] * 2
-    assert local.by_another(quick_unit.named, os.getpid()) == {"pid": b"False True"}
+    assert local.call_in_process(quick_unit.named, os.getpid()) == {"pid": b"False True"}
 
 
 def test_what_a_process_that_died_was_asked_is_done_here():
     """The table of a fleet is not lost with the process that drew it."""
-    assert local.by_another(quick_unit.dies_elsewhere, os.getpid()) == {
+    assert local.call_in_process(quick_unit.dies_elsewhere, os.getpid()) == {
         "pid": str(os.getpid()).encode()
     }
     assert multiprocessing.active_children() == []
@@ -667,7 +667,10 @@ def test_the_key_figures_of_a_procedure_are_there(tmp_path, calibkit, procedure)
         1,
     }
     patterns = instruments.REGISTRY[procedure].key_figures
-    names = [figure.name for figure in keys.of(store.load(tmp_path / "S" / "r001"), patterns, 25.0)]
+    names = [
+        figure.name
+        for figure in keys.select_key_figures(store.load(tmp_path / "S" / "r001"), patterns, 25.0)
+    ]
     for pattern in patterns:
         assert any(keys.re.fullmatch(pattern, name) for name in names), pattern
 
@@ -691,11 +694,11 @@ def test_figures_of_different_forms_or_units_are_not_compared():
         )
     ]
     made = table.build_table(rows[::-1], ROOT)
-    assert [column.name for column in made.columns] == [
+    assert [chart.name for chart in made.charts] == [
         "drift.b0 (level/1)",
         "drift.b0 (lagged/1)",
         "drift.b0 (level/1)",
     ]
-    assert [column.unit for column in made.columns] == ["deg/h", "deg/h", "deg/s"]
-    assert [np.isfinite(column.values).sum() for column in made.columns] == [1, 1, 1]
+    assert [chart.unit for chart in made.charts] == ["deg/h", "deg/h", "deg/s"]
+    assert [chart.values.size for chart in made.charts] == [1, 1, 1]
     assert len(set(files._flat_table(made).to_csv().splitlines()[0].split(","))) == 12

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 import click
 
+from calibkit.cli.clock import now
 from calibkit.errors import OutputError
 
 if TYPE_CHECKING:
@@ -107,10 +108,8 @@ def _readable(error: UnicodeError) -> tuple[str, int]:
 def log_line(level: str, text: str) -> None:
     """Write lines into the log file, if there is one."""
     if SETTINGS.log:
-        from calibkit.cli import log_file
-
         try:
-            log_file.append(SETTINGS.log, level, text)
+            _append_to_log(SETTINGS.log, level, text)
         except OutputError as error:  # the command itself has not failed
             SETTINGS.log = None
             click.echo(f"! no more is logged: {error}", err=True)
@@ -118,10 +117,27 @@ def log_line(level: str, text: str) -> None:
 
 def begin_log(path: Path, command_line: str) -> None:
     """Begin to log into a file; raises OutputError where that is not possible."""
-    from calibkit.cli import log_file
-
-    log_file.append(path, "called", command_line)
+    _append_to_log(path, "called", command_line)
     SETTINGS.log = path
+
+
+def _append_to_log(path: Path, level: str, text: str) -> None:
+    """Append lines to a log file, each with the time (UTC) and its kind; raises OutputError.
+
+    A log file is the one file that calibkit adds to; it is never opened inside a run folder, and no
+    result is ever read from it.
+    """
+    from calibkit import new_files
+
+    new_files.refuse_run_folder(path)
+    time = now().strftime("%Y-%m-%dT%H:%M:%SZ")
+    try:
+        with path.open("a", encoding="utf-8", errors="backslashreplace", newline="\n") as stream:
+            stream.writelines(f"{time} {level:8} {line}\n" for line in text.splitlines())
+    except OSError as error:
+        raise OutputError(
+            f"--log-file {path}: {error.strerror}", hint="give another file"
+        ) from None
 
 
 def print_message(text: str) -> None:
@@ -155,11 +171,9 @@ def _console(*, err: bool = False) -> Console:
 
     plain = bool(os.environ.get("NO_COLOR"))
     wide = Console(highlight=False, stderr=err, color_system=None if plain else "auto")
-    return (
-        wide
-        if wide.is_terminal
-        else Console(highlight=False, stderr=err, width=_WIDTH, color_system=None)
-    )
+    if wide.is_terminal:
+        return wide
+    return Console(highlight=False, stderr=err, width=_WIDTH, color_system=None)
 
 
 def progress(items: Sequence[str], what: str) -> Iterable[str]:

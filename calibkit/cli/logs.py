@@ -64,12 +64,12 @@ def fit(
     calibkit fit my_recipe.toml --data logs --serial FOG-0001 --set drift.order=2 --json
     """
     tune_memory()
-    day = date_or_today(date)
+    date = date_or_today(date)
     from calibkit import pipeline
     from calibkit.recipe import find
 
     outcome = pipeline.fit(
-        find(recipe, overrides), data, serial, out, day, progress, dry_run=dry_run
+        find(recipe, overrides), data, serial, out, date, progress, dry_run=dry_run
     )
     run, folder = outcome.run, outcome.run.folder
     for entry in run.document["inputs"]:

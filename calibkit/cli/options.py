@@ -64,33 +64,6 @@ def _log_file(ctx: click.Context, param: click.Parameter, value: Path | None) ->
         )
 
 
-def _common() -> list[click.Option]:
-    """Options of every command."""
-    quiet = click.Option(
-        ["-q", "--quiet"],
-        is_flag=True,
-        expose_value=False,
-        callback=_quiet,
-        is_eager=True,
-        help="say only what matters",
-    )
-    verbose = click.Option(
-        ["-v", "--verbose"],
-        is_flag=True,
-        expose_value=False,
-        callback=_verbose,
-        help="say what is done as it is done",
-    )
-    log_file = click.Option(
-        ["--log-file"],
-        type=click.Path(path_type=Path, dir_okay=False),
-        expose_value=False,
-        callback=_log_file,
-        help="file to append to: the call, what is said, the end",
-    )
-    return [quiet, verbose, log_file]
-
-
 class _Explained(click.Command):
     """A command or group whose help starts with its examples: the lines of its docstring that call
     calibkit.
@@ -107,7 +80,7 @@ class _Explained(click.Command):
         """The text without its examples, which stand above."""
         whole = self.help
         paragraphs = (whole or "").split("\n\n")
-        self.help = "\n\n".join(paragraph for paragraph in paragraphs if not _examples(paragraph))
+        self.help = "\n\n".join(text for text in paragraphs if not _examples(text))
         try:
             super().format_help_text(ctx, formatter)
         finally:
@@ -124,7 +97,30 @@ class _Command(_Explained):
 
     def __init__(self, *arguments: Any, **settings: Any) -> None:  # noqa: ANN401 (click's own parameters)
         super().__init__(*arguments, **settings)
-        self.params += _common()
+        self.params += [
+            click.Option(
+                ["-q", "--quiet"],
+                is_flag=True,
+                expose_value=False,
+                callback=_quiet,
+                is_eager=True,
+                help="say only what matters",
+            ),
+            click.Option(
+                ["-v", "--verbose"],
+                is_flag=True,
+                expose_value=False,
+                callback=_verbose,
+                help="say what is done as it is done",
+            ),
+            click.Option(
+                ["--log-file"],
+                type=click.Path(path_type=Path, dir_okay=False),
+                expose_value=False,
+                callback=_log_file,
+                help="file to append to: the call, what is said, the end",
+            ),
+        ]
 
 
 command = functools.partial(click.command, cls=_Command)

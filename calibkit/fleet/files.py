@@ -66,11 +66,15 @@ def _flat_table(table: FleetTable) -> Table:
     """One row per device: what became of it, then each key figure, and its uncertainty where one is
     stated.
     """
-    numbers: list[tuple[str, str, tuple[float, ...]]] = []
-    for column in table.columns:
-        numbers.append((column.name, column.unit, column.values))
-        if any(u > 0.0 for u in column.standard_uncertainties):
-            numbers.append((f"u({column.name})", column.unit, column.standard_uncertainties))
+    columns: list[Column] = []
+    numbers: list[dict[str, float]] = []
+    for chart in table.charts:
+        columns.append(Column(f"{chart.name} [{chart.unit}]", unit=chart.unit))
+        numbers.append(dict(zip(chart.serials, chart.values.tolist(), strict=True)))
+        if any(chart.standard_uncertainties > 0.0):
+            columns.append(Column(f"u({chart.name}) [{chart.unit}]", unit=chart.unit))
+            uncertainties = chart.standard_uncertainties.tolist()
+            numbers.append(dict(zip(chart.serials, uncertainties, strict=True)))
     stands_out: dict[str, list[str]] = {}
     for outlier in table.outliers:
         text = f"{outlier.figure} (z = {outlier.z:.3g})"
@@ -83,11 +87,10 @@ def _flat_table(table: FleetTable) -> Table:
             entry.verdict,
             " ".join(entry.error.split()),
             "; ".join(stands_out.get(entry.serial, ())),
-            *(values[k] for _, _, values in numbers),
+            *(values.get(entry.serial) for values in numbers),
         )
-        for k, entry in enumerate(table.entries)
+        for entry in table.entries
     )
-    columns = (Column(f"{name} [{unit}]", unit=unit) for name, unit, _ in numbers)
     return Table("", (*TEXTS, *columns), rows)
 
 
@@ -104,7 +107,6 @@ def _parquet(table: Table) -> bytes | None:
         else pa.field(column.head, pa.string())
         for column in table.formats
     ]
-    schema = pa.schema(fields)
     sink = pa.BufferOutputStream()
-    parquet.write_table(pa.Table.from_pylist(table.to_objects(), schema=schema), sink)
+    parquet.write_table(pa.Table.from_pylist(table.to_objects(), pa.schema(fields)), sink)
     return bytes(sink.getvalue())

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import re
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 import numpy as np
 
@@ -39,27 +39,28 @@ class KeyFigure:
         return self.name, self.form, self.unit
 
 
-def of(run: Run, names: Sequence[str], reference_temp_degc: float) -> tuple[KeyFigure, ...]:
+def select_key_figures(
+    run: Run, names: Sequence[str], reference_temp_degc: float
+) -> tuple[KeyFigure, ...]:
     """Key figures of a run: what is tested against acceptance limits, then coefficients and figures
     whose whole names match one of the patterns `names`.
     """
-    patterns = [re.compile(pattern) for pattern in names]
-    found = [*_acceptance(run.document["acceptance"])]
-    for record in run.records.values():
-        named = _all(record, reference_temp_degc)
-        found += [key for key in named if any(pattern.fullmatch(key.name) for pattern in patterns)]
-    return tuple({key.identity: key for key in found}.values())
-
-
-def _acceptance(criteria: list[dict[str, Any]]) -> Iterator[KeyFigure]:
-    """What the run was accepted or rejected by."""
-    for entry in criteria:
-        yield KeyFigure(
+    found = [
+        KeyFigure(
             f"acceptance: {entry['name']}", "", entry["unit"], entry["limit"], entry["value"], 0.0
         )
+        for entry in run.document["acceptance"]
+    ]
+    found += [
+        figure
+        for record in run.records.values()
+        for figure in _all_figures(record, reference_temp_degc)
+        if any(re.fullmatch(pattern, figure.name) for pattern in names)
+    ]
+    return tuple({figure.identity: figure for figure in found}.values())
 
 
-def _all(record: Record, reference_temp_degc: float) -> Iterator[KeyFigure]:
+def _all_figures(record: Record, reference_temp_degc: float) -> Iterator[KeyFigure]:
     """Every coefficient of every model with its residual, then every figure of a stage."""
     for model in record.models:
         name = f"{record.stage}.{model.name}"

@@ -27,6 +27,7 @@ if TYPE_CHECKING:
     from calibkit.fleet.unit import Outcome, Plan
 
     Task = Callable[[Plan, str], Outcome]
+    Process = SpawnProcess | ForkServerProcess
 
 TRIES = 3
 """Processes that a unit may cost before it is given up: it may be the unit that kills them."""
@@ -38,7 +39,7 @@ PATIENCE_S = 10.0
 class _Worker:
     """A process, this end of its pipe, and the unit it has."""
 
-    process: SpawnProcess | ForkServerProcess
+    process: Process
     pipe: Connection
     serial: str
 
@@ -50,11 +51,13 @@ def outcomes(task: Task, plan: Plan, serials: Sequence[str], jobs: int) -> Gener
     try:
         while waiting or crew:
             while waiting and len(crew) < jobs:
-                crew.append(_hired(task, plan, waiting.popleft()))
+                crew.append(_Worker(*_start(_serve, task, plan), waiting.popleft()))
+                _send(crew[-1])
             for ready in pipes.wait([worker.pipe for worker in crew]):
                 worker = next(worker for worker in crew if worker.pipe is ready)
-                found = _received(worker)
-                if found is None:
+                try:
+                    found: Outcome = worker.pipe.recv()
+                except (EOFError, OSError):  # the process is gone
                     crew.remove(worker)
                     _dismiss(worker)
                     tries[worker.serial] += 1
@@ -65,7 +68,7 @@ def outcomes(task: Task, plan: Plan, serials: Sequence[str], jobs: int) -> Gener
                     continue
                 if waiting:
                     worker.serial = waiting.popleft()
-                    _send(worker, worker.serial)
+                    _send(worker)
                 else:
                     crew.remove(worker)
                     _dismiss(worker)
@@ -77,32 +80,23 @@ def outcomes(task: Task, plan: Plan, serials: Sequence[str], jobs: int) -> Gener
             _dismiss(worker)
 
 
-def _hired(task: Task, plan: Plan, serial: str) -> _Worker:
-    """A new process with its first unit."""
+def _start(target: Callable[..., None], *arguments: object) -> tuple[Process, Connection]:
+    """A new process of a function, and this end of the pipe whose other end is the function's first
+    argument.
+    """
     context = server.context()
     ours, theirs = context.Pipe()
-    process = context.Process(target=_serve, args=(theirs, task, plan), daemon=True)
+    process = context.Process(target=target, args=(theirs, *arguments), daemon=True)
     with server.environment():
         process.start()
     theirs.close()
-    worker = _Worker(process, ours, serial)
-    _send(worker, serial)
-    return worker
+    return process, ours
 
 
-def _send(worker: _Worker, serial: str) -> None:
-    """Give a unit to a process; where that is gone already, the end of its pipe will say so."""
+def _send(worker: _Worker) -> None:
+    """Send a process its unit; where it is gone already, the end of its pipe will show it."""
     with contextlib.suppress(OSError):
-        worker.pipe.send(serial)
-
-
-def _received(worker: _Worker) -> Outcome | None:
-    """What a process found, or None when it is gone."""
-    try:
-        found: Outcome = worker.pipe.recv()
-    except (EOFError, OSError):
-        return None
-    return found
+        worker.pipe.send(worker.serial)
 
 
 def _dismiss(worker: _Worker) -> None:
@@ -114,32 +108,29 @@ def _dismiss(worker: _Worker) -> None:
         worker.process.join()
 
 
-def by_another(function: Callable[..., dict[str, bytes]], *arguments: object) -> dict[str, bytes]:
-    """What a function gives: by a process that has imported all it needs, or by this one where that
-    does not answer.
+def call_in_process(
+    function: Callable[..., dict[str, bytes]], *arguments: object
+) -> dict[str, bytes]:
+    """What a function returns: in a process that has imported all it needs, or in this one where
+    that one does not answer.
     """
-    context = server.context()
-    ours, theirs = context.Pipe(duplex=False)
-    process = context.Process(target=_answer, args=(theirs, function, arguments), daemon=True)
-    with server.environment():
-        process.start()
-    theirs.close()
+    process, pipe = _start(_answer, function, arguments)
     try:
-        given: dict[str, bytes] = ours.recv()
+        returned: dict[str, bytes] = pipe.recv()
     except (EOFError, OSError):
         return function(*arguments)
     finally:
-        ours.close()
+        pipe.close()
         process.kill()
         process.join()
-    return given
+    return returned
 
 
 def _answer(
     pipe: Connection, function: Callable[..., object], arguments: tuple[object, ...]
 ) -> None:
-    """Say what a function gives, or nothing: an error is raised where it can be told, by the
-    process that asked.
+    """Send what a function returns, or nothing: an error is raised again by the process that asked,
+    which can report it.
     """
     signal.signal(signal.SIGINT, signal.SIG_IGN)
     with contextlib.suppress(Exception):
@@ -150,9 +141,8 @@ def _serve(pipe: Connection, task: Task, plan: Plan) -> None:
     """What a process does: units until the pipe ends, which it also does when the process at its
     other end is killed.
     """
-    signal.signal(
-        signal.SIGINT, signal.SIG_IGN
-    )  # the keyboard interrupts the one who hired, who dismisses
+    # the keyboard interrupts the process that started this one, which then ends it
+    signal.signal(signal.SIGINT, signal.SIG_IGN)
     signal.signal(signal.SIGTERM, _leave)
     with contextlib.suppress(EOFError, OSError):
         while True:
@@ -161,6 +151,6 @@ def _serve(pipe: Connection, task: Task, plan: Plan) -> None:
 
 def _leave(*_: object) -> NoReturn:
     """Leave by way of every `finally`, so that nothing unfinished stays on the disk."""
-    # where a collector's callback swallows it, nobody need know: the pipe's end comes next
+    # raised in a callback of the garbage collector it is lost, silently: the pipe's end comes next
     sys.unraisablehook = lambda _: None
     raise SystemExit(143)

@@ -53,10 +53,11 @@ def run(
     spec = instruments.parse_recipe(source)
     plan = Plan(source, data.resolve(), out.resolve(), date, dry_run)
     serials, refused = _units(plan, data, keep_going=keep_going)
+    processes = 1 if address else max(1, min(jobs or os.cpu_count() or 1, len(serials)))
     _make(plan.out, dry_run=dry_run)
     outcomes: list[Outcome] = [*refused]
     try:
-        with contextlib.closing(_outcomes(plan, serials, jobs, address)) as finished:
+        with contextlib.closing(_outcomes(plan, serials, processes, address)) as finished:
             for found, _ in zip(finished, progress(serials, "units"), strict=True):
                 outcome = _seen(found, plan)
                 if isinstance(outcome, Failure) and not keep_going:
@@ -67,23 +68,26 @@ def run(
             f"interrupted after {len(outcomes)} of {len(serials)} units",
             hint="nothing was written" if dry_run else "their runs stay; run again to go on",
         ) from None
+    return _finish(plan, outcomes, spec.title or spec.procedure, processes)
+
+
+def _finish(plan: Plan, outcomes: Sequence[Outcome], title: str, processes: int) -> Fleet:
+    """Make the table of a fleet and write it; where processes fitted the units, one makes it."""
     made = table.build_table(outcomes, plan.data)
-    title = f"{spec.title or spec.procedure}: {len(outcomes)} units"
-    here = address or _crew(serials, jobs) == 1
+    arguments = made, plan, f"{title}: {len(outcomes)} units"
     contents = (
-        files.make_files(made, plan, title)
-        if here
-        else local.by_another(files.make_files, made, plan, title)
+        files.make_files(*arguments)
+        if processes == 1
+        else local.call_in_process(files.make_files, *arguments)
     )
-    folder = _commit(plan.out, contents, dry_run=dry_run)
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
     return Fleet(
-        folder,
+        _commit(plan.out, contents, dry_run=plan.dry_run),
         made,
         sum(row.before for row in rows),
         _guesses(rows),
         _exit_code(outcomes, made),
-        source.name,
+        plan.source.name,
     )
 
 
@@ -142,19 +146,15 @@ def _make(out: Path, *, dry_run: bool) -> None:
         atomic.make_folder(out)
 
 
-def _outcomes(plan: Plan, serials: Sequence[str], jobs: int, address: str) -> Generator[Outcome]:
+def _outcomes(
+    plan: Plan, serials: Sequence[str], processes: int, address: str
+) -> Generator[Outcome]:
     """Outcome of every unit, as it is finished."""
     if address:
         return cluster.outcomes(plan, serials, address)
-    crew = _crew(serials, jobs)
-    if crew == 1:
+    if processes == 1:
         return (of_unit(plan, serial) for serial in serials)
-    return local.outcomes(of_unit, plan, serials, crew)
-
-
-def _crew(serials: Sequence[str], jobs: int) -> int:
-    """Number of processes: what was asked for or one a processor, and no more than units."""
-    return max(1, min(jobs or os.cpu_count() or 1, len(serials)))
+    return local.outcomes(of_unit, plan, serials, processes)
 
 
 def _seen(outcome: Outcome, plan: Plan) -> Outcome:

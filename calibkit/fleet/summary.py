@@ -24,44 +24,34 @@ def summary_lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
 
     A dry run names every unit with what it would be fitted to.
     """
-    table = fleet.table
-    counts = Counter(entry.verdict for entry in table.entries)
+    entries = fleet.table.entries
+    counts = Counter(entry.verdict for entry in entries)
     counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
     before = f"; {fleet.before} were fitted before" if fleet.before else ""
-    lines = [f"{len(table.entries)} units: {counted}{before}"]
-    lines += [_fitted_to(entry, fleet.recipe) for entry in table.entries if dry_run and entry.run]
-    lines += _some(
-        [
-            f"{entry.verdict}: {entry.serial}: {entry.error}"
-            for entry in table.entries
-            if entry.error
-        ]
+    lines = [f"{len(entries)} units: {counted}{before}"]
+    lines += [_fitted_to(entry, fleet.recipe) for entry in entries if dry_run and entry.run]
+    lines += _first_lines(
+        [f"{entry.verdict}: {entry.serial}: {entry.error}" for entry in entries if entry.error]
     )
-    lines += _some(
+    lines += _first_lines(
         [
             f"rejected: {entry.serial}@{entry.run}"
-            for entry in table.entries
+            for entry in entries
             if entry.verdict == "rejected"
         ]
     )
-    lines += _some(
+    lines += _first_lines(
         [
             f"outlier: {outlier.serial}: {outlier.figure} = {outlier.value:.6g}, z ="
             f" {outlier.z:.1f}, limit {outlier.limit:.1f}"
-            for outlier in table.outliers
+            for outlier in fleet.table.outliers
         ]
     )
-    flags = sum(entry.flags for entry in table.entries)
-    lines += [
-        (
-            f"{flags} flags in {sum(entry.flags > 0 for entry in table.entries)} runs: see their"
-            " reports"
-        )
-    ] * bool(flags)
-    return [
-        *lines,
-        f"{fleet.folder}{' (dry run: not written)' * (dry_run and not fleet.folder.exists())}",
-    ]
+    flagged = [entry.flags for entry in entries if entry.flags]
+    if flagged:
+        lines.append(f"{sum(flagged)} flags in {len(flagged)} runs: see their reports")
+    unwritten = dry_run and not fleet.folder.exists()
+    return [*lines, f"{fleet.folder}{' (dry run: not written)' if unwritten else ''}"]
 
 
 def _fitted_to(entry: Entry, recipe: str) -> str:
@@ -70,7 +60,7 @@ def _fitted_to(entry: Entry, recipe: str) -> str:
     return f"{entry.serial}@{entry.run}: {fitted} to {', '.join(entry.logs)}"
 
 
-def _some(found: Sequence[str]) -> list[str]:
+def _first_lines(found: Sequence[str]) -> list[str]:
     """The first lines of a kind, and how many more there are."""
     more = len(found) - MOST
     return [*found[:MOST], *([f"  … and {more} more: see fleet.csv or --json"] if more > 0 else [])]

@@ -54,23 +54,12 @@ class Entry:
 
 
 @dataclass(frozen=True, slots=True)
-class _KeyColumn:
-    """A key figure of all units; NaN where a unit has none."""
-
-    name: str
-    unit: str
-    values: tuple[float, ...]
-    standard_uncertainties: tuple[float, ...]
-
-
-@dataclass(frozen=True, slots=True)
 class FleetTable:
-    """Rows in the order of the serials, key figures in the order of their stages, and a control
-    chart of each.
+    """Rows in the order of the serials, and a control chart of each key figure in the order of
+    their stages.
     """
 
     entries: tuple[Entry, ...]
-    columns: tuple[_KeyColumn, ...]
     charts: tuple[ControlChart, ...]
     outliers: tuple[_Outlier, ...]
     """In the order of the figures, then the furthest first."""
@@ -79,22 +68,17 @@ class FleetTable:
 def build_table(outcomes: Sequence[Outcome], data: Path) -> FleetTable:
     """Table of the outcomes of all units; errors name files from the folder of the units on."""
     ordered = sorted(outcomes, key=lambda outcome: outcome.serial)
-    serials = [outcome.serial for outcome in ordered]
-    figures = [
-        {figure.identity: figure for figure in outcome.figures} if isinstance(outcome, Row) else {}
+    figures = {
+        outcome.serial: {figure.identity: figure for figure in outcome.figures}
         for outcome in ordered
-    ]
-    identities = list(dict.fromkeys(identity for unit in figures for identity in unit))
-    columns = [_column(identity, identities, figures) for identity in identities]
-    charts = [
-        _chart(column, serials, _limit(identity, figures))
-        for identity, column in zip(identities, columns, strict=True)
-    ]
-    copies = _copies(ordered)
+        if isinstance(outcome, Row)
+    }
+    identities = list(dict.fromkeys(identity for own in figures.values() for identity in own))
+    charts = tuple(_chart(identity, identities, figures, len(ordered)) for identity in identities)
+    copied = _copies(ordered)
     return FleetTable(
-        tuple(_entry(outcome, copies.get(outcome.serial, ""), data) for outcome in ordered),
-        tuple(columns),
-        tuple(charts),
+        tuple(_entry(outcome, copied.get(outcome.serial, ""), data) for outcome in ordered),
+        charts,
         tuple(outlier for chart in charts for outlier in _outliers(chart)),
     )
 
@@ -102,15 +86,14 @@ def build_table(outcomes: Sequence[Outcome], data: Path) -> FleetTable:
 def _entry(outcome: Outcome, copied: str, data: Path) -> Entry:
     """Row of one unit; the verdict on a copy of another unit's logs says nothing about this one."""
     if isinstance(outcome, Failure):
-        said = outcome.message.replace(f"{data}/", "").replace(str(data), "")
-        return Entry(outcome.serial, "", "", FAILED, f"{outcome.code}: {said}", 0)
-    error = f"the same logs as {copied}" if copied else ""
+        message = outcome.message.replace(f"{data}/", "").replace(str(data), "")
+        return Entry(outcome.serial, "", "", FAILED, f"{outcome.code}: {message}", 0)
     return Entry(
         outcome.serial,
         outcome.run,
         outcome.run_sha256,
         COPIED if copied else outcome.verdict,
-        error,
+        f"the same logs as {copied}" if copied else "",
         outcome.flags,
         tuple(entry["name"] for entry in outcome.inputs),
         outcome.before,
@@ -148,13 +131,14 @@ def _same_logs(one: Row, other: Row) -> bool:
     return all(len(copies.shared_logs(some, others)) == len(some) for some, others in pairs)
 
 
-def _column(
+def _chart(
     identity: Identity,
     identities: Sequence[Identity],
-    figures: Sequence[Mapping[Identity, KeyFigure]],
-) -> _KeyColumn:
-    """Values of one key figure; its form or unit is part of the name where the name alone is not
-    unique.
+    figures: Mapping[str, Mapping[Identity, KeyFigure]],
+    units: int,
+) -> ControlChart:
+    """Control chart of the units that have a key figure; its form or unit is part of its name where
+    the name alone is not unique. The acceptance limit is drawn where all of them share one.
     """
     name, form, unit = identity
     alike = [other for other in identities if other[0] == name]
@@ -162,35 +146,18 @@ def _column(
         name = f"{name} ({form})"
     elif len(alike) > 1:
         name = f"{name} ({unit})"
-    having = [unit_figures.get(identity) for unit_figures in figures]
-    return _KeyColumn(
-        name,
-        unit,
-        tuple(figure.value if figure else math.nan for figure in having),
-        tuple(figure.standard_uncertainty if figure else math.nan for figure in having),
-    )
-
-
-def _limit(identity: Identity, figures: Sequence[Mapping[Identity, KeyFigure]]) -> float:
-    """Acceptance limit of a figure where all units share one, else NaN."""
-    limits = {unit[identity].limit for unit in figures if identity in unit}
-    limit = limits.pop() if len(limits) == 1 else None
-    return math.nan if limit is None else limit
-
-
-def _chart(column: _KeyColumn, serials: Sequence[str], acceptance: float) -> ControlChart:
-    """Control chart of the units that have a figure."""
-    values = np.array(column.values)
-    there = np.isfinite(values)
+    having = {serial: own[identity] for serial, own in figures.items() if identity in own}
+    values = np.array([figure.value for figure in having.values()])
+    limits = {math.nan if figure.limit is None else figure.limit for figure in having.values()}
     return ControlChart(
-        name=column.name,
-        unit=column.unit,
-        serials=tuple(serial for serial, has in zip(serials, there, strict=True) if has),
-        values=values[there],
-        standard_uncertainties=np.array(column.standard_uncertainties)[there],
-        control=control(values[there]),
-        acceptance=acceptance,
-        units=len(serials),
+        name=name,
+        unit=unit,
+        serials=tuple(having),
+        values=values,
+        standard_uncertainties=np.array([one.standard_uncertainty for one in having.values()]),
+        control=control(values),
+        acceptance=limits.pop() if len(limits) == 1 else math.nan,
+        units=units,
     )
 
 

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import contextlib
-import hashlib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
@@ -12,6 +11,7 @@ from calibkit.check import copies
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.fleet import keys
 from calibkit.ingest import logs as ingest
+from calibkit.readers import parts
 from calibkit.version import SOFTWARE
 
 if TYPE_CHECKING:
@@ -140,7 +140,9 @@ def _already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
         # what cannot be trusted is never used again, and never touched
         with contextlib.suppress(CoefficientError):
             run = store.load_revision(plan.out, serial, number)
-            if _same_terms(run.document, plan):
+            made = run.document
+            terms = made["software"], made["recipe"]["sha256"], made["effective_from"]
+            if terms == (SOFTWARE, plan.source.sha256, plan.date):
                 candidates.append(run)
     if not candidates:
         return None
@@ -150,13 +152,13 @@ def _already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
     }
     beside = _second_loggers(plan.data / serial, spec)
     for run in candidates:
-        inputs = {entry["name"]: entry["sha256"] for entry in run.document["inputs"]}
-        joined = {
-            entry["second_logger_sha256"]
-            for entry in run.document["inputs"]
-            if "second_logger_sha256" in entry
-        }
-        if inputs == logs and joined <= beside and bool(joined) == (spec.chamber is not None):
+        inputs = run.document["inputs"]
+        joined = {entry.get("second_logger_sha256") for entry in inputs} - {None}
+        if (
+            {entry["name"]: entry["sha256"] for entry in inputs} == logs
+            and joined <= beside
+            and bool(joined) == (spec.chamber is not None)
+        ):
             return run
     return None
 
@@ -167,20 +169,11 @@ def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
         return set()
     patterns = [pattern.replace("{log}", "*") for pattern in spec.chamber.files]
     return {
-        _sha256(path) for pattern in patterns for path in folder.glob(pattern) if path.is_file()
+        parts.digest_log(path, path.name, split=False)
+        for pattern in patterns
+        for path in folder.glob(pattern)
+        if path.is_file()
     }
-
-
-def _same_terms(document: Mapping[str, Any], plan: Plan) -> bool:
-    """Whether a run was made by this software with the plan's recipe, for its date."""
-    found = document["software"], document["recipe"]["sha256"], document["effective_from"]
-    return found == (SOFTWARE, plan.source.sha256, plan.date)
-
-
-def _sha256(path: Path) -> str:
-    """Digest of a file, read in blocks."""
-    with path.open("rb") as stream:
-        return hashlib.file_digest(stream, "sha256").hexdigest()
 
 
 def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
@@ -192,7 +185,7 @@ def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
         run=f"r{document['revision']:03d}",
         run_sha256=document["sha256"],
         verdict=accepted if document["acceptance"] else "no limits",
-        figures=keys.of(
+        figures=keys.select_key_figures(
             run, instruments.find(spec.procedure).key_figures, spec.reference_temp_degc
         ),
         inputs=tuple(
