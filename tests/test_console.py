@@ -676,7 +676,7 @@ def test_exit_code_70_is_an_internal_error(tmp_path, calibkit, monkeypatch):
     def broken(path, trust, schema_dir):
         raise ZeroDivisionError("division by zero")
 
-    monkeypatch.setattr(pipeline, "verified", broken)
+    monkeypatch.setattr(pipeline, "verify", broken)
     outcome = calibkit("verify", tmp_path, "--json")
     assert (outcome.code, outcome.json["error"]["code"]) == (70, "internal")
     assert "CALIBKIT_DEBUG=1" in outcome.json["error"]["hint"]
@@ -689,7 +689,7 @@ def test_exit_code_130_is_interrupted(tmp_path, calibkit, monkeypatch):
     def interrupted(path, trust, schema_dir):
         raise KeyboardInterrupt
 
-    monkeypatch.setattr(pipeline, "verified", interrupted)
+    monkeypatch.setattr(pipeline, "verify", interrupted)
     outcome = calibkit("verify", tmp_path)
     assert outcome.code == 130
     assert outcome.err.strip() == "calibkit: interrupted; what was not finished was not written"
