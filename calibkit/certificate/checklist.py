@@ -2,18 +2,12 @@
 missing of it.
 """
 
-from __future__ import annotations
-
+import datetime as dt
+from collections.abc import Iterable, Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
+from calibkit.certificate.profile import Profile
 from calibkit.certificate.words import Words
-
-if TYPE_CHECKING:
-    import datetime as dt
-    from collections.abc import Iterable, Iterator
-
-    from calibkit.certificate.profile import Profile
 
 # where it is stated → what it is called
 FIELDS: dict[str, Words] = {

@@ -2,22 +2,17 @@
 ILAC G8).
 """
 
-from __future__ import annotations
-
 import difflib
 import fnmatch
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
+from calibkit.certificate.profile import Rule, Specification
+from calibkit.certificate.results import Result
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.certificate.profile import Rule, Specification
-    from calibkit.certificate.results import Result
 
 Verdict = Literal["pass", "conditional pass", "conditional fail", "fail", "no statement possible"]
 VERDICTS: dict[Verdict, Words] = {

@@ -2,15 +2,12 @@
 plot's width and height.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-if TYPE_CHECKING:
-    from calibkit.certificate.results import Figure, Series
-    from calibkit.certificate.words import Lang
+from calibkit.certificate.results import Figure, Series
+from calibkit.certificate.words import Lang
 
 MARGIN = 0.06
 """Share of a span that is left free around the curves."""

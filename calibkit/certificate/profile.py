@@ -5,19 +5,15 @@ The same file may serve many certificates: what changes from one to the next is 
 table.key=value.
 """
 
-from __future__ import annotations
-
 import datetime as dt
-from typing import TYPE_CHECKING, Annotated, Literal
+from pathlib import Path
+from typing import Annotated, Literal, Self
 
 from pydantic import Field, field_validator, model_validator
 
 from calibkit.errors import RecipeError
 from calibkit.recipe import TypeB, loader
 from calibkit.recipe.strict import Table
-
-if TYPE_CHECKING:
-    from pathlib import Path
 
 Rule = Literal["guarded", "simple", "four_way"]
 Many = Field(strict=False)
@@ -71,7 +67,7 @@ class _Numbering(Table):
     _dates = field_validator("amends_issued", mode="before")(_as_date)
 
     @model_validator(mode="after")
-    def _another_number(self) -> _Numbering:
+    def _another_number(self) -> Self:
         if self.amends and self.amends == self.number:
             raise ValueError(f"an amendment of {self.amends} needs a number of its own")
         if self.amends_issued is not None and not self.amends.strip():
@@ -101,7 +97,7 @@ class _Dates(Table):
     _dates = field_validator("received", "performed", "performed_until", mode="before")(_as_date)
 
     @model_validator(mode="after")
-    def _ordered(self) -> _Dates:
+    def _ordered(self) -> Self:
         stated = [
             date
             for date in (self.received, self.performed, self.performed_until)
@@ -190,7 +186,7 @@ class Specification(Table):
     rule: Rule | None = None
 
     @model_validator(mode="after")
-    def _has_limits(self) -> Specification:
+    def _has_limits(self) -> Self:
         if self.lower is None and self.upper is None:
             raise ValueError(f"'{self.result}' has neither a lower nor an upper limit")
         if self.lower is not None and self.upper is not None and self.lower >= self.upper:

@@ -1,20 +1,14 @@
 """The files of a run that a certificate is made from, and what they state."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit.certificate.words import Words
-from calibkit.coefficients import Input
+from calibkit.coefficients import Condition, Criterion, Input, Record
 from calibkit.new_files import RUN_FILE
 from calibkit.report.run import stated_criteria
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping
-
-    from calibkit.coefficients import Condition, Criterion, Record
-    from calibkit.store import Run
+from calibkit.store import Run
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,34 +2,27 @@
 typesets.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING, Any
+from collections.abc import Iterable, Sequence
+from typing import Any
 
 from calibkit.certificate import conformity, plots, tables
-from calibkit.certificate.profile import Laboratory
-from calibkit.certificate.results import ListTable
+from calibkit.certificate.as_found import BeforeAfter
+from calibkit.certificate.conformity import Statement
+from calibkit.certificate.content import Certificate
+from calibkit.certificate.profile import Laboratory, Party, Profile
+from calibkit.certificate.results import Block, ListTable
 from calibkit.certificate.words import (
     AS_FOUND,
     AS_LEFT,
     CONDITIONS,
     HEADINGS,
     SENTENCES,
+    Lang,
     Words,
     unit_mark,
 )
+from calibkit.coefficients import Criterion
 from calibkit.numeric import gum
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from calibkit.certificate.as_found import BeforeAfter
-    from calibkit.certificate.conformity import Statement
-    from calibkit.certificate.content import Certificate
-    from calibkit.certificate.profile import Party, Profile
-    from calibkit.certificate.results import Block
-    from calibkit.certificate.words import Lang
-    from calibkit.coefficients import Criterion
 
 Rows = list[list[str]]
 

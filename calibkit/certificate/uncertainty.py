@@ -2,28 +2,22 @@
 the fit (JCGM 100).
 """
 
-from __future__ import annotations
-
 import itertools
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
 from calibkit import units
+from calibkit.arrays import Array
 from calibkit.certificate.results import Contribution, Uncertainty
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
 from calibkit.numeric import gum
-from calibkit.recipe import type_b
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.recipe import TypeB
+from calibkit.recipe import TypeB, type_b
 
 TYPE_A = Words("fit to the logs", "对数据的拟合")
 """Name of the type A contribution: the fit's covariance."""
@@ -38,7 +32,7 @@ class Source:
     terms: tuple[TypeB, ...]
 
     @classmethod
-    def of(cls, recipe: Sequence[TypeB], profile: Sequence[TypeB]) -> Source:
+    def of(cls, recipe: Sequence[TypeB], profile: Sequence[TypeB]) -> Self:
         """Terms of both; of two with one name the profile's counts."""
         return cls(tuple({term.name: term for term in (*recipe, *profile)}.values()))
 

@@ -6,14 +6,10 @@ digit, point or sign is another number. Words in scripts whose order changes whe
 passed over.
 """
 
-from __future__ import annotations
-
 import unicodedata
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
+from typing import Any, Self
 
 Segments = list[str | None]
 """Texts of cells that stand directly behind each other; None for one that may be anything."""
@@ -35,7 +31,7 @@ class _Text:
     pages: tuple[str, ...]
 
     @classmethod
-    def of(cls, pages: Sequence[str]) -> _Text:
+    def of(cls, pages: Sequence[str]) -> Self:
         """Text of extracted pages."""
         whole = "\n".join(map(_plain, pages))
         characters, apart, blank = [], [], True

@@ -8,22 +8,27 @@ counted where it stands, which is tighter. Contraction to fused multiply-add onl
 out.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from decimal import ROUND_CEILING, Context, Decimal
 from fractions import Fraction
-from typing import TYPE_CHECKING
+from typing import Self
 
 from calibkit.firmware import exact, ranges
-from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Select, Slope, Sum
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.firmware.chain import Chain, Step, Term
-    from calibkit.firmware.program import Program
-    from calibkit.firmware.ranges import Range
+from calibkit.firmware.chain import (
+    Chain,
+    Limit,
+    Map,
+    Memory,
+    Quotient,
+    Select,
+    Slope,
+    Step,
+    Sum,
+    Term,
+)
+from calibkit.firmware.program import Program
+from calibkit.firmware.ranges import Range
 
 ALLOWANCE = 1.01
 """For products of errors, which first order leaves out, and for the roundings of this analysis
@@ -78,7 +83,7 @@ class _Analysis:
     """Errors of filtered values by rounding alone, without the error of the map that drives them.
     """
 
-    def run(self) -> _Analysis:
+    def run(self) -> Self:
         """Walk the steps."""
         for entry in self.chain.structure.inputs:
             self.errors[entry.name] = 0.0

@@ -1,16 +1,10 @@
 """The self-test of a source: vectors, and the function that compares the chain with them."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 from calibkit.firmware import c_helpers, c_steps
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.firmware.chain import Structure
-    from calibkit.firmware.export import Export
+from calibkit.firmware.chain import Structure
+from calibkit.firmware.export import Export
 
 
 def render(export: Export) -> str:

@@ -1,18 +1,21 @@
 """Steps of a chain → C statements; @p and @P stand for the prefix in lower and upper case."""
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
-from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Select, Slope, Sum
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from calibkit.firmware.chain import Input, Step, Term
-    from calibkit.firmware.program import Program
-
+from calibkit.firmware.chain import (
+    Input,
+    Limit,
+    Map,
+    Memory,
+    Quotient,
+    Select,
+    Slope,
+    Step,
+    Sum,
+    Term,
+)
+from calibkit.firmware.program import Program
 
 ONE_LINE = 70
 """Characters of a sum that stands on one line."""

@@ -6,17 +6,13 @@ by the numpy twin, bounded by the error analysis and printed as C. Temperatures 
 enter as u = (x − middle)/half, within [−1, 1] over the fitted range.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass, field
-from typing import TYPE_CHECKING, Literal
+from fractions import Fraction
+from typing import Literal
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from fractions import Fraction
-
-    from calibkit.arrays import Array
-    from calibkit.firmware.exact import Poly
+from calibkit.arrays import Array
+from calibkit.firmware.exact import Poly
 
 
 @dataclass(frozen=True, slots=True)

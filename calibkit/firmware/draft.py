@@ -1,11 +1,10 @@
 """A chain in the making: inputs, steps and outputs are added one after the other."""
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
 from fractions import Fraction
-from typing import TYPE_CHECKING
 
+from calibkit.coefficients import Model
 from calibkit.firmware import exact
 from calibkit.firmware.chain import (
     Chain,
@@ -16,16 +15,11 @@ from calibkit.firmware.chain import (
     Output,
     Quotient,
     Select,
+    Step,
     Structure,
     Sum,
     Term,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from calibkit.coefficients import Model
-    from calibkit.firmware.chain import Step
 
 BEYOND = Fraction(5, 4)
 """How far [u] an input may leave the fitted range before a chain with memory refuses to follow it.

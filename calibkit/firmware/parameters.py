@@ -9,28 +9,21 @@ calculate in single precision; neither corrects scale factors or anything that d
 temperature rate.
 """
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fractions import Fraction
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.errors import CoefficientError, OutputError
 from calibkit.firmware import c_text, exact
 from calibkit.firmware.chain import Sum
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from numpy.typing import NDArray
-
-    from calibkit.firmware.export import Export
+from calibkit.firmware.export import Export
 
 DEGREE = 3
 ARDUPILOT_SCALE = 10**6
@@ -40,7 +33,7 @@ LARGEST_ERROR = 1e-3
 CHANNEL = re.compile(r"(gyro|accel)_([xyz])_(?:dph|g)")
 SI = {"gyro": Fraction(np.pi / 180.0 / 3600.0), "accel": Fraction(STANDARD_GRAVITY_MPS2)}
 """Sensor → 1 °/h in rad/s, 1 g in m/s²."""
-Single: TypeAlias = "NDArray[np.float32]"
+Single: TypeAlias = NDArray[np.float32]
 Values = Mapping[str, float]
 """Parameter → value, as printed."""
 

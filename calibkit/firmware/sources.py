@@ -2,24 +2,17 @@
 run's recipe maps them.
 """
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 import numpy as np
 
 from calibkit import units
+from calibkit.coefficients import Record
 from calibkit.errors import OutputError, RecipeError
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.coefficients import Record
-    from calibkit.firmware.chain import Chain
-    from calibkit.recipe import Recipe
-    from calibkit.recipe.tables import Column
-
+from calibkit.firmware.chain import Chain
+from calibkit.recipe import Recipe
+from calibkit.recipe.tables import Column
 
 UNSAFE = re.compile(r"[^ !-~]|[\\*?@{}']")
 """What could end a comment, join its lines, or be taken for a mark of the generator; "'" stands

@@ -6,25 +6,29 @@ Bit for bit holds for C that is compiled without contraction to fused multiply-a
 runs many instants of a chain without memory, or many devices.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, TypeAlias
+from typing import Any, TypeAlias
 
 import numpy as np
+from numpy.typing import NDArray
 
-from calibkit.firmware.chain import Limit, Map, Memory, Quotient, Select, Slope, Sum
+from calibkit.arrays import Array, Mask
+from calibkit.firmware.chain import (
+    Case,
+    Limit,
+    Map,
+    Memory,
+    Quotient,
+    Select,
+    Slope,
+    Step,
+    Sum,
+    Term,
+)
+from calibkit.firmware.program import Program
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from calibkit.arrays import Array, Mask
-    from calibkit.firmware.chain import Case, Step, Term
-    from calibkit.firmware.program import Program
-
-Words: TypeAlias = "NDArray[Any]"
+Words: TypeAlias = NDArray[Any]
 """Floats of the program's format, or words of a fixed-point format as int64."""
 
 INVALID = 1 << 15

@@ -1,23 +1,16 @@
 """Inputs of the self-test and what the twin makes of them."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import frexp, ldexp
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import CoefficientError
 from calibkit.firmware import twin
-from calibkit.firmware.chain import Trials
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.arrays import Array
-    from calibkit.firmware.chain import Chain
-    from calibkit.firmware.program import Program
+from calibkit.firmware.chain import Chain, Trials
+from calibkit.firmware.program import Program
 
 COUNT = 16
 """Vectors of a chain without memory."""

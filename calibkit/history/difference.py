@@ -2,27 +2,21 @@
 the difference.
 """
 
-from __future__ import annotations
-
 import difflib
 import math
+from collections.abc import Iterable, Iterator, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any, Literal
+from typing import Any, Literal
 
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.coefficients import Coefficient
+from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.errors import UsageError
+from calibkit.forms import Form, FormsOf
 from calibkit.numeric import change
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Iterator, Mapping, Sequence
-
-    from calibkit.coefficients import Model, Record
-    from calibkit.forms import Form, FormsOf
-    from calibkit.numeric.change import Joint
-    from calibkit.store import Run
+from calibkit.numeric.change import Joint
+from calibkit.store import Run
 
 Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", "appeared", "gone"]
 JUDGED = ("moved", "held")

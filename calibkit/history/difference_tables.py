@@ -2,18 +2,14 @@
 script.
 """
 
-from __future__ import annotations
-
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
+from calibkit.history.difference import Difference, ModelChange
 from calibkit.numeric.change import CHANCE, SIGNIFICANT
 from calibkit.report.summary import Summary
 from calibkit.report.table import Column, Table, tabulate
-
-if TYPE_CHECKING:
-    from calibkit.history.difference import Difference, ModelChange
-    from calibkit.store import Run
+from calibkit.store import Run
 
 MOST_SETTINGS = 24
 """Settings that the console shows."""
