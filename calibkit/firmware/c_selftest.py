@@ -2,7 +2,7 @@
 
 from collections.abc import Sequence
 
-from calibkit.firmware import c_helpers, c_steps
+from calibkit.firmware import c_helpers
 from calibkit.firmware.chain import Structure
 from calibkit.firmware.export import Export
 
@@ -13,8 +13,8 @@ def render(export: Export) -> str:
     out = "@p_out out;"
     call = ["const uint32_t status = @p_correct(&@p_test_in[k], &out);"]
     if structure.has_memory:
-        zero = c_steps.Body(export.program).zero
-        out = f"@p_out out = {{{', '.join([zero] * len(structure.outputs))}}};"
+        zeros = [export.program.format.text(0.0)] * len(structure.outputs)
+        out = f"@p_out out = {{{', '.join(zeros)}}};"
         update = "@p_update(&state, &@p_test_in[k], &out)"
         call = [
             "uint32_t status = @P_OK;",

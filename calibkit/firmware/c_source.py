@@ -7,6 +7,7 @@ from collections.abc import Iterator, Sequence
 from calibkit.firmware import c_helpers, c_selftest, c_steps, c_text, layout
 from calibkit.firmware.chain import Limit, Map, Select, Slope, Step, Sum
 from calibkit.firmware.export import Export
+from calibkit.firmware.program import Program
 
 CONTRACT = {
     False: (
@@ -64,7 +65,7 @@ def seal_source(parts: Sequence[str], export: Export) -> str:
     wide = 64 if program.word == 32 else 32
     for mark, word in {
         "@real": program.format.c_type,
-        "@zero": "0" if program.format.fixed else program.format.text(0.0),
+        "@zero": program.format.text(0.0),
         "@max": "FLT_MAX" if program.format.bits == 24 else "DBL_MAX",
         "@wide": f"int{wide}_t",
         "@uwide": f"uint{wide}_t",
@@ -152,16 +153,59 @@ def _scalar(export: Export, name: str, word: str) -> str:
 
 def functions(export: Export, name: str = "") -> str:
     """The chain as a function, and what handles its state; under another name it is private."""
-    if export.structure.has_memory:
-        return "\n".join([_reset(export), _update(export, name)])
-    return _correct(export, name)
+    reset = [_reset(export)] if export.structure.has_memory else []
+    return "\n".join([*reset, _function(export, name)])
 
 
-def _head(name: str, other: str, arguments: str) -> str:
-    """First line of the chain's function."""
-    return (
-        f"static uint32_t @p_{other}({arguments})" if other else f"uint32_t @p_{name}({arguments})"
-    )
+def _function(export: Export, name: str) -> str:
+    """Function that refuses an input that is no number, and else computes the steps of the chain."""
+    structure, program = export.structure, export.program
+    if structure.has_memory:
+        head, refusal = "update(@p_state *state, ", ["*out = state->last;"]
+    else:
+        head, refusal = "correct(", _spoiled_outputs(export)
+    if name:
+        head = f"{name}({head.partition('(')[2]}"
+    groups = dict.fromkeys(step.group for step in structure.maps if step.group)
+    lines = [
+        f"{'static ' if name else ''}uint32_t @p_{head}const @p_in *in, @p_out *out)",
+        "{",
+        "    uint32_t status = @P_OK;",
+        "",
+        f"    if ({_invalid(export)}) {{",
+        *(f"        {line}".rstrip() for line in refusal),
+        "        status = @P_INVALID;",
+        "    } else {",
+        *(f"        uint32_t status_{group} = @P_OK;" for group in groups),
+        *(f"        {line}" for line in _chain(export)),
+        "",
+        *(f"        state->{memory.source} = {memory.source};" for memory in structure.memories),
+        *(COUNTED if structure.counting else []),
+        *(f"        out->{o.name} = {_output_word(program, o.source)};" for o in structure.outputs),
+        *(["        state->last = *out;"] if structure.has_memory else []),
+        "    }",
+        "    return status;",
+        "}",
+    ]
+    return "\n".join(lines) + "\n"
+
+
+def _spoiled_outputs(export: Export) -> list[str]:
+    """Lines that set every output to what stands for no number."""
+    structure, none, before = export.structure, "@P_NO_NUMBER", []
+    if not export.program.format.fixed:
+        none = "none"
+        spoiled = [f"(in->{entry.name} - in->{entry.name})" for entry in structure.inputs]
+        text = spoiled[0][1:-1] if len(spoiled) == 1 else "\n            + ".join(spoiled)
+        before = [f"const {export.program.format.c_type} none = {text}; /* a NaN */", ""]
+    return [*before, *(f"out->{output.name} = {none};" for output in structure.outputs)]
+
+
+def _output_word(program: Program, value: str) -> str:
+    """A value as the word of an output."""
+    if program.format.bits != 16:
+        return value
+    return f"@p_narrow({value})" if program.word == 32 else f"(int16_t){value}"
 
 
 def _chain(export: Export) -> list[str]:
@@ -182,63 +226,16 @@ def _invalid(export: Export) -> str:
     return checks[0][1:-1] if len(checks) == 1 else "\n        || ".join(checks)
 
 
-def _sides(export: Export) -> list[str]:
-    """Statuses of sides of which one is selected."""
-    return [f"uint32_t status_{group} = @P_OK;" for group in c_steps.groups(export.program)]
-
-
-def _results(export: Export) -> list[str]:
-    """Outputs from their values."""
-    program, lines = export.program, []
-    for output in export.structure.outputs:
-        value = output.source
-        if program.format.bits == 16:
-            value = f"@p_narrow({value})" if program.word == 32 else f"(int16_t){value}"
-        lines.append(f"out->{output.name} = {value};")
-    return lines
-
-
-def _correct(export: Export, name: str) -> str:
-    """Function of a chain without memory."""
-    structure = export.structure
-    none = "@P_NO_NUMBER"
-    before: list[str] = []
-    if not export.program.format.fixed:
-        none = "none"
-        spoiled = [f"(in->{entry.name} - in->{entry.name})" for entry in structure.inputs]
-        text = spoiled[0][1:-1] if len(spoiled) == 1 else "\n            + ".join(spoiled)
-        before = [f"const {export.program.format.c_type} none = {text}; /* a NaN */", ""]
-    lines = [
-        _head("correct", name, "const @p_in *in, @p_out *out"),
-        "{",
-        "    uint32_t status = @P_OK;",
-        "",
-        f"    if ({_invalid(export)}) {{",
-        *(f"        {line}".rstrip() for line in before),
-        *(f"        out->{output.name} = {none};" for output in structure.outputs),
-        "        status = @P_INVALID;",
-        "    } else {",
-        *(f"        {line}" for line in (*_sides(export), *_chain(export))),
-        "",
-        *(f"        {line}" for line in _results(export)),
-        "    }",
-        "    return status;",
-        "}",
-    ]
-    return "\n".join(lines) + "\n"
-
-
 def _reset(export: Export) -> str:
     """Functions that set the state."""
-    structure, zero = export.structure, c_steps.Body(export.program).zero
-    last = "0" if export.program.format.fixed else zero
+    structure, zero = export.structure, export.program.format.text(0.0)
     lines = ["void @p_reset(@p_state *state)", "{"]
     if structure.slopes:
         lines += ["    uint32_t i;", "", "    for (i = 0U; i < @P_WINDOW; i++) {"]
         lines += [f"        state->{slope.name}_history[i] = {zero};" for slope in structure.slopes]
         lines.append("    }")
     lines += [f"    state->{memory.source} = {zero};" for memory in structure.memories]
-    lines += [f"    state->last.{output.name} = {last};" for output in structure.outputs]
+    lines += [f"    state->last.{output.name} = {zero};" for output in structure.outputs]
     lines += ["    state->updates = 0U;"] if structure.counting else []
     lines += ["}", ""]
     if structure.summing:
@@ -255,28 +252,3 @@ def _reset(export: Export) -> str:
             "",
         ]
     return "\n".join(lines)
-
-
-def _update(export: Export, name: str) -> str:
-    """Function of a chain with memory."""
-    structure = export.structure
-    lines = [
-        _head("update", name, "@p_state *state, const @p_in *in, @p_out *out"),
-        "{",
-        "    uint32_t status = @P_OK;",
-        "",
-        f"    if ({_invalid(export)}) {{",
-        "        *out = state->last;",
-        "        status = @P_INVALID;",
-        "    } else {",
-        *(f"        {line}" for line in (*_sides(export), *_chain(export))),
-        "",
-        *(f"        state->{memory.source} = {memory.source};" for memory in structure.memories),
-        *(COUNTED if structure.counting else []),
-        *(f"        {line}" for line in _results(export)),
-        "        state->last = *out;",
-        "    }",
-        "    return status;",
-        "}",
-    ]
-    return "\n".join(lines) + "\n"

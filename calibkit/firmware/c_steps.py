@@ -32,11 +32,6 @@ class Body:
         """Type of a value."""
         return "int32_t" if self.program.format.fixed else self.program.format.c_type
 
-    @property
-    def zero(self) -> str:
-        """A value of nothing."""
-        return "0" if self.program.format.fixed else self.program.format.text(0.0)
-
     def input(self, entry: Input) -> str:
         """Input brought into its range."""
         flag = self._flag(entry.flag)
@@ -139,7 +134,7 @@ class Body:
 
     def _select(self, step: Select) -> Iterator[str]:
         """The first side that holds, with its status."""
-        yield f"{self.type} {step.name} = {self.zero};"
+        yield f"{self.type} {step.name} = {self.program.format.text(0.0)};"
         word = "if"
         for case in step.cases:
             up, down = f"({step.source} >= @p_{case.table})", f"({step.source} <= -@p_{case.table})"
@@ -153,8 +148,3 @@ class Body:
             )
             word = "} else if"
         yield f"}} else {{\n    status |= {self._flag(step.flag)};\n}}"
-
-
-def groups(program: Program) -> list[str]:
-    """Sides that have a status of their own."""
-    return list(dict.fromkeys(step.group for step in program.structure.maps if step.group))

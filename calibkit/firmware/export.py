@@ -2,16 +2,50 @@
 bounds and test vectors.
 """
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 
-from calibkit.firmware import bounds, identifiers, program, vectors
+from calibkit.errors import UsageError
+from calibkit.firmware import bounds, program, vectors
 from calibkit.firmware.chain import Chain, Structure
 from calibkit.firmware.formats import Format
 from calibkit.firmware.program import Program
 from calibkit.firmware.vectors import Vectors
 
 SCHEMA = "calibkit-firmware/1"
+C_WORDS = (
+    "auto break case char const continue default do double else enum extern float for goto if"
+    " inline int long register restrict return short signed sizeof static struct switch typedef"
+    " union unsigned void volatile while asm typeof bool true false nullptr constexpr thread_local"
+    " alignas alignof static_assert"
+)
+CPP_WORDS = (
+    "and and_eq bitand bitor catch char8_t char16_t char32_t class co_await co_return co_yield"
+    " compl concept consteval constinit const_cast decltype delete dynamic_cast explicit export"
+    " false friend mutable namespace new noexcept not not_eq operator or or_eq private protected"
+    " public reinterpret_cast requires static_cast template this throw try typeid typename using"
+    " virtual wchar_t xor xor_eq final override import module"
+)
+LIBRARY = (
+    "main errno assert abort exit malloc free memcpy memset printf std int8 int16 int32 int64 uint8"
+    " uint16 uint32 uint64"
+)
+HEADERS = (
+    "complex ctype fenv inttypes iso646 limits locale math setjmp signal stdalign stdarg stdatomic"
+    " stdbit stdbool stdckdint stddef stdint stdio stdlib stdnoreturn string tgmath threads time"
+    " uchar wchar wctype aio cpio dirent dlfcn fcntl fmtmsg fnmatch ftw glob grp iconv langinfo"
+    " libgen monetary mqueue ndbm netdb nl_types poll pthread pwd regex sched search semaphore"
+    " spawn strings stropts syslog tar termios ulimit unistd utime utmpx wordexp alloca byteswap"
+    " endian features malloc memory"
+)
+"""Headers of C99 to C23 and POSIX (and those every libc adds): <prefix>.h would be found in their
+place.
+"""
+LONGEST = 20
+"""Characters of a prefix: C99 tells external names apart by their first 31, and `_selftest`
+follows.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -56,7 +90,7 @@ def prepare(
     chain: Chain, identity: Identity, number: Format, prefix: str, sources: tuple[str, ...] = ()
 ) -> Export:
     """Quantise a chain, bound its error and work out its self-test."""
-    identifiers.check_prefix(prefix)
+    _check_prefix(prefix)
     quantised = program.quantise(chain, number)
     return Export(
         prefix,
@@ -67,3 +101,26 @@ def prepare(
         vectors.make_vectors(chain, quantised),
         sources,
     )
+
+
+def _check_prefix(prefix: str) -> None:
+    """UsageError for a prefix under which some generated name is not legal in C and C++."""
+    if not re.fullmatch(r"[A-Za-z][A-Za-z0-9_]*", prefix) or "__" in prefix or prefix.endswith("_"):
+        raise UsageError(
+            f"--prefix '{prefix}' is no name that C and C++ both allow",
+            hint="use letters, digits and single underscores, starting with a letter",
+        )
+    if len(prefix) > LONGEST:
+        raise UsageError(
+            f"--prefix '{prefix}' has {len(prefix)} characters", hint=f"use at most {LONGEST}"
+        )
+    if prefix.lower() in f"{C_WORDS} {CPP_WORDS} {LIBRARY}".split():
+        raise UsageError(
+            f"--prefix '{prefix}' is a word of C, C++ or their library",
+            hint="choose another prefix",
+        )
+    if prefix.lower() in HEADERS.split():
+        raise UsageError(
+            f"--prefix '{prefix}' gives {prefix}.h, which is a header of the C library",
+            hint="choose another prefix",
+        )

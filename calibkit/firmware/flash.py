@@ -9,27 +9,14 @@ from calibkit.errors import CalibkitError, CoefficientError, OutputError
 from calibkit.firmware import blob
 
 LARGEST = 1 << 32
+KINDS = {"ihex": "Intel HEX", "srec": "S-records"}
+"""Name of a format in bincopy → in words. S-records have 32-bit addresses."""
 
 
-def _bincopy() -> Any:  # noqa: ANN401 (a module of an optional library)
-    """The library of both formats."""
-    return extras.load_library("bincopy", "hex", "Intel HEX and S-records need bincopy")
-
-
-def intel_hex(content: bytes, address: int) -> bytes:
-    """Intel HEX of a blob at an address; OutputError where it leaves 32 bits."""
-    return _placed(content, address, "as_ihex")
-
-
-def s_records(content: bytes, address: int) -> bytes:
-    """Motorola S-records with 32-bit addresses of a blob at an address; OutputError where it leaves
-    32 bits.
+def place(content: bytes, address: int, kind: str) -> bytes:
+    """Records of a blob at an address, `kind` being a key of KINDS; OutputError where it leaves 32
+    bits.
     """
-    return _placed(content, address, "as_srec")
-
-
-def _placed(content: bytes, address: int, how: str) -> bytes:
-    """Text of the records."""
     if not 0 <= address <= LARGEST - len(content):
         raise OutputError(
             f"--address 0x{address:x}: {len(content)} bytes from there leave 32 bits",
@@ -37,30 +24,25 @@ def _placed(content: bytes, address: int, how: str) -> bytes:
         )
     image = _bincopy().BinFile()
     image.add_binary(content, address)
-    text: str = getattr(image, how)()
+    text: str = getattr(image, f"as_{kind}")()
     return text.encode("ascii")
 
 
-def verify_hex(name: str, content: bytes) -> str:
-    """Check an Intel HEX file's records and the blob in it; returns what it is."""
-    return _verified(name, content, "add_ihex", "Intel HEX")
+def _bincopy() -> Any:  # noqa: ANN401 (a module of an optional library)
+    """The library of both formats."""
+    return extras.load_library("bincopy", "hex", "Intel HEX and S-records need bincopy")
 
 
-def verify_srec(name: str, content: bytes) -> str:
-    """Check an S-record file's records and the blob in it; returns what it is."""
-    return _verified(name, content, "add_srec", "S-records")
-
-
-def _verified(name: str, content: bytes, how: str, kind: str) -> str:
-    """Blob of the records, verified."""
-    library = _bincopy()
+def verify(kind: str, name: str, content: bytes) -> str:
+    """Check a file's records and the blob in them; returns what it is."""
+    library, title = _bincopy(), KINDS[kind]
     image = library.BinFile()
     try:
-        getattr(image, how)(content.decode("ascii"))
+        getattr(image, f"add_{kind}")(content.decode("ascii"))
         segments = list(image.segments)
     except (library.Error, UnicodeDecodeError, ValueError, IndexError) as error:
         raise CoefficientError(
-            f"{name}: not {kind} that can be read: {error}", hint="export it again"
+            f"{name}: not {title} that can be read: {error}", hint="export it again"
         ) from None
     if len(segments) != 1:
         raise CoefficientError(
@@ -70,4 +52,4 @@ def _verified(name: str, content: bytes, how: str, kind: str) -> str:
         inside = blob.verify(name, bytes(segments[0].data))
     except CalibkitError as error:
         raise CoefficientError(error.message, hint=error.hint) from None
-    return f"{kind} at 0x{segments[0].address:08x}: {inside}"
+    return f"{title} at 0x{segments[0].address:08x}: {inside}"

@@ -5,6 +5,7 @@ is verified again.
 import hashlib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
 from typing import Any
 
@@ -73,12 +74,12 @@ TARGETS: Mapping[str, _Target] = {
     "blob": _Target(FLOATS, lambda export, _: {".bin": blob.render(export)}, _loader),
     "hex": _Target(
         FLOATS,
-        lambda export, address: {".hex": flash.intel_hex(blob.render(export), address)},
+        lambda export, address: {".hex": flash.place(blob.render(export), address, "ihex")},
         _loader,
     ),
     "srec": _Target(
         FLOATS,
-        lambda export, address: {".srec": flash.s_records(blob.render(export), address)},
+        lambda export, address: {".srec": flash.place(blob.render(export), address, "srec")},
         _loader,
     ),
     "px4": _Target(
@@ -100,8 +101,8 @@ READERS: Mapping[str, Callable[[str, bytes], str]] = {
     ".c": c_reader.verify_source,
     ".h": c_reader.verify_header,
     ".bin": blob.verify,
-    ".hex": flash.verify_hex,
-    ".srec": flash.verify_srec,
+    ".hex": partial(flash.verify, "ihex"),
+    ".srec": partial(flash.verify, "srec"),
     ".csv": table.verify,
     ".params": parameters.verify,
     ".param": parameters.verify,
