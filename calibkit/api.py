@@ -78,10 +78,14 @@ def load_recipe(name: AnyPath, **settings: object) -> Source:
         what is allowed.
 
     """
-    overrides = tuple(f"{key.replace('__', '.')}={_toml(value)}" for key, value in settings.items())
-    source = recipes.find(str(name), overrides)
+    source = recipes.find(str(name), _overrides(settings))
     instruments.parse_recipe(source)
     return source
+
+
+def _overrides(settings: Mapping[str, object]) -> tuple[str, ...]:
+    """Settings of Python as those of the command line."""
+    return tuple(f"{key.replace('__', '.')}={_toml(value)}" for key, value in settings.items())
 
 
 def _toml(value: object) -> str:
@@ -151,8 +155,7 @@ def compensate(
 
     settings give the place of use: site__latitude_deg=58.9. Nothing is overwritten.
     """
-    overrides = tuple(f"{key.replace('__', '.')}={_toml(value)}" for key, value in settings.items())
-    return pipeline.apply(_run(run), Path(log), Path(out), overrides)
+    return pipeline.apply(_run(run), Path(log), Path(out), _overrides(settings))
 
 
 def validate(run: Run | AnyPath, data: AnyPath, out: AnyPath) -> Mapping[str, Any]:
@@ -237,21 +240,24 @@ def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Ar
     CalibkitError : no such model, or one whose form has no result by itself.
 
     """
-    records = _run(run).records.values()
-    models = {f"{record.stage}.{one.name}": one for record in records for one in record.models}
+    found_run = _run(run)
+    models = {
+        f"{record.stage}.{one.name}": one
+        for record in found_run.records.values()
+        for one in record.models
+    }
     found = [one for name, one in models.items() if model in (name, one.name)]
     if len(found) != 1:
         raise CoefficientError(
             f"{len(found)} models are called '{model}'", hint=f"there are: {', '.join(models)}"
         )
-    forms = instruments.model_forms(_run(run).document["procedure"])
-    if found[0].form not in forms:
+    form = instruments.model_forms(found_run.document["procedure"]).get(found[0].form)
+    if form is None:
         raise CoefficientError(
             f"model '{model}': form {found[0].form} is not known", hint="use a newer calibkit"
         )
     inputs = dict(zip(at, np.broadcast_arrays(*map(np.atleast_1d, at.values())), strict=True))
     values = {name: np.asarray(column, dtype=np.float64) for name, column in inputs.items()}
-    form = forms[found[0].form]
     return form.evaluate(found[0], values), form.standard_uncertainty(found[0], values)
 
 

@@ -81,9 +81,7 @@ def rename_new(temporary: Path, path: Path) -> None:
         os.link(temporary, path)
     except FileExistsError:
         raise
-    except (
-        OSError
-    ):  # a file system without hard links; what took the name meanwhile is still not replaced
+    except OSError:  # a file system without hard links; what took the name is still not replaced
         if path.exists():
             raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
         temporary.rename(path)
@@ -134,7 +132,7 @@ def _acquire(path: Path, what: str, attempts: int) -> int:
 
 
 def _take(handle: int) -> bool:
-    """Whether the operating system gave this process the lock; True where it has none to give."""
+    """Whether the system gave this process the lock; True where it has none to give."""
     try:
         _system_lock(handle)
     except OSError as error:
@@ -143,22 +141,19 @@ def _take(handle: int) -> bool:
 
 
 def _system_lock(handle: int) -> None:
-    """Take the system's lock on a file without waiting; raises OSError."""
+    """Take the system's lock on a file without waiting; nothing where it has no locks. Raises
+    OSError.
+    """
     try:
         import fcntl
     except ImportError:
-        _windows_lock(handle)
+        with contextlib.suppress(ImportError):
+            import msvcrt
+
+            locking, without_waiting = vars(msvcrt)["locking"], vars(msvcrt)["LK_NBLCK"]
+            locking(handle, without_waiting, 1)
     else:
         fcntl.flock(handle, fcntl.LOCK_EX | fcntl.LOCK_NB)
-
-
-def _windows_lock(handle: int) -> None:
-    """The same on Windows, and nothing where there is no such module."""
-    with contextlib.suppress(ImportError):
-        import msvcrt
-
-        locking, without_waiting = vars(msvcrt)["locking"], vars(msvcrt)["LK_NBLCK"]
-        locking(handle, without_waiting, 1)
 
 
 def _has_name(path: Path, handle: int) -> bool:

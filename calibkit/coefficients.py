@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any, TypeVar
 from calibkit.errors import CoefficientError
 
 if TYPE_CHECKING:
-    from collections.abc import Callable, Mapping, Sequence
+    from collections.abc import Mapping, Sequence
 
     from calibkit.frame import Log
     from calibkit.plugins import Plugin
@@ -309,7 +309,7 @@ def loads(text: str, name: str) -> Record:
                 "conditions": tuple(_typed(Condition, entry) for entry in document["conditions"]),
                 "models": tuple(_model(entry) for entry in document["models"]),
                 "figures": tuple(_typed(Figure, entry) for entry in document["figures"]),
-                "flags": tuple(map(_text, document["flags"])),
+                "flags": tuple(_plain(flag, "str") for flag in document["flags"]),
             },
         )
     except (AttributeError, KeyError, TypeError, ValueError) as error:
@@ -325,9 +325,11 @@ def _model(entry: Mapping[str, Any]) -> Model:
         {
             **entry,
             "coefficients": tuple(_typed(Coefficient, item) for item in entry["coefficients"]),
-            "covariance": tuple(tuple(map(_number, row)) for row in entry["covariance"]),
+            "covariance": tuple(
+                tuple(_plain(value, "float") for value in row) for row in entry["covariance"]
+            ),
             "valid": {
-                column: (_number(low), _number(high))
+                column: (_plain(low, "float"), _plain(high, "float"))
                 for column, (low, high) in entry["valid"].items()
             },
             "parameters": tuple(_typed(Parameter, item) for item in entry.get("parameters", ())),
@@ -339,31 +341,24 @@ def _model(entry: Mapping[str, Any]) -> Model:
     return model
 
 
-def _number(value: object) -> float:
-    """A JSON number, or TypeError."""
-    if isinstance(value, bool) or not isinstance(value, (int, float)):
-        raise TypeError(f"{value!r:.40} where a number is expected")
-    return value
-
-
-def _text(value: object) -> str:
-    """A JSON text, or TypeError."""
-    if not isinstance(value, str):
-        raise TypeError(f"{value!r:.40} where a text is expected")
-    return value
-
-
-def _count(value: object) -> int:
-    """A JSON integer, or TypeError."""
-    if isinstance(value, bool) or not isinstance(value, int):
-        raise TypeError(f"{value!r:.40} where a whole number is expected")
-    return value
-
-
-_PLAIN: dict[str, Callable[[object], object]] = {"str": _text, "float": _number, "int": _count}
-"""Annotation of a field → check of its value; what is made of other records was checked when they
-were made.
+_PLAIN: dict[str, tuple[tuple[type, ...], str]] = {
+    "str": ((str,), "text"),
+    "float": ((int, float), "number"),
+    "int": ((int,), "whole number"),
+}
+"""Annotation of a field → types that its value may have, and their name. What is made of other
+records was checked when they were made.
 """
+
+
+def _plain(value: Any, annotation: str) -> Any:  # noqa: ANN401 (a value of JSON)
+    """A JSON value of the type that an annotation names, or TypeError."""
+    types, name = _PLAIN[annotation]
+    if isinstance(value, bool) or not isinstance(value, types):
+        raise TypeError(f"{value!r:.40} where a {name} is expected")
+    return value
+
+
 _Made = TypeVar("_Made")
 
 
@@ -374,7 +369,7 @@ def _typed(kind: type[_Made], values: Mapping[str, Any]) -> _Made:
     kinds = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]
     for name, value in values.items():
         if kinds.get(name) in _PLAIN:
-            _PLAIN[kinds[name]](value)
+            _plain(value, kinds[name])
     return kind(**values)
 
 

@@ -82,8 +82,9 @@ def write_all(files: Mapping[Path, bytes | Iterable[bytes]], *, dry_run: bool = 
                 try:
                     atomic.rename_new(temporary, path)
                 except FileExistsError:
-                    hint = "nothing is overwritten; give another name"
-                    raise OutputError(f"{path}: exists already", hint=hint) from None
+                    raise OutputError(
+                        f"{path}: exists already", hint="nothing is overwritten; give another name"
+                    ) from None
             named.callback(_remove, path)
         named.pop_all()
     for folder in {path.parent for path in files}:

@@ -82,8 +82,9 @@ def usable(group: str) -> Mapping[str, Any]:
     for name, entry in installed(group).items():
         loaded, fault = _imported(entry)
         if fault:
-            warning = "'%s' of %s is skipped: the package %s"
-            logging.getLogger("calibkit").warning(warning, name, _title(entry), fault)
+            logging.getLogger("calibkit").warning(
+                "'%s' of %s is skipped: the package %s", name, _title(entry), fault
+            )
         else:
             found[name] = loaded
     return found
@@ -141,6 +142,5 @@ def _files(entry: EntryPoint) -> dict[str, Path]:
     source = Path(str(module.__file__)).resolve()
     if source in {path.resolve() for path in files.values()}:
         return files
-    folder = source.parent
-    sources = folder.rglob("*.py") if module.__package__ else [source]
-    return {path.relative_to(folder).as_posix(): path for path in sources}
+    sources = source.parent.rglob("*.py") if module.__package__ else [source]
+    return {path.relative_to(source.parent).as_posix(): path for path in sources}

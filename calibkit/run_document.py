@@ -2,7 +2,7 @@
 
 import datetime as dt
 import re
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 from calibkit.errors import CoefficientError
@@ -56,34 +56,27 @@ def require_shape(document: Mapping[str, Any], path: str) -> None:
     faults = (
         _misshapen(document, SHAPE, "")
         or _misshapen(document["recipe"], RECIPE_SHAPE, "recipe.")
-        or _listed(document)
+        or _wrong_contents(document)
     )
-    if faults:
-        raise CoefficientError(
-            f"{path}: not a run document: {faults[0]}", hint="restore the run folder"
-        )
-    _require_file_names(document, path)
+    _refuse(faults, document, path, "a run document", "the run folder")
 
 
 def require_fleet_shape(document: Mapping[str, Any], path: str) -> None:
     """Raise CoefficientError for a sealed fleet.json that lacks something, or whose files are not
     in the folder.
     """
-    faults = _misshapen(document, FLEET_SHAPE, "")
-    faults = faults or [
-        fault
-        for entry in document["files"]
-        for fault in _misshapen(entry, TABLES["files"], "files: ")
-    ]
+    faults = _misshapen(document, FLEET_SHAPE, "") or _misshapen_entries(document, "files")
+    _refuse(faults, document, path, "a fleet's record", "the folder")
+
+
+def _refuse(
+    faults: Sequence[str], document: Mapping[str, Any], path: str, kind: str, folder: str
+) -> None:
+    """Raise CoefficientError for the first fault, or for a listed file that is not in the folder
+    itself.
+    """
     if faults:
-        raise CoefficientError(
-            f"{path}: not a fleet's record: {faults[0]}", hint="restore the folder"
-        )
-    _require_file_names(document, path)
-
-
-def _require_file_names(document: Mapping[str, Any], path: str) -> None:
-    """Raise CoefficientError for a listed file whose name is that of no file in the folder."""
+        raise CoefficientError(f"{path}: not {kind}: {faults[0]}", hint=f"restore {folder}")
     for entry in document["files"]:
         if not _FILE_NAME.fullmatch(entry["name"]):
             raise CoefficientError(
@@ -91,18 +84,16 @@ def _require_file_names(document: Mapping[str, Any], path: str) -> None:
             )
 
 
-def _listed(document: Mapping[str, Any]) -> list[str]:
+def _wrong_contents(document: Mapping[str, Any]) -> list[str]:
     """What is wrong with the lists of a run document whose keys are all there, and with its date
     and number.
     """
-    faults = [
-        fault
-        for key, shape in TABLES.items()
-        for entry in document[key]
-        for fault in _misshapen(entry, shape, f"{key}: ")
+    faults = [fault for key in TABLES for fault in _misshapen_entries(document, key)]
+    faults += [
+        f"inputs: fingerprint: {entry['fingerprint']!r:.40}"
+        for entry in document["inputs"]
+        if "fingerprint" in entry and not _is_fingerprint(entry["fingerprint"])
     ]
-    wrong = (entry["fingerprint"] for entry in document["inputs"] if "fingerprint" in entry)
-    faults += [f"inputs: fingerprint: {text!r:.40}" for text in wrong if not _is_fingerprint(text)]
     texts = {"flags": document["flags"], "recipe.overrides": document["recipe"]["overrides"]}
     faults += [
         f"{key}: {text!r:.40}"
@@ -110,12 +101,10 @@ def _listed(document: Mapping[str, Any]) -> list[str]:
         for text in found
         if not isinstance(text, str)
     ]
-    faults += (
-        []
-        if _is_date(document["effective_from"])
-        else [f"effective_from: {document['effective_from']!r:.40}"]
-    )
-    faults += [] if document["revision"] > 0 else [f"revision: {document['revision']}"]
+    if not _is_date(document["effective_from"]):
+        faults.append(f"effective_from: {document['effective_from']!r:.40}")
+    if document["revision"] <= 0:
+        faults.append(f"revision: {document['revision']}")
     return faults
 
 
@@ -140,3 +129,10 @@ def _misshapen(found: object, shape: Mapping[str, Kind], where: str) -> list[str
         return [f"{where}{found!r:.40} is not a table"]
     wrong = [key for key, kind in shape.items() if not isinstance(found.get(key), kind)]
     return [f"{where}{key}: {found.get(key)!r:.40}" for key in wrong]
+
+
+def _misshapen_entries(document: Mapping[str, Any], key: str) -> list[str]:
+    """What the entries of one list of a document lack or hold in another type."""
+    return [
+        fault for entry in document[key] for fault in _misshapen(entry, TABLES[key], f"{key}: ")
+    ]

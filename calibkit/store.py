@@ -143,9 +143,9 @@ def find(name: str, runs: Path, date: str = "") -> Path:
         return _in_force_on(runs, serial, numbers, date or chosen)
     match = _REVISION.fullmatch(chosen or f"r{numbers[-1]:03d}")
     if not match or int(match.group(1)) not in numbers:
-        there = ", ".join(f"r{number:03d}" for number in numbers)
         raise UsageError(
-            f"run '{name}': {serial} has no {chosen}", hint=f"revisions there: {there}"
+            f"run '{name}': {serial} has no {chosen}",
+            hint=f"revisions there: {', '.join(f'r{number:03d}' for number in numbers)}",
         )
     own_document(runs, serial, int(match.group(1)))
     return _folder(runs, serial, int(match.group(1)))
@@ -167,9 +167,12 @@ def _folder(runs: Path, serial: str, revision: int) -> Path:
 def _in_force_on(runs: Path, serial: str, numbers: Sequence[int], date: str) -> Path:
     """Folder of the revision in force on a date; UsageError where none is."""
     winners = in_force([own_document(runs, serial, number) for number in numbers])
-    if not (dates := [since for since in winners if since <= date]):
-        first = f"the first holds from {min(winners)}" if winners else "none was accepted"
-        raise UsageError(f"{serial} has no accepted run that holds on {date}", hint=first)
+    dates = [since for since in winners if since <= date]
+    if not dates:
+        raise UsageError(
+            f"{serial} has no accepted run that holds on {date}",
+            hint=f"the first holds from {min(winners)}" if winners else "none was accepted",
+        )
     return _folder(runs, serial, winners[max(dates)])
 
 
@@ -177,10 +180,9 @@ def in_force(documents: Sequence[Mapping[str, Any]]) -> dict[str, int]:
     """Effective date → revision that holds from then on: of one date the newest; a run that was not
     accepted never.
     """
-    ordered = sorted(documents, key=lambda document: int(document["revision"]))
     return {
         document["effective_from"]: document["revision"]
-        for document in ordered
+        for document in sorted(documents, key=lambda document: int(document["revision"]))
         if document["accepted"]
     }
 
@@ -212,8 +214,11 @@ def load(folder: Path) -> Run:
     """
     document = coefficients.unseal(_text(folder / RUN_FILE), f"{folder / RUN_FILE}", RUN_FORMATS)
     run_document.require_shape(document, f"{folder / RUN_FILE}")
-    paths = _listed(folder, document, RUN_FILE)
-    records = {path.name: _own_record(document, path) for path in paths if path.suffix == ".json"}
+    records = {
+        path.name: _own_record(document, path)
+        for path in _listed(folder, document, RUN_FILE)
+        if path.suffix == ".json"
+    }
     return Run(folder, document, records)
 
 
