@@ -93,8 +93,8 @@ def test_the_sensors_are_not_the_model_that_is_fitted():
     """Without any noise the K model leaves tens of µg, the affine model with turning axes a tenth
     of that.
     """
-    quiet = simulate._Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
-    campaign = simulate._run(0, quiet)
+    quiet = simulate.Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
+    campaign = simulate.campaign(0, quiet)
     fitted, _ = k_corrected(campaign)
     assert max(axis.residual_rms for axis in fitted) > 1e-5  # g
     indicated, temperature, inclination, toolface = read(campaign)
@@ -139,7 +139,7 @@ def test_one_indication_is_the_sensor_written_out():
 
 def test_truth_describes_the_sensors():
     """The noise-free indications follow from the sensors and angles of the truth."""
-    campaign = simulate._run(5, simulate._Conditions(noise_g=0.0, thermometer_noise_degc=0.0))
+    campaign = simulate.campaign(5, simulate.Conditions(noise_g=0.0, thermometer_noise_degc=0.0))
     told = campaign.truth
     sensors = tuple(simulate._Sensor(**told["sensors"][f"accel_{axis}"]) for axis in "xyz")
     vector = attitude.gravity_vector(
@@ -156,7 +156,7 @@ def test_attitude_after_correction_beats_the_published_results(seed):
     """With 0.01° table noise inclination errs by 0.05° at most and toolface by
     0.1°/sin(inclination), everywhere.
     """
-    campaign = simulate.campaign(seed, table_noise_deg=0.01)
+    campaign = simulate.campaign(seed, simulate.Conditions(table_noise_deg=0.01))
     indicated, _, inclination, toolface = read(campaign)
     _, corrected = k_corrected(campaign)
     before = attitude.errors(indicated, inclination, toolface)
@@ -179,8 +179,8 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     """A second campaign of the same triad errs within the propagated uncertainty and the dwell
     noise, 90 % of the time.
     """
-    quiet = simulate._Conditions(table_noise_deg=0.0, thermometer_noise_degc=0.0)
-    campaign = simulate._run(7, quiet)
+    quiet = simulate.Conditions(table_noise_deg=0.0, thermometer_noise_degc=0.0)
+    campaign = simulate.campaign(7, quiet)
     indicated, temperature, inclination, toolface = read(campaign)
     even = np.arange(len(temperature)) % 2 == 0
     terms = affine_model.AffineTerms(3, 1, 3, second_order=True, third_order=True)
@@ -210,7 +210,10 @@ def test_wild_dwells_are_named():
     """Three spoilt dwells of 378 are told in the truth, named by the robust fit, and move
     nothing.
     """
-    clean, spoilt = (simulate.campaign(6, table_noise_deg=0.0, wild=count) for count in (0, 3))
+    clean, spoilt = (
+        simulate.campaign(6, simulate.Conditions(table_noise_deg=0.0, wild=count))
+        for count in (0, 3)
+    )
     wild = spoilt.truth["wild_dwells"]
     assert len(wild) == 3
     fitted, _ = k_corrected(spoilt, "robust")
@@ -237,7 +240,7 @@ def test_sweeps_calibrate_as_grids_do():
     """Six attitudes swept at 1 °C/min, cut into pieces, give K whose attitude holds on the grid of
     the same triad.
     """
-    sweep = simulate.campaign(8, sweep=True, table_noise_deg=0.0)
+    sweep = simulate.campaign(8, simulate.Conditions(sweep=True, table_noise_deg=0.0))
     assert list(sweep.logs) == [f"sweep_{k:02d}.csv" for k in range(1, 7)]
     assert all(np.all(np.diff(log["time_s"]) > 0.0) for log in sweep.logs.values())
     means = swept(sweep)
@@ -245,7 +248,9 @@ def test_sweeps_calibrate_as_grids_do():
         means[:, 4:], means[:, 1], attitude.gravity_vector(means[:, 2], means[:, 3])
     )
     assert all(axis.dof > 400 for axis in fitted)
-    indicated, temperature, inclination, toolface = read(simulate.campaign(8, table_noise_deg=0.0))
+    indicated, temperature, inclination, toolface = read(
+        simulate.campaign(8, simulate.Conditions(table_noise_deg=0.0))
+    )
     corrected = k_applied(fitted, indicated, temperature)
     assert attitude.errors(corrected, inclination, toolface).inclination_max_deg < 0.05
 

@@ -81,22 +81,18 @@ def list_results(
         results.append(StageResult("accel_k", fitted.k, (), flags, conditions))
     if fitted.q is not None and fitted.affine is not None:
         flags = tuple(dict.fromkeys((*dwells.flags, *fitted.affine_flags)))
-        figures = (*_exact_matrix(fitted.q), *fitted.intervals)
+        at = forms.inputs(np.eye(3), np.full(3, fitted.q.value("temperature")))
+        # the exact matrix, lower triangular, turns the unit vectors of the axes into its columns
+        matrix = forms.Q.evaluate(fitted.q, at).T
+        u = forms.Q.standard_uncertainty(fitted.q, at).T
+        exact = (
+            Figure(f"Q_exact_{'xyz'[i]}{'xyz'[j]}", float(matrix[i, j]), "1", float(u[i, j]))
+            for i in range(3)
+            for j in range(i + 1)
+        )
+        figures = (*exact, *fitted.intervals)
         results += [
             StageResult("accel_q", (fitted.q,), figures, flags, conditions),
             StageResult("accel_affine", (fitted.affine,), attitude_figures, flags, conditions),
         ]
     return tuple(results)
-
-
-def _exact_matrix(model: Model) -> tuple[Figure, ...]:
-    """Entries of the exact lower triangular matrix of a Q-factor: it turns the unit vectors of the
-    axes into its columns.
-    """
-    at = forms.inputs(np.eye(3), np.full(3, model.value("temperature")))
-    matrix, spread = forms.Q.evaluate(model, at).T, forms.Q.standard_uncertainty(model, at).T
-    return tuple(
-        Figure(f"Q_exact_{'xyz'[i]}{'xyz'[j]}", float(matrix[i, j]), "1", float(spread[i, j]))
-        for i in range(3)
-        for j in range(i + 1)
-    )

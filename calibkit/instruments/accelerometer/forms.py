@@ -44,12 +44,6 @@ def _indication(at: Inputs) -> Array:
     return np.column_stack([at[component] for component in COMPONENTS])
 
 
-def _k_gradient(model: Model, at: Inputs) -> Array:
-    """Derivatives [n, 10] of one corrected component by K0 … K9."""
-    axis = K_MODELS.index(model.name)
-    return k_factor.columns(_indication(at), at[TEMPERATURE], axis)
-
-
 def _q_matrix(coefficients: Array) -> Array:
     """Exact matrix [3, 3] of Q1, Q2, Q3 [3, rad]."""
     return q_factor.exact_matrix(q_factor.axes_from_angles(coefficients))
@@ -74,7 +68,12 @@ def _affine(model: Model, at: Inputs) -> tuple[Array, Array]:
     return affine_model.evaluate(entries, AFFINE.read(model), _indication(at), at[TEMPERATURE])
 
 
-K = Form("accel-k/1", _k_gradient)
+K = Form(
+    "accel-k/1",
+    lambda model, at: k_factor.columns(
+        _indication(at), at[TEMPERATURE], K_MODELS.index(model.name)
+    ),
+)
 """One corrected component [n, g]: G (K0 + K1 t + K2 t² + K3 t³) − (K4 + K5 t + K6 t² + K7 t³)
 − K8 G′ − K9 G″, G′ and G″ the indications of the two other axes.
 """

@@ -59,7 +59,7 @@ class _Sensor:
 
 
 @dataclass(frozen=True, slots=True)
-class _Conditions:
+class Conditions:
     """How a campaign is run."""
 
     noise_g: float = 2e-5
@@ -85,14 +85,7 @@ class _Conditions:
     """Time constant between the case, which is logged, and the sensors [s]."""
 
 
-def campaign(
-    seed: int,
-    *,
-    sweep: bool = False,
-    noise_g: float = 2e-5,
-    table_noise_deg: float = 0.01,
-    wild: int = 0,
-) -> Campaign:
+def campaign(seed: int, conditions: Conditions = Conditions()) -> Campaign:
     """Log a triad at every attitude and temperature of the table, or with `sweep` at a few
     attitudes over temperature.
 
@@ -100,28 +93,15 @@ def campaign(
     ----------
     seed
         What triad, table and noise are drawn from.
-    sweep
-        One log an attitude while the temperature sweeps, in place of one log of dwells.
-    noise_g
-        Standard deviation of a logged indication [g].
-    table_noise_deg
-        Standard deviation of the table about the logged inclination and toolface [°].
-    wild
-        How many dwells are spoilt by a bumped table or a wrong entry.
+    conditions
+        How the campaign is run.
 
     Returns
     -------
-    `positions.csv`, one row a dwell, or `sweep_01.csv` …, and the truth: sensors, conditions, the
+    `positions.csv`, one row per dwell, or `sweep_01.csv` …, and the truth: sensors, conditions, the
     table's true angles and the wild dwells.
 
     """
-    return _run(
-        seed, _Conditions(noise_g=noise_g, table_noise_deg=table_noise_deg, wild=wild, sweep=sweep)
-    )
-
-
-def _run(seed: int, conditions: _Conditions) -> Campaign:
-    """Run a campaign under conditions of one's own."""
     rng = np.random.default_rng(seed)
     sensors = tuple(_sensor(rng, i) for i in range(3))
     logs, truth = (_sweeps if conditions.sweep else _grid)(rng, sensors, conditions)
@@ -190,7 +170,7 @@ def _sensor(rng: np.random.Generator, index: int) -> _Sensor:
 
 
 def _grid(
-    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: _Conditions
+    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: Conditions
 ) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
     """Every attitude at every temperature, one row a dwell."""
     rolls = np.arange(conditions.toolfaces) * 360.0 / conditions.toolfaces
@@ -223,7 +203,7 @@ def _grid(
 
 
 def _sweeps(
-    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: _Conditions
+    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: Conditions
 ) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
     """One attitude a log while the chamber goes from its lowest to its highest temperature."""
     low, high = min(conditions.temperatures_degc), max(conditions.temperatures_degc)

@@ -7,11 +7,10 @@ import numpy as np
 
 from calibkit.coefficients import Condition, Figure, Record, StageResult
 from calibkit.errors import CoefficientError
-from calibkit.instruments.inclinometer.errors import azimuth_rms
-from calibkit.instruments.inclinometer.forms import read_scale, write_scale
+from calibkit.instruments.inclinometer.errors import angle_errors, rms
+from calibkit.instruments.inclinometer.forms import ScaleFit, ScaleModel, read_scale, write_scale
 from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.scale_model import ScaleFit, ScaleModel
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
 
@@ -54,29 +53,22 @@ def _figures(
     """
     figures = []
     for axis, scale in fits.items():
-        valid = scale.model.valid
-        at = np.array(
-            [
-                (
-                    spec.reference_temp_degc
-                    if valid is None
-                    else np.clip(spec.reference_temp_degc, *valid)
-                )
-            ]
-        )
-        prior = scale.model.prior(at)
-        figures.append(
-            Figure(f"s_{axis}", float(prior.s[0]), "1", float(prior.standard_uncertainty[0]))
-        )
-        figures.append(Figure(f"roots_used_{axis}", float(scale.used.sum()), "1", 0.0))
-    refused = int(seen.refused.sum())
-    figures.append(Figure("stations_used", float(seen.refused.size - refused), "1", 0.0))
-    figures.append(Figure("stations_refused", float(refused), "1", 0.0))
-    count, before, after = azimuth_rms(stations, seen)
-    if count:
-        spread = np.sqrt(1.0 / (2.0 * count))
-        figures.append(Figure("azimuth_rms_before", before, "deg", float(before * spread)))
-        figures.append(Figure("azimuth_rms_after", after, "deg", float(after * spread)))
+        at, valid = spec.reference_temp_degc, scale.model.valid
+        prior = scale.model.prior(np.array([at if valid is None else np.clip(at, *valid)]))
+        figures += [
+            Figure(f"s_{axis}", float(prior.s[0]), "1", float(prior.standard_uncertainty[0])),
+            Figure(f"roots_used_{axis}", float(scale.used.sum()), "1", 0.0),
+        ]
+    refused, found = int(seen.refused.sum()), angle_errors(stations, seen)
+    figures += [
+        Figure("stations_used", float(seen.refused.size - refused), "1", 0.0),
+        Figure("stations_refused", float(refused), "1", 0.0),
+    ]
+    for when, errors in (("before", found.before), ("after", found.after)):
+        if found.known.any():
+            value = rms(errors[found.known])
+            u = float(value * np.sqrt(1.0 / (2.0 * found.known.sum())))
+            figures.append(Figure(f"azimuth_rms_{when}", value, "deg", u))
     return tuple(figures)
 
 

@@ -58,14 +58,6 @@ def rms(values: Array) -> float:
     return dispersion.rms(values[np.isfinite(values)])
 
 
-def azimuth_rms(stations: Stations, seen: SolvedStations) -> tuple[int, float, float]:
-    """Number of stations with a reference azimuth and a result, rms of their error [°] before and
-    after.
-    """
-    found = angle_errors(stations, seen)
-    return int(found.known.sum()), rms(found.before[found.known]), rms(found.after[found.known])
-
-
 def criteria(
     found: AngleErrors, spec: InclinometerRecipe, *, unseen: bool
 ) -> tuple[Criterion, ...]:
@@ -89,7 +81,11 @@ def criteria(
         if limit is not None and np.isfinite(value)
     ]
     if unseen and found.excess.size:
-        worst, limit = float(found.excess.max()), _simultaneous_factor(found.excess.size)
+        from scipy.special import ndtri
+
+        # what the largest of so many normal errors keeps in 95 % of cases (Bonferroni)
+        limit = float(ndtri(1.0 - 0.05 / (2.0 * found.excess.size)))
+        worst = float(found.excess.max())
         made.append(at_most("azimuth worse than uncorrected, over its u", worst, limit, "1"))
     return tuple(made)
 
@@ -106,15 +102,6 @@ def flag_worse(file: str, found: AngleErrors) -> list[str]:
             " azimuths"
         )
     ]
-
-
-def _simultaneous_factor(count: int) -> float:
-    """Coverage factor that the largest of so many normal errors keeps in 95 % of cases
-    (Bonferroni).
-    """
-    from scipy.special import ndtri
-
-    return float(ndtri(1.0 - 0.05 / (2.0 * count)))
 
 
 def largest(values: Array) -> float:

@@ -1,14 +1,59 @@
-"""Model form of inclinometer_scale.json: the in-situ scale factor s(T) of one gyro."""
+"""In-situ scale factor s(T) of one gyro: as a fit found it, as a file holds it, and the model form
+of inclinometer_scale.json.
+"""
+
+from dataclasses import dataclass
+from functools import partial
 
 import numpy as np
 
-from calibkit.arrays import Array
+from calibkit.arrays import Array, Mask
 from calibkit.coefficients import Model, Parameter
 from calibkit.forms import Form, Inputs
 from calibkit.instruments.inclinometer.noise import Noise
-from calibkit.instruments.inclinometer.scale_model import ScaleFit, ScaleModel
+from calibkit.instruments.inclinometer.numeric import scale_prior
+from calibkit.instruments.inclinometer.numeric.root_choice import Prior
 
 TEMPERATURE = "temp_case_degc"
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleModel:
+    """s(T) of one gyro as it leaves a file: powers of °C, their covariance, scatter, range [°C]
+    (None: no temperature).
+    """
+
+    coefficients: Array
+    covariance: Array
+    scatter: float
+    valid: tuple[float, float] | None
+    noise: Noise
+
+    def prior(self, temperature: Array) -> Prior:
+        """Prior at temperatures [n] [°C]; where one is not known, the whole range is possible."""
+        low, high = valid = self.valid or (0.0, 0.0)
+        predict = partial(
+            scale_prior.predict_scale, self.coefficients, self.covariance, self.scatter, valid
+        )
+        there = np.isfinite(temperature)
+        at, span = predict(np.where(there, temperature, low)), predict(np.linspace(low, high, 41))
+        # an unknown temperature may be any of the range: a rectangular distribution
+        spread = np.hypot(span.standard_uncertainty.max(), np.ptp(span.s) / np.sqrt(12.0))
+        middle = (span.s.min() + span.s.max()) / 2.0
+        return Prior(
+            np.where(there, at.s, middle), np.where(there, at.standard_uncertainty, spread)
+        )
+
+
+@dataclass(frozen=True, slots=True)
+class ScaleFit:
+    """s(T) of one gyro, how well it fits, and which stations [n] carried it."""
+
+    model: ScaleModel
+    dof: int
+    residual_rms: float
+    used: Mask
+    left_out: Prior
 
 
 def _powers(model: Model, at: Inputs) -> Array:

@@ -12,10 +12,9 @@ from calibkit.certificate.stated import Stated
 from calibkit.check import copies
 from calibkit.coefficients import Input, Record
 from calibkit.errors import FrameError
-from calibkit.frame import Examined, Log, refuse, values
+from calibkit.frame import Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.ingest.logs import Reader
-from calibkit.ingest.proposal import Choice, Evidence
 from calibkit.ingest.write_back import Applied
 from calibkit.instruments import Firmware, Fitted, Instrument, Progress
 from calibkit.instruments.inclinometer import (
@@ -30,6 +29,7 @@ from calibkit.instruments.inclinometer import (
     tables,
 )
 from calibkit.instruments.inclinometer.forms import SCALE
+from calibkit.instruments.inclinometer.propose import propose
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.report.documents import Drawn
 from calibkit.report.summary import Summary
@@ -40,11 +40,6 @@ def _read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = inge
     """One log in canonical columns; m/s² become g by the site's gravity."""
     columns, optional = inclinometer_stations.needed_columns(spec)
     return reader(spec.on_site(), data / file, file, columns, optional)
-
-
-def _examine(spec: InclinometerRecipe, log: Log) -> Examined:
-    """Find what is wrong with one log, and its stations."""
-    return inclinometer_stations.examine(log, spec)
 
 
 def _fit(
@@ -177,17 +172,10 @@ def _simulate(seed: int) -> Campaign:
     return campaign(seed)
 
 
-def _propose(evidence: Evidence) -> Choice | None:
-    """Recipe for logs of this kind."""
-    from calibkit.instruments.inclinometer.propose import propose
-
-    return propose(evidence)
-
-
 INSTRUMENT = Instrument(
     recipe=InclinometerRecipe,
     read=_read,
-    examine=_examine,
+    examine=inclinometer_stations.examine,
     fit=_fit,
     draw=_draw,
     validate=_validate,
@@ -197,5 +185,5 @@ INSTRUMENT = Instrument(
     firmware=_firmware,
     key_figures=(r"inclinometer_scale\.s_\w", r"inclinometer_scale\.\w\.(s\d|residual_rms)"),
     campaigns={"inclinometer": _simulate},
-    propose=_propose,
+    propose=propose,
 )

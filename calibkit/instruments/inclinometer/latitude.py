@@ -6,10 +6,10 @@ from collections.abc import Mapping
 
 import numpy as np
 
+from calibkit.instruments.inclinometer.forms import ScaleFit
 from calibkit.instruments.inclinometer.numeric import root_choice
 from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.scale_model import ScaleFit
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
 
@@ -31,8 +31,10 @@ def flag_latitude(
     seen: SolvedStations,
     spec: InclinometerRecipe,
 ) -> list[str]:
-    """What is to be known of each gyro whose s scatters by more than its readings explain."""
-    said = []
+    """Flags of the gyros whose s scatters by more than their readings explain: the latitude that
+    would explain the scatter, or what else may.
+    """
+    flags = []
     for axis, fit in fits.items():
         u = seen.solutions[axis].s_root_uncertainty[fit.used]
         expected = float(np.median(u)) if u.size else 0.0
@@ -42,28 +44,17 @@ def flag_latitude(
             f"{axis}: s scatters by {fit.model.scatter:.1e} beyond its readings, which are good for"
             f" {expected:.1e}"
         )
-        said.append(
-            f"{what} ({fit.model.scatter / expected:.1f} times):"
-            f" {_reason(axis, fit, stations, seen, spec)}"
-        )
-    return said
-
-
-def _reason(
-    axis: Sensor, fit: ScaleFit, stations: Stations, seen: SolvedStations, spec: InclinometerRecipe
-) -> str:
-    """The latitude that would explain the scatter, or what else may."""
-    offset, u = _offset(axis, fit, stations, seen, spec)
-    if abs(offset) < max(SURE * u, LEAST_DEG):
-        return (
+        offset, u_offset = _offset(axis, fit, stations, seen, spec)
+        stated = spec.site.latitude_deg
+        reason = (
             "see that site.latitude_deg is right and the gyro does not change from station to"
             " station"
+            if abs(offset) < max(SURE * u_offset, LEAST_DEG)
+            else f"the stations fit a latitude of {stated + offset:.2f}° ± {u_offset:.2f}°,"
+            f" site.latitude_deg says {stated:g}°"
         )
-    found = spec.site.latitude_deg + offset
-    return (
-        f"the stations fit a latitude of {found:.2f}° ± {u:.2f}°, site.latitude_deg says"
-        f" {spec.site.latitude_deg:g}°"
-    )
+        flags.append(f"{what} ({fit.model.scatter / expected:.1f} times): {reason}")
+    return flags
 
 
 def _offset(

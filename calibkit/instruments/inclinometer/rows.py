@@ -11,9 +11,9 @@ from calibkit.constants import SECONDS_PER_HOUR
 from calibkit.frame import Log, values
 from calibkit.ingest.column_values import unmap_values
 from calibkit.instruments.inclinometer.forms import TEMPERATURE
-from calibkit.instruments.inclinometer.numeric import published
 from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
+from calibkit.numeric.attitude import gravity_positive
 
 REFERENCE = ("inclination_deg", "toolface_deg", "azimuth_deg")
 
@@ -59,7 +59,7 @@ def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
         tuple(names),
         _joined(logs, "position_deg"),
         {
-            axis: published.along_gravity(column, spec.reference.convention)
+            axis: gravity_positive(column, spec.reference.convention)
             for axis, column in accel.items()
         },
         gyro,

@@ -7,6 +7,7 @@ import numpy as np
 
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
+from calibkit.instruments.inclinometer.forms import ScaleFit, ScaleModel
 from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import (
     root_choice,
@@ -18,7 +19,6 @@ from calibkit.instruments.inclinometer.numeric.root_choice import Prior, Solutio
 from calibkit.instruments.inclinometer.numeric.scale_prior import History
 from calibkit.instruments.inclinometer.numeric.sensor_pairs import Combined
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.scale_model import ScaleFit, ScaleModel
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped
 

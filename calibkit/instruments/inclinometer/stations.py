@@ -24,7 +24,6 @@ from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.rows import REFERENCE, Rows
 from calibkit.numeric import attitude
 
-PLAIN = ("position_deg",)
 PLAUSIBLE = {"accel": (1.5, "g"), "gyro": (1000.0, "deg/h")}
 """Largest indication of a tool at rest, bias included: beyond it the log's unit is another."""
 
@@ -50,7 +49,7 @@ class Stations:
 def needed_columns(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str, ...]]:
     """Columns that the recipe needs, and columns that it uses where they are."""
     wanted = [
-        *PLAIN,
+        "position_deg",
         *(f"accel_{axis}_g" for axis in spec.axes),
         *(f"gyro_{axis}_dph" for axis in spec.axes),
     ]
@@ -63,7 +62,7 @@ def needed_columns(spec: InclinometerRecipe) -> tuple[tuple[str, ...], tuple[str
     )
 
 
-def examine(log: Log, spec: InclinometerRecipe) -> Examined:
+def examine(spec: InclinometerRecipe, log: Log) -> Examined:
     """Findings of a log, and its stations: the rows of one station number that follow each other,
     or its dwells.
     """
@@ -118,29 +117,18 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
         found += check.find_implausible_temperatures(log, [TEMPERATURE])
     for axis in spec.axes:
         for kind, suffix in (("accel", "g"), ("gyro", "dph")):
-            found += _implausible(log, f"{kind}_{axis}_{suffix}", *PLAUSIBLE[kind])
+            column, (limit, unit) = f"{kind}_{axis}_{suffix}", PLAUSIBLE[kind]
+            data = values(log.frame, column)
+            bad = np.flatnonzero(np.abs(data) > limit)
+            if bad.size:
+                what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
+                expected = f"at most {limit:g} {unit} of a tool at rest"
+                advice = f"state the log's unit in [columns.{column}]"
+                row = int(bad[0])
+                found.append(
+                    check.finding_at_row(log, row, column, what, expected, advice, "range")
+                )
     return found
-
-
-def _implausible(log: Log, column: str, limit: float, unit: str) -> list[Finding]:
-    """Indications that no tool at rest on the earth has."""
-    data = values(log.frame, column)
-    bad = np.flatnonzero(np.abs(data) > limit)
-    if not bad.size:
-        return []
-    what = f"{data[bad[0]]:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
-    expected = f"at most {limit:g} {unit} of a tool at rest"
-    return [
-        check.finding_at_row(
-            log,
-            int(bad[0]),
-            column,
-            what,
-            expected,
-            f"state the log's unit in [columns.{column}]",
-            "range",
-        )
-    ]
 
 
 def _positions(log: Log) -> list[Finding]:

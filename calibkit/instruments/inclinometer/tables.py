@@ -12,10 +12,10 @@ from calibkit.instruments.inclinometer.errors import (
     rms,
 )
 from calibkit.instruments.inclinometer.figures import ScaleCurve, SeekingReport
+from calibkit.instruments.inclinometer.forms import ScaleFit
 from calibkit.instruments.inclinometer.numeric import published
 from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-from calibkit.instruments.inclinometer.scale_model import ScaleFit
 from calibkit.instruments.inclinometer.solve import SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
 from calibkit.numeric.attitude import wrapped

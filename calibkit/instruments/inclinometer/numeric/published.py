@@ -14,14 +14,9 @@ from numpy.typing import ArrayLike
 
 from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import EARTH_RATE_DPH
-from calibkit.errors import FitError
 
 Sensor = Literal["x", "y"]
 """Axis of a sensor pair: at 90° the x sensor lies where y was, the y sensor where −x was."""
-Convention = Literal["gravity", "specific_force"]
-"""What an accelerometer at rest indicates: positive along gravity, or the specific force, positive
-against it.
-"""
 POSITIONS_DEG = (0.0, 90.0, 180.0, 270.0)
 POSITION_TOLERANCE_DEG = 0.1
 """How far a position may be from its nominal one for the four differences to hold."""
@@ -63,15 +58,6 @@ class Roots:
     """(s₊ − s₋)/2; 0 where the discriminant is."""
     clamped: Mask
     """Whether a negative discriminant was clamped to zero."""
-
-
-def along_gravity(accel: Array, convention: Convention) -> Array:
-    """Accelerometer indications of any shape, positive along gravity whatever convention they were
-    logged in.
-    """
-    if convention not in {"gravity", "specific_force"}:
-        raise FitError(f"sign convention '{convention}'", hint="give gravity or specific_force")
-    return accel if convention == "gravity" else -accel
 
 
 def arrange(station: ArrayLike, position_deg: Array, indication: Array) -> tuple[Array, Array]:

@@ -281,7 +281,6 @@ def _flags(
     ambiguous: Mask,
 ) -> tuple[tuple[str, ...], ...]:
     """What a reader of each station must know [n]."""
-    both = np.asarray((found.s > 0.0).all(axis=1))
     with np.errstate(divide="ignore", invalid="ignore"):
         off = np.asarray(
             np.abs(s_root - prior.s) / np.hypot(u_root, prior.standard_uncertainty),
@@ -298,21 +297,20 @@ def _flags(
                 flags.append("no positive root of s: s is its prior")
             elif ambiguous[k]:
                 flags.append("both roots of s are about as likely: s is its prior")
-            elif not trusted[k] or off[k] > DISAGREES:
-                flags.append(_root_flag(s_root[k], u_root[k], prior.s[k], off[k], trusted[k]))
-            if both[k]:
+            elif not trusted[k]:
+                flags.append(
+                    f"s is its prior: the root {s_root[k]:.4g} has a standard uncertainty of"
+                    f" {u_root[k]:.2g}, C is near 0"
+                )
+            elif off[k] > DISAGREES:
+                flags.append(
+                    f"the root {s_root[k]:.5g} is {off[k]:.0f} standard uncertainties from its"
+                    f" prior {prior.s[k]:.5g}"
+                )
+            if (found.s[k] > 0.0).all():
                 flags.append("both roots of s are positive")
         lines.append(tuple(flags))
     return tuple(lines)
-
-
-def _root_flag(s: float, u: float, prior: float, off: float, trusted: np.bool_) -> str:
-    """Why the root of a station is not used, or how far it is from its prior."""
-    if not trusted:
-        return (
-            f"s is its prior: the root {s:.4g} has a standard uncertainty of {u:.2g}, C is near 0"
-        )
-    return f"the root {s:.5g} is {off:.0f} standard uncertainties from its prior {prior:.5g}"
 
 
 def _solution(
