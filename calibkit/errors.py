@@ -1,5 +1,8 @@
 """What can go wrong, one class a kind, each with the exit code that a script can rely on."""
 
+import difflib
+from collections.abc import Iterable
+
 
 class CalibkitError(Exception):
     """Anything calibkit refuses to do, with one line that says where, what was found, what was
@@ -87,3 +90,11 @@ class StoppedError(CalibkitError):
 
     exit_code = 130
     code = "interrupted"
+
+
+def did_you_mean(name: str, known: Iterable[str], otherwise: str) -> str:
+    """Advice that names the known word closest to one that is not known; `otherwise` where none is
+    close.
+    """
+    close = difflib.get_close_matches(name, known, n=1)
+    return f"did you mean '{close[0]}'?" if close else otherwise

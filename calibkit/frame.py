@@ -137,16 +137,12 @@ class Log:
         return frozenset(row.tobytes() for row in head + 0.0) if head.shape[1] else frozenset()
 
 
-def _row_digests(rows: Iterable[bytes]) -> frozenset[str]:
-    """Digests of rows as `Log.first_rows` gives them, cut to KEPT_DIGITS."""
-    return frozenset(hashlib.sha256(row).hexdigest()[:KEPT_DIGITS] for row in rows)
-
-
 def fingerprint(rows: Iterable[bytes]) -> str:
-    """The KEPT_ROWS smallest digests of rows, ascending: a sample that copies share, whichever of
-    the rows they hold.
+    """The KEPT_ROWS smallest digests, cut to KEPT_DIGITS, of rows as `Log.first_rows` gives them,
+    ascending: a sample that copies share, whichever of the rows they hold.
     """
-    return "".join(sorted(_row_digests(rows))[:KEPT_ROWS])
+    digests = {hashlib.sha256(row).hexdigest()[:KEPT_DIGITS] for row in rows}
+    return "".join(sorted(digests)[:KEPT_ROWS])
 
 
 @dataclass(frozen=True, slots=True)

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 import math
 import re
 from dataclasses import dataclass
 from fractions import Fraction
 from typing import TYPE_CHECKING
 
-from calibkit.errors import RecipeError
+from calibkit.errors import RecipeError, did_you_mean
 
 if TYPE_CHECKING:
     from calibkit.arrays import Array
@@ -222,9 +221,11 @@ def known(spelling: str) -> str:
     unit = ALIASES.get(spelling, spelling)
     if unit in TABLE:
         return unit
-    close = difflib.get_close_matches(spelling, [*TABLE, *ALIASES], n=1)
-    guess = f"did you mean '{close[0]}'?" if close else f"known units: {', '.join(TABLE)}"
-    raise RecipeError(f"unknown unit '{spelling}'", hint=guess)
+    known_units = f"known units: {', '.join(TABLE)}"
+    raise RecipeError(
+        f"unknown unit '{spelling}'",
+        hint=did_you_mean(spelling, [*TABLE, *ALIASES], known_units),
+    )
 
 
 def _a(dimension: str) -> str:

@@ -7,7 +7,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 from hypothesis.extra.numpy import arrays
 
-from calibkit.ingest import scratch
+from calibkit.ingest import logs_on_disk
 from calibkit.numeric import anomalies, chunks, intervals, order_statistics
 from calibkit.numeric.intervals import Intervals
 
@@ -186,7 +186,7 @@ def test_figures_of_long_columns_are_those_of_numpy(monkeypatch):
         == np.flatnonzero(np.diff(one) > 0.5).tolist()
     )
     assert np.array_equal(chunks.take_slice(one, slice(5, 90, 4)), one[5:90:4])
-    mapped = scratch.allocate_column(100)
+    mapped = logs_on_disk.allocate_column(100)
     mapped[:] = one
     rows = np.array([[2, 3, 4], [5, 6, 7], [6, 7, 8], [90, 91, 92]])
     assert np.array_equal(chunks.take_rows(mapped, rows), one[rows])

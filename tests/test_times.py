@@ -12,7 +12,6 @@ from hypothesis import given, settings, strategies as st
 from calibkit.errors import LogFormatError
 from calibkit.readers import times
 
-PLACE = "log.csv: column 'time'"
 WRITTEN = (
     "%Y-%m-%d %H:%M:%S.%f",
     "%Y/%m/%dT%H:%M:%S,%f",
@@ -24,9 +23,8 @@ WRITTEN = (
 
 def seconds(*fields, form=""):
     """Clock of a column of fields, whose first stands in line 2."""
-    return times.to_seconds(
-        pd.Series(fields), form or times.recognise_format([str(field) for field in fields]), PLACE
-    )
+    form = form or times.recognise_format([str(field) for field in fields])
+    return times.to_seconds(pd.Series(fields), form, "log.csv", "time")
 
 
 @settings(max_examples=60, deadline=None)

@@ -65,13 +65,7 @@ def examine_file(
     """Examine a large clean log in chunks; None for a log that is read whole. Raises as
     `ingest.read_log`.
     """
-    if (
-        not logs_on_disk.can_be_chunked(recipe)
-        or not path.is_file()
-        or path.stat().st_size <= largest
-    ):
-        return None
-    scan = clean.scan_file(path, file)
+    scan = logs_on_disk.scan_large_log(recipe, path, file, largest)
     if scan is None:
         return None
     every = -(-scan.rows // KEPT)

@@ -138,8 +138,7 @@ def estimate_clock(
         )
     start = _search_offset(t, x, time_b, b, near_s, search_s)
     middle = float(np.median(time_b))
-    begin = np.array([start, 0.0] if drift else [start])
-    theta = _refine(begin, t, x, time_b, b, middle)
+    theta = _refine(np.array([start, 0.0] if drift else [start]), t, x, time_b, b, middle)
     if abs(float(theta[0]) - near_s) >= search_s:
         raise FitError(
             f"the best clock offset lies at the end of the search, {theta[0]:+.1f} s",
@@ -167,12 +166,10 @@ def _search_offset(
         )
     best = int(np.nanargmin(left))
     inner = np.r_[False, (left[1:-1] < left[:-2]) & (left[1:-1] < left[2:]), False]
-    rivals = [k for k in np.flatnonzero(inner).tolist() if abs(k - best) > 1]
-    floor = max(float(left[best]), 1e-12)
-    if any(left[k] < (1.0 + _RIVAL) * floor for k in rivals):
-        others = ", ".join(
-            f"{offsets[k]:+.0f} s" for k in rivals if left[k] < (1.0 + _RIVAL) * floor
-        )
+    alike = left < (1.0 + _RIVAL) * max(float(left[best]), 1e-12)
+    rivals = [k for k in np.flatnonzero(inner & alike).tolist() if abs(k - best) > 1]
+    if rivals:
+        others = ", ".join(f"{offsets[k]:+.0f} s" for k in rivals)
         raise FitError(
             f"clock offsets of {offsets[best]:+.0f} s and {others} explain the two logs alike",
             hint="narrow search_s around the known offset (offset_s), or state the clock",
@@ -219,10 +216,12 @@ def _refine(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: f
 
     scale = np.array([1.0, 1.0 / float(time_b[-1] - time_b[0])])[: theta.size]
 
-    def left(scaled: Array) -> Array:
+    def residuals(scaled: Array) -> Array:
         return _residuals(scaled * scale, t, x, time_b, b, middle)
 
-    found = least_squares(left, theta / scale, diff_step=np.full(theta.size, 1e-3), max_nfev=200)
+    found = least_squares(
+        residuals, theta / scale, diff_step=np.full(theta.size, 1e-3), max_nfev=200
+    )
     return np.asarray(found.x * scale, dtype=np.float64)
 
 

@@ -2,14 +2,13 @@
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 import numpy as np
 
 from calibkit import units
-from calibkit.errors import FrameError, LogFormatError, RecipeError
+from calibkit.errors import FrameError, LogFormatError, RecipeError, did_you_mean
 from calibkit.ingest import column_names
 from calibkit.readers import times
 from calibkit.recipe import Column
@@ -76,22 +75,29 @@ def read_time(table: Table, source: str, recipe: Recipe) -> MappedColumn:
     raw, form = table.frame[source], column.time_format
     if column.date:
         if column.date not in table.frame.columns:
-            raise _absent(table, column.date, "[columns.time_s] date")
+            columns = list(map(str, table.frame.columns))
+            raise FrameError(
+                f"{table.file}: [columns.time_s] date = '{column.date}': no such column",
+                hint=did_you_mean(column.date, columns, f"columns: {', '.join(columns[:12])}"),
+            )
         raw = table.frame[column.date].astype(str).str.strip() + " " + raw.astype(str).str.strip()
         form = form or times.recognise_format([str(field) for field in raw.iloc[:200]])
-    place = f"{table.file}: column '{source}'"
     if form == times.EXCEL:
         try:
             days = raw.to_numpy(dtype=np.float64)
         except ValueError:
             raise LogFormatError(
-                f"{place}: text, expected numbers", hint="correct [columns], or time_format"
+                f"{table.file}: column '{source}': text, expected numbers",
+                hint="correct [columns], or time_format",
             ) from None
-        days_read = (f"column '{source}': days since 1899-12-30",)
-        return MappedColumn(times.spreadsheet_to_seconds(days), (), days_read)
+        return MappedColumn(
+            times.spreadsheet_to_seconds(days),
+            reading=(f"column '{source}': days since 1899-12-30",),
+        )
     if not form and raw.dtype.kind in "fiub":
         return read_values(table, source, "time_s", recipe, None)
-    found = times.to_seconds(raw, form or _time_format(raw, place), place)
+    form = form or _time_format(raw, table.file, source)
+    found = times.to_seconds(raw, form, table.file, source)
     reading = tuple(type(note)(f"column '{source}': {note}") for note in found.notes)
     return MappedColumn(found.seconds, (), reading)
 
@@ -101,7 +107,7 @@ def _mapping_of(name: str, source: str, recipe: Recipe) -> Column:
     return recipe.columns.get(name) or Column(source=source)
 
 
-def _time_format(raw: pd.Series, place: str) -> str:
+def _time_format(raw: pd.Series, file: str, source: str) -> str:
     """Format of a column's times, from its first fields: decimal seconds where these are numbers of
     more digits than a float64 holds. Raises LogFormatError for anything else.
     """
@@ -109,13 +115,12 @@ def _time_format(raw: pd.Series, place: str) -> str:
     form = times.recognise_format(first)
     if form:
         return form
-    if all(times.is_decimal(field) for field in first):
+    row = next((k for k, field in enumerate(first) if not times.is_decimal(field)), None)
+    if row is None:
         return times.DECIMAL
-    file, _, column = place.partition(": ")
-    row = next(k for k, field in enumerate(first) if not times.is_decimal(field))
     raise LogFormatError(
-        f"{file}:{int(raw.index[row]) + 2}: {column}: found '{first[row][:40]}', expected a number"
-        " or a time",
+        f"{file}:{int(raw.index[row]) + 2}: column '{source}': found '{first[row][:40]}', expected"
+        " a number or a time",
         hint="pin time_format in [columns], or repair the log",
     )
 
@@ -196,9 +201,10 @@ def read_values(
     try:
         values = units.convert(values, unit, target, gravity_mps2=recipe.site.gravity_mps2)
     except RecipeError as error:
-        place = ("columns", name, "unit")
         raise RecipeError(
-            f"{table.file}: column '{source}': {error.message}", hint=error.hint, at=place
+            f"{table.file}: column '{source}': {error.message}",
+            hint=error.hint,
+            at=("columns", name, "unit"),
         ) from None
     if unit != target and not column.unit:
         reading += (f"column '{source}': {unit}, as the log states",)
@@ -225,11 +231,13 @@ def _note_on_spacing(column: Column, seconds: Array | None, name: str) -> tuple[
     apart = float(np.nanmedian(np.diff(seconds)))
     if not apart > 0.0 or abs(apart / column.interval_s - 1.0) < _SPACING:
         return ()
-    note = (
-        f"rows are {apart:g} s apart, interval_s says that each one counts {column.interval_s:g} s:"
-        f" rates are {apart / column.interval_s:.4g} times those of a log of every sample"
+    return (
+        (
+            f"column '{name}': rows are {apart:g} s apart, interval_s says that each one counts"
+            f" {column.interval_s:g} s: rates are {apart / column.interval_s:.4g} times those of a"
+            " log of every sample"
+        ),
     )
-    return (f"column '{name}': {note}",)
 
 
 def _unwrap(raw: Array, modulus: float, source: str) -> tuple[Array, tuple[str, ...]]:
@@ -251,8 +259,11 @@ def _without_sentinels(
     line.
     """
     counted = units.TABLE[unit].dimension in {"count", "count rate", "count per sample", "time"}
-    values = [*_SENTINELS, *(() if counted else _SENTINELS_BUT_COUNTS)]
-    values += [entry for entry in recipe.logs.sentinels if not isinstance(entry, str)]
+    values = [
+        *_SENTINELS,
+        *(() if counted else _SENTINELS_BUT_COUNTS),
+        *(entry for entry in recipe.logs.sentinels if not isinstance(entry, str)),
+    ]
     # fmin and fmax pass over what is missing; most columns lie far inside all sentinels
     low, high = (float(end.reduce(raw)) if raw.size else 0.0 for end in (np.fmin, np.fmax))
     if not any(low <= value <= high for value in values):
@@ -260,23 +271,12 @@ def _without_sentinels(
     hit = np.isin(raw, values)
     if not hit.any():
         return raw, ()
-    first = int(np.flatnonzero(hit)[0])
-    line = int(table.frame.index[first]) + 2
+    first = int(np.argmax(hit))
     note = (
-        f"column '{source}': {int(hit.sum())} × no value, the first {raw[first]:g} in line {line}"
+        f"column '{source}': {int(hit.sum())} × no value, the first {raw[first]:g} in line"
+        f" {int(table.frame.index[first]) + 2}"
     )
     return np.where(hit, np.nan, raw), (note,)
-
-
-def _absent(table: Table, name: str, where: str) -> FrameError:
-    """The error of a column that the recipe names and the log has not."""
-    close = difflib.get_close_matches(name, [str(column) for column in table.frame.columns], n=1)
-    guess = (
-        f"did you mean '{close[0]}'?"
-        if close
-        else f"columns: {', '.join(map(str, table.frame.columns[:12]))}"
-    )
-    return FrameError(f"{table.file}: {where} = '{name}': no such column", hint=guess)
 
 
 def unmap_values(
@@ -287,8 +287,10 @@ def unmap_values(
     `stated` is the unit that the log's header states, for a mapping without a unit.
     """
     target = units.column_unit(name)
-    own = column.unit or stated or target
     converted = units.convert(
-        column.sign * values, target, own, gravity_mps2=recipe.site.gravity_mps2
+        column.sign * values,
+        target,
+        column.unit or stated or target,
+        gravity_mps2=recipe.site.gravity_mps2,
     )
     return (converted - column.offset) / column.scale

@@ -4,6 +4,7 @@ import re
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from fnmatch import fnmatchcase
+from itertools import takewhile
 from pathlib import Path
 from typing import TypeAlias
 
@@ -91,13 +92,11 @@ def _read_layout(path: Path) -> _Layout:
 
 def _layout_of_format(path: Path, name: str) -> _Layout:
     """Layout of a log in a format that its reader reads whole."""
-    logs = Logs(files=(path.name,), format=name)
-    table = registry.read(path, path.name, logs, ())
+    table = registry.read(path, path.name, Logs(files=(path.name,), format=name), ())
     columns = []
     for column in map(str, table.frame.columns):
-        fields = [str(field) for field in table.frame[column].iloc[:50]]
-        plain = all(map(times.is_decimal, fields))
-        form = "" if plain else times.recognise_format(fields)
+        fields = list(map(str, table.frame[column].iloc[:50]))
+        form = "" if all(map(times.is_decimal, fields)) else times.recognise_format(fields)
         columns.append(
             column_names.LogColumn(column, table.units.get(column, ""), bool(form), form)
         )
@@ -132,7 +131,5 @@ def file_patterns(files: Sequence[str], names: Sequence[str]) -> list[str]:
 
 def _common_beginning(names: Sequence[str]) -> str:
     """Longest beginning that all names share."""
-    first, last = min(names), max(names)
-    return first[
-        : next((k for k, (a, b) in enumerate(zip(first, last, strict=False)) if a != b), len(first))
-    ]
+    alike = takewhile(lambda letters: len(set(letters)) == 1, zip(*names, strict=False))
+    return "".join(letters[0] for letters in alike)

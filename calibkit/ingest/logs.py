@@ -1,6 +1,5 @@
 """The logs of a data folder: which they are, and how each is read."""
 
-import difflib
 import importlib
 from collections import deque
 from collections.abc import Callable, Iterable, Iterator, Sequence
@@ -8,8 +7,9 @@ from itertools import islice
 from pathlib import Path
 from typing import Protocol, TypeVar
 
-from calibkit.errors import FrameError, RecipeError, UsageError
+from calibkit.errors import FrameError, RecipeError, UsageError, did_you_mean
 from calibkit.frame import Log
+from calibkit.ingest import logs_on_disk, second_logger
 from calibkit.ingest.mapping import log_name, read_file
 from calibkit.readers import parts
 from calibkit.recipe import Recipe
@@ -50,14 +50,11 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
     if recipe.logs.split:
         found = [log[0] for log in parts.group_parts(found)]
     if recipe.chamber is not None:
-        from calibkit.ingest import second_logger
-
         found = second_logger.exclude_second_logger(recipe.chamber, found, folder)
     skipped = {
         exclude.log for exclude in recipe.exclude if exclude.from_s is None and exclude.to_s is None
     }
-    excluded = [exclude.log for exclude in recipe.exclude]
-    _require_there("[[exclude]] log", excluded, found, at=("exclude",))
+    _require_there("[[exclude]] log", [one.log for one in recipe.exclude], found, at=("exclude",))
     kept = [name for name in found if not skipped & {name, log_name(name)}]
     for name in kept:
         _require_text(name)
@@ -96,10 +93,12 @@ def _require_there(
     there = {*found, *map(log_name, found)}
     for number, name in enumerate(names):
         if name not in there:
-            close = difflib.get_close_matches(name, sorted(there), n=1)
-            guess = f"did you mean '{close[0]}'?" if close else f"logs: {', '.join(found)}"
             place: tuple[str | int, ...] = (*at, name) if len(at) > 1 else (*at, number, "log")
-            raise RecipeError(f"{where} = '{name}': no such log", hint=guess, at=place)
+            raise RecipeError(
+                f"{where} = '{name}': no such log",
+                hint=did_you_mean(name, sorted(there), f"logs: {', '.join(found)}"),
+                at=place,
+            )
 
 
 def read_log(
@@ -111,13 +110,9 @@ def read_log(
     Raises LogFormatError, FrameError, RecipeError, or FitError where two clocks cannot be related.
     """
     if recipe.chamber is None:
-        from calibkit.ingest import logs_on_disk
-
         return logs_on_disk.read_to_disk(recipe, path, file, needed, optional) or read_file(
             recipe, path, file, needed, optional
         )
-    from calibkit.ingest import second_logger
-
     return second_logger.read_joined(recipe, recipe.chamber, path, file, needed, optional)
 
 

@@ -1,26 +1,35 @@
-"""A log that is larger than memory should be: read a piece at a time into columns on disk, and
-worked on from there.
+"""A log that is larger than memory should be: read in chunks into columns on disk, and processed
+from there.
 
-Its frame is like any other, but its columns lie in scratch files; what a fit computes along them
-goes span by span into arrays that lie there too, so that the numbers are those of a log in memory.
-Only clean CSV can be read like this.
+Its frame is like any other, but its columns lie in scratch files: unnamed, and gone with the array.
+What a fit computes along them goes chunk by chunk into arrays that lie there too, so that the
+numbers are those of a log in memory. Only clean CSV can be read like this.
 """
 
+from __future__ import annotations
+
+import mmap
 import os
-from collections.abc import Sequence
-from pathlib import Path
+import tempfile
+from dataclasses import replace
+from typing import TYPE_CHECKING
 
 import numpy as np
-import pandas as pd
 
 from calibkit import units
-from calibkit.arrays import Array
-from calibkit.errors import UsageError
-from calibkit.frame import Log, values
-from calibkit.ingest import mapping, scratch
+from calibkit.errors import OutputError, UsageError
+from calibkit.frame import values
+from calibkit.ingest import mapping
 from calibkit.numeric.chunks import release
 from calibkit.readers import clean
-from calibkit.recipe import Recipe
+
+if TYPE_CHECKING:
+    from collections.abc import Sequence
+    from pathlib import Path
+
+    from calibkit.arrays import Array
+    from calibkit.frame import Log
+    from calibkit.recipe import Recipe
 
 SETTING = "CALIBKIT_LARGEST_LOG_MB"
 """Environment variable: megabytes of a log up to which it is held in memory."""
@@ -48,28 +57,26 @@ def _largest_in_memory() -> float:
 def read_to_disk(
     recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str] = ()
 ) -> Log | None:
-    """A large clean log with its columns on disk; none for a log that is held in memory. Raises as
+    """A large clean log with its columns on disk; None for a log that is held in memory. Raises as
     `ingest.read_log`.
     """
-    if (
-        not (recipe.along_chunks and can_be_chunked(recipe))
-        or not path.is_file()
-        or path.stat().st_size <= _largest_in_memory()
-    ):
+    import pandas as pd
+
+    if not recipe.along_chunks:
         return None
-    scan = clean.scan_file(path, file)
+    scan = scan_large_log(recipe, path, file, _largest_in_memory())
     if scan is None:
         return None
-    plain = recipe.model_copy(update={"exclude": ()})
+    whole = recipe.model_copy(update={"exclude": ()})
     kept: dict[str, Array] = {}
-    lines, row = scratch.allocate_column(scan.rows), 0
+    lines, row = allocate_column(scan.rows), 0
     taken: dict[int, int] = {}
     notes: dict[str, None] = {}
     part: Log | None = None
     for table in clean.read_chunks(path, file, scan, ROWS):
-        part = mapping.map_log(plain, table, needed, optional)
+        part = mapping.map_log(whole, table, needed, optional)
         frame, out = mapping.drop_excluded_rows(part.frame, recipe.exclude, file)
-        kept = kept or {str(name): scratch.allocate_column(scan.rows) for name in frame.columns}
+        kept = kept or {str(name): allocate_column(scan.rows) for name in frame.columns}
         for name, column in (*kept.items(), ("", lines)):
             column[row : row + len(frame)] = values(frame, name) if name else frame.index.to_numpy()
             release(column)
@@ -77,40 +84,61 @@ def read_to_disk(
         taken = {number: taken.get(number, 0) + rows for number, rows in out.items()}
         notes |= dict.fromkeys(part.notes)
     assert part is not None  # noqa: S101 (a clean file has rows)
-    noted = (*notes, *mapping.note_exclusions(recipe.exclude, taken, file))
-    frame = pd.DataFrame(
-        {name: column[:row] for name, column in kept.items()}, index=_index(lines[:row]), copy=False
+    index: pd.Index = pd.RangeIndex(int(lines[0]), int(lines[0]) + row) if row else pd.RangeIndex(0)
+    if row and lines[row - 1] != index[-1]:  # rows were left out
+        index = pd.Index(lines[:row].astype(np.int64))
+    return replace(
+        part,
+        rows=scan.rows,
+        frame=pd.DataFrame(
+            {name: column[:row] for name, column in kept.items()}, index, copy=False
+        ),
+        notes=(*notes, *mapping.note_exclusions(recipe.exclude, taken, file)),
+        excluded_rows=sum(taken.values()),
+        room=allocate_column,
     )
-    return Log(
-        part.name,
-        file,
-        scan.sha256,
-        scan.rows,
-        frame,
-        noted,
-        part.reading,
-        room=scratch.allocate_column,
-    )
 
 
-def _index(lines: Array) -> pd.Index:
-    """Index of rows that were kept: a range where none was left out."""
-    first = int(lines[0]) if lines.size else 0
-    if not lines.size or lines[-1] - first == lines.size - 1:
-        return pd.RangeIndex(first, first + lines.size)
-    return pd.Index(lines.astype(np.int64))
-
-
-def can_be_chunked(recipe: Recipe) -> bool:
-    """Whether each row of the recipe's logs can be mapped without the rows before it."""
+def scan_large_log(recipe: Recipe, path: Path, file: str, largest: float) -> clean.Scan | None:
+    """Scan of a clean log of more than `largest` bytes whose rows can each be mapped without the
+    rows before it; None for one that is read whole.
+    """
     stateful = any(
-        column.accumulated or column.wraps_at or column.time_format or column.date
+        column.accumulated
+        or column.wraps_at
+        or column.time_format
+        or column.date
+        or (column.unit and units.known(column.unit) == "1/sample")
         for column in recipe.columns.values()
     )
-    plain = (
-        recipe.logs.format in ("auto", "csv") and not recipe.logs.names and not recipe.logs.split
-    )
-    per_sample = any(
-        units.known(column.unit) == "1/sample" for column in recipe.columns.values() if column.unit
-    )
-    return plain and not stateful and not per_sample and recipe.chamber is None
+    logs = recipe.logs
+    plain = logs.format in ("auto", "csv") and not logs.names and not logs.split
+    if stateful or not plain or recipe.chamber is not None:
+        return None
+    large = path.is_file() and path.stat().st_size > largest
+    return clean.scan_file(path, file) if large else None
+
+
+def allocate_column(rows: int) -> Array:
+    """Allocate an array [rows], not initialised, in a file of the system's folder for temporary
+    files (TMPDIR).
+
+    The file is gone when the array is, and when the process ends, however it ends. Raises
+    OutputError where the disk is full.
+    """
+    size = 8 * max(rows, 1)
+    try:
+        with tempfile.TemporaryFile(prefix="calibkit-") as file:
+            if hasattr(os, "posix_fallocate"):
+                # a full disk is an error here, not a signal later
+                os.posix_fallocate(file.fileno(), 0, size)
+            else:
+                file.truncate(size)
+            mapped = mmap.mmap(file.fileno(), size)
+    except OSError as error:
+        raise OutputError(
+            f"{tempfile.gettempdir()}: no room for {size / 1e6:.0f} MB of scratch:"
+            f" {error.strerror}",
+            hint="make room there, or name a folder on a larger disk in TMPDIR",
+        ) from None
+    return np.frombuffer(mapped, dtype=np.float64, count=rows)

@@ -8,9 +8,10 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
-from calibkit.errors import RecipeError
+from calibkit import units
+from calibkit.errors import FrameError, RecipeError
 from calibkit.frame import Log, require
-from calibkit.ingest import column_values, reference_corrections
+from calibkit.ingest import column_values
 from calibkit.ingest.column_values import MappedColumn
 from calibkit.readers import parts, registry
 
@@ -22,6 +23,7 @@ if TYPE_CHECKING:
 
     from calibkit.readers.table import Table
     from calibkit.recipe import Exclude, Recipe
+    from calibkit.recipe.tables import Correction
 
 
 def log_name(file: str) -> str:
@@ -39,8 +41,8 @@ def read_file(
     timed = recipe.columns.get("time_s")
     written = {timed.source} if timed and (timed.time_format or timed.date) else set()
     wanted = {sources.get(name, name) for name in (*needed, *optional)} - written
-    table = (parts.read if recipe.logs.split else registry.read)(path, file, recipe.logs, wanted)
-    return map_log(recipe, table, needed, optional)
+    read = parts.read if recipe.logs.split else registry.read
+    return map_log(recipe, read(path, file, recipe.logs, wanted), needed, optional)
 
 
 def map_log(
@@ -67,7 +69,7 @@ def map_log(
     if counted := [name for name, column in mapped.items() if column.since_row_before]:
         frame = frame.iloc[1:]
         notes.append(f"the first row removed: {', '.join(counted)} are counts since the row before")
-    frame, corrections = reference_corrections.correct_references(frame, recipe.correction, file)
+    frame, corrections = _correct_references(frame, recipe.correction, file)
     frame, dropped = _drop_incomplete_rows(frame, needed, recipe)
     frame, taken = drop_excluded_rows(frame, recipe.exclude, file)
     taken = {number: rows for number, rows in taken.items() if rows or whole}
@@ -104,8 +106,7 @@ def _map_columns(
                 f" '{own['time_s']}' holds the time",
                 hint="remove rate_hz, or map time_s to nothing that the log has",
             )
-        counted = np.arange(len(table.frame), dtype=np.float64) / recipe.logs.rate_hz
-        mapped["time_s"] = MappedColumn(counted)
+        mapped["time_s"] = MappedColumn(np.arange(len(table.frame)) / recipe.logs.rate_hz)
     return mapped
 
 
@@ -127,6 +128,45 @@ def _own_names(
     present = [*table.frame.columns, *own, *(["time_s"] if recipe.logs.rate_hz else [])]
     require(table.file, dict.fromkeys(present), needed)
     return own
+
+
+def _correct_references(
+    frame: pd.DataFrame, corrections: Sequence[Correction], file: str
+) -> tuple[pd.DataFrame, tuple[str, ...]]:
+    """The frame with each column of a reference instrument corrected by its certificate, and one
+    text per column: by which certificate and by how much.
+
+    Raises FrameError for an indication outside its certificate, unless the recipe extends the
+    corrections of its ends.
+    """
+    reading = []
+    for entry in corrections:
+        if entry.column not in frame.columns:
+            continue
+        indication = frame[entry.column].to_numpy(dtype=np.float64)
+        points, unit = np.array(entry.indication), units.column_unit(entry.column)
+        outside = (indication < points[0]) | (indication > points[-1])
+        if outside.any() and entry.beyond == "refuse":
+            row = int(np.argmax(outside))
+            raise FrameError(
+                f"{file}:{int(frame.index[row]) + 2}: column '{entry.column}': {indication[row]:g}"
+                f" {unit}, expected {points[0]:g} to {points[-1]:g}, the range of certificate"
+                f" {entry.certificate} ({int(outside.sum())} rows are outside)",
+                hint=(
+                    'calibrate the instrument over the range that is used, or say beyond = "hold"'
+                    " in [[correction]]"
+                ),
+            )
+        added = np.interp(indication, points, np.array(entry.correction))
+        frame = frame.assign(**{entry.column: indication + added})
+        text = (
+            f"column '{entry.column}': corrected by {float(np.nanmin(added)):+.3g} to"
+            f" {float(np.nanmax(added)):+.3g} {unit}, certificate {entry.certificate}"
+        )
+        text += f" of {entry.instrument}" if entry.instrument else ""
+        held = f", {int(outside.sum())} rows beyond it with the correction of its end"
+        reading.append(text + held if outside.any() else text)
+    return frame, tuple(reading)
 
 
 def drop_excluded_rows(
@@ -190,12 +230,11 @@ def _drop_incomplete_rows(
     if not out.any():
         return frame, ()
     why = ", ".join(f"{rows} without {name}" for name, rows in absent.sum().items() if rows)
-    lines = _line_ranges([int(row) + 2 for row in frame.index[out]])
-    note = f'{int(out.sum())} rows removed ({why}), lines {lines}: missing = "drop"'
-    return frame[~out], (note,)
+    lines = _format_ranges([int(row) + 2 for row in frame.index[out]])
+    return frame[~out], (f'{int(out.sum())} rows removed ({why}), lines {lines}: missing = "drop"',)
 
 
-def _line_ranges(lines: Sequence[int], most: int = 8) -> str:
+def _format_ranges(lines: Sequence[int], most: int = 8) -> str:
     """Lines as ranges: 3, 7-12, 40."""
     runs: list[list[int]] = []
     for line in lines:

@@ -189,16 +189,15 @@ def _choose(evidence: Evidence, proposers: Sequence[Proposer]) -> Choice | None:
         mapped = evidence.parse(recipe.find(name)).columns
         if mapped and {column.source for column in mapped.values()} <= written:
             return Choice(name, {}, (), {})
-    found = (propose(evidence) for propose in proposers)
-    return next((choice for choice in found if choice is not None), None)
+    return next(filter(None, (recognise(evidence) for recognise in proposers)), None)
 
 
 def _write_recipe(
     folder: Path, choice: Choice, group: Group, rest: Sequence[Group], parse: Parse
 ) -> str:
     """Text of the chosen shipped recipe, with the mapping of these logs in place of its own."""
-    text = recipe.find(choice.recipe).text
-    shipped = parse(recipe.find(choice.recipe))
+    source = recipe.find(choice.recipe)
+    text, shipped = source.text, parse(source)
     for key, value in choice.keys.items():
         text = re.sub(
             rf"(?m)^{key} = [^#\n]*?(?=\s*(#|$))",
@@ -213,19 +212,12 @@ def _write_recipe(
     if matched != set(group.files):
         patterns = json.dumps(file_patterns(group.files, names), ensure_ascii=False)
         text = re.sub(r"(?m)^files = .*$", lambda _: f"files = {patterns}", text, count=1)
-    if choice.beside_files:
-        text = re.sub(
-            r"(?m)^(files = .*)$", lambda m: f"{m.group(1)}\n{choice.beside_files}", text, count=1
-        )
-    if group.format not in ("csv", "text"):
-        text = re.sub(
-            r"(?m)^(files = .*)$",
-            lambda m: f'{m.group(1)}\nformat = "{group.format}"',
-            text,
-            count=1,
-        )
-    text = text.rstrip("\n") + "\n" + _mapping(choice, group)
-    return _header(choice, group, rest) + text
+    written_as = "" if group.format in ("csv", "text") else f'format = "{group.format}"'
+    below = [line for line in (written_as, choice.beside_files) if line]
+    text = re.sub(
+        r"(?m)^files = .*$", lambda found: "\n".join((found.group(), *below)), text, count=1
+    )
+    return _header(choice, group, rest) + text.rstrip("\n") + "\n" + _mapping(choice, group)
 
 
 def _mapping(choice: Choice, group: Group) -> str:
@@ -267,15 +259,17 @@ def _mapping(choice: Choice, group: Group) -> str:
 def _header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
     """Comment at the head of a recipe: for which logs it is, and which logs it does not read."""
     several = len(group.files) > 1
-    count = f"{len(group.files)} log{'s' * several} of {len(group.columns)} columns"
-    logs = f"{count} ({group.files[0]}{', …' * several})"
+    note = _unit_note(choice)
     remarks = (
-        f"# Proposed for {logs} after the recipe {choice.recipe}.",
+        (
+            f"# Proposed for {len(group.files)} log{'s' * several} of {len(group.columns)} columns"
+            f" ({group.files[0]}{', …' * several}) after the recipe {choice.recipe}."
+        ),
         f"# {_CHECK_FIRST}",
-        f"# {note}" if (note := _unit_note(choice)) else "",
+        f"# {note}" if note else "",
         choice.remark,
     )
-    lines = [remark for remark in remarks if remark]
+    lines = list(filter(None, remarks))
     for other in rest:
         names = ", ".join(column.name for column in other.columns)
         lines.append(

@@ -66,11 +66,7 @@ def read_joined(
 
 
 def _join(
-    first: Log,
-    second: Log,
-    clock: clocks.Clocks,
-    chamber: SecondLogger,
-    columns: Sequence[str],
+    first: Log, second: Log, clock: clocks.Clocks, chamber: SecondLogger, columns: Sequence[str]
 ) -> Log:
     """The log with the second logger's values at its own times; rows without one are left out."""
     time, on_a = values(first.frame, "time_s"), clock.on_a(values(second.frame, "time_s"))
@@ -80,7 +76,9 @@ def _join(
             hint="sort or split the file, or repair its clock",
         )
     steps = [float(np.median(np.diff(times))) for times in (on_a, time)]
-    take = clocks.average if steps[1] >= 2.0 * steps[0] else clocks.resample
+    take, how = clocks.resample, "linear between its rows at"
+    if steps[1] >= 2.0 * steps[0]:
+        take, how = clocks.average, "means about"
     taken = {name: take(on_a, values(second.frame, name), time) for name in chamber.provides}
     frame = first.frame.assign(**taken)
     lost = frame[list(chamber.provides)].isna().any(axis=1).to_numpy()
@@ -90,11 +88,9 @@ def _join(
             f"{first.file}: no row has a value of {second.file}",
             hint="state offset_s in [chamber]",
         )
-    way = "means about" if take is clocks.average else "linear between its rows at"
-    source = f"(sha256 {second.sha256}, {second.rows} rows of {steps[0]:.4g} s)"
     joined = (
-        f"{', '.join(chamber.provides)} from {second.file} {source}: {way} the log's rows of"
-        f" {steps[1]:.4g} s"
+        f"{', '.join(chamber.provides)} from {second.file} (sha256 {second.sha256},"
+        f" {second.rows} rows of {steps[0]:.4g} s): {how} the log's rows of {steps[1]:.4g} s"
     )
     u = clock.largest_uncertainty(values(second.frame, "time_s"))
     return replace(
@@ -165,16 +161,15 @@ def _read_second(recipe: Recipe, chamber: SecondLogger, path: Path) -> Log:
     alone = recipe.model_copy(
         update={"logs": logs, "columns": chamber.columns, "exclude": (), "chamber": None}
     )
-    wanted = tuple(
-        dict.fromkeys(("time_s", *chamber.provides, *([chamber.shared] if chamber.shared else [])))
-    )
+    wanted = list(dict.fromkeys(filter(None, ("time_s", *chamber.provides, chamber.shared))))
     second = mapping.read_file(alone, path, path.name, wanted)
-    bad = [name for name in wanted if not np.isfinite(values(second.frame, name)).all()]
-    if bad:
-        whole = np.isfinite(second.frame[list(wanted)].to_numpy(dtype=np.float64)).all(axis=1)
-        note = f"{int((~whole).sum())} rows without a value of {', '.join(bad)} left out"
-        second = replace(second, frame=second.frame[whole], notes=(*second.notes, note))
-    return second
+    there = np.isfinite(second.frame[wanted].to_numpy(dtype=np.float64))
+    whole = there.all(axis=1)
+    if whole.all():
+        return second
+    bad = [name for name, complete in zip(wanted, there.all(axis=0), strict=True) if not complete]
+    note = f"{int((~whole).sum())} rows without a value of {', '.join(bad)} left out"
+    return replace(second, frame=second.frame[whole], notes=(*second.notes, note))
 
 
 def _relate_clocks(chamber: SecondLogger, first: Log, probe: str, second: Log) -> clocks.Clocks:
@@ -183,9 +178,10 @@ def _relate_clocks(chamber: SecondLogger, first: Log, probe: str, second: Log) -
     """
     time_b = values(second.frame, "time_s")
     if not probe:
-        u = chamber.standard_uncertainty_s or 0.0
-        stated = np.diag([u**2, 0.0])
-        return clocks.Clocks(chamber.offset_s, chamber.drift_ppm * 1e-6, stated, 0.0, 1.0, 0.0, 0)
+        covariance = np.diag([(chamber.standard_uncertainty_s or 0.0) ** 2, 0.0])
+        return clocks.Clocks(
+            chamber.offset_s, chamber.drift_ppm * 1e-6, covariance, 0.0, 1.0, 0.0, 0
+        )
     try:
         found = clocks.estimate_clock(
             values(first.frame, "time_s"),
@@ -215,12 +211,13 @@ def _note_lost_rows(time: Array, on_a: Array, lost: Mask, file: str) -> tuple[st
     """Note on the rows of the log without a value of the second logger: how many, and why."""
     if not lost.any():
         return ()
-    before, after = int(np.sum(lost & (time < on_a[0]))), int(np.sum(lost & (time > on_a[-1])))
-    counts = {
+    before, after = time < on_a[0], time > on_a[-1]
+    places = {
         "before its start": before,
         "after its end": after,
-        "in its gaps": int(lost.sum()) - before - after,
+        "in its gaps": ~(before | after),
     }
+    counts = {where: int(np.sum(lost & place)) for where, place in places.items()}
     parts = ", ".join(f"{count} {where}" for where, count in counts.items() if count)
     return (f"{int(lost.sum())} rows without a value of {file} left out: {parts}",)
 
@@ -228,8 +225,8 @@ def _note_lost_rows(time: Array, on_a: Array, lost: Mask, file: str) -> tuple[st
 def _describe_clock(chamber: SecondLogger, clock: clocks.Clocks, second: Log) -> tuple[str, ...]:
     """Texts on the clock of the second logger, for run.json."""
     about = f"clock of {second.file} ({chamber.clock}): offset {clock.offset_s:+.3f} s"
-    u = clock.standard_uncertainty
     if chamber.clock != "same":
+        u = clock.standard_uncertainty
         about += (
             f", standard uncertainty {u[0]:.2g} s, at {clock.middle_s:.6g} s; drift"
             f" {clock.drift * 1e6:+.4g} ppm"

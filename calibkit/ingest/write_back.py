@@ -16,6 +16,7 @@ from calibkit.ingest import mapping
 from calibkit.ingest.column_values import unmap_values
 from calibkit.numeric import chunks
 from calibkit.readers import clean, delimited, registry, tokens
+from calibkit.recipe import Column
 from calibkit.recipe.logs import AUTO
 
 if TYPE_CHECKING:
@@ -63,11 +64,12 @@ def rewrite_log(
             )
 
     def texts(first: int, stop: int) -> tuple[dict[int, list[str]], list[list[str]]]:
-        part = {name: values[first:stop] for name, values in columns.items()}
-        changed = {
-            log.header.index(own[name]): _texts(_own_unit(recipe, name, values, log, own[name]))
-            for name, values in part.items()
-        }
+        changed = {}
+        for name, source in own.items():
+            mapped = recipe.columns.get(name) or Column(source=source)
+            stated = log.units.get(source, "")
+            values = unmap_values(columns[name][first:stop], mapped, name, recipe, stated)
+            changed[log.header.index(source)] = _texts(values)
         more = [_texts(values[first:stop]) for values in added.values()]
         chunks.release(*columns.values(), *added.values())
         return changed, more
@@ -117,11 +119,8 @@ def _interval_advice(recipe: Recipe, path: Path) -> str:
         )
     usual = "SECONDS"
     with contextlib.suppress(CalibkitError):
-        time = (
-            mapping.read_file(recipe, path, path.name, ("time_s",))
-            .frame["time_s"]
-            .to_numpy(dtype=np.float64)
-        )
+        log = mapping.read_file(recipe, path, path.name, ("time_s",))
+        time = log.frame["time_s"].to_numpy(dtype=np.float64)
         usual = f"{float(np.median(np.diff(time))):.9g}"
     mapped = " ".join(f"--set columns.{name}.interval_s={usual}" for name in per_sample)
     return (
@@ -184,9 +183,9 @@ def _fields(recipe: Recipe, path: Path) -> _Fields:
                 raise
         else:
             rows = [line.split(",") for line in body.decode().rstrip("\n").split("\n")]
+            columns = list(map(list, zip(*rows, strict=True)))
             stated = {name: units.of_header(name) for name in header}
-            read = list(map(list, zip(*rows, strict=True)))
-            return _Fields(header, stated, len(rows), lambda: [read], quotes=False)
+            return _Fields(header, stated, len(rows), lambda: [columns], quotes=False)
     table = registry.read(path, path.name, recipe.logs, ())
     columns = [_characters(table.frame[name], table.decimal) for name in table.frame.columns]
     return _Fields(
@@ -228,15 +227,6 @@ def _source(recipe: Recipe, name: str, log: _Fields, path: Path) -> str:
     if len(found) != 1:
         raise FrameError(f"{path.name}: no column '{source}'", hint="check [columns] of the recipe")
     return found[0]
-
-
-def _own_unit(recipe: Recipe, name: str, values: Array, log: _Fields, header: str) -> Array:
-    """Values in the unit and sign that the log's own column has."""
-    column, stated = recipe.columns.get(name), log.units.get(header, "")
-    if column is not None:
-        return unmap_values(values, column, name, recipe, stated)
-    target = units.column_unit(name)
-    return units.convert(values, target, stated or target, gravity_mps2=recipe.site.gravity_mps2)
 
 
 def _texts(values: Array) -> list[str]:

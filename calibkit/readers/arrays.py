@@ -29,7 +29,7 @@ def select_columns(
     column; vectors are columns under their own names. Raises LogFormatError where several logs are
     possible, or none.
     """
-    inside, how = _inside(arrays, file, logs.table)
+    inside, how = _find_group(arrays, file, logs.table)
     matrices = {
         name: array for name, array in inside.items() if array.ndim == 2 and min(array.shape) > 1
     }
@@ -49,7 +49,7 @@ def select_columns(
     return join_vectors(flat, file, needed), how
 
 
-def _inside(
+def _find_group(
     arrays: Mapping[str, NDArray[np.generic]], file: str, table: str
 ) -> tuple[dict[str, NDArray[np.generic]], tuple[str, ...]]:
     """Numeric arrays of the group that the recipe names, or of the only one, by the last part of
@@ -79,7 +79,7 @@ def _inside(
         )
     if not numeric:
         raise LogFormatError(f"{file}: no numeric arrays", hint=f"there are: {_listed(arrays)}")
-    group = next(iter(groups))
+    (group,) = groups
     inside = {name.removeprefix(group).lstrip("/"): array for name, array in numeric.items()}
     return inside, ((Guess(f"table = '{group}' (guessed)"),) if group else ())
 
@@ -114,8 +114,7 @@ def join_vectors(
         )
     if not lengths:
         raise LogFormatError(f"{file}: no columns of numbers", hint="check the file")
-    length = next(iter(lengths))
-    return make_frame({name: column for name, column in columns.items() if len(column) == length})
+    return make_frame({name: column for name, column in columns.items() if len(column) in lengths})
 
 
 def make_frame(columns: Mapping[str, NDArray[np.generic]]) -> pd.DataFrame:

@@ -9,11 +9,12 @@ of `delimited`.
 from __future__ import annotations
 
 import hashlib
+import io
 import os
 from collections import deque
 from concurrent.futures import ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO, cast
+from typing import TYPE_CHECKING, BinaryIO
 
 import numpy as np
 
@@ -52,32 +53,22 @@ def read(path: Path, file: str) -> Table | None:
     with delimited.open_log(path, file) as stream:
         before = path.stat()
         first = stream.readline(_LARGEST_HEADER)
-        header = _header(first, file)
-        columns = (
-            _columns(stream, hashlib.sha256(first), len(header), before.st_size) if header else None
-        )
+        header, sha256 = _header(first, file), hashlib.sha256(first)
+        columns = _columns(stream, sha256, len(header), before.st_size) if header else None
         after = path.stat()
     if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
         raise changed(file)
     if header is None or columns is None:
         return None
-    frame = pd.DataFrame(dict(zip(header, columns.values, strict=True)), copy=False)
-    return Table(file, columns.sha256, frame)
+    frame = pd.DataFrame(dict(zip(header, columns, strict=True)), copy=False)
+    return Table(file, sha256.hexdigest(), frame)
 
 
-@dataclass(frozen=True, slots=True)
-class _Columns:
-    """Numbers of a clean file, one array [rows] per column, and the SHA-256 of its bytes."""
-
-    sha256: str
-    values: tuple[Array, ...]
-
-
-def _columns(stream: BinaryIO, digest: hashlib._Hash, fields: int, size: int) -> _Columns | None:
-    """Digest and columns of what follows the header in a file of `size` bytes, or None where a
-    block is not clean.
+def _columns(stream: BinaryIO, sha256: hashlib._Hash, fields: int, size: int) -> list[Array] | None:
+    """Columns [rows] of what follows the header in a file of `size` bytes, whose digest goes on; or
+    None where a block is not clean.
     """
-    store: tuple[Array, ...] = tuple(np.empty(0) for _ in range(fields))
+    store = _allocate(fields, 0)
     rows = seen = 0
     under_way: deque[tuple[Future[bool], Future[None]]] = deque()
     # digests go block after block, in one thread; each block is parsed into its own rows of the
@@ -90,17 +81,17 @@ def _columns(stream: BinaryIO, digest: hashlib._Hash, fields: int, size: int) ->
                 if not _wait(under_way):
                     return None
                 more = int(1.02 * (rows + lines) * size / seen) + 1 - rows
-                store = tuple(np.append(column[:rows], np.empty(more)) for column in store)
+                store = [np.append(column[:rows], np.empty(more)) for column in store]
             own = [column[rows : rows + lines] for column in store]
             under_way.append(
-                (beside.submit(_parse, block, own), hashing.submit(digest.update, block))
+                (beside.submit(_parse, block, own), hashing.submit(sha256.update, block))
             )
             rows += lines
             if not _wait(under_way, but=WORKERS):
                 return None
         if not _wait(under_way):
             return None
-    return _Columns(digest.hexdigest(), tuple(column[:rows] for column in store)) if rows else None
+    return [column[:rows] for column in store] if rows else None
 
 
 def _wait(under_way: deque[tuple[Future[bool], Future[None]]], but: int = 0) -> bool:
@@ -114,7 +105,7 @@ def _wait(under_way: deque[tuple[Future[bool], Future[None]]], but: int = 0) -> 
 
 
 @dataclass(frozen=True, slots=True)
-class _Scan:
+class Scan:
     """What is known of a clean file that was not parsed: its columns, digest and rows."""
 
     header: tuple[str, ...]
@@ -122,7 +113,7 @@ class _Scan:
     rows: int
 
 
-def scan_file(path: Path, file: str) -> _Scan | None:
+def scan_file(path: Path, file: str) -> Scan | None:
     """Scan a file in the memory of a block; None where it is not clean. Raises LogFormatError where
     it cannot be read.
     """
@@ -137,10 +128,10 @@ def scan_file(path: Path, file: str) -> _Scan | None:
             if not clean:
                 return None
             rows += clean
-    return _Scan(tuple(header), sha256.hexdigest(), rows) if rows else None
+    return Scan(tuple(header), sha256.hexdigest(), rows) if rows else None
 
 
-def read_chunks(path: Path, file: str, scan: _Scan, rows: int) -> Iterator[Table]:
+def read_chunks(path: Path, file: str, scan: Scan, rows: int) -> Iterator[Table]:
     """Tables of at most `rows` rows of a scanned file, one after the other; the index counts on.
 
     Raises LogFormatError for a line of anything but numbers, and for a file that changed since it
@@ -176,13 +167,12 @@ def changed(file: str) -> LogFormatError:
     )
 
 
-def _chunk_table(file: str, scan: _Scan, columns: list[Array], first: int) -> Table:
+def _chunk_table(file: str, scan: Scan, columns: list[Array], first: int) -> Table:
     """Table of the rows of a file from a first one on."""
     import pandas as pd
 
-    index = pd.RangeIndex(first, first + columns[0].size)
-    named = dict(zip(scan.header, columns, strict=True))
-    return Table(file, scan.sha256, pd.DataFrame(named, index=index, copy=False))
+    frame = pd.DataFrame(dict(zip(scan.header, columns, strict=True)), copy=False)
+    return Table(file, scan.sha256, frame.set_axis(frame.index + first))
 
 
 def _first_fault(file: str, block: bytes, rows: int, fields: int) -> LogFormatError:
@@ -191,9 +181,9 @@ def _first_fault(file: str, block: bytes, rows: int, fields: int) -> LogFormatEr
     """
     lines = block.splitlines(keepends=True)
     odd = next((k for k, line in enumerate(lines) if not _parse(line, _allocate(fields, 1))), 0)
-    found = lines[odd].decode("ascii", "backslashreplace").strip()
     return LogFormatError(
-        f"{file}:{rows + odd + 2}: found {found!r}, expected {fields} numbers",
+        f"{file}:{rows + odd + 2}: found"
+        f" {lines[odd].decode('ascii', 'backslashreplace').strip()!r}, expected {fields} numbers",
         hint="repair the row, or leave the range out with [[exclude]]",
     )
 
@@ -233,23 +223,6 @@ def _clean_rows(block: bytes, fields: int) -> int:
     return rows if not odd and shape == (b"," * (fields - 1) + b"\n") * rows else 0
 
 
-class _Lines:
-    """Bytes as a file for pandas, which would decode and encode every character of a `BytesIO`."""
-
-    def __init__(self, block: bytes) -> None:
-        self._left = memoryview(block)
-
-    def read(self, size: int = -1) -> bytes:
-        """The next bytes, at most so many."""
-        part = bytes(self._left[:size] if size >= 0 else self._left)
-        self._left = self._left[len(part) :]
-        return part
-
-    def __iter__(self) -> Iterator[bytes]:
-        """Yield nothing: pandas asks only whether the object can be iterated."""
-        return iter(())
-
-
 def _parse(block: bytes, columns: list[Array]) -> bool:
     """Parse a block of lines into columns [rows]; whether it is clean and has that many rows."""
     library = kernels()
@@ -271,10 +244,13 @@ def _parse_by_pandas(block: bytes, columns: list[Array]) -> bool:
     rows = _clean_rows(block, fields)
     if not rows or rows != columns[0].size:
         return False
-    lines = cast("BinaryIO", _Lines(block))
     try:
         frame = pd.read_csv(
-            lines, header=None, names=list(range(fields)), dtype="float64", low_memory=False
+            io.BytesIO(block),
+            header=None,
+            names=list(range(fields)),
+            dtype="float64",
+            low_memory=False,
         )
     except (ValueError, OverflowError):
         return False

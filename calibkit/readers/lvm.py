@@ -24,7 +24,7 @@ from calibkit.readers import delimited, encoding as encodings, tokens
 from calibkit.readers.table import FIRST_ROW, Table
 
 if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
+    from collections.abc import Collection, Mapping, Sequence
     from pathlib import Path
 
     from calibkit.arrays import Array, Integers
@@ -70,11 +70,13 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
         np.vstack([segment.rows for segment in segments]), columns=list(first.names)
     )
     frame.index = pd.Index(np.concatenate([segment.lines for segment in segments]) - FIRST_ROW)
-    _require_last_line(content, frame.shape[1], lines[-1], separator, file)
-    reading = (
-        f"LabVIEW measurement file, {encoding}, {len(segments)} segments, {len(frame)} rows",
-    )
-    return Table(file, sha256, frame, (), reading, first.units)
+    if not content.endswith("\n") and len(lines[-1].split(separator)) <= frame.shape[1]:
+        raise LogFormatError(  # it may be cut in its last number
+            f"{file}:{len(lines)}: the last line has no end",
+            hint="the file is cut off; copy it again",
+        )
+    how = f"LabVIEW measurement file, {encoding}, {len(segments)} segments, {len(frame)} rows"
+    return Table(file, sha256, frame, (), (how,), first.units)
 
 
 def _value(lines: Sequence[str], key: str, default: str) -> str:
@@ -134,16 +136,18 @@ def _segment(
             f"{file}:{end + 2}: names but no rows", hint="remove the segment or copy the file again"
         )
     rows = np.array([_row(lines[n], names, separator, decimal, n + 1, file) for n in numbers])
-    packets = _value(lines, "Multi_Headings", "Yes").lower() == "no"
     _require_samples(
-        header.get("Samples", []), len(numbers), numbers[-1] + 1, file, packets=packets
+        _samples(header, 0),
+        len(numbers),
+        numbers[-1] + 1,
+        file,
+        packets=_value(lines, "Multi_Headings", "Yes").lower() == "no",
     )
-    unit = [entry.strip() for entry in header.get("Y_Unit_Label", [])]
     channels = [name for name in names if name != _TIME]
     stated = {
-        name: units.of_text(label)
-        for name, label in zip(channels, unit, strict=False)
-        if units.of_text(label)
+        name: unit
+        for name, label in zip(channels, header.get("Y_Unit_Label", []), strict=False)
+        if (unit := units.of_text(label))
     }
     timed, names = _with_time(rows, names, header, file, numbers[0] + 1)
     return _Segment(
@@ -176,13 +180,16 @@ def _row(
     return numbers
 
 
-def _require_samples(
-    samples: Sequence[str], rows: int, line: int, file: str, *, packets: bool
-) -> None:
+def _samples(header: Mapping[str, Sequence[str]], default: int) -> int:
+    """Largest number of samples that a segment's header states, or the default."""
+    entries = header.get("Samples", [])
+    return max((int(entry) for entry in entries if entry.strip().isdigit()), default=default)
+
+
+def _require_samples(stated: int, rows: int, line: int, file: str, *, packets: bool) -> None:
     """Raise LogFormatError for a segment with another number of rows than its header states, or
     with no whole number of packets of that many.
     """
-    stated = max((int(entry) for entry in samples if entry.strip().isdigit()), default=0)
     if stated and (rows % stated if packets else rows - stated):
         raise LogFormatError(
             f"{file}:{line}: {rows} rows, the segment's header says {stated} samples",
@@ -213,10 +220,7 @@ def _with_time(
         starts, steps = (
             _header_numbers(header.get(key, []), key, file, line) for key in ("X0", "Delta_X")
         )
-        samples = max(
-            (int(entry) for entry in header.get("Samples", []) if entry.strip().isdigit()),
-            default=len(rows),
-        )
+        samples = _samples(header, len(rows))
         if len(set(starts)) != 1 or len(set(steps)) != 1 or len(rows) > samples:
             raise LogFormatError(
                 f"{file}:{line}: no X column, and no single X0 and Delta_X for all rows",
@@ -236,14 +240,3 @@ def _header_numbers(fields: Sequence[str], key: str, file: str, line: int) -> li
             " numbers",
             hint="the file is damaged; copy it again",
         ) from None
-
-
-def _require_last_line(content: str, width: int, last: str, separator: str, file: str) -> None:
-    """Raise LogFormatError for a last line without a line end, which may be cut in its last
-    number.
-    """
-    if not content.endswith("\n") and len(last.split(separator)) <= width:
-        line = content.count("\n") + 1
-        raise LogFormatError(
-            f"{file}:{line}: the last line has no end", hint="the file is cut off; copy it again"
-        )

@@ -56,8 +56,8 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     if len(lengths) == 1 and len(increments) == 1 and "time_s" not in kept:
         kept |= _time(next(iter(increments)), next(iter(lengths)))
     frame = arrays.join_vectors(kept, file, needed)
-    reading = (f"TDMS, group '{group.name}', {len(frame)} rows", *how)
-    return Table(file, sha256, frame, (), reading, stated)
+    how = (f"TDMS, group '{group.name}', {len(frame)} rows", *how)
+    return Table(file, sha256, frame, (), how, stated)
 
 
 def _group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:

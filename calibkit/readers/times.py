@@ -35,6 +35,7 @@ EITHER = "%?"
 """Stands for day and month in an order that is not known yet."""
 SPREADSHEET_DAYS = 2_958_466
 """Days from 1899-12-30 to the end of the year 9999."""
+_REPAIR = "repair the row, or pin time_format in the recipe"
 FIRST_YEAR, LAST_YEAR = 1678, 2261
 """Years that nanoseconds in 64 bits reach; a time of day alone counts from 1900."""
 
@@ -62,12 +63,29 @@ class _TimeColumn:
     notes: tuple[str, ...]
 
 
+@dataclass(frozen=True, slots=True)
+class _Fields:
+    """Fields of a column of times, without the blanks around them, and which of them are missing;
+    the index counts the file's lines.
+    """
+
+    texts: pd.Series
+    missing: Mask
+    file: str
+    column: str
+
+    def fault(self, row: int, expected: str, hint: str) -> LogFormatError:
+        """The error of a field that is not what was expected."""
+        return LogFormatError(
+            f"{self.file}:{int(self.texts.index[row]) + 2}: column '{self.column}': found"
+            f" '{self.texts.iloc[row][:40]}', expected {expected}",
+            hint=hint,
+        )
+
+
 def looks_like_time(field: str) -> bool:
     """Whether a field is a date, a time of day, or both."""
-    field = field.strip()
-    return (":" in field or "-" in field or "/" in field or "." in field or "年" in field) and bool(
-        _form(field)
-    )
+    return any(mark in field for mark in ":-/.年") and bool(_form(field.strip()))
 
 
 def is_decimal(field: str) -> bool:
@@ -115,25 +133,24 @@ def _time_form(field: str) -> str:
     return form + ("%z" if found["zone"] else "")
 
 
-def to_seconds(fields: pd.Series, form: str, place: str) -> _TimeColumn:
-    """Seconds since the first row of a column of times; `place` is file and column, the index
-    counts the file's lines.
+def to_seconds(raw: pd.Series, form: str, file: str, column: str) -> _TimeColumn:
+    """Seconds since the first row of a column of times, whose index counts the file's lines.
 
     Raises LogFormatError naming the line of the first field that the format does not fit.
     """
-    texts = fields.astype(str).str.strip()
-    missing = (fields.isna() | texts.isin(["", "nan", "NaN", "None"])).to_numpy()
+    texts = raw.astype(str).str.strip()
+    missing = (raw.isna() | texts.isin(["", "nan", "NaN", "None"])).to_numpy()
+    fields = _Fields(texts, missing, file, column)
     if form == DECIMAL:
-        return _since_first(_decimal(texts, missing, place), missing, ())
+        return _since_first(_decimal(fields), missing)
     if form == ELAPSED:
-        return _TimeColumn(_elapsed(texts, missing, place), ())
+        return _TimeColumn(_elapsed(fields), ())
     if EITHER in form:
-        return _day_or_month(texts, missing, form, place)
-    nanoseconds = _instants(texts, missing, form, place)
-    notes: tuple[str, ...] = ()
-    if not re.search(r"%[dYymj]", form):
-        nanoseconds, notes = _past_midnight(nanoseconds, missing)
-    return _since_first(nanoseconds, missing, notes)
+        return _day_or_month(fields, form)
+    nanoseconds = _instants(fields, form)
+    if re.search(r"%[dYymj]", form):
+        return _since_first(nanoseconds, missing)
+    return _since_first(*_past_midnight(nanoseconds, missing))
 
 
 def spreadsheet_to_seconds(days: Array) -> Array:
@@ -143,10 +160,10 @@ def spreadsheet_to_seconds(days: Array) -> Array:
     finite = np.isfinite(days) & (np.abs(days) < SPREADSHEET_DAYS)
     microseconds = np.zeros(days.shape, dtype=np.int64)
     microseconds[finite] = np.round(days[finite] * 86400e6).astype(np.int64)
-    return _since_first(microseconds * 1000, ~finite, ()).seconds
+    return _since_first(microseconds * 1000, ~finite).seconds
 
 
-def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...]) -> _TimeColumn:
+def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...] = ()) -> _TimeColumn:
     """Seconds since the first time that is there; each the float64 nearest to the written
     digits.
     """
@@ -154,116 +171,108 @@ def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...]) -
     if not there.size:
         return _TimeColumn(np.full(nanoseconds.shape, np.nan), notes)
     apart = nanoseconds - nanoseconds[there[0]]
-    seconds = apart / 1e6 / 1e3 if np.any(apart % 1000) else (apart // 1000) / 1e6
-    seconds = (
-        np.where(np.abs(apart) < 1 << 53, apart / 1e9, seconds) if np.any(apart % 1000) else seconds
-    )
+    seconds = apart // 1000 / 1e6
+    if np.any(apart % 1000):
+        seconds = np.where(np.abs(apart) < 1 << 53, apart / 1e9, apart / 1e6 / 1e3)
     return _TimeColumn(np.where(missing, np.nan, seconds), notes)
 
 
-def _instants(texts: pd.Series, missing: Mask, form: str, place: str) -> Integers:
+def _instants(fields: _Fields, form: str) -> Integers:
     """Nanoseconds of each field since some fixed instant; raises LogFormatError at the first that
     does not fit.
     """
     import pandas as pd
 
+    texts = fields.texts
     if ":%f" in form:
-        _three_digits(texts, missing, place)
+        _require_three_digits(fields)
     try:
         found = pd.to_datetime(texts, format=form, errors="coerce", utc="%z" in form)
     except ValueError as error:
         raise LogFormatError(
-            f"{place}: time format '{form}': {error}", hint="correct time_format"
+            f"{fields.file}: column '{fields.column}': time format '{form}': {error}",
+            hint="correct time_format",
         ) from None
-    wrong = found.isna().to_numpy() & ~missing
+    wrong = found.isna().to_numpy() & ~fields.missing
     if wrong.any() and "%f" in form:
         shorter = re.sub(r"[.,:]%f", "", form)
         again = pd.to_datetime(texts[wrong], format=shorter, errors="coerce", utc="%z" in form)
         found[wrong] = again.astype(found.dtype)
-        wrong = found.isna().to_numpy() & ~missing
+        wrong = found.isna().to_numpy() & ~fields.missing
     years = found.dt.year.to_numpy()
     wrong |= (years < FIRST_YEAR) | (years > LAST_YEAR)
     if wrong.any():
-        row = int(np.flatnonzero(wrong)[0])
-        file, _, column = place.partition(": ")
-        raise LogFormatError(
-            f"{file}:{int(texts.index[row]) + 2}: {column}: found '{str(texts.iloc[row])[:40]}',"
-            f" expected a time as {form}",
-            hint="repair the row, or pin time_format in the recipe",
-        )
+        raise fields.fault(int(np.argmax(wrong)), f"a time as {form}", _REPAIR)
     if "%z" in form:
         found = found.dt.tz_localize(None)
     return found.astype("datetime64[ns]").to_numpy().astype(np.int64)
 
 
-def _three_digits(texts: pd.Series, missing: Mask, place: str) -> None:
+def _require_three_digits(fields: _Fields) -> None:
     """Refuse milliseconds behind a colon that have not three digits: 7 could be 0.7 s or 0.007
     s.
     """
-    short = ~texts.str.contains(r":\d{3}(?:\D|$)", regex=True).to_numpy() & ~missing
+    texts = fields.texts
+    short = ~texts.str.contains(r":\d{3}(?:\D|$)", regex=True).to_numpy() & ~fields.missing
     if short.any():
-        row = int(np.flatnonzero(short)[0])
-        file, _, column = place.partition(": ")
+        row = int(np.argmax(short))
         raise LogFormatError(
-            f"{file}:{int(texts.index[row]) + 2}: {column}: '{texts.iloc[row]}': milliseconds"
-            " without three digits",
+            f"{fields.file}:{int(texts.index[row]) + 2}: column '{fields.column}':"
+            f" '{texts.iloc[row]}': milliseconds without three digits",
             hint="it could be tenths or thousandths; repair the log",
         )
 
 
-def _day_or_month(texts: pd.Series, missing: Mask, form: str, place: str) -> _TimeColumn:
+def _day_or_month(fields: _Fields, form: str) -> _TimeColumn:
     """Seconds where day and month could be either: the order that can be, and that runs
     forwards.
     """
-    mark = form[len(EITHER)]
-    orders = {"day first": f"%d{mark}%m", "month first": f"%m{mark}%d"}
-    clocks: dict[str, _TimeColumn] = {}
-    for name, order in orders.items():
+    mark, there = form[len(EITHER)], ~fields.missing
+    forms = {
+        "day first": form.replace(EITHER, f"%d{mark}%m"),
+        "month first": form.replace(EITHER, f"%m{mark}%d"),
+    }
+    clocks: list[_TimeColumn] = []
+    for order, written in forms.items():
         try:
-            nanoseconds = _instants(texts, missing, form.replace(EITHER, order), place)
+            nanoseconds = _instants(fields, written)
         except LogFormatError as error:
             refused = error
             continue
-        clocks[name] = _since_first(
-            nanoseconds, missing, (Guess(f"dates read {name} (time_format guessed)"),)
-        )
+        guess = Guess(f"dates read {order} (time_format guessed)")
+        clocks.append(_since_first(nanoseconds, fields.missing, (guess,)))
     if not clocks:
         raise refused
-    forwards = {
-        name: clock
-        for name, clock in clocks.items()
-        if np.all(np.diff(clock.seconds[~missing]) > 0.0)
-    }
-    left = _unbroken(list((forwards or clocks).values()), missing)
-    if len(left) == 2 and not np.array_equal(left[0].seconds, left[1].seconds, equal_nan=True):
-        file, _, column = place.partition(": ")
+    forwards = [clock for clock in clocks if np.all(np.diff(clock.seconds[there]) > 0.0)]
+    left = _without_leaps(forwards or clocks, there)
+    if len(left) == 1:
+        return left[0]
+    if not np.array_equal(left[0].seconds, left[1].seconds, equal_nan=True):
         raise LogFormatError(
-            f"{file}: {column}: '{texts.iloc[0]}': day and month could be either",
-            hint=(
-                f"pin time_format in the recipe: '{form.replace(EITHER, orders['day first'])}' or "
-                f"'{form.replace(EITHER, orders['month first'])}'"
-            ),
+            f"{fields.file}: column '{fields.column}': '{fields.texts.iloc[0]}': day and month"
+            " could be either",
+            hint=f"pin time_format in the recipe: {' or '.join(map(repr, forms.values()))}",
         )
-    if len(left) == 2:
-        return _TimeColumn(
-            left[0].seconds, ("dates: day and month could be either, the seconds are the same",)
-        )
-    return left[0]
+    return _TimeColumn(
+        left[0].seconds, ("dates: day and month could be either, the seconds are the same",)
+    )
 
 
-def _unbroken(clocks: list[_TimeColumn], missing: Mask) -> list[_TimeColumn]:
+def _without_leaps(clocks: list[_TimeColumn], there: Mask) -> list[_TimeColumn]:
     """The clock that runs on at midnight where the other leaps by weeks; both where neither
     shows.
     """
     day = 86_400.0
-    largest = [float(np.abs(np.diff(clock.seconds[~missing])).max(initial=0.0)) for clock in clocks]
+    largest = [float(np.abs(np.diff(clock.seconds[there])).max(initial=0.0)) for clock in clocks]
     if len(clocks) == 2 and min(largest) < day and max(largest) > 20.0 * day:
-        return [clocks[largest.index(min(largest))]]
+        return [clocks[int(np.argmin(largest))]]
     return clocks
 
 
-def _past_midnight(nanoseconds: Integers, missing: Mask) -> tuple[Integers, tuple[str, ...]]:
-    """Times of day with a day added at each midnight: a step back by more than half a day."""
+def _past_midnight(nanoseconds: Integers, missing: Mask) -> tuple[Integers, Mask, tuple[str, ...]]:
+    """Times of day with a day added at each midnight (a step back by more than half a day), those
+    that are missing, and a note on the midnights.
+    """
     day = 86_400_000_000_000
     there = np.flatnonzero(~missing)
     back = np.diff(nanoseconds[there]) < -day // 2
@@ -271,15 +280,14 @@ def _past_midnight(nanoseconds: Integers, missing: Mask) -> tuple[Integers, tupl
     added[there] = np.concatenate([[0], np.cumsum(back)])
     count = int(back.sum())
     notes = (f"midnight passed {count} time{'s' if count > 1 else ''}",) if count else ()
-    return nanoseconds + added * day, notes
+    return nanoseconds + added * day, missing, notes
 
 
-def _elapsed(texts: pd.Series, missing: Mask, place: str) -> Array:
+def _elapsed(fields: _Fields) -> Array:
     """Seconds of elapsed h:m:s."""
-    file, _, column = place.partition(": ")
-    seconds = np.full(len(texts), np.nan)
-    for row, text in enumerate(texts):
-        if missing[row]:
+    seconds = np.full(fields.missing.size, np.nan)
+    for row, text in enumerate(fields.texts):
+        if fields.missing[row]:
             continue
         found = _TIME.fullmatch(text)
         # milliseconds behind a colon have three digits: 7 could be 0.7 s or 0.007 s
@@ -291,34 +299,25 @@ def _elapsed(texts: pd.Series, missing: Mask, place: str) -> Array:
             or found["half"]
             or found["zone"]
         ):
-            raise LogFormatError(
-                f"{file}:{int(texts.index[row]) + 2}: {column}: found '{text[:40]}', expected"
-                " elapsed h:m:s",
-                hint="repair the row, or pin time_format in the recipe",
-            )
+            raise fields.fault(row, "elapsed h:m:s", _REPAIR)
         whole = 3600 * int(found["h"]) + 60 * int(found["m"]) + int(found["s"])
         seconds[row] = float(f"{whole}.{found['f'] or 0}")
     return seconds
 
 
-def _decimal(texts: pd.Series, missing: Mask, place: str) -> Integers:
+def _decimal(fields: _Fields) -> Integers:
     """Nanoseconds of decimal seconds of any length, counted from the first."""
-    file, _, column = place.partition(": ")
-    nanoseconds = np.zeros(len(texts), dtype=np.int64)
+    nanoseconds = np.zeros(fields.missing.size, dtype=np.int64)
     first: Decimal | None = None
-    for row, text in enumerate(texts):
-        if missing[row]:
+    for row, text in enumerate(fields.texts):
+        if fields.missing[row]:
             continue
         try:
-            value = Decimal(
-                text.replace(",", ".").replace("_", "?")
-            )  # no digit to Python's own taste
+            # Python reads 1_000 as a number, no logger does
+            value = Decimal(text.replace(",", ".").replace("_", "?"))
             first = value if first is None else first
             nanoseconds[row] = int((value - first).scaleb(9).to_integral_value())
         except (InvalidOperation, OverflowError, ValueError):
-            raise LogFormatError(
-                f"{file}:{int(texts.index[row]) + 2}: {column}: found '{text[:40]}', expected a"
-                " number",
-                hint="repair the row, or leave the range out with [[exclude]]",
-            ) from None
+            hint = "repair the row, or leave the range out with [[exclude]]"
+            raise fields.fault(row, "a number", hint) from None
     return nanoseconds

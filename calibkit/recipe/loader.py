@@ -3,7 +3,6 @@ closest known name.
 """
 
 import codecs
-import difflib
 import hashlib
 import re
 import tomllib
@@ -14,7 +13,7 @@ from typing import Any, Protocol, TypeVar, get_args, get_origin
 
 from pydantic import BaseModel, ValidationError
 
-from calibkit.errors import RecipeError, UsageError
+from calibkit.errors import RecipeError, UsageError, did_you_mean
 from calibkit.frame import CANONICAL, is_canonical
 from calibkit.recipe.tables import Recipe
 
@@ -22,6 +21,8 @@ _KEY = re.compile(
     r"""^\s*((?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*')(?:\s*\.\s*(?:[A-Za-z0-9_-]+|"[^"]*"|'[^']*'))*)\s*="""
 )
 _HEADER = re.compile(r"^\s*(\[\[?)\s*([^\]]+?)\s*\]\]?")
+
+_CHANGE = "change it or remove it"
 
 Location = tuple[str | int, ...]
 AnyTable = TypeVar("AnyTable", bound=BaseModel)
@@ -38,8 +39,8 @@ class Source:
     @property
     def sha256(self) -> str:
         """Digest of the text and, behind it, one line an override."""
-        lines = "".join(f"# --set {override}\n" for override in self.overrides)
-        return hashlib.sha256((self.text + lines).encode()).hexdigest()
+        lines = (f"# --set {override}\n" for override in self.overrides)
+        return hashlib.sha256("".join((self.text, *lines)).encode()).hexdigest()
 
 
 def shipped() -> dict[str, Path]:
@@ -59,18 +60,15 @@ def find(name: str, overrides: tuple[str, ...] = ()) -> Source:
     if not path.is_file():
         recipes = shipped()
         if name not in recipes:
-            close = difflib.get_close_matches(name, recipes, n=1)
-            guess = f"did you mean '{close[0]}'? " if close else ""
             raise UsageError(
                 f"recipe '{name}' is neither a file nor a shipped recipe",
-                hint=f"{guess}shipped: {', '.join(recipes)}",
+                hint=f"{did_you_mean(name, recipes, '')} shipped: {', '.join(recipes)}".lstrip(),
             )
         path = recipes[name]
     try:
         content = path.read_bytes()
-        utf_16 = content.startswith(
-            (codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE)
-        )  # what PowerShell's > makes of init
+        # PowerShell's > writes UTF-16
+        utf_16 = content.startswith((codecs.BOM_UTF16_LE, codecs.BOM_UTF16_BE))
         text = content.decode("utf-16" if utf_16 else "utf-8-sig")
     except (OSError, UnicodeDecodeError) as error:
         raise RecipeError(
@@ -95,17 +93,14 @@ def parse(source: Source, kinds: Mapping[str, _Kind]) -> Recipe:
     data, lines = _tables(source)
     procedure = data.get("procedure")
     if not isinstance(procedure, str) or procedure not in kinds:
-        place = _place(source, ("procedure",), lines)
         found = "missing" if procedure is None else repr(procedure)
-        guess = difflib.get_close_matches(str(procedure), kinds, n=1)
-        hint = f"did you mean '{guess[0]}'?" if guess else "name one of them"
         raise RecipeError(
-            f"{place}: procedure: found {found}, expected one of {', '.join(sorted(kinds))}",
-            hint=hint,
+            f"{_place(source, ('procedure',), lines)}: procedure: found {found}, expected one of"
+            f" {', '.join(sorted(kinds))}",
+            hint=did_you_mean(str(procedure), kinds, "name one of them"),
         )
     recipe = _validated(source, kinds[procedure].recipe, data, lines)
-    if unknown := _unknown_columns(source, recipe, lines):
-        raise RecipeError("\n".join(unknown))
+    _require_known_columns(source, recipe, lines)
     return recipe
 
 
@@ -142,34 +137,28 @@ def _validated(
         raise RecipeError("\n".join(_faults(source, error, lines, model))) from None
 
 
-def _unknown_columns(source: Source, recipe: Recipe, lines: Mapping[Location, str]) -> list[str]:
-    """One line for each mapped column that nothing would read: a misspelt name would lose its unit
-    and sign.
+def _require_known_columns(source: Source, recipe: Recipe, lines: Mapping[Location, str]) -> None:
+    """Raise RecipeError with one line for each mapped column that nothing would read: a misspelt
+    name would lose its unit and sign.
     """
-    faults = []
-    for name in recipe.columns:
-        if not is_canonical(name) and name not in recipe.own_columns():
-            allowed = [
-                *CANONICAL,
-                "gyro_x_dph",
-                "gyro_x_lsb",
-                "accel_x_g",
-                "accel_x_lsb",
-                *recipe.own_columns(),
-            ]
-            place = _place(source, ("columns", name), lines)
-            faults.append(
-                f"{place}: columns.{name}: not a canonical column; {_guess(name, allowed)}"
-            )
-    return faults
+    own = recipe.own_columns()
+    allowed = [*CANONICAL, "gyro_x_dph", "gyro_x_lsb", "accel_x_g", "accel_x_lsb", *own]
+    faults = [
+        f"{_place(source, ('columns', name), lines)}: columns.{name}: not a canonical column;"
+        f" {did_you_mean(name, allowed, _CHANGE)}"
+        for name in recipe.columns
+        if not is_canonical(name) and name not in own
+    ]
+    if faults:
+        raise RecipeError("\n".join(faults))
 
 
 def located(source: Source, error: RecipeError) -> RecipeError:
     """The same error with file and line of the key that is at fault, where it names one."""
     if not error.at:
         return error
-    place = _place(source, error.at, _tables(source)[1])
-    return RecipeError(f"{place}: {error.message}", hint=error.hint)
+    _, lines = _tables(source)
+    return RecipeError(f"{_place(source, error.at, lines)}: {error.message}", hint=error.hint)
 
 
 def _key_lines(text: str) -> dict[Location, str]:
@@ -196,7 +185,7 @@ def _key_lines(text: str) -> dict[Location, str]:
 def _split(dotted: str) -> Location:
     """Parts of a dotted TOML key, without their quotes."""
     parts = re.findall(r"\"([^\"]*)\"|'([^']*)'|([A-Za-z0-9_-]+)", dotted)
-    return tuple(next(filter(None, part), "") for part in parts)
+    return tuple(map("".join, parts))
 
 
 def _override(data: dict[str, Any], override: str) -> dict[Location, str]:
@@ -237,7 +226,13 @@ def _faults(
     """One line for each place that has a fault; the alternatives that a place allows are joined."""
     grouped: dict[Location, list[dict[str, Any]]] = {}
     for fault in error.errors():
-        location = tuple(part for part in fault["loc"] if not _is_branch(part))
+        # parts of these names are the branches of a union that were tried
+        location = tuple(
+            part
+            for part in fault["loc"]
+            if part not in {"int", "float", "str"}
+            and not str(part).startswith(("literal[", "constrained-"))
+        )
         grouped.setdefault(location, []).append(dict(fault))
     return [
         _fault(_place(source, location, lines), location, faults, model)
@@ -253,17 +248,19 @@ def _fault(
     kind, value = faults[0]["type"], faults[0]["input"]
     if kind == "extra_forbidden":
         allowed = _keys(model, location[:-1])
-        guess = _guess(location[-1], allowed)
         return (
-            f"{place}: unknown key '{dotted}' = {value!r}, allowed: {', '.join(allowed)}; {guess}"
+            f"{place}: unknown key '{dotted}' = {value!r}, allowed: {', '.join(allowed)};"
+            f" {did_you_mean(str(location[-1]), allowed, _CHANGE)}"
         )
     if kind == "missing":
         return f"{place}: missing key '{dotted}'; add it"
     if kind == "value_error":
         return f"{place}: {dotted or 'table'}: {faults[0]['msg'].removeprefix('Value error, ')}"
-    expected = " or ".join(dict.fromkeys(_plain(fault["msg"]) for fault in faults))
-    guess = _guess(value, re.findall(r"'([^']+)'", expected)) if isinstance(value, str) else ""
-    return f"{place}: {dotted}: found {value!r}, expected {expected}; {guess or 'change it'}"
+    expected = " or ".join(dict.fromkeys(_in_words_of_toml(fault["msg"]) for fault in faults))
+    advice = "change it"
+    if isinstance(value, str):
+        advice = did_you_mean(value, re.findall(r"'([^']+)'", expected), _CHANGE)
+    return f"{place}: {dotted}: found {value!r}, expected {expected}; {advice}"
 
 
 _PLAIN = (
@@ -278,29 +275,16 @@ _PLAIN = (
     (r"String should have at least 1 character", "text that is not empty"),
     (r"String should match pattern '(.*)'", r"text of the form \1"),
 )
-"""How the validator says it, and how it is said here."""
+"""What the validator expected, in its words → in words of TOML."""
 
 
-def _plain(message: str) -> str:
+def _in_words_of_toml(message: str) -> str:
     """What was expected, in words of TOML."""
-    said = message.removeprefix("Input should be ")
+    expected = message.removeprefix("Input should be ")
     for pattern, words in _PLAIN:
-        if re.fullmatch(pattern, said):
-            return re.sub(pattern, words, said)
-    return said
-
-
-def _guess(value: object, allowed: list[str]) -> str:
-    """Advice that names the closest allowed word."""
-    close = difflib.get_close_matches(str(value), allowed, n=1)
-    return f"did you mean '{close[0]}'?" if close else "change it or remove it"
-
-
-def _is_branch(part: str | int) -> bool:
-    """Whether a part of a location only names the branch of a union that was tried."""
-    return isinstance(part, str) and (
-        part in {"int", "float", "str"} or part.startswith(("literal[", "constrained-"))
-    )
+        if re.fullmatch(pattern, expected):
+            return re.sub(pattern, words, expected)
+    return expected
 
 
 def _keys(model: type[BaseModel], location: Location) -> list[str]:

@@ -14,7 +14,6 @@ one in `numeric.gum.combine`.
 
 from __future__ import annotations
 
-import difflib
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Annotated, Any, Literal
 
@@ -22,7 +21,7 @@ from pydantic import Field, ValidationError, field_validator, model_validator
 
 from calibkit import units
 from calibkit.constants import STANDARD_GRAVITY_MPS2
-from calibkit.errors import CoefficientError, RecipeError
+from calibkit.errors import CoefficientError, RecipeError, did_you_mean
 from calibkit.frame import is_canonical
 from calibkit.numeric import gum
 from calibkit.recipe.strict import Positive, Table
@@ -212,10 +211,9 @@ def terms_of(
         of the quantity's name.
 
     """
-    known = dict(sensitivities or {})
     components, unused = [], []
     for term in {term.name: term for term in terms}.values():
-        at, derivative = known.get(term.quantity, (0.0, None))
+        at, derivative = (sensitivities or {}).get(term.quantity, (0.0, None))
         if term.quantity == result:
             components.append(term.component(estimate, 1.0))
         elif term.sensitivity is not None and term.result == result:
@@ -238,17 +236,13 @@ def require_known(terms: Iterable[TypeB], names: Iterable[str]) -> None:
     for term in terms:
         for key, name in (("quantity", term.quantity), ("result", term.result)):
             if name and not is_canonical(name) and name not in there:
-                close = difflib.get_close_matches(
-                    name, [*there, "temp_case_degc", "temp_env_degc"], n=1
-                )
-                guess = (
-                    f"did you mean '{close[0]}'?"
-                    if close
-                    else "name a canonical column or a result of this run"
-                )
                 raise RecipeError(
                     f"[[type_b]] '{term.name}': {key} = '{name}' is no column and no result",
-                    hint=guess,
+                    hint=did_you_mean(
+                        name,
+                        [*there, "temp_case_degc", "temp_env_degc"],
+                        "name a canonical column or a result of this run",
+                    ),
                 )
 
 

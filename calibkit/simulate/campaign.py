@@ -42,11 +42,11 @@ class Campaign:
 
         """
         texts = {name: _csv_text(columns, self.decimals) for name, columns in self.logs.items()}
-        truth = (
+        texts[TRUTH_FILE] = (
             json.dumps(self.truth, sort_keys=True, indent=1, ensure_ascii=False, allow_nan=False)
             + "\n"
         )
-        return {name: text.encode() for name, text in (texts | {TRUTH_FILE: truth}).items()}
+        return {name: text.encode() for name, text in texts.items()}
 
 
 def _csv_text(columns: Mapping[str, NDArray[Any]], decimals: Mapping[str, int]) -> str:
