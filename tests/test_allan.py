@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric.noise import allan, allan_fit
+from calibkit.numeric.noise import allan, allan_fit, confidence
 from calibkit.numeric.noise.allan_fit import LAWS, _NotObservable, fit_noise
 
 NBS_9_POINTS = np.array([892.0, 809.0, 823.0, 798.0, 671.0, 644.0, 883.0, 903.0, 677.0])
@@ -112,7 +112,7 @@ def test_degrees_of_freedom_agree_with_the_published_ones_of_the_nist_suite():
     """NIST SP 1065 prints 146.177 degrees of freedom at ten samples, by an empirical fit good to
     about one percent.
     """
-    assert allan._equivalent_dof(10, np.array([1000]), "angle_random_walk") == pytest.approx(
+    assert confidence.equivalent_dof(10, np.array([1000]), "angle_random_walk") == pytest.approx(
         146.177, rel=0.012
     )
 
@@ -217,7 +217,7 @@ def test_degrees_of_freedom_agree_with_the_peer_where_sampling_is_fine(noise):
     alpha = {"angle_random_walk": 0, "bias_instability": -1, "rate_random_walk": -2}[noise]
     for factor in (64, 200, 1000, 3000):
         peer = allantools.edf_greenhall(alpha, 2, factor, 10001, overlapping=True)
-        assert allan._equivalent_dof(factor, np.array([10000]), noise) == pytest.approx(
+        assert confidence.equivalent_dof(factor, np.array([10000]), noise) == pytest.approx(
             peer, rel=0.005
         )
 
@@ -248,7 +248,7 @@ def test_degrees_of_freedom_are_those_of_simulated_variances(noise, gaps):
         pairs = pairs[:, missing[2 * factor :] == missing[: -2 * factor]]
         variance = np.mean(pairs**2, axis=1)
         simulated = 2.0 * variance.mean() ** 2 / variance.var()
-        stated = allan._equivalent_dof(factor, allan._whole_runs(rate[0]), noise)
+        stated = confidence.equivalent_dof(factor, allan._whole_runs(rate[0]), noise)
         assert stated == pytest.approx(simulated, rel=0.10), factor
 
 
@@ -596,7 +596,7 @@ def test_chance_occurs_as_often_as_it_says():
     met = 0
     for _ in range(400):
         curve = allan.overlapping(record(generator, 600, 1.0, K=0.1), 1.0, noise="rate_random_walk")
-        attempt = allan_fit._attempt(curve, curve.deviation_dph**2, 0)
+        attempt = allan_fit._attempt(curve, 0)
         met += allan_fit._chance(attempt, 4, others) < 0.01
     assert met / 400.0 <= 0.02
 
@@ -620,7 +620,7 @@ def test_what_is_not_observable_carries_no_number():
     reported or not.
     """
     fit = fit_noise(allan.overlapping(record(np.random.default_rng(95), 3600, 1.0, N=0.01), 1.0))
-    assert {field.type for field in dataclasses.fields(_NotObservable)} == {"str"}
+    assert {field.type for field in dataclasses.fields(_NotObservable)} == {str}
     assert {term.symbol for term in fit.terms} | {
         term.symbol for term in fit.not_observable
     } == set("QNBKR")

@@ -8,7 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric import attitude, gravity
+from calibkit.numeric import attitude, earth
 
 AUTHORITIES = Path(__file__).parent / "authorities"
 SITE = json.loads((AUTHORITIES / "site.json").read_text())["gravity"]
@@ -140,7 +140,7 @@ def test_upright_tools_have_no_toolface_uncertainty():
 @pytest.mark.parametrize("site", SITE, ids=lambda site: f"{site['latitude_deg']}")
 def test_local_gravity_is_that_of_the_worked_examples(site):
     """Somigliana's formula with the free-air gradient, to 1e-12 relative."""
-    assert gravity.local_gravity(site["latitude_deg"], site["height_m"]) == pytest.approx(
+    assert earth.local_gravity(site["latitude_deg"], site["height_m"]) == pytest.approx(
         site["g_mps2"], rel=1e-12
     )
 
@@ -151,4 +151,4 @@ def test_local_gravity_is_that_of_the_worked_examples(site):
 def test_no_gravity_beyond_the_poles(latitude, height):
     """Latitudes beyond ±90° and values that are no numbers are refused."""
     with pytest.raises(FitError, match="no gravity"):
-        gravity.local_gravity(latitude, height)
+        earth.local_gravity(latitude, height)

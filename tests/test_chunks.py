@@ -105,7 +105,7 @@ def test_an_interval_that_is_known_changes_no_model_interval() -> None:
     """Model intervals are the same whether the sampling interval is given or measured."""
     time = np.arange(0.0, 500.0, 0.1)
     given_step, measured = (
-        intervals.of(time, 10.0, step) for step in (intervals._sampling_interval(time), None)
+        intervals.of(time, 10.0, step) for step in (intervals.steps(time).usual, None)
     )
     assert isinstance(given_step, Intervals)
     assert np.array_equal(given_step.first, measured.first)

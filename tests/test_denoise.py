@@ -288,7 +288,7 @@ def test_the_signal_written_over_the_finest_details_is_that_beside_them(
         patch.setattr("calibkit.numeric.wavelet.lifting.CHUNK", chunk)
         patch.setattr("calibkit.numeric.wavelet.level.BLOCK", block)
         if not compiled:
-            patch.setattr("calibkit.numeric.compiled.kernels", lambda: None)
+            patch.setattr("calibkit.native.kernels", lambda: None)
         got = denoise(signal, wavelet=which, levels=2)
         parts = forward(signal, find_scheme(which), 2, extension="trend")
         assert np.array_equal(got.signal, inverse(parts, Shrinkage("firm", got.thresholds)))

@@ -22,7 +22,7 @@ def test_holds_are_found_and_their_ends_left_out():
     """Every hold is found once, inside its true limits, with little more than half a window missing
     at each end.
     """
-    found = dwells.still(handled(), 20)
+    found = dwells.find_dwells(handled(), 20)
     assert len(found) == len(HOLDS)
     for (start, stop), (begin, end) in zip(HOLDS, found.tolist(), strict=True):
         assert start <= begin <= start + 12
@@ -32,20 +32,24 @@ def test_holds_are_found_and_their_ends_left_out():
 def test_unit_and_offset_of_the_indications_do_not_matter():
     """Counts about 32768 give the same intervals as g."""
     log = handled()
-    np.testing.assert_array_equal(dwells.still(log, 20), dwells.still(32768.0 + 415.0 * log, 20))
+    np.testing.assert_array_equal(
+        dwells.find_dwells(log, 20), dwells.find_dwells(32768.0 + 415.0 * log, 20)
+    )
 
 
 def test_windowed_noise_is_the_loop_over_windows():
     """The running sums equal the standard deviation of every window, offset and all."""
     log = handled(rows=1700)[:200] + 3e4
     twin = [np.sqrt(np.sum(np.var(log[i : i + 16], axis=0))) for i in range(185)]
-    np.testing.assert_allclose(dwells._windowed_noise(log, 16), twin, rtol=1e-8)
+    np.testing.assert_allclose(
+        dwells._windowed_noise(log, 16, np.median(log, axis=0)), twin, rtol=1e-8
+    )
 
 
 def test_short_pauses_are_no_dwells():
     """A pause below the shortest length is dropped, a stated threshold is used as it is."""
-    assert len(dwells.still(handled(), 20, shortest=300)) == 2
-    assert len(dwells.still(handled(), 20, threshold=0.03)) == 4
+    assert len(dwells.find_dwells(handled(), 20, shortest=300)) == 2
+    assert len(dwells.find_dwells(handled(), 20, threshold=0.03)) == 4
 
 
 def test_a_log_that_stands_still_to_the_last_bit_is_one_dwell():
@@ -53,33 +57,33 @@ def test_a_log_that_stands_still_to_the_last_bit_is_one_dwell():
     log = np.tile([100.0, -3.0, 5.0], (500, 1))
     log[250:260] += 400.0
     log[260:] += [1.0, 0.0, 0.0]
-    assert len(dwells.still(log, 10)) == 2
+    assert len(dwells.find_dwells(log, 10)) == 2
     # a last bit that flickers now and then does not cut the hold into pieces
     log[::31, 0] += 1.0
-    assert len(dwells.still(log, 10)) == 2
+    assert len(dwells.find_dwells(log, 10)) == 2
 
 
 def test_nothing_held_is_refused_with_the_limit():
     """A log in motion has no dwells, and the message says what was allowed."""
     with pytest.raises(FitError, match="nothing was held still for 40 rows"):
-        dwells.still(handled(), 20, threshold=1e-4)
+        dwells.find_dwells(handled(), 20, threshold=1e-4)
 
 
 def test_short_and_broken_logs_are_refused():
     """Too few rows for the window, or a missing value, are said."""
     with pytest.raises(FitError, match="50 rows for windows of 20"):
-        dwells.still(handled()[:50], 20)
+        dwells.find_dwells(handled()[:50], 20)
     log = handled()
     log[7, 2] = np.nan
     with pytest.raises(FitError, match="not finite"):
-        dwells.still(log, 20)
+        dwells.find_dwells(log, 20)
 
 
 def test_means_and_noise_are_those_of_the_rows():
     """Mean, standard deviation and standard error of independent rows are the textbook ones."""
     rng = np.random.default_rng(1)
     columns = rng.normal(5.0, 2.0, (200, 2))
-    found = dwells.averages(columns, np.array([[0, 50], [50, 200]]))
+    found = dwells.average_dwells(columns, np.array([[0, 50], [50, 200]]))
     np.testing.assert_allclose(found.mean, [columns[:50].mean(axis=0), columns[50:].mean(axis=0)])
     np.testing.assert_allclose(found.standard_deviation[0], columns[:50].std(axis=0, ddof=1))
     np.testing.assert_allclose(
@@ -101,7 +105,8 @@ def test_noise_that_does_not_average_out_is_not_averaged_away():
     for k in range(1, 2000):
         red[:, k] = 0.97 * red[:, k - 1] + white[:, k]
     found = [
-        dwells.averages(row[:, None], np.array([[0, 2000]])) for row in red[:, :, None][:, :, 0]
+        dwells.average_dwells(row[:, None], np.array([[0, 2000]]))
+        for row in red[:, :, None][:, :, 0]
     ]
     stated = np.sqrt(np.mean([f.standard_error[0, 0] ** 2 for f in found]))
     independent = np.mean([f.standard_deviation[0, 0] for f in found]) / np.sqrt(2000)
@@ -113,22 +118,22 @@ def test_noise_that_does_not_average_out_is_not_averaged_away():
 def test_a_creeping_hold_shows_its_creep():
     """The drift of a hold that creeps by 0.01 over its length is half of that."""
     columns = np.linspace(0.0, 0.01, 1000)[:, None]
-    assert dwells.averages(columns, np.array([[0, 1000]])).drift[0, 0] == pytest.approx(
+    assert dwells.average_dwells(columns, np.array([[0, 1000]])).drift[0, 0] == pytest.approx(
         0.005, rel=1e-2
     )
 
 
 def test_sweeps_are_cut_into_pieces():
     """Pieces have the stated rows; a rest of at least half stays, a shorter one goes."""
-    cut = dwells.pieces(np.array([[0, 250], [300, 449], [500, 540]]), 100)
+    cut = dwells.cut_dwells(np.array([[0, 250], [300, 449], [500, 540]]), 100)
     assert cut.tolist() == [[0, 100], [100, 200], [200, 250], [300, 400]]
-    assert dwells.pieces(np.array([[0, 249]]), 100).tolist() == [[0, 100], [100, 200]]
+    assert dwells.cut_dwells(np.array([[0, 249]]), 100).tolist() == [[0, 100], [100, 200]]
 
 
 def test_a_dwell_of_one_row_is_refused():
     """One row has no noise."""
     with pytest.raises(FitError, match="fewer than two rows"):
-        dwells.averages(np.zeros((5, 1)), np.array([[0, 3], [3, 4]]))
+        dwells.average_dwells(np.zeros((5, 1)), np.array([[0, 3], [3, 4]]))
 
 
 @pytest.mark.parametrize("quantum", [0.0, 0.01])
@@ -138,10 +143,10 @@ def test_dwells_and_their_means_do_not_depend_on_the_length_of_spans(quantum, mo
     """
     log = handled()
     log = np.round(log / quantum) * quantum if quantum else log
-    found = [dwells.averages(log, dwells.still(log, 20))]
+    found = [dwells.average_dwells(log, dwells.find_dwells(log, 20))]
     monkeypatch.setattr(chunks, "ROWS", 37)
     monkeypatch.setattr(order_statistics, "COLLECTED", 100)
-    found.append(dwells.averages(log, dwells.still(log, 20)))
+    found.append(dwells.average_dwells(log, dwells.find_dwells(log, 20)))
     np.testing.assert_array_equal(found[0].intervals, found[1].intervals)
     for name in ("mean", "standard_deviation", "standard_error", "drift"):
         np.testing.assert_allclose(*(getattr(one, name) for one in found), rtol=1e-10, atol=1e-13)

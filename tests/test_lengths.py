@@ -10,7 +10,6 @@ from hypothesis import given, settings, strategies as st
 
 from calibkit import native
 from calibkit.instruments.accelerometer.numeric import magnitude, norms
-from calibkit.numeric import compiled
 
 TRIANGLE = np.array([1.01, 0.02, 0.98, -0.01, 0.03, 1.02, 0.005, -0.004, 0.003])
 only_compiled = pytest.mark.skipif(native.kernels() is None, reason="no compiled kernels")
@@ -19,7 +18,7 @@ only_compiled = pytest.mark.skipif(native.kernels() is None, reason="no compiled
 def of_arrays(made, monkeypatch):
     """What a call gives where nothing is compiled."""
     with monkeypatch.context() as patch:
-        patch.setattr(compiled, "kernels", lambda: None)
+        patch.setattr(native, "kernels", lambda: None)
         return made()
 
 

@@ -12,7 +12,6 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 
 from calibkit import native
-from calibkit.numeric import compiled
 from calibkit.numeric.wavelet import lifting
 from calibkit.numeric.wavelet.denoise import denoise
 from calibkit.numeric.wavelet.factor import APPROXIMATION, DETAIL, Scheme, Step
@@ -67,7 +66,7 @@ FAR_APART = Scheme(
 def arrays_only():
     """Everything by arrays, as where nothing is compiled."""
     with pytest.MonkeyPatch.context() as patch:
-        patch.setattr(compiled, "kernels", lambda: None)
+        patch.setattr(native, "kernels", lambda: None)
         yield
 
 

@@ -34,13 +34,13 @@ def ten_positions(real):
     intervals = (
         np.loadtxt(folder / "published_static_intervals.csv", delimiter=",").astype(np.int64).T
     )
-    return dwells.averages(log, intervals + np.array([0, 1]))
+    return dwells.average_dwells(log, intervals + np.array([0, 1]))
 
 
 def test_xsens_tumble_gives_the_factory_values(real):
     """38 hand-held positions found in the log: factory scale and offsets, 0.98 mm/s² rms left."""
     log = np.loadtxt(real / "xsens_tumble" / "xsens_acc.mat")[:, 1:]
-    held = dwells.averages(log, dwells.still(log, 100))
+    held = dwells.average_dwells(log, dwells.find_dwells(log, 100))
     assert len(held.mean) == 38
     fitted = magnitude.fit(held.mean, 9.81744)
     np.testing.assert_allclose(
@@ -62,7 +62,7 @@ def test_both_solvers_agree_on_the_xsens_log(real):
     hold the estimates.
     """
     log = np.loadtxt(real / "xsens_tumble" / "xsens_acc.mat")[:, 1:]
-    means = dwells.averages(log, dwells.still(log, 100)).mean
+    means = dwells.average_dwells(log, dwells.find_dwells(log, 100)).mean
     fast = magnitude.fit(means, 9.81744)
     bounded, intervals = magnitude.fit_bounded(means, 9.81744)
     assert np.max(np.abs(bounded.parameters - fast.parameters) / fast.standard_uncertainty) < 1e-6
@@ -79,7 +79,7 @@ def test_mpu9150_logs_give_the_published_table(real, unit):
     log = np.loadtxt(folder / f"imu{unit}.log")[:, :3]
     rows = [line.split(",") for line in (folder / "published_table.csv").read_text().split()]
     table = {row[0]: float(row[1 + unit]) for row in rows[1:]}
-    held = dwells.averages(log, dwells.still(log, 50))
+    held = dwells.average_dwells(log, dwells.find_dwells(log, 50))
     assert len(held.mean) in (22, 23)
     fitted = magnitude.fit(held.mean, 9.81)
     scale = 100.0 * (fitted.parameters[:3] - 1.0)
@@ -200,7 +200,7 @@ def test_stated_dwell_noise_does_not_reassure_the_ten_positions(ten_positions):
 def test_a_constant_temperature_is_no_obstacle_to_lengths(real):
     """The affine model without temperature gives the nine-parameter correction of the xsens log."""
     log = np.loadtxt(real / "xsens_tumble" / "xsens_acc.mat")[:, 1:]
-    means = dwells.averages(log, dwells.still(log, 100)).mean
+    means = dwells.average_dwells(log, dwells.find_dwells(log, 100)).mean
     affine = accel_affine.fit_magnitude(
         means, np.full(len(means), 25.0), 9.81744, terms=affine_model.AffineTerms(0, 0, 0)
     )

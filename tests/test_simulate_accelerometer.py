@@ -231,7 +231,9 @@ def swept(campaign):
     for log in campaign.logs.values():
         columns = np.column_stack(list(log.values()))
         pieces.append(
-            dwells.averages(columns, dwells.pieces(np.array([[0, len(columns)]]), 12)).mean
+            dwells.average_dwells(
+                columns, dwells.cut_dwells(np.array([[0, len(columns)]]), 12)
+            ).mean
         )
     return np.concatenate(pieces)
 

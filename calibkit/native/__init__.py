@@ -11,15 +11,23 @@ from ctypes import CDLL
 from functools import cache
 from pathlib import Path
 
-__all__ = ["kernels", "state"]
+from calibkit.arrays import Array
 
 FOLDER = Path(__file__).parent
 
 
-@cache
 def kernels() -> CDLL | None:
-    """The compiled kernels, or none. Calls into them run beside other threads."""
+    """The compiled kernels; None where there are none. Calls into them run beside other threads."""
     return _loaded()[0]
+
+
+def kernels_for(*arrays: Array) -> CDLL | None:
+    """The compiled kernels; None where they were not built, or where an array is not of adjacent
+    doubles of this machine.
+    """
+    flags = [array.flags for array in arrays if array.dtype == "float64"]
+    adjacent = all(flag.c_contiguous and flag.aligned for flag in flags)
+    return kernels() if adjacent and len(flags) == len(arrays) else None
 
 
 def state() -> str:
@@ -29,7 +37,7 @@ def state() -> str:
 
 @cache
 def _loaded() -> tuple[CDLL | None, str]:
-    """The kernels of just these sources, and what there is to say of them."""
+    """The kernels of just these sources, and whether they are used."""
     import ctypes
 
     from calibkit.native import compiling

@@ -338,7 +338,9 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
     if values.size < 5 * window:
         return none
     noise = scatter(values)
-    calm = np.clip(values, *_reach(values, noise))
+    # without the outermost values, which must not pass for a level
+    low, high = np.quantile(values, (0.001, 0.999)).tolist()
+    calm = np.clip(values, low - 3.0 * noise, high + 3.0 * noise)
     total = np.concatenate(([0.0], np.cumsum(calm - calm.mean())))
     means = (total[window:] - total[:-window]) / window
     a, b, c, d = (means[k * window : means.size - (3 - k) * window] for k in range(4))
@@ -354,12 +356,6 @@ def jumps(values: Array, window: int) -> tuple[Integers, Array]:
     sure &= np.abs(brief) > JUMP * noise * np.sqrt(2.0 / short)
     sure &= np.abs(change) > max(2.0 * resolution(values), 2.0 * SMALL * _span(values))
     return _peaks(row[sure], change[sure], 2 * window)
-
-
-def _reach(values: Array, noise: float) -> tuple[float, float]:
-    """Limits of a series without its wildest values, which must not pass for a level."""
-    low, high = np.quantile(values, (0.001, 0.999)).tolist()
-    return low - 3.0 * noise, high + 3.0 * noise
 
 
 def _peaks(row: Integers, change: Array, apart: int) -> tuple[Integers, Array]:

@@ -1,5 +1,6 @@
 """Dwells in continuous logs: where a triad was held still, and the mean and noise of each hold."""
 
+from collections.abc import Callable
 from dataclasses import dataclass
 
 import numpy as np
@@ -34,18 +35,17 @@ class _Dwells:
     """
 
 
-def still(
+def find_dwells(
     indication: Array,
     window: int,
     *,
-    factor: float = STILL_FACTOR,
     threshold: float | None = None,
     shortest: int | None = None,
 ) -> Integers:
     """Find the intervals in which a triad was held still.
 
     The noise of a sample is the standard deviation of the window around it, the three axes
-    together. A sample is still where that is below `factor` times the noise at rest, which is the
+    together. A sample is still where that is below twice the noise at rest, which is the
     upper end of the quietest quarter of the log, so a log has to be at rest for a quarter of its
     time or state the threshold.
 
@@ -55,10 +55,8 @@ def still(
         [n, 3], rows at even intervals; cut the log at gaps first.
     window
         Rows of the window, about a second.
-    factor
-        Of the noise at rest.
     threshold
-        Noise [unit of the indication] in place of factor times noise at rest.
+        Noise [unit of the indication] in place of twice the noise at rest.
     shortest
         Rows below which an interval is not a dwell; twice the window when absent.
 
@@ -83,24 +81,14 @@ def still(
             "a value that is not finite reached the search for dwells", hint="cut the log at gaps"
         )
     shortest = 2 * window if shortest is None else shortest
-    middle = np.array([order_statistics.median(axis) for axis in indication.T])
+    centre = np.array([order_statistics.median(axis) for axis in indication.T])
     windows = len(indication) - window + 1
 
     def noise(first: int, stop: int) -> Array:
         chunks.release(indication)
-        return _windowed_noise(indication[first : stop + window - 1], window, middle)
+        return _windowed_noise(indication[first : stop + window - 1], window, centre)
 
-    if threshold is None:
-        at_rest = order_statistics.quantile_of_chunks(
-            lambda: (noise(a, b) for a, b in chunks.ranges(windows)), windows, AT_REST_SHARE
-        )
-        # quantised indications can stand still to the last bit: the noise at rest is not below that
-        # of the last bit
-        limit = factor * max(
-            at_rest, _resolution(indication, at_rest * np.sqrt(12.0)) / np.sqrt(12.0)
-        )
-    else:
-        limit = threshold
+    limit = _noise_limit(indication, noise, windows) if threshold is None else threshold
     runs = chunks.find_runs(windows, lambda a, b: noise(a, b) <= limit)
     intervals = np.array(runs, dtype=np.int64).reshape(-1, 2) + window // 2
     intervals = intervals[intervals[:, 1] - intervals[:, 0] >= shortest]
@@ -112,13 +100,28 @@ def still(
     return intervals
 
 
-def _windowed_noise(indication: Array, window: int, middle: Array | None = None) -> Array:
+def _noise_limit(indication: Array, noise: Callable[[int, int], Array], windows: int) -> float:
+    """Noise up to which a sample of indications [n, 3] is still, from the noise of so many windows.
+
+    Quantised indications can stand still to the last bit: the noise at rest is not below that of
+    the last bit.
+    """
+    at_rest = order_statistics.quantile_of_chunks(
+        lambda: (noise(a, b) for a, b in chunks.ranges(windows)), windows, AT_REST_SHARE
+    )
+    enough = at_rest * np.sqrt(12.0)
+    steps = [order_statistics.smallest_step(axis, enough=enough) for axis in indication.T]
+    last_bit = min((step for step in steps if step > 0.0), default=0.0)
+    return STILL_FACTOR * max(at_rest, last_bit / float(np.sqrt(12.0)))
+
+
+def _windowed_noise(indication: Array, window: int, centre: Array) -> Array:
     """Standard deviation [n − window + 1] of sliding windows, the three axes of [n, 3] together
     (root sum of squares).
 
-    `middle` [3] is a value within the indications of each axis, their median where it is not given.
+    `centre` [3] is a value within the indications of each axis.
     """
-    centred = indication - (np.median(indication, axis=0) if middle is None else middle)
+    centred = indication - centre
     sums = np.concatenate([np.zeros((1, 3)), np.cumsum(centred, axis=0)])
     squares = np.concatenate([np.zeros((1, 3)), np.cumsum(centred**2, axis=0)])
     mean = (sums[window:] - sums[:-window]) / window
@@ -126,11 +129,11 @@ def _windowed_noise(indication: Array, window: int, middle: Array | None = None)
     return np.asarray(np.sqrt(np.maximum(np.sum(variance, axis=1), 0.0)), dtype=np.float64)
 
 
-def pieces(intervals: Integers, rows: int) -> Integers:
-    """Cut intervals [m, 2] into pieces of `rows` rows, for sweeps that hold one attitude while the
+def cut_dwells(intervals: Integers, rows: int) -> Integers:
+    """Cut intervals [m, 2] into parts of `rows` rows, for sweeps that hold one attitude while the
     temperature moves.
 
-    What is left at the end of an interval makes a piece of its own when it has half of the rows or
+    What is left at the end of an interval makes a part of its own when it has half of the rows or
     more, and is left out otherwise.
     """
     cut = [
@@ -142,7 +145,7 @@ def pieces(intervals: Integers, rows: int) -> Integers:
     return np.array(cut, dtype=np.int64).reshape(-1, 2)
 
 
-def averages(columns: Array, intervals: Integers) -> _Dwells:
+def average_dwells(columns: Array, intervals: Integers) -> _Dwells:
     """Means, noise and creep of columns [n, c] over intervals [m, 2] of at least two rows."""
     lengths = intervals[:, 1] - intervals[:, 0]
     if len(intervals) == 0 or lengths.min() < 2:
@@ -177,22 +180,3 @@ def _averaged(rows: Array) -> tuple[Array, Array, Array, Array]:
         # the larger of independent rows' and of batch means'
         error = np.maximum(error, (batches[:-1] / batch).std(axis=0, ddof=1) / np.sqrt(BATCHES))
     return mean, deviation, error, halves[1] / (count - half) - halves[0] / half
-
-
-def _resolution(indication: Array, enough: float) -> float:
-    """Smallest step between different indications [n, 3] of an axis, the last bit of quantised
-    ones.
-
-    A step of at most `enough` is given for it as soon as one is found: those of noise are never
-    gathered.
-    """
-    smallest = np.inf
-    for axis in indication.T:
-        levels = np.zeros(0)
-        for a, b in chunks.ranges_along(axis):
-            levels = np.union1d(levels, axis[a:b])
-            step = float(np.min(np.diff(levels))) if levels.size > 1 else np.inf
-            smallest = min(smallest, step)
-            if smallest <= enough:
-                return smallest
-    return smallest if np.isfinite(smallest) else 0.0

@@ -9,7 +9,7 @@ from typing import Literal
 
 import numpy as np
 
-from calibkit.arrays import Array, Integers
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 
 Distribution = Literal["normal", "rectangular", "triangular", "arcsine"]
@@ -104,32 +104,30 @@ def combine(
         else _require_correlation(correlation, len(components))
     )
     contributions = np.array([part.sensitivity * part.standard_uncertainty for part in components])
-    largest = (
-        float(np.max(np.abs(contributions))) or 1.0
-    )  # fourth powers of what is left neither over- nor underflow
+    # fourth powers of what is left neither over- nor underflow
+    largest = float(np.max(np.abs(contributions))) or 1.0
     pairwise = np.outer(contributions / largest, contributions / largest) * matrix
     variance = max(float(pairwise.sum()), 0.0)
     dof = _welch_satterthwaite(
-        variance, pairwise, _tied(matrix), np.array([part.dof for part in components])
+        variance, pairwise, matrix, np.array([part.dof for part in components])
     )
-    return _expand(largest * float(np.sqrt(variance)), dof, probability=probability)
+    combined = largest * float(np.sqrt(variance))
+    factor = coverage_factor(dof, probability=probability)
+    return _Expanded(combined, dof, factor, factor * combined, probability)
 
 
-def _welch_satterthwaite(variance: float, pairwise: Array, tied: Integers, dof: Array) -> float:
-    """ν_eff = u_c⁴ / Σ u_g⁴/ν_g over groups of tied inputs (JCGM 100 eq. G.2b)."""
+def _welch_satterthwaite(variance: float, pairwise: Array, correlation: Array, dof: Array) -> float:
+    """ν_eff = u_c⁴ / Σ u_g⁴/ν_g over groups of inputs that a chain of correlations links (JCGM 100
+    eq. G.2b).
+    """
+    tied = np.arange(dof.size)
+    for i, j in np.argwhere(correlation != 0.0):
+        tied[tied == tied[i]] = tied[j]
     total = 0.0
     for group in np.unique(tied):
         inside = tied == group
         total += float(pairwise[np.ix_(inside, inside)].sum()) ** 2 / float(dof[inside].min())
     return variance**2 / total if total > 0.0 else float("inf")
-
-
-def _tied(correlation: Array) -> Integers:
-    """Group number [n] of every input; inputs linked by any chain of correlations share one."""
-    group = np.arange(correlation.shape[0], dtype=np.int64)
-    for i, j in np.argwhere(correlation != 0.0):
-        group[group == group[i]] = group[j]
-    return group
 
 
 def _require_correlation(correlation: Array, size: int) -> Array:
@@ -149,19 +147,6 @@ def _require_correlation(correlation: Array, size: int) -> Array:
             hint="expected a symmetric, positive semidefinite matrix with ones on the diagonal",
         )
     return correlation
-
-
-def _expand(
-    standard_uncertainty: float, effective_dof: float, *, probability: float = TWO_SIGMA
-) -> _Expanded:
-    """Expanded uncertainty U = k u_c (JCGM 100 6.2.1) in the unit of the standard uncertainty.
-
-    Raises FitError for less than one effective degree of freedom.
-    """
-    factor = coverage_factor(effective_dof, probability=probability)
-    return _Expanded(
-        standard_uncertainty, effective_dof, factor, factor * standard_uncertainty, probability
-    )
 
 
 def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> float:

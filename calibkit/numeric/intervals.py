@@ -121,7 +121,7 @@ def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
     `step_s` is the log's sampling interval, where it is known already. Raises FitError when the log
     is sampled more slowly than the interval, because coefficients are per interval.
     """
-    step = _sampling_interval(time) if step_s is None else step_s
+    step = steps(time).usual if step_s is None else step_s
     if step > length_s * 1.01:
         raise FitError(
             f"sampled every {step:g} s, the model interval is {length_s:g} s",
@@ -134,7 +134,10 @@ def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
     number: list[Integers] = []
     last = -1.0
     for start, stop in chunks.ranges_along(time):
-        found = _numbers(time[start:stop], float(time[0]), length_s, step)
+        found = time[start:stop] - float(time[0])
+        found /= length_s
+        found += 0.5 * min(step / length_s, 1.0)
+        np.floor(found, out=found)
         new = chunks.changed_rows(found, last)
         first.append(new + start)
         number.append(found[new].astype(np.int64))
@@ -184,16 +187,3 @@ def steps(time: Array) -> Steps:
 def _steps(time: Array) -> Iterator[Array]:
     """Steps of a time [n], a span of rows after the other."""
     return (np.diff(time[max(a - 1, 0) : b]) for a, b in chunks.ranges_along(time))
-
-
-def _sampling_interval(time: Array) -> float:
-    """Median sampling interval [s] of a log's time [n, s]."""
-    return steps(time).usual
-
-
-def _numbers(time: Array, begin: float, length_s: float, step_s: float) -> Array:
-    """Numbers of intervals, as `numbers`, before they are made integers."""
-    number = time - begin
-    number /= length_s
-    number += 0.5 * min(step_s / length_s, 1.0)
-    return np.floor(number, out=number)

@@ -12,8 +12,8 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.native import kernels_for
 from calibkit.numeric import chunks
-from calibkit.numeric.compiled import kernels_for
 
 COLLECTED = 1 << 19
 """Values that a search holds at once."""
@@ -137,6 +137,26 @@ def quantile_bracket(sample: Array, share: float = 0.5) -> tuple[float, float]:
         [(share - reach) * ordered.size, (share + reach) * ordered.size], 0, ordered.size - 1
     ).astype(np.int64)
     return float(ordered[at[0]]), float(ordered[at[1]])
+
+
+def smallest_step(values: Array, *, enough: float = 0.0, decimals: int | None = None) -> float:
+    """Smallest difference between two values of a column [n], rounded where `decimals` are given; 0
+    where all are alike.
+
+    A difference of at most `enough` is given for it as soon as one is found: values of noise are
+    never gathered.
+    """
+    levels, step = np.zeros(0), 0.0
+    for start, stop in chunks.ranges_along(values):
+        part = values[start:stop]
+        new = np.unique(part if decimals is None else np.round(part, decimals))
+        if levels.size and np.isin(new, levels, assume_unique=True).all():
+            continue
+        levels = np.union1d(levels, new)
+        step = float(np.min(np.diff(levels))) if levels.size > 1 else 0.0
+        if 0.0 < step <= enough:
+            break
+    return step
 
 
 def _interpolated(low: float, high: float, share: float) -> float:

@@ -1,24 +1,19 @@
 """Soaks and ramps of a temperature log, and the rate at which the temperature changes."""
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from itertools import pairwise
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.constants import SECONDS_PER_MINUTE
 from calibkit.native import kernels
 from calibkit.numeric import chunks, order_statistics
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.arrays import Array, Integers
-
-    Room = Callable[[int], Array]
-
+Room = Callable[[int], Array]
+"""Allocates an array for so many values."""
 
 COARSE_DEGC_MIN = 0.3
 """Rate [°C/min] that one step of a thermometer within the window may amount to: what tells a ramp
@@ -124,21 +119,8 @@ def _first_in_window(time: Array, begins: Array, skipped: int) -> Integers | sli
 
 
 def quantum(temperature: Array, *, enough: float = 0.0) -> float:
-    """Step [°C] in which a thermometer reads [n, °C]: the smallest difference of two readings; 0
-    where all are alike.
-
-    A difference of at most `enough` [°C] is given for it as soon as one is found.
-    """
-    levels, step = np.zeros(0), 0.0
-    for start, stop in chunks.ranges_along(temperature):
-        new = np.unique(np.round(temperature[start:stop], 6))
-        if levels.size and np.isin(new, levels, assume_unique=True).all():
-            continue
-        levels = np.union1d(levels, new)
-        step = float(np.min(np.diff(levels))) if levels.size > 1 else 0.0
-        if 0.0 < step <= enough:
-            break
-    return step
+    """Step [°C] in which a thermometer reads [n, °C]; 0 where all readings are alike."""
+    return order_statistics.smallest_step(temperature, enough=enough, decimals=6)
 
 
 def coarse(temperature: Array, window_s: float) -> bool:
@@ -249,23 +231,16 @@ def pinned(
     The rate of a ramp is the slope [°C/min] of the straight line through its temperatures [°C] over
     time [s].
     """
-    moving = []
-    for start, stop in ramps:
-        moving.append(
-            Segment("ramp", start, stop, _straight(time[start:stop], temperature[start:stop]))
-        )
+    moving = [Segment("ramp", a, b, _straight_slope(time[a:b], temperature[a:b])) for a, b in ramps]
     return _with_soaks(moving, slope)
 
 
-def _straight(time: Array, temperature: Array) -> float:
+def _straight_slope(time: Array, temperature: Array) -> float:
     """Slope [°C/min] of the least-squares line through temperatures [n, °C] over time [n, s]."""
-    middle, level = (
-        float(sum(np.sum(x[a:b]) for a, b in chunks.ranges_along(x))) / x.size
-        for x in (time, temperature)
-    )
+    centre, level = chunks.mean(time), chunks.mean(temperature)
     above = product = 0.0
     for a, b in chunks.ranges_along(time, temperature):
-        t = time[a:b] - middle
+        t = time[a:b] - centre
         above, product = above + float(t @ t), product + float(t @ (temperature[a:b] - level))
     return SECONDS_PER_MINUTE * product / above
 

@@ -8,7 +8,7 @@ from pydantic import Field, field_validator, model_validator
 
 from calibkit import units
 from calibkit.errors import RecipeError
-from calibkit.numeric.gravity import local_gravity
+from calibkit.numeric.earth import local_gravity
 from calibkit.recipe.logs import Logs
 from calibkit.recipe.strict import NonNegative, Positive, Table
 from calibkit.recipe.type_b import TypeB

@@ -214,8 +214,8 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     )
     intervals = _held_rows(log, columns[:, :3], time, step, spec)
     if spec.dwells.piece_s is not None:
-        intervals = dwells.pieces(intervals, max(2, round(spec.dwells.piece_s / step)))
-    means = dwells.averages(columns, intervals)
+        intervals = dwells.cut_dwells(intervals, max(2, round(spec.dwells.piece_s / step)))
+    means = dwells.average_dwells(columns, intervals)
     middle = intervals.mean(axis=1).astype(
         np.int64
     )  # a held angle is what it is in the middle of the hold
@@ -253,7 +253,8 @@ def _held_rows(
     limit, shortest = spec.dwells.noise_limit_g, max(2, round(spec.dwells.shortest_s / step))
     try:
         found = [
-            start + dwells.still(triad[start:stop], window, threshold=limit, shortest=shortest)
+            start
+            + dwells.find_dwells(triad[start:stop], window, threshold=limit, shortest=shortest)
             for start, stop in pairwise(bounds)
             if stop - start >= 4 * window
         ]

@@ -14,7 +14,7 @@ from calibkit.errors import FrameError
 from calibkit.frame import Finding, Held, require, values
 from calibkit.instruments.inclinometer.numeric import published
 from calibkit.numeric import attitude
-from calibkit.numeric.dwells import averages
+from calibkit.numeric.dwells import average_dwells
 
 if TYPE_CHECKING:
     from collections.abc import Mapping
@@ -156,7 +156,7 @@ def _averages(log: Log, start: Integers, stop: Integers) -> tuple[pd.DataFrame, 
             # the rows of a dwell as departures from its first: 359.98° and 0.01° are neighbours
             first = np.repeat(columns[start, k], np.diff(np.append(start, len(columns))))
             columns[start[0] :, k] = first + attitude.wrapped(columns[start[0] :, k] - first)
-    found = averages(columns, intervals)
+    found = average_dwells(columns, intervals)
     frame = pd.DataFrame(found.mean, columns=names, index=log.frame.index[start])
     return frame, dict(zip(names, found.standard_error.T, strict=True))
 

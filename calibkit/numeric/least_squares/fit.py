@@ -2,21 +2,15 @@
 determine.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric.least_squares import gram
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.arrays import Array
-
 
 RANK_TOLERANCE = 1e-11
 """Smallest singular value, relative to the largest after column scaling, that still counts as
@@ -29,43 +23,7 @@ REFINEMENT_STEPS = 4
 
 
 @dataclass(frozen=True, slots=True)
-class Reduced:
-    """What a linear fit leaves of any number of rows: nothing in it grows with them."""
-
-    coefficients: Array
-    """[p]."""
-    covariance: Array
-    """[p, p], type A."""
-    dof: int
-    residual_rms: float
-    """Root of the weighted mean square [unit of the indication]."""
-    condition: float
-    """Of the columns scaled to unit length, within a power of two each."""
-
-    @property
-    def rank(self) -> int:
-        """All of the p coefficients: a fit whose data leave one undetermined is refused."""
-        return self.coefficients.size
-
-    @property
-    def standard_uncertainty(self) -> Array:
-        """Square roots of the covariance's diagonal [p]."""
-        return np.sqrt(np.diag(self.covariance))
-
-    def having(self, residuals: Array) -> LinearFit:
-        """The fit with its residuals [n] [unit of the indication]."""
-        return LinearFit(
-            self.coefficients,
-            self.covariance,
-            self.dof,
-            self.residual_rms,
-            self.condition,
-            residuals,
-        )
-
-
-@dataclass(frozen=True, slots=True)
-class LinearFit(Reduced):
+class LinearFit(gram.Reduced):
     """A finished linear fit with its residuals [n] in the unit of the indication."""
 
     residuals: Array
@@ -102,9 +60,9 @@ def linear(
     """
     rows, columns = design.shape
     names = tuple(names) or tuple(f"column {j}" for j in range(columns))
-    found = tall_with_residuals(lambda part: design[part], indication, weights)
-    if found is not None:
-        return found
+    tall = fit_tall(lambda part: design[part], indication, weights)
+    if tall is not None:
+        return tall
     if rows < columns:
         raise FitError(
             f"{rows} rows for {columns} coefficients ({', '.join(names)})",
@@ -131,7 +89,7 @@ def linear(
     inverse = triangular(r, np.eye(columns)) / scale[:, None]
     covariance = inverse @ inverse.T * (square / dof if dof else 0.0)
     rms = float(np.sqrt(square / np.sum(root**2)))
-    return Reduced(coefficients, covariance, dof, rms, condition).having(residuals)
+    return LinearFit(coefficients, covariance, dof, rms, condition, residuals)
 
 
 def triangular(r: Array, right: Array, *, trans: Literal["N", "T"] = "N") -> Array:
@@ -143,31 +101,28 @@ def triangular(r: Array, right: Array, *, trans: Literal["N", "T"] = "N") -> Arr
     return np.asarray(solve_triangular(r, right, trans=trans), dtype=np.float64)
 
 
-def tall(
+def fit_tall(
     design: Callable[[slice], Array], indication: Array, weights: Array | None
-) -> Reduced | None:
+) -> LinearFit | None:
     """The fit of many well-conditioned rows by normal equations; None for few, or where they would
     lose digits.
     """
-    rows = len(indication)
-    normal = gram.solve(design, indication, weights) if rows >= gram.TALL else None
-    if normal is None:
-        return None
-    dof = rows - normal.coefficients.size
-    rms = float(np.sqrt(normal.square / float(rows if weights is None else np.sum(weights))))
-    return Reduced(
-        normal.coefficients, normal.inverse * (normal.square / dof), dof, rms, normal.condition
-    )
-
-
-def tall_with_residuals(
-    design: Callable[[slice], Array], indication: Array, weights: Array | None
-) -> LinearFit | None:
-    """The same fit as `tall` with its residuals."""
-    found = tall(design, indication, weights)
+    found = gram.solve(design, indication, weights)
     if found is None:
         return None
-    return found.having(gram.residuals(design, indication, found.coefficients))
+    return with_residuals(found, gram.residuals(design, indication, found.coefficients))
+
+
+def with_residuals(found: gram.Reduced, residuals: Array) -> LinearFit:
+    """The fit with its residuals [n] [unit of the indication]."""
+    return LinearFit(
+        found.coefficients,
+        found.covariance,
+        found.dof,
+        found.residual_rms,
+        found.condition,
+        residuals,
+    )
 
 
 def undetermined(design: Array, names: Sequence[str]) -> list[str]:

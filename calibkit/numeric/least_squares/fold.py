@@ -1,4 +1,4 @@
-"""Least squares over blocks of rows: one small triangle holds all that any number of rows say.
+"""Least squares over blocks of rows: one small triangle stands for any number of rows.
 
 Well-conditioned rows go into normal equations (`gram`); others into a tall-skinny QR (Demmel,
 Grigori, Hoemmen & Langou 2012): every block is factorised together with the triangle so far, so the
@@ -33,7 +33,7 @@ def reduced(
     *,
     weights: Array | None = None,
     names: Sequence[str] = (),
-) -> least_squares.Reduced:
+) -> gram.Reduced:
     """Fit indication = design · coefficients as `fit.linear` does, in the memory of a block.
 
     Parameters
@@ -55,8 +55,7 @@ def reduced(
 
     """
     rows = len(indication)
-    total = float(rows if weights is None else np.sum(weights))
-    found = least_squares.tall(design, indication, weights)
+    found = gram.solve(design, indication, weights)
     if found is not None:
         return found
 
@@ -75,9 +74,8 @@ def reduced(
     # the triangle has p + 1 rows, one degree of freedom, and the same sum of squares
     square = float(np.sum(solved.residuals**2))
     covariance = solved.covariance * (solved.dof / max(dof, 1))
-    return least_squares.Reduced(
-        coefficients, covariance, dof, float(np.sqrt(square / total)), solved.condition
-    )
+    rms = float(np.sqrt(square / float(rows if weights is None else np.sum(weights))))
+    return gram.Reduced(coefficients, covariance, dof, rms, solved.condition)
 
 
 def linear(
@@ -97,7 +95,8 @@ def linear(
 
     """
     found = reduced(design, indication, weights=weights, names=names)
-    return found.having(gram.residuals(design, indication, found.coefficients, room=room))
+    residuals = gram.residuals(design, indication, found.coefficients, room=room)
+    return least_squares.with_residuals(found, residuals)
 
 
 def _corrected(

@@ -1,7 +1,8 @@
 """Nonlinear least squares by Gauss-Newton steps over blocks of rows, with a guard on every step."""
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
+from functools import partial
 from typing import Protocol
 
 import numpy as np
@@ -117,28 +118,25 @@ def fit(
 
     """
     parameters = np.asarray(start, dtype=np.float64)
-    names = tuple(names) or tuple(f"parameter {j}" for j in range(parameters.size))
-    here = _linearise(residuals, parameters, rows, block_rows)
+    linearise = partial(_linearise, residuals, rows=rows, block_rows=block_rows)
+    here = linearise(parameters)
     if not np.isfinite(here.square):
         raise FitError(
             "a value that is not finite reached the fit", hint="exclude the rows that hold it"
         )
-    if here.count < parameters.size:
+    if here.count < start.size:
         raise FitError(
-            f"{here.count} residuals for {parameters.size} parameters",
-            hint="add data or fix parameters",
+            f"{here.count} residuals for {start.size} parameters", hint="add data or fix parameters"
         )
-    damping, scale = 0.0, np.zeros(parameters.size)
+    damping, scale = 0.0, np.zeros(start.size)
     for iteration in range(1, ITERATIONS + 1):
-        # the longest column seen so far (Moré 1978): a parameter without effect here must not run
-        # away
+        # the longest column so far (Moré 1978): a parameter without effect here must not run away
         scale = np.maximum(scale, _column_lengths(here.triangle))
         step = _step(here, scale, damping)
-        if _relative(here, scale, step, parameters) <= FLAT and damping < 1e-6:
-            return _finished(
-                *_polished(residuals, parameters, here, rows, block_rows), names, iteration, weakest
-            )
-        there = _linearise(residuals, parameters + step, rows, block_rows)
+        if min(_relative(here, scale, step, parameters)) <= FLAT and damping < 1e-6:
+            here, parameters = _polished(linearise, parameters, here, rows)
+            return _finished(here, parameters, names, iteration, weakest)
+        there = linearise(parameters + step)
         if there.square <= here.square:
             parameters, here = parameters + step, there
             damping = 0.0 if damping < 1e-9 else damping / 10.0
@@ -237,19 +235,17 @@ def _step(here: _Linearised, scale: Array, damping: float) -> Array:
     return np.asarray(-(vt.T @ (factor * (u.T @ here.target))) / scale, dtype=np.float64)
 
 
-def _relative(here: _Linearised, scale: Array, step: Array, parameters: Array) -> float:
-    """Size of a step: the smaller of its share in the parameters and of its effect relative to the
-    residuals.
-    """
-    share = float(np.linalg.norm(scale * step)) / max(
-        float(np.linalg.norm(scale * parameters)), 1e-300
-    )
-    effect = float(np.linalg.norm(here.triangle @ step)) / max(float(np.sqrt(here.square)), 1e-300)
-    return min(share, effect)
+def _relative(
+    here: _Linearised, scale: Array, step: Array, parameters: Array
+) -> tuple[float, float]:
+    """Size of a step relative to the parameters, and of its effect relative to the residuals."""
+    size, effect = np.linalg.norm(scale * step), np.linalg.norm(here.triangle @ step)
+    whole, left = np.linalg.norm(scale * parameters), np.sqrt(here.square)
+    return float(size) / max(float(whole), 1e-300), float(effect) / max(float(left), 1e-300)
 
 
 def _polished(
-    residuals: _Residuals, parameters: Array, here: _Linearised, rows: int, block_rows: int
+    linearise: Callable[[Array], _Linearised], parameters: Array, here: _Linearised, rows: int
 ) -> tuple[_Linearised, Array]:
     """Take full steps as long as they shrink: near the minimum the sum of squares is flat to
     rounding, steps are not.
@@ -258,15 +254,13 @@ def _polished(
     for _ in range(POLISHING_STEPS):
         scale = _column_lengths(here.triangle)
         step = _step(here, scale, 0.0)
-        share = float(np.linalg.norm(scale * step)) / max(
-            float(np.linalg.norm(scale * parameters)), 1e-300
-        )
+        share, _ = _relative(here, scale, step, parameters)
         if share >= 0.9 * last:
             break
         if share <= STEP_TOLERANCE and rows >= gram.TALL:
             # another look at many rows would tell nothing new
             return here, parameters + step
-        there = _linearise(residuals, parameters + step, rows, block_rows)
+        there = linearise(parameters + step)
         if not there.square <= here.square * (1.0 + 1e-9) + ROUNDING * here.count:
             break
         parameters, here, last = parameters + step, there, share
@@ -281,16 +275,14 @@ def _finished(
     """Inverse normal matrix at the solution, or a refusal that names what the data leave
     undetermined.
     """
+    names = tuple(names) or tuple(f"parameter {j}" for j in range(parameters.size))
     scale = _column_lengths(here.triangle)
     scaled = here.triangle / scale
     _, singular, vt = np.linalg.svd(scaled)
     if singular[-1] <= weakest * singular[0]:
         null = vt[singular <= weakest * singular[0]]
-        loose = [
-            name
-            for name, used in zip(names, np.any(np.abs(null) > 1e-3, axis=0), strict=True)
-            if used
-        ]
+        involved = np.any(np.abs(null) > 1e-3, axis=0)
+        loose = [name for name, loose in zip(names, involved, strict=True) if loose]
         raise FitError(
             f"the data cannot determine {', '.join(loose)}",
             hint="add different attitudes or temperatures, or fix them",

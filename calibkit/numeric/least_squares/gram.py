@@ -34,17 +34,23 @@ PASSES = 4
 
 
 @dataclass(frozen=True, slots=True)
-class _Normal:
-    """The solution of weighted normal equations."""
+class Reduced:
+    """What a linear fit leaves of any number of rows: nothing in it grows with them."""
 
     coefficients: Array
     """[p]."""
-    inverse: Array
-    """[p, p], (XᵀWX)⁻¹; times the residual variance it is the covariance."""
-    square: float
-    """Sum of the weighted squared residuals."""
+    covariance: Array
+    """[p, p], type A."""
+    dof: int
+    residual_rms: float
+    """Root of the weighted mean square [unit of the indication]."""
     condition: float
-    """Of the columns scaled to unit length."""
+    """Of the columns scaled to unit length, within a power of two each."""
+
+    @property
+    def standard_uncertainty(self) -> Array:
+        """Square roots of the covariance's diagonal [p]."""
+        return np.sqrt(np.diag(self.covariance))
 
 
 def blocks(rows: int, size: int) -> Iterator[slice]:
@@ -79,9 +85,9 @@ def residuals(
 
 def solve(
     design: Callable[[slice], Array], indication: Array, weights: Array | None = None
-) -> _Normal | None:
-    """Least-squares solution by normal equations, or None where they would lose digits or a value
-    is not finite.
+) -> Reduced | None:
+    """Least-squares fit by normal equations; None for fewer than 20,000 rows, where they would lose
+    digits, or where a value is not finite.
 
     Parameters
     ----------
@@ -99,7 +105,8 @@ def solve(
     the sum of squares is rᵀWr − δᵀXᵀWr, of which neither cancels while δ is small; another pass
     follows until it is.
     """
-    found = _sampled(design, indication, weights)
+    rows = len(indication)
+    found = _sampled(design, indication, weights) if rows >= TALL else None
     if found is None:
         return None
     for _ in range(PASSES):
@@ -120,9 +127,10 @@ def solve(
         # the correction has a relative error of the squared condition number's roundings
         small = share * float(values[-1] / values[0]) <= 4.0
         if small and (lowered <= square / 2.0 or share <= 1e-15):
-            return _Normal(
-                found, inverse, max(square - lowered, 0.0), float(np.sqrt(values[-1] / values[0]))
-            )
+            square, dof = max(square - lowered, 0.0), rows - found.size
+            rms = float(np.sqrt(square / float(rows if weights is None else np.sum(weights))))
+            condition = float(np.sqrt(values[-1] / values[0]))
+            return Reduced(found, inverse * (square / dof), dof, rms, condition)
     return None
 
 

@@ -6,22 +6,16 @@ is that of the squares of the sums over L + 1 consecutive scores, over L + 1: on
 the lag.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Callable
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fit, fold
 
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from calibkit.arrays import Array
-
-    Series = Callable[[int, int], Array]
-    """Values [..., stop − first] of the rows first … stop − 1 of a series."""
+Series = Callable[[int, int], Array]
+"""Values [..., stop − first] of the rows first … stop − 1 of a series."""
 
 LAGS = (1 << 14, 1 << 19)
 """Lags that are looked at together: where the first hold no answer, as many at a time as a block

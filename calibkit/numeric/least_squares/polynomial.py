@@ -28,14 +28,12 @@ class TemperaturePolynomial:
     valid_degc: tuple[float, float]
 
     def at(self, temp_degc: ArrayLike) -> tuple[Array, Array]:
-        """Value and standard uncertainty at temperatures [n] [°C], which are clamped to the fitted
-        range.
+        """Value and type A standard uncertainty at temperatures [n] [°C], which are clamped to the
+        fitted range.
         """
-        return _evaluate(
-            self.coefficients,
-            self.covariance,
-            np.clip(np.atleast_1d(np.asarray(temp_degc, dtype=np.float64)), *self.valid_degc),
-        )
+        temperature = np.atleast_1d(np.asarray(temp_degc, dtype=np.float64))
+        columns = powers(np.clip(temperature, *self.valid_degc), self.coefficients.size - 1)
+        return columns @ self.coefficients, gum.uncertainty_along(columns, self.covariance)
 
 
 def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.0) -> Array:
@@ -53,14 +51,6 @@ def powers(abscissa: Array, order: int, *, middle: float = 0.0, half: float = 1.
     return rows.T
 
 
-def _evaluate(coefficients: Array, covariance: Array, abscissa: Array) -> tuple[Array, Array]:
-    """Value [n] and type A standard uncertainty [n] of a polynomial in raw powers [p], at an
-    abscissa [n].
-    """
-    columns = powers(abscissa, coefficients.size - 1)
-    return columns @ coefficients, gum.uncertainty_along(columns, covariance)
-
-
 def fit_polynomial(
     abscissa: Array, indication: Array, order: int, *, weights: Array | None = None
 ) -> tuple[least_squares.LinearFit, Array, Array]:
@@ -74,7 +64,7 @@ def fit_polynomial(
     """
     design, to_raw = mapped_powers(abscissa, order)
     names = [f"p{k}" for k in range(order + 1)]
-    fit = least_squares.tall_with_residuals(design, indication, weights) or least_squares.linear(
+    fit = least_squares.fit_tall(design, indication, weights) or least_squares.linear(
         design(slice(None)), indication, weights=weights, names=names
     )
     return (fit, *in_raw_powers(fit.coefficients, fit.covariance, to_raw))

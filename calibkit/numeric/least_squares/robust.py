@@ -1,7 +1,7 @@
-"""Linear least squares that a few wild rows cannot move, with the suspects named.
+"""Linear least squares that a few outliers cannot move, with the suspects named.
 
-Two faults hide a wild row from ordinary residuals: it drags the fit towards itself, the more the
-higher its leverage, and several of them cover for one another. So the start is the best of Huber's
+Two faults hide an outlier from ordinary residuals: it drags the fit towards itself, the more the
+higher its leverage, and several of them hide one another. So the start is the best of Huber's
 fit and of fits with rows left out along the principal sensitivity components (Peña & Yohai 1999);
 the finish is Tukey's biweight on residuals studentised by leverage, at the scale of the start
 (Yohai 1987).
@@ -37,7 +37,7 @@ TOLERANCE = 1e-10
 AT_REST = 1e-3
 """A change of nonlinear parameters, in standard uncertainties, that ends their iteration."""
 SPARE_ROWS = 5
-"""Degrees of freedom below which residuals cannot tell a wild row from a good one."""
+"""Degrees of freedom below which residuals cannot tell an outlier from a good row."""
 ROUNDING = 1e-13
 """Residuals this small, relative to the indications, are rounding: no row is suspect for them."""
 LONGEST_LEVER = 1e14
@@ -62,11 +62,15 @@ class _RobustFit:
     believed.
     """
     row_weights: Array
-    """[n], Tukey's weight: near 1 for a row believed, 0 for a row left out."""
+    """[n], Tukey's weight: near 1 for a row that is kept, 0 for one that is left out."""
     studentised: Array
     """[n], residual over its own standard deviation."""
-    suspects: tuple[int, ...]
-    """Rows, by index, whose residual no noise explains, the worst first."""
+
+    @property
+    def suspects(self) -> tuple[int, ...]:
+        """Rows, by index, whose residual no noise explains, the worst first."""
+        worst_first = np.argsort(-np.abs(self.studentised), kind="stable")
+        return tuple(int(i) for i in worst_first if abs(self.studentised[i]) > SUSPECT)
 
 
 def linear(
@@ -94,7 +98,7 @@ def linear(
     ------
     FitError
         As `fit.linear`, also for the rows that remain; and for fewer than p + 5 rows, where none
-        can be told to be wild.
+        can be told to be an outlier.
 
     """
     rows, columns = design.shape
@@ -118,8 +122,6 @@ def linear(
         basis, target, solution, row_weights, scale=scale, biweight=True
     )
     studentised = _studentised(basis, target, solution, row_weights) / scale
-    worst_first = np.argsort(-np.abs(studentised), kind="stable")
-    suspects = tuple(int(i) for i in worst_first if abs(studentised[i]) > SUSPECT)
     believed = np.abs(studentised) < TUKEY
     final = least_squares.linear(
         design[believed],
@@ -135,7 +137,7 @@ def linear(
     finished = least_squares.LinearFit(
         final.coefficients, covariance, int(good.sum()) - columns, rms, final.condition, residuals
     )
-    return _RobustFit(finished, row_weights, studentised, suspects)
+    return _RobustFit(finished, row_weights, studentised)
 
 
 def nonlinear(

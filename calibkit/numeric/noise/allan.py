@@ -2,7 +2,7 @@
 2426A.
 """
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 from typing import Literal
 
@@ -11,24 +11,14 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.numeric import chunks
+from calibkit.numeric.noise.confidence import Noise, equivalent_dof, identify_noise
 
-Noise = Literal["quantization", "angle_random_walk", "bias_instability", "rate_random_walk"]
 Spacing = Literal["octave", "decade"]
 
 BLOCK = 1 << 13
 """Samples worked on at once: they stay in a core's cache, and a dot product of them is not shared
 out to threads.
 """
-LAGS = 200
-"""Lags at which the correlation of overlapping pairs is summed; more windows than this are sampled
-evenly.
-"""
-ENOUGH_MEANS = 30
-"""Block means below which their lag-1 autocorrelation no longer tells noise types apart (Riley &
-Greenhall 2004).
-"""
-MOST_MEANS = 1 << 16
-"""Block means, from the middle of the record, that the noise type is read from."""
 RIGHT_LENGTH = 0.01
 """Relative deviation of a block from the length that a standard names, above which the figure is
 refused.
@@ -116,12 +106,10 @@ def overlapping(
     missing = None if chunks.all_finite(rate) else np.cumsum(np.concatenate(([0], np.isnan(rate))))
     variance, pairs = np.array([_pair_variance(total, missing, int(m)) for m in factors]).T
     kinds = (
-        _identified_noise(total, missing, factors)
-        if noise == "identify"
-        else (noise,) * factors.size
+        identify_noise(total, missing, factors) if noise == "identify" else (noise,) * factors.size
     )
     dof = np.array(
-        [_equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)]
+        [equivalent_dof(int(m), runs, kind) for m, kind in zip(factors, kinds, strict=True)]
     )
     return _curve(
         "overlapping Allan", rate, interval_s, factors, variance, pairs, kinds, dof, probability
@@ -200,103 +188,6 @@ def _pair_variance(total: Array, missing: Integers | None, factor: int) -> tuple
     return square / (2.0 * factor**2 * pairs), pairs
 
 
-def _identified_noise(total: Array, missing: Integers | None, factors: Integers) -> tuple[str, ...]:
-    """Noise type at each averaging factor from the lag-1 autocorrelation of block means (after
-    Riley & Greenhall 2004).
-
-    A factor that leaves fewer than 30 block means takes the type of the one before it; with none
-    before it, rate random walk, which has the fewest degrees of freedom.
-    """
-    kinds: list[str] = []
-    for factor in factors:
-        blocks = (total.size - 1) // int(factor)
-        first = max(blocks - MOST_MEANS, 0) // 2 * int(factor)
-        part = slice(first, first + min(blocks, MOST_MEANS) * int(factor) + 1, int(factor))
-        means = np.diff(total[part]) / factor
-        if missing is not None:
-            means[np.diff(missing[part]) > 0] = np.nan
-        if int(np.sum(~np.isnan(means))) >= ENOUGH_MEANS:
-            kinds.append(_lag_one_type(means))
-        else:
-            kinds.append(kinds[-1] if kinds else "rate_random_walk")
-    return tuple(kinds)
-
-
-def _lag_one_type(means: Array) -> str:
-    """Noise type of block means [k], NaN where not whole, a straight line taken out.
-
-    Expected are −1/2 for quantization and 0 for angle random walk; differences of what is above 1/3
-    have −0.217 for bias instability and 1/4 for rate random walk (`_pair_covariance` at one
-    averaging time). Limits lie halfway, but nearer to quantization, whose many degrees of freedom
-    must not be claimed by chance.
-    """
-    present = ~np.isnan(means)
-    place = np.arange(means.size, dtype=np.float64)
-    level = means - np.polyval(np.polyfit(place[present], means[present], 1), place)
-    correlation = _lag_one(level)
-    if correlation < 1.0 / 3.0:
-        return "quantization" if correlation < -0.4 else "angle_random_walk"
-    return "bias_instability" if _lag_one(np.diff(level)) < 0.017 else "rate_random_walk"
-
-
-def _lag_one(series: Array) -> float:
-    """Autocorrelation at lag 1 of a series [k] of mean zero, NaN left out; 1 where nothing is left
-    or nothing varies.
-    """
-    product, square = series[1:] * series[:-1], series**2
-    count, power = int(np.sum(~np.isnan(product))), float(np.nansum(square))
-    if count == 0 or power == 0.0:
-        return 1.0
-    return float(np.nansum(product)) / count / (power / int(np.sum(~np.isnan(square))))
-
-
-def _equivalent_dof(factor: int, runs: Integers, noise: str) -> float:
-    """Equivalent degrees of freedom of the overlapping Allan variance at one averaging factor.
-
-    Parameters
-    ----------
-    factor : samples in an average.
-    runs : [g], lengths of the stretches without a gap; pairs of different stretches count as
-        independent.
-    noise : which of the types of `Noise` the record has at this averaging time.
-
-    Notes
-    -----
-    Greenhall & Riley 2003, "Uncertainty of stability variances based on finite differences", eq.
-    10: 1/dof is the sum of the squared correlations of all pairs over the squared number of pairs.
-    Correlations from the generalised autocovariance of the integrated rate, −|t|, t² log|t| and
-    |t|³ (their eq. 7 without a bandwidth filter: a gyro's samples are integrals of the rate
-    already); quantization from the two lags at which it correlates at all.
-    """
-    lengths, many = np.unique(
-        (runs - 2 * factor + 1)[runs >= 2 * factor].astype(np.float64), return_counts=True
-    )
-    pairs = float(lengths @ many)
-    if noise == "quantization":
-        lags = factor * np.arange(3.0)
-        weight = np.array([1.0, 2.0, 2.0]) * np.array([1.0, -4.0 / 6.0, 1.0 / 6.0]) ** 2
-        return float(pairs**2 / (weight @ np.maximum(lengths - lags[:, None], 0.0) @ many))
-    reach = min(int(lengths[-1]), 3 * factor)
-    lags = np.unique(np.round(np.linspace(0.0, reach, min(reach, LAGS) + 1)))
-    shared = np.maximum(lengths - lags[:, None], 0.0) @ many
-    correlation = _pair_covariance(lags / factor, noise) / _pair_covariance(np.zeros(1), noise)
-    return float(pairs**2 / (2.0 * np.trapezoid(shared * correlation**2, lags)))
-
-
-def _pair_covariance(shift: Array, noise: str) -> Array:
-    """Covariance, up to a factor, of two pairs `shift` [k] averaging times apart (Greenhall & Riley
-    2003 eq. 9).
-    """
-    arms = np.abs(shift[:, None] + np.array([-2.0, -1.0, 0.0, 1.0, 2.0]))
-    if noise == "angle_random_walk":
-        generalised = -arms
-    elif noise == "bias_instability":
-        generalised = arms**2 * np.log(np.where(arms > 0.0, arms, 1.0))
-    else:
-        generalised = arms**3
-    return np.asarray(generalised @ np.array([1.0, -4.0, 6.0, -4.0, 1.0]), dtype=np.float64)
-
-
 def bias_stability(rate: Array, interval_s: float, *, block_s: float = 10.0) -> BiasStability:
     """Bias stability after GJB 2426A: the standard deviation of the means of consecutive blocks of
     10 s or 100 s.
@@ -372,17 +263,39 @@ def wavelet_deviation(
             f"{rate.size} samples are too few for wavelet {wavelet}",
             hint="use haar or a longer record",
         )
+    found = list(_wavelet_variances(rate - _finite_mean(rate), wavelet, half, levels))
+    if not found:
+        raise FitError(
+            "no stretch without a gap is long enough for the wavelet",
+            hint="use haar or a longer record",
+        )
+    variance, factors, pairs = np.array(found).T
+    dof = np.maximum(pairs / (2.0 * factors), 1.0)
+    kinds = ("any",) * factors.size
+    factors = factors.astype(np.int64)
+    return _curve(
+        f"wavelet {wavelet}", rate, interval_s, factors, variance, pairs, kinds, dof, probability
+    )
+
+
+def _wavelet_variances(
+    rate: Array, wavelet: str, half: int, levels: int
+) -> Iterator[tuple[float, int, int]]:
+    """Wavelet variance of a rate [n] of mean zero on the Allan variance's scale, averaging factor
+    and number of coefficients of each level that has one beside gaps; half the filter is `half`
+    samples.
+    """
+    import pywt
+
     padded = np.full(-(-rate.size // 2**levels) * 2**levels, np.nan)
-    padded[: rate.size] = rate - _finite_mean(rate)
+    padded[: rate.size] = rate
     missing = np.cumsum(np.concatenate(([0], np.isnan(padded))))
     smooth = np.nan_to_num(padded, nan=0.0)
-    found: list[tuple[int, float, int]] = []
     for level in range(1, levels + 1):
+        factor = 2 ** (level - 1)
         # one level on every 2^(level − 1)th sample: PyWavelets' own start_level pads its filters
         # with as many zeros
-        ((low, high),) = pywt.swt(
-            smooth.reshape(-1, 2 ** (level - 1)), wavelet, level=1, axis=0, norm=True
-        )
+        ((low, high),) = pywt.swt(smooth.reshape(-1, factor), wavelet, level=1, axis=0, norm=True)
         smooth, detail = low.ravel(), high.ravel()
         # a coefficient at k sees the samples from k − back to k + ahead, and only such as see the
         # record itself count
@@ -390,19 +303,7 @@ def wavelet_deviation(
         whole = missing[back + ahead + 1 :] == missing[: missing.size - back - ahead - 1]
         inside = detail[back : back + whole.size][whole]
         if inside.size:
-            found.append((2 ** (level - 1), 2.0 * float(np.mean(inside**2)), inside.size))
-    if not found:
-        raise FitError(
-            "no stretch without a gap is long enough for the wavelet",
-            hint="use haar or a longer record",
-        )
-    factors, pairs = (np.array([row[k] for row in found], dtype=np.int64) for k in (0, 2))
-    variance = np.array([row[1] for row in found])
-    dof = np.maximum(pairs / (2.0 * factors), 1.0)
-    kinds = ("any",) * factors.size
-    return _curve(
-        f"wavelet {wavelet}", rate, interval_s, factors, variance, pairs, kinds, dof, probability
-    )
+            yield 2.0 * float(np.mean(inside**2)), factor, inside.size
 
 
 def _curve(

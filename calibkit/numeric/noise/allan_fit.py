@@ -94,10 +94,13 @@ class NoiseFit:
 
 
 @dataclass(frozen=True, slots=True)
-class _Kernel:
-    """What the covariance of Allan variances is integrated from; f frequencies, m averaging
+class _Record:
+    """Allan variances and what their covariance is integrated from; f frequencies, m averaging
     times.
     """
+
+    variance: Array  # [m]
+    start: Array  # [m] variances of the Allan variances to begin with
 
     shapes: Array  # [5, f] one-sided spectra of unit coefficients, per cycle/sample
     response: Array  # [m, f] of the Allan variance: AVAR = ∫ S response
@@ -110,14 +113,12 @@ class _Kernel:
 
 @dataclass(frozen=True, slots=True)
 class _Attempt:
-    """A fit of all five terms to some of the averaging times [m]."""
+    """A fit of all five terms to the averaging times [m] from index `first` on."""
 
-    kernel: _Kernel
-    variance: Array  # [m]
-    start: Array  # [m] variances of the Allan variances to begin with
+    first: int
+    record: _Record
     coefficients: Array  # [5]
-    spread: Array  # [m] variances that the fit was weighted with
-    covariance: Array  # [m, m]
+    uncertainty: Array  # [5] standard, scaled up by a misfit that surprises
     misfit: float
     surprising: bool
 
@@ -153,66 +154,65 @@ def fit_noise(curve: DeviationCurve) -> NoiseFit:
     most half. Where that does not help, uncertainties are scaled up by the square root of the
     misfit; above a misfit of 10 no term is reported. Each is flagged.
     """
-    variance = _require_curve(curve)
-    attempt, first = _first_that_fits(curve, variance)
+    _require_curve(curve)
+    attempt = _first_that_fits(curve)
     chances = np.array([_chance(attempt, j, np.arange(len(LAWS)) != j) for j in range(len(LAWS))])
     shown = (chances < SIGNIFICANCE) & (attempt.misfit <= GROSS_MISFIT or not attempt.surprising)
-    uncertainty = _uncertainty(attempt)
-    terms = tuple(
-        _term(law, float(attempt.coefficients[j]), float(uncertainty[j]))
-        for j, law in enumerate(LAWS)
-        if shown[j]
-    )
-    absent = tuple(
-        _NotObservable(law.name, law.symbol, _reason(attempt, j))
-        for j, law in enumerate(LAWS)
-        if not shown[j]
-    )
+    terms: list[NoiseTerm] = []
+    absent: list[_NotObservable] = []
+    for j, law in enumerate(LAWS):
+        if not shown[j]:
+            absent.append(_NotObservable(law.name, law.symbol, _reason(attempt, j)))
+            continue
+        value = law.scale * float(np.sqrt(attempt.coefficients[j]))
+        relative = float(attempt.uncertainty[j]) / float(attempt.coefficients[j])
+        # the degrees of freedom of a χ² with the coefficient's relative uncertainty
+        u, dof = value * relative / 2.0, 2.0 / relative**2
+        terms.append(NoiseTerm(law.name, law.symbol, value, law.unit, u, dof))
     model = np.sqrt(_design(curve.tau_s) @ attempt.coefficients)
-    return NoiseFit(
-        terms, absent, curve.tau_s, model, attempt.misfit, _flags(attempt, shown, curve, first)
-    )
+    flags = _flags(attempt, shown, curve)
+    return NoiseFit(tuple(terms), tuple(absent), curve.tau_s, model, attempt.misfit, flags)
 
 
-def _first_that_fits(curve: DeviationCurve, variance: Array) -> tuple[_Attempt, int]:
+def _first_that_fits(curve: DeviationCurve) -> _Attempt:
     """The fit that leaves out the fewest of the shortest averaging times to be credible, or the fit
     to all of them.
     """
-    whole = _attempt(curve, variance, 0)
-    if not whole.surprising:
-        return whole, 0
-    most = min(variance.size // 2, variance.size - FEWEST_TIMES)
+    whole = _attempt(curve, 0)
+    count = curve.tau_s.size
+    most = min(count // 2, count - FEWEST_TIMES) if whole.surprising else 0
     for first in range(1, most + 1):
-        if not _attempt(curve, variance, first).surprising:
-            beyond = min(
-                first + MARGIN, most
-            )  # the first that passes is still bent, by less than the noise
-            return _attempt(curve, variance, beyond), beyond
-    return whole, 0
+        if not _attempt(curve, first).surprising:
+            # the first that passes is still bent, by less than the noise
+            return _attempt(curve, min(first + MARGIN, most))
+    return whole
 
 
-def _attempt(curve: DeviationCurve, variance: Array, first: int) -> _Attempt:
-    """Fit of all five terms to the averaging times from index `first` on."""
-    kernel = _kernel(curve, first)
-    start = 2.0 * variance[first:] ** 2 / curve.dof[first:]
-    coefficients, spread, covariance = _fitted(
-        kernel, variance[first:], start, np.ones(len(LAWS), dtype=bool)
-    )
-    misfit, surprising = _misfit(kernel, variance[first:], coefficients, spread, covariance)
-    return _Attempt(
-        kernel, variance[first:], start, coefficients, spread, covariance, misfit, surprising
-    )
+def _attempt(curve: DeviationCurve, first: int) -> _Attempt:
+    """Fit of all five terms to the averaging times from index `first` on.
 
-
-def _uncertainty(attempt: _Attempt) -> Array:
-    """Standard uncertainties [5] of the coefficients, zero where they are, scaled up where the
-    misfit surprises.
+    It surprises where its misfit, the weighted square of the residuals over its expectation, rules
+    chance out as the cause (Satterthwaite's χ²).
     """
-    active = attempt.coefficients > 0.0
-    operator = _operator(attempt.kernel.design, attempt.spread, active)
+    from scipy.special import gammaincc
+
+    record = _record(curve, first)
+    coefficients, spread, covariance = _fitted(record, np.ones(len(LAWS), dtype=bool))
+    residual = record.variance - record.design @ coefficients
+    active = coefficients > 0.0
+    operator = _operator(record.design, spread, active)
+    projection = np.eye(residual.size)
+    projection -= record.design[:, active] @ operator
+    expected = covariance + np.diag((MODEL_ERROR * (record.design @ coefficients)) ** 2)
+    scatter = projection @ expected @ projection.T / np.sqrt(np.outer(spread, spread))
+    mean, square = float(np.trace(scatter)), float(np.sum(scatter**2))
+    misfit = float(np.sum(residual**2 / spread)) / mean
+    half_dof = mean**2 / square / 2.0
+    surprising = bool(gammaincc(half_dof, half_dof * misfit) < SIGNIFICANCE)
     uncertainty = np.zeros(len(LAWS))
-    uncertainty[active] = np.sqrt(np.diag(operator @ attempt.covariance @ operator.T))
-    return uncertainty * float(np.sqrt(attempt.misfit) if attempt.surprising else 1.0)
+    uncertainty[active] = np.sqrt(np.diag(operator @ covariance @ operator.T))
+    uncertainty *= float(np.sqrt(misfit) if surprising else 1.0)
+    return _Attempt(first, record, coefficients, uncertainty, misfit, surprising)
 
 
 def _reason(attempt: _Attempt, term: int) -> str:
@@ -224,31 +224,22 @@ def _reason(attempt: _Attempt, term: int) -> str:
     return "the other terms can stand in for it within the noise"
 
 
-def _flags(attempt: _Attempt, shown: Mask, curve: DeviationCurve, first: int) -> tuple[str, ...]:
+def _flags(attempt: _Attempt, shown: Mask, curve: DeviationCurve) -> tuple[str, ...]:
     """What a reader must know of the fit, in sentences."""
     flags = []
-    if first:
+    if attempt.first:
         flags.append(
-            f"averaging times below {curve.tau_s[first]:g} s left out: the noise terms do not"
-            " describe them"
+            f"averaging times below {curve.tau_s[attempt.first]:g} s left out: the noise terms do"
+            " not describe them"
         )
-    if attempt.surprising:
-        flags.append(
-            "no noise term reported: the five of them do not describe the curve"
-            if attempt.misfit > GROSS_MISFIT
-            else (
-                "the noise terms miss the curve: uncertainties scaled up by"
-                f" {np.sqrt(attempt.misfit):.2g}"
-            )
-        )
+    if attempt.surprising and attempt.misfit > GROSS_MISFIT:
+        flags.append("no noise term reported: the five of them do not describe the curve")
+    elif attempt.surprising:
+        scale = np.sqrt(attempt.misfit)
+        flags.append(f"the noise terms miss the curve: uncertainties scaled up by {scale:.2g}")
     elif shown.any():
-        suspects = [
-            law.symbol
-            for j, law in enumerate(LAWS)
-            if not shown[j]
-            and attempt.coefficients[j] > 0.0
-            and _chance(attempt, j, shown) < SIGNIFICANCE
-        ]
+        rest = np.flatnonzero(~shown & (attempt.coefficients > 0.0)).tolist()
+        suspects = [LAWS[j].symbol for j in rest if _chance(attempt, j, shown) < SIGNIFICANCE]
         if suspects:
             flags.append(
                 f"beside the reported terms there is {' or '.join(suspects)} in the curve, not"
@@ -257,19 +248,8 @@ def _flags(attempt: _Attempt, shown: Mask, curve: DeviationCurve, first: int) ->
     return tuple(flags)
 
 
-def _term(law: PowerLaw, coefficient: float, uncertainty: float) -> NoiseTerm:
-    """A reported term; its degrees of freedom are those of a χ² with the coefficient's relative
-    uncertainty.
-    """
-    value = law.scale * float(np.sqrt(coefficient))
-    relative = uncertainty / coefficient
-    return NoiseTerm(
-        law.name, law.symbol, value, law.unit, value * relative / 2.0, 2.0 / relative**2
-    )
-
-
-def _require_curve(curve: DeviationCurve) -> Array:
-    """Allan variance [m] of a curve that can be fitted, or a refusal."""
+def _require_curve(curve: DeviationCurve) -> None:
+    """Refuse a curve that cannot be fitted."""
     if curve.estimator != "overlapping Allan":
         raise FitError(
             f"a curve of '{curve.estimator}' where the overlapping Allan deviation was expected"
@@ -285,12 +265,11 @@ def _require_curve(curve: DeviationCurve) -> Array:
             "the Allan deviation is zero: the rate does not change",
             hint="check the log's resolution",
         )
-    return np.asarray(curve.deviation_dph**2, dtype=np.float64)
 
 
-def _kernel(curve: DeviationCurve, first: int) -> _Kernel:
-    """Spectra, filter responses and integration weights for the averaging times of a curve from
-    index `first` on.
+def _record(curve: DeviationCurve, first: int) -> _Record:
+    """Allan variances, spectra, filter responses and integration weights for the averaging times of
+    a curve from index `first` on.
 
     One-sided spectra per cycle/sample from the coefficients: white 2c/τ₀, flicker c/(2 ln 2 ν),
     random walk 3c τ₀/(2π² ν²), quantization (8c/3) sin²(πν)/τ₀² (NIST SP 1065 table 3; the last for
@@ -311,7 +290,10 @@ def _kernel(curve: DeviationCurve, first: int) -> _Kernel:
     )
     factor, pairs = curve.factor[first:].astype(np.float64), curve.pairs[first:].astype(np.float64)
     difference = 2.0 * np.sin(np.pi * np.outer(factor, nu)) * _averaging(factor, nu)
-    return _Kernel(
+    variance = curve.deviation_dph[first:] ** 2
+    return _Record(
+        variance=variance,
+        start=2.0 * variance**2 / curve.dof[first:],
         shapes=shapes,
         response=difference**2 / 2.0,
         mean_response=difference * _averaging(pairs, nu),
@@ -324,49 +306,43 @@ def _kernel(curve: DeviationCurve, first: int) -> _Kernel:
 
 def _design(tau: Array) -> Array:
     """Powers of the averaging times [m, 5], one column a term."""
-    return np.asarray(
-        tau[:, None] ** np.array([law.exponent for law in LAWS], dtype=np.float64), dtype=np.float64
-    )
+    return np.asarray(tau[:, None] ** np.array([float(law.exponent) for law in LAWS]))
 
 
 def _averaging(length: Array, nu: Array) -> Array:
     """Response [m, f] of the mean of `length` [m] successive samples (Dirichlet kernel)."""
-    return np.asarray(
-        np.sin(np.pi * np.outer(length, nu)) / np.outer(length, np.sin(np.pi * nu)),
-        dtype=np.float64,
-    )
+    sine = np.sin(np.pi * np.outer(length, nu))
+    return np.asarray(sine / np.outer(length, np.sin(np.pi * nu)))
 
 
-def _covariance(kernel: _Kernel, coefficients: Array) -> Array:
+def _covariance(record: _Record, coefficients: Array) -> Array:
     """Covariance [m, m] of the Allan variances of a record with the given noise.
 
     Gaussian noise: Σ over pairs of 2 cov²/(4 M_a M_b) becomes ∫ S² A_a A_b dν / max(M_a, M_b) by
     Parseval. A ramp R adds R² τ_a τ_b cov(z̄_a, z̄_b), z̄ the mean pair difference.
     """
-    spectrum = coefficients @ kernel.shapes
-    covariance = (kernel.response * (spectrum**2 * kernel.step)) @ kernel.response.T / kernel.longer
+    spectrum = coefficients @ record.shapes
+    weighted = record.response * (spectrum**2 * record.step)
+    covariance: Array = weighted @ record.response.T / record.longer
     if coefficients[-1] == 0.0:
-        return np.asarray(covariance, dtype=np.float64)
-    mean = (kernel.mean_response * (spectrum * kernel.step)) @ kernel.mean_response.T
-    return np.asarray(
-        covariance + 2.0 * coefficients[-1] * np.outer(kernel.tau, kernel.tau) * mean,
-        dtype=np.float64,
-    )
+        return covariance
+    mean = (record.mean_response * (spectrum * record.step)) @ record.mean_response.T
+    ramp: Array = 2.0 * coefficients[-1] * np.outer(record.tau, record.tau) * mean
+    return covariance + ramp
 
 
-def _fitted(
-    kernel: _Kernel, variance: Array, start: Array, allowed: Mask
-) -> tuple[Array, Array, Array]:
+def _fitted(record: _Record, allowed: Mask) -> tuple[Array, Array, Array]:
     """Coefficients [5] ≥ 0 of the allowed terms, variances [m] they were weighted with, covariance
     [m, m].
     """
-    spread = start + (MODEL_ERROR * variance) ** 2
-    coefficients = _non_negative(kernel.design, variance, spread, allowed)
-    covariance = _covariance(kernel, coefficients)
+    design, variance = record.design, record.variance
+    spread = record.start + (MODEL_ERROR * variance) ** 2
+    coefficients = _non_negative(design, variance, spread, allowed)
+    covariance = _covariance(record, coefficients)
     for _ in range(ITERATIONS):
-        spread = np.diag(covariance) + (MODEL_ERROR * (kernel.design @ coefficients)) ** 2
-        last, coefficients = coefficients, _non_negative(kernel.design, variance, spread, allowed)
-        covariance = _covariance(kernel, coefficients)
+        spread = np.diag(covariance) + (MODEL_ERROR * (design @ coefficients)) ** 2
+        last, coefficients = coefficients, _non_negative(design, variance, spread, allowed)
+        covariance = _covariance(record, coefficients)
         if np.allclose(coefficients, last, rtol=1e-6, atol=0.0):
             break
     return coefficients, spread, covariance
@@ -402,39 +378,19 @@ def _chance(attempt: _Attempt, term: int, others: Mask) -> float:
 
     if attempt.coefficients[term] <= 0.0:
         return 1.0
-    kernel = attempt.kernel
-    coefficients, spread, covariance = _fitted(kernel, attempt.variance, attempt.start, others)
+    record = attempt.record
+    coefficients, spread, covariance = _fitted(record, others)
     active = coefficients > 0.0
     active[term] = True
-    row = _operator(kernel.design, spread, active)[int(np.sum(active[:term]))]
+    row = _operator(record.design, spread, active)[int(np.sum(active[:term]))]
     noise = float(row @ covariance @ row)
-    model_error = float(row**2 @ (MODEL_ERROR * (kernel.design @ coefficients)) ** 2)
-    excess = float(row @ attempt.variance) / float(np.sqrt(noise + model_error))
+    model_error = float(row**2 @ (MODEL_ERROR * (record.design @ coefficients)) ** 2)
+    excess = float(row @ record.variance) / float(np.sqrt(noise + model_error))
     # third cumulant of a weighted sum of periodogram ordinates, each exponentially distributed
-    part = (coefficients @ kernel.shapes) * (row @ kernel.response)
-    pairs = float(part**2 @ kernel.step) / noise if noise > 0.0 else np.inf
-    skewness = 2.0 * float(part**3 @ kernel.step) / pairs**2 / noise**1.5 if noise > 0.0 else 0.0
+    part = (coefficients @ record.shapes) * (row @ record.response)
+    pairs = float(part**2 @ record.step) / noise if noise > 0.0 else np.inf
+    skewness = 2.0 * float(part**3 @ record.step) / pairs**2 / noise**1.5 if noise > 0.0 else 0.0
     if skewness < 1e-3:
         return float(ndtr(-excess))
     shape = 4.0 / skewness**2
     return float(gammaincc(shape, max(shape + excess * np.sqrt(shape), 0.0)))
-
-
-def _misfit(
-    kernel: _Kernel, variance: Array, coefficients: Array, spread: Array, covariance: Array
-) -> tuple[float, bool]:
-    """Weighted square of the residuals over its expectation, and whether chance is ruled out
-    (Satterthwaite's χ²).
-    """
-    from scipy.special import gammaincc
-
-    residual = variance - kernel.design @ coefficients
-    projection = np.eye(variance.size)
-    active = coefficients > 0.0
-    projection -= kernel.design[:, active] @ _operator(kernel.design, spread, active)
-    expected = covariance + np.diag((MODEL_ERROR * (kernel.design @ coefficients)) ** 2)
-    scatter = projection @ expected @ projection.T / np.sqrt(np.outer(spread, spread))
-    mean, square = float(np.trace(scatter)), float(np.sum(scatter**2))
-    ratio = float(np.sum(residual**2 / spread)) / mean
-    half_dof = mean**2 / square / 2.0
-    return ratio, bool(gammaincc(half_dof, half_dof * ratio) < SIGNIFICANCE)

@@ -12,7 +12,7 @@ from typing import Any
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric.compiled import kernels_for
+from calibkit.native import kernels_for
 from calibkit.numeric.wavelet.extension import Continuation, continue_signal
 from calibkit.numeric.wavelet.factor import Scheme
 from calibkit.numeric.wavelet.reach import (

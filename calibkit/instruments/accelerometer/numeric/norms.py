@@ -3,7 +3,7 @@
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.numeric.compiled import kernels_for
+from calibkit.native import kernels_for
 
 LOWER = ((0, 0), (1, 0), (1, 1), (2, 0), (2, 1), (2, 2))
 """Entries of the lower triangular correction matrix, in the order of the fast solver's parameters.
