@@ -123,13 +123,13 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
     if figure is not None:
         from calibkit.report import logs
 
-        drawn = [outcome.figure for outcome in outcomes if outcome.figure is not None]
-        if not drawn:
+        shown = [outcome.figure for outcome in outcomes if outcome.figure is not None]
+        if not shown:
             raise FrameError(
                 f"{data}: no log could be read, nothing to draw", hint="see check without --figure"
             )
         with figures.styled():
-            new_files.write_new(figure, figures.pdf(logs.pages(drawn)))
+            new_files.write_new(figure, figures.pdf([logs.draw_log(one) for one in shown]))
     reports = (outcome.report for outcome in outcomes)
     return tuple(
         replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))

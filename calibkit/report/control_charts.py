@@ -62,8 +62,7 @@ def pages(title: str, charts: Sequence[ControlChart]) -> list[Figure]:
     figures = []
     for chart in charts:
         figure, (axes,) = page(1, 1, title=title, height=5.5)
-        words = _draw(axes, chart)
-        _settle(figure, axes, words)
+        _settle(figure, axes, _draw(axes, chart))
         figures.append(figure)
     return figures
 
@@ -115,25 +114,19 @@ def _draw(ax: Axes, chart: ControlChart) -> list[str]:
         errors = 2.0 * chart.standard_uncertainties[inside]
         ax.errorbar(at[inside], shown[inside], errors, fmt="none", ecolor=MUTED, elinewidth=0.8)
     ax.plot(at[inside], shown[inside], ".", ms=5, color=DENOISED)
-    ax.plot(
-        at[chart.values > high], shown[chart.values > high], "^", ms=6, color=ALERT, clip_on=False
-    )
-    ax.plot(
-        at[chart.values < low], shown[chart.values < low], "v", ms=6, color=ALERT, clip_on=False
-    )
+    for beyond, marker in ((chart.values > high, "^"), (chart.values < low, "v")):
+        ax.plot(at[beyond], shown[beyond], marker, ms=6, color=ALERT, clip_on=False)
     ringed = [k for k in outliers if inside[k]]
     ax.plot(at[ringed], shown[ringed], "o", ms=6, mfc="none", color=ALERT)
     for k in outliers[:MOST_NAMED]:
         _name(ax, chart, k, float(shown[k]))
     if math.isfinite(low):
         ax.set_ylim(low - MARGIN * (high - low), high + MARGIN * (high - low))
-    words = _lines(ax, chart)
-    _serials(ax, chart.serials)
+    _name_serials(ax, chart.serials)
     ax.set_title(chart.name, loc="left")
     ax.set_ylabel(chart.unit)
-    ax.set_xlabel(_said(chart))
-    ax.xaxis.label.set_color(INK)
-    return words
+    ax.set_xlabel(_explanation(chart), color=INK)
+    return _draw_lines(ax, chart)
 
 
 def _window(chart: ControlChart) -> tuple[float, float]:
@@ -158,7 +151,7 @@ def _name(ax: Axes, chart: ControlChart, k: int, height: float) -> None:
     )
 
 
-def _lines(ax: Axes, chart: ControlChart) -> list[str]:
+def _draw_lines(ax: Axes, chart: ControlChart) -> list[str]:
     """Centre line, control limits and the acceptance limit, each with its value; returns the words
     beside them.
     """
@@ -189,7 +182,7 @@ def _lines(ax: Axes, chart: ControlChart) -> list[str]:
     return [words for _, _, words in lines]
 
 
-def _serials(ax: Axes, serials: Sequence[str]) -> None:
+def _name_serials(ax: Axes, serials: Sequence[str]) -> None:
     """Serials below the axis, every so many where there are many."""
     step = -(-len(serials) // MOST_NAMES)
     at = list(range(0, len(serials), step))
@@ -205,7 +198,7 @@ def _short(serial: str) -> str:
     return serial if len(serial) <= LONGEST else f"{serial[: LONGEST - 1]}…"
 
 
-def _said(chart: ControlChart) -> str:
+def _explanation(chart: ControlChart) -> str:
     """What the lines are, or why there are none."""
     count = f"{len(chart.serials)} of {chart.units} units"
     if chart.control.sigma == 0.0:

@@ -8,7 +8,7 @@ named by their digests.
 
 import base64
 import hashlib
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from importlib import resources
 from typing import Any
 
@@ -43,14 +43,13 @@ def page(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Draw
     """
     style = _own("page.css") + ("" if document["accepted"] else REJECTED)
     script = _own("page.js")
-    name = f"{document['serial']} r{document['revision']:03d}"
-    title = f"{'' if document['accepted'] else 'REJECTED: '}{name}, {document['procedure']}"
+    title = f"{_run_name(document)}, {document['procedure']}"
     head = [
         Markup('<meta charset="utf-8">'),
         Markup(f'<meta http-equiv="Content-Security-Policy" content="{_policy(style, script)}">'),
         Markup('<meta name="viewport" content="width=device-width, initial-scale=1">'),
         Markup('<meta name="color-scheme" content="light dark">'),
-        element("title", title),
+        element("title", title if document["accepted"] else f"REJECTED: {title}"),
         Markup(f"<style>{style}</style>"),
     ]
     body = [
@@ -58,11 +57,15 @@ def page(document: Mapping[str, Any], records: Mapping[str, Record], drawn: Draw
         element("main", joined(_sections(document, records, drawn)), id="content"),
         Markup(f"<script>{script}</script>"),
     ]
-    whole = (
+    return (
         "<!DOCTYPE html>\n<html"
         f' lang="en">\n<head>\n{joined(head)}\n</head>\n<body>\n{joined(body)}\n</body>\n</html>\n'
-    )
-    return whole.encode()
+    ).encode()
+
+
+def _run_name(document: Mapping[str, Any]) -> str:
+    """Serial and revision."""
+    return f"{document['serial']} r{document['revision']:03d}"
 
 
 def _own(file: str) -> str:
@@ -88,32 +91,24 @@ def _top(document: Mapping[str, Any], drawn: Drawn) -> Markup:
     """Whose run this is, the verdict on it, and the way to each section."""
     limits, accepted = bool(document["acceptance"]), document["accepted"]
     kind = "rejected" if not accepted else "accepted" if limits else "open"
-    verdict = drawn.summary.verdict
-    name = f"{document['serial']} r{document['revision']:03d}"
-    said = f"{document['procedure']}, effective from {document['effective_from']}"
+    facts = f"{document['procedure']}, effective from {document['effective_from']}"
     links = [element("a", section, href=f"#{section.lower()}") for section in SECTIONS]
     return joined(
         [
             element("a", "Skip to the verdict", href="#verdict", class_="skip"),
-            element("header", element("h1", name), element("p", said)),
-            element("p", element("strong", verdict), class_=f"band {kind}", id="band"),
+            element("header", element("h1", _run_name(document)), element("p", facts)),
+            element(
+                "p", element("strong", drawn.summary.verdict), class_=f"band {kind}", id="band"
+            ),
             element("nav", joined(links, " "), aria_label="Sections"),
         ]
-    )
-
-
-def _section(name: str, *parts: Markup) -> Markup:
-    """A section under its heading."""
-    key = name.lower()
-    return element(
-        "section", element("h2", name, id=key), Markup("\n"), joined(parts), aria_labelledby=key
     )
 
 
 def _sections(
     document: Mapping[str, Any], records: Mapping[str, Record], drawn: Drawn
 ) -> list[Markup]:
-    """Every section in order."""
+    """Every section in order, under its heading."""
     limits = document["acceptance"]
     without = element(
         "p", "The recipe states no acceptance limits: nothing was accepted or rejected."
@@ -128,23 +123,31 @@ def _sections(
         "Logs": _logs(document),
         "Origin": _origin(document, records),
     }
-    return [_section(name, *parts[name]) for name in SECTIONS]
+    return [
+        element(
+            "section",
+            element("h2", name, id=name.lower()),
+            Markup("\n"),
+            joined(parts[name]),
+            aria_labelledby=name.lower(),
+        )
+        for name in SECTIONS
+    ]
 
 
 def _flags(document: Mapping[str, Any]) -> list[Markup]:
     """What must be known before a number is used: flags, and what was left out or corrected."""
     found = list(document["flags"])
-    found += (
-        [f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs"]
-        if document["excluded"]
-        else []
-    )
-    found += (
-        ["the recipe was changed by --set: see Origin"] if document["recipe"]["overrides"] else []
-    )
-    if not found:
-        return [element("p", "No flags.")]
-    return [element("ul", joined([element("li", flag) for flag in found]), class_="flags")]
+    if document["excluded"]:
+        found.append(f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs")
+    if document["recipe"]["overrides"]:
+        found.append("the recipe was changed by --set: see Origin")
+    return [_flag_list(found) if found else element("p", "No flags.")]
+
+
+def _flag_list(flags: Sequence[str]) -> Markup:
+    """Flags, one below the other."""
+    return element("ul", joined([element("li", flag) for flag in flags]), class_="flags")
 
 
 def _figures(drawn: Drawn, *, rejected: bool) -> list[Markup]:
@@ -161,11 +164,15 @@ def _figures(drawn: Drawn, *, rejected: bool) -> list[Markup]:
             role="group",
             aria_label=f"{caption} (can be zoomed)",
         )
-        tools = element("div", class_="tools")
-        reading = element("output", class_="reading")
         mark = [element("strong", "REJECTED. ")] if rejected else []
         parts.append(
-            element("figure", frame, tools, reading, element("figcaption", *mark, caption))
+            element(
+                "figure",
+                frame,
+                element("div", class_="tools"),
+                element("output", class_="reading"),
+                element("figcaption", *mark, caption),
+            )
         )
     return parts if drawings else [element("p", "No figures were drawn.")]
 
@@ -189,13 +196,9 @@ def _coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) ->
             ),
         )
     for record in records.values():
-        told = [flag for flag in record.flags if flag not in document["flags"]]
+        own = [flag for flag in record.flags if flag not in document["flags"]]
         parts += [element("h3", f"{record.stage}.json")]
-        parts += (
-            [element("ul", joined([element("li", flag) for flag in told]), class_="flags")]
-            if told
-            else []
-        )
+        parts += [_flag_list(own)] if own else []
         parts += [tables.coefficients(record)] if record.models else []
         parts += [tables.figures(record)] if record.figures else []
         if not record.models and not record.figures:
@@ -205,12 +208,9 @@ def _coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) ->
 
 def _uncertainty(document: Mapping[str, Any]) -> list[Markup]:
     """Combined uncertainties and the type B terms of the recipe."""
-    stated, terms = document.get("uncertainty", []), document.get("type_b", [])
-    parts = (
-        [tables.combined(stated)]
-        if stated
-        else [element("p", "No combined uncertainty is stated.")]
-    )
+    stated, terms = document.get("uncertainty"), document.get("type_b")
+    none = element("p", "No combined uncertainty is stated.")
+    parts = [tables.combined(stated) if stated else none]
     return [*parts, tables.entries("Type B terms of the recipe", terms)] if terms else parts
 
 

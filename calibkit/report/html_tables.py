@@ -2,11 +2,11 @@
 uncertainties, logs, digests.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from calibkit.coefficients import Model, Record
-from calibkit.report.markup import Content, Markup, element, joined, row, table
+from calibkit.report.markup import Content, Markup, element, joined
 from calibkit.report.run import quantity_table
 from calibkit.report.table import Cell, Column, Table
 
@@ -26,6 +26,37 @@ COMBINED = (
 )
 
 
+def _row(first: Content, *others: Content, kind: str = "", numbers: Sequence[int] = ()) -> Markup:
+    """A row whose first cell names it; the cells at `numbers` are set as numbers."""
+    cells = (
+        element("td", content, class_="number" if at in numbers else "")
+        for at, content in enumerate(others, start=1)
+    )
+    return element("tr", element("th", first, scope="row"), *cells, class_=kind)
+
+
+def _table(
+    caption: Content,
+    heads: Sequence[Content],
+    bodies: Sequence[Sequence[Markup]],
+    numbers: Sequence[int],
+) -> Markup:
+    """A table with a caption and column heads in a frame that scrolls sideways where the page is
+    narrow.
+    """
+    head = element(
+        "tr",
+        *(
+            element("th", name, scope="col", class_="number" if at in numbers else "")
+            for at, name in enumerate(heads)
+        ),
+    )
+    parts = [element("caption", element("span", caption)), element("thead", head)]
+    parts += [Markup(f"<tbody>\n{joined(rows)}\n</tbody>") for rows in bodies]
+    whole = Markup(f"<table>\n{joined(parts)}\n</table>")
+    return element("div", whole, class_="wide", tabindex="0", role="group")
+
+
 def _shown(column: Column, cell: Cell) -> Content:
     """A cell as people read it; a number with every digit as its machine value."""
     text = column.text(cell)
@@ -35,12 +66,12 @@ def _shown(column: Column, cell: Cell) -> Content:
 def _rows_of(made: Table, numbers: Sequence[int]) -> list[Markup]:
     """Rows of a table of records."""
     columns = made.formats
-    return [row(*map(_shown, columns, cells), numbers=numbers) for cells in made.rows]
+    return [_row(*map(_shown, columns, cells), numbers=numbers) for cells in made.rows]
 
 
 def _record_table(made: Table, numbers: Sequence[int]) -> Markup:
     """A table of records, its numbers with every digit."""
-    return table(made.title, made.heads, [_rows_of(made, numbers)], numbers)
+    return _table(made.title, made.heads, [_rows_of(made, numbers)], numbers)
 
 
 def _folded(caption: str, rows: int, made: Markup) -> Markup:
@@ -54,16 +85,15 @@ def summary_table(made: Table) -> Markup:
     """A table of the summary, as its texts."""
     width = len(made.columns)
     numbers = range(1, width)
-    rows = [row(*cells, *[""] * (width - len(cells)), numbers=numbers) for cells in made.texts]
-    return _folded(made.title, len(rows), table(made.title, made.heads, [rows], numbers))
+    rows = [_row(*cells, *[""] * (width - len(cells)), numbers=numbers) for cells in made.texts]
+    return _folded(made.title, len(rows), _table(made.title, made.heads, [rows], numbers))
 
 
 def acceptance(criteria: Sequence[Mapping[str, Any]]) -> Markup:
     """Acceptance limits and how the results stand against them; what failed is marked."""
-    heads = ("limit on", "result", "limit", "unit", "")
     six = Column("", ".6g")
     rows = [
-        row(
+        _row(
             entry["name"],
             _shown(six, float(entry["value"])),
             _shown(six, float(entry["limit"])),
@@ -74,7 +104,8 @@ def acceptance(criteria: Sequence[Mapping[str, Any]]) -> Markup:
         )
         for entry in criteria
     ]
-    return table("Acceptance limits", heads, [rows], (1, 2))
+    heads = ("limit on", "result", "limit", "unit", "")
+    return _table("Acceptance limits", heads, [rows], (1, 2))
 
 
 def coefficients(record: Record) -> Markup:
@@ -88,8 +119,8 @@ def coefficients(record: Record) -> Markup:
         [_model_row(model), *_rows_of(one, (1, 2))]
         for model, one in zip(record.models, made, strict=True)
     ]
-    count = sum(len(one.rows) for one in made)
-    return _folded(caption, count, table(caption, made[0].heads, bodies, (1, 2)))
+    rows = sum(len(one.rows) for one in made)
+    return _folded(caption, rows, _table(caption, made[0].heads, bodies, (1, 2)))
 
 
 def _model_row(model: Model) -> Markup:
@@ -101,16 +132,15 @@ def _model_row(model: Model) -> Markup:
         f"{entry.name} = {entry.value:.9g}{'' if entry.unit == '1' else f' {entry.unit}'}"
         for entry in model.parameters
     ]
-    residual = (
-        f"{model.dof} degrees of freedom, residual rms {model.residual_rms:.6g}"
-        f" {model.residual_unit}"
+    about = (
+        model.form,
+        *(f"valid for {part}" for part in valid),
+        *chosen,
+        f"{model.dof} degrees of freedom",
     )
-    about = "; ".join((model.form, *(f"valid for {part}" for part in valid), *chosen, residual))
-    return element(
-        "tr",
-        element("th", element("b", model.name), f" {about}", scope="rowgroup", colspan="4"),
-        class_="model",
-    )
+    residual = f"residual rms {model.residual_rms:.6g} {model.residual_unit}"
+    head = (element("b", model.name), f" {'; '.join(about)}, {residual}")
+    return element("tr", element("th", *head, scope="rowgroup", colspan="4"), class_="model")
 
 
 def figures(record: Record) -> Markup:
@@ -130,17 +160,17 @@ def conditions(records: Sequence[Record]) -> Markup:
     found = dict.fromkeys(entry for record in records for entry in record.conditions)
     if not found:
         return element("p", "The recipe states no conditions.")
-    made = quantity_table(
-        "Conditions", found, head="condition", digits=EXACT, unstated="not stated"
+    return _record_table(
+        quantity_table("Conditions", found, head="condition", digits=EXACT, unstated="not stated"),
+        (1, 2),
     )
-    return _record_table(made, (1, 2))
 
 
 def combined(entries: Sequence[Mapping[str, Any]]) -> Markup:
     """Combined and expanded uncertainties of results, with their components."""
     rows = tuple(
         (
-            " ".join((entry["result"], *_where(entry))),
+            " ".join((entry["result"], *_where_it_holds(entry))),
             entry.get("value"),
             str(entry.get("unit", "")),
             entry.get("standard_uncertainty"),
@@ -154,33 +184,34 @@ def combined(entries: Sequence[Mapping[str, Any]]) -> Markup:
         )
         for entry in entries
     )
-    title = "Combined uncertainties, type A and type B"
-    return _record_table(Table(title, COMBINED, rows), (1, 3, 4, 5, 6))
+    made = Table("Combined uncertainties, type A and type B", COMBINED, rows)
+    return _record_table(made, (1, 3, 4, 5, 6))
 
 
-def _where(entry: Mapping[str, Any]) -> list[str]:
+def _where_it_holds(entry: Mapping[str, Any]) -> Iterator[str]:
     """Where a result holds, and with what probability its U covers it."""
-    parts = [str(entry["where"])] if "where" in entry else []
-    parts += (
-        [f"at {entry['temp_case_degc']:.4g} °C"] if entry.get("temp_case_degc") is not None else []
-    )
-    return parts + ([f"({100.0 * entry['probability']:.4g} %)"] if "probability" in entry else [])
+    if "where" in entry:
+        yield str(entry["where"])
+    if entry.get("temp_case_degc") is not None:
+        yield f"at {entry['temp_case_degc']:.4g} °C"
+    if "probability" in entry:
+        yield f"({100.0 * entry['probability']:.4g} %)"
 
 
 def logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:
     """Logs with rows, digests and how each was read."""
     rows = [
-        row(
+        _row(
             entry["name"],
             str(entry["rows"]),
             element("code", entry["sha256"]),
-            joined([element("div", said) for said in entry.get("reading", ())], ""),
+            joined([element("div", line) for line in entry.get("reading", ())], ""),
             numbers=(1,),
         )
         for entry in inputs
     ]
-    made = table("Logs", ("log", "rows", "SHA-256", "how it was read"), [rows], (1,))
-    return _folded("Logs", len(rows), made)
+    heads = ("log", "rows", "SHA-256", "how it was read")
+    return _folded("Logs", len(rows), _table("Logs", heads, [rows], (1,)))
 
 
 def entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:
@@ -188,7 +219,7 @@ def entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:
     written.
     """
     rows = [
-        row(
+        _row(
             str(number),
             "; ".join(
                 f"{key}: {value}" for key, value in entry.items() if value not in (None, "", [], {})
@@ -196,9 +227,9 @@ def entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:
         )
         for number, entry in enumerate(found, start=1)
     ]
-    return table(caption, ("", "as stated"), [rows], ())
+    return _table(caption, ("", "as stated"), [rows], ())
 
 
 def facts(caption: str, pairs: Sequence[tuple[str, Content]]) -> Markup:
     """Names and values."""
-    return table(caption, ("", ""), [[row(name, value) for name, value in pairs]], ())
+    return _table(caption, ("", ""), [[_row(name, value) for name, value in pairs]], ())

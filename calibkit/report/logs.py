@@ -12,8 +12,6 @@ import numpy as np
 from calibkit.report.figures import ALERT, DENOISED, INK, MUTED, RAW, page
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
     from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
@@ -66,13 +64,10 @@ def envelope(along: Array, values: Array) -> tuple[Array, Array, Array]:
     return along[first], np.minimum.reduceat(values, first), np.maximum.reduceat(values, first)
 
 
-def pages(figures: Sequence[LogFigure]) -> list[Figure]:
-    """One page a log."""
-    return [_page(figure) for figure in figures]
-
-
-def _page(log: LogFigure) -> Figure:
-    """Panels of the columns below each other, and the temperature occupancy where there is one."""
+def draw_log(log: LogFigure) -> Figure:
+    """Page of one log: panels of the columns below each other, and the temperature occupancy where
+    there is one.
+    """
     shown = log.curves[:9]
     count = max(1, len(shown)) + (1 if len(log.occupancy) > 1 else 0)
     figure, axes = page(count, 1, title=log.file, height=1.0 + 1.7 * count)
@@ -106,27 +101,24 @@ def _panel(ax: Axes, log: LogFigure, curve: Curve) -> None:
 
 def _key(ax: Axes, log: LogFigure) -> None:
     """Legend of the shades, and the names of the marks."""
-    kinds = list(dict.fromkeys(kind for kind, _, _ in log.held))
     handles = [
-        ax.axvspan(np.nan, np.nan, color=SHADES.get(kind, "#dddddd"), label=kind) for kind in kinds
+        ax.axvspan(np.nan, np.nan, color=SHADES.get(kind, "#dddddd"), label=kind)
+        for kind in dict.fromkeys(kind for kind, _, _ in log.held)
     ]
     if handles:
         ax.legend(handles=handles, loc="upper right", ncols=len(handles))
     if log.marks:
-        said = ", ".join(
-            f"{number} {name}" for number, (_, name, _) in enumerate(log.marks, start=1)
-        )
-        ax.set_title(said, fontsize=8, color=ALERT)
+        names = (f"{number} {name}" for number, (_, name, _) in enumerate(log.marks, start=1))
+        ax.set_title(", ".join(names), fontsize=8, color=ALERT)
 
 
 def _occupancy(ax: Axes, log: LogFigure) -> None:
     """Share of the rows over temperature."""
-    low = [part[0] for part in log.occupancy]
-    width = [part[1] - part[0] for part in log.occupancy]
+    low, high, share = np.array(log.occupancy).T
     ax.bar(
         low,
-        [100.0 * part[2] for part in log.occupancy],
-        width=width,
+        100.0 * share,
+        width=high - low,
         align="edge",
         color=RAW,
         edgecolor="white",

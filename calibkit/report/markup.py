@@ -2,7 +2,7 @@
 
 import html
 import re
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 _UNSHOWN = re.compile(
@@ -37,45 +37,14 @@ def element(tag: str, *parts: Content, **attributes: str) -> Markup:
     """An element around texts and pieces; a trailing underscore of an attribute's name goes, others
     become hyphens.
     """
-    said = "".join(
+    stated = "".join(
         f' {name.rstrip("_").replace("_", "-")}="{escaped(value)}"'
         for name, value in attributes.items()
         if value
     )
-    return Markup(f"<{tag}{said}>{''.join(map(escaped, parts))}</{tag}>")
+    return Markup(f"<{tag}{stated}>{''.join(map(escaped, parts))}</{tag}>")
 
 
 def joined(parts: Iterable[Markup], between: str = "\n") -> Markup:
     """Pieces one after the other."""
     return Markup(between.join(part.text for part in parts))
-
-
-def row(first: Content, *others: Content, kind: str = "", numbers: Sequence[int] = ()) -> Markup:
-    """A row whose first cell names it; the cells at `numbers` are set as numbers."""
-    cells = [
-        element("td", content, class_="number" if at in numbers else "")
-        for at, content in enumerate(others, start=1)
-    ]
-    return element("tr", element("th", first, scope="row"), *cells, class_=kind)
-
-
-def table(
-    caption: Content,
-    heads: Sequence[Content],
-    bodies: Sequence[Sequence[Markup]],
-    numbers: Sequence[int],
-) -> Markup:
-    """A table with a caption and column heads in a frame that scrolls sideways where the page is
-    narrow.
-    """
-    head = element(
-        "tr",
-        *(
-            element("th", name, scope="col", class_="number" if at in numbers else "")
-            for at, name in enumerate(heads)
-        ),
-    )
-    parts = [element("caption", element("span", caption)), element("thead", head)]
-    parts += [Markup(f"<tbody>\n{joined(rows)}\n</tbody>") for rows in bodies]
-    whole = Markup(f"<table>\n{joined(parts)}\n</table>")
-    return element("div", whole, class_="wide", tabindex="0", role="group")

@@ -105,10 +105,10 @@ def _number_rows(record: Record) -> Iterator[tuple[Cell, ...]]:
     for model in record.models:
         of_model = (model.name, model.form)
         for c in model.coefficients:
-            numbers = (c.value, c.unit, c.standard_uncertainty, model.dof)
-            yield (*place, "coefficient", *of_model, c.name, *numbers)
+            u = c.standard_uncertainty
+            yield (*place, "coefficient", *of_model, c.name, c.value, c.unit, u, model.dof)
         for p in model.parameters:
             yield (*place, "parameter", *of_model, p.name, p.value, p.unit, None, None)
     for f in record.figures:
-        stated = f.standard_uncertainty or None
-        yield (*place, "figure", "", "", f.name, f.value, f.unit, stated, None)
+        u = f.standard_uncertainty
+        yield (*place, "figure", "", "", f.name, f.value, f.unit, u or None, None)

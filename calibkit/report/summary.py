@@ -6,9 +6,7 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from rich.console import Console, RenderableType
+    from rich.console import Console
 
     from calibkit.coefficients import Criterion
     from calibkit.report.table import Table
@@ -52,13 +50,13 @@ def number(value: float, digits: int = 4) -> str:
     return f"{value:.{digits}g}"
 
 
-def _renderables(summary: Summary) -> Sequence[RenderableType]:
-    """Parts of a summary for a Rich console; the first column of a table is left-aligned."""
+def show(summary: Summary, console: Console) -> None:
+    """Print a summary on a console; the first column of a table is left-aligned."""
     from rich import box
     from rich.table import Table
     from rich.text import Text
 
-    parts: list[RenderableType] = [Text(summary.title, style="bold")]
+    console.print(Text(summary.title, style="bold"))
     for table in summary.tables:
         shown = Table(
             title=Text(table.title),
@@ -71,19 +69,11 @@ def _renderables(summary: Summary) -> Sequence[RenderableType]:
             shown.add_column(Text(head), justify="right" if at else "left", overflow="fold")
         for row in table.texts:
             shown.add_row(*map(Text, row))
-        parts.append(shown)
-    parts += [Text(f"! {flag}", style="yellow") for flag in summary.flags]
-    style = (
-        "green" if summary.criteria and summary.accepted else "bold red" if summary.criteria else ""
-    )
-    parts.append(Text(summary.verdict, style=style))
-    return parts
-
-
-def show(summary: Summary, console: Console) -> None:
-    """Print a summary on a console."""
-    for part in _renderables(summary):
-        console.print(part)
+        console.print(shown)
+    for flag in summary.flags:
+        console.print(Text(f"! {flag}", style="yellow"))
+    judged = "green" if summary.accepted else "bold red"
+    console.print(Text(summary.verdict, style=judged if summary.criteria else ""))
 
 
 def text(summary: Summary) -> str:

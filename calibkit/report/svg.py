@@ -148,10 +148,10 @@ def _svg(figure: Figure, prefix: str) -> str:
     for number, ax in enumerate(figure.axes):
         ax.set_gid(f"panel{number}")
     buffer = io.StringIO()
-    clockless = dict.fromkeys(("Date", "Creator", "Format", "Type"))
+    without_clock = dict.fromkeys(("Date", "Creator", "Format", "Type"))
     with drawing(), mpl.rc_context({"svg.fonttype": "none"}):
         # savefig would draw it twice, once for the layout that it has
-        FigureCanvasSVG(figure).print_svg(buffer, metadata=clockless)  # type: ignore[no-untyped-call] # typed in parts
+        FigureCanvasSVG(figure).print_svg(buffer, metadata=without_clock)  # type: ignore[no-untyped-call] # typed in parts
     root = ET.fromstring(buffer.getvalue())  # noqa: S314 - what matplotlib has just written
     _plain(root, prefix)
     for number, ax in enumerate(figure.axes):
@@ -159,9 +159,7 @@ def _svg(figure: Figure, prefix: str) -> str:
         if group is not None:
             del group.attrib["id"]
             group.attrib |= _panel(ax, figure)
-    shape = {"viewBox": root.get("viewBox", ""), "role": "img", "focusable": "false"}
-    root.attrib.clear()
-    root.attrib |= shape
+    root.attrib = {"viewBox": root.get("viewBox", ""), "role": "img", "focusable": "false"}
     return ET.tostring(root, encoding="unicode")
 
 
@@ -178,8 +176,7 @@ def _plain(root: Element, prefix: str) -> None:
         element.tag = _PREFIX.sub("", element.tag)
         element.attrib = _attributes(element, wanted, prefix)
         for side in ("text", "tail"):
-            said = getattr(element, side)
-            if said is not None and not said.strip():
+            if not (getattr(element, side) or "").strip():
                 setattr(element, side, None)
     for group in root.iter("g"):
         _hoist(group)
