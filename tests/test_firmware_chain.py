@@ -9,7 +9,7 @@ from calibkit.firmware import bounds, exact, formats, program, ranges, twin
 from calibkit.instruments.accelerometer import coefficient_files, firmware
 from calibkit.instruments.fog_thermal import compensate, forms
 from calibkit.instruments.fog_thermal.numeric import evaluate, gradient as drift
-from calibkit.instruments.gyro_scale import matrix as gyro_matrix
+from calibkit.instruments.gyro_scale import forms as gyro_forms
 from calibkit.instruments.inclinometer import coefficient_files as inclinometer_results
 from firmware_runs import MEMORYLESS, RUNS, cached
 
@@ -68,7 +68,7 @@ def model_of(name, this):
             for axis, model in models.items()
         }
     if name == "triad":
-        (known,) = gyro_matrix.read_matrices(spec, records)
+        (known,) = gyro_forms.read_matrices(spec, records)
 
         def about_base(columns):
             indications = np.column_stack([columns[f"gyro_{gyro}_lsb"] for gyro in known.gyros])
@@ -78,7 +78,7 @@ def model_of(name, this):
             return {f"rate_{axis}_dps": rates[:, a] for a, axis in enumerate("xyz")}
 
         return about_base
-    frozen = {matrix.gyros[0]: matrix for matrix in gyro_matrix.read_matrices(spec, records)}
+    frozen = {matrix.gyros[0]: matrix for matrix in gyro_forms.read_matrices(spec, records)}
 
     def rates(columns):
         cold = np.zeros_like(next(iter(columns.values())))

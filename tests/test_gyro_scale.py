@@ -132,27 +132,6 @@ def test_no_more_rates_than_coefficients_need_a_stated_noise():
     assert found.standard_uncertainty == pytest.approx([2.0 / np.sqrt(200.0), 2.0 / np.sqrt(2.0)])
 
 
-def test_temperature_terms_hold_the_scale_factor_at_the_mean_temperature():
-    """A gyro of 200 ppm/°C that warms by 3 °C through a run: 1 ppm of truth with the terms, more
-    than 20 without.
-    """
-    temperature = 25.0 + 3.0 * np.linspace(0.0, 1.0, RATES.size) ** 2
-    true = K * (1.0 + 200e-6 * (temperature.mean() - 25.0))
-    indication = K * (1.0 + 200e-6 * (temperature - 25.0)) * (RATES + 0.0023)
-    with_terms = scale_factor.scale_factor(
-        RATES, indication, np.full(RATES.size, 0.5), temp_degc=temperature, temperature_terms=True
-    )
-    without = scale_factor.scale_factor(
-        RATES, indication, np.full(RATES.size, 0.5), temp_degc=temperature
-    )
-    assert abs(with_terms.K / true - 1.0) < 1e-6
-    assert abs(without.K / true - 1.0) > 20e-6
-    assert with_terms.names == ("K", "F0", "K_temp", "F0_temp")
-    assert with_terms.coefficients[2] == pytest.approx(K * 200e-6, rel=1e-3)
-    with pytest.raises(FitError, match="temperatures"):
-        scale_factor.scale_factor(RATES, indication, temperature_terms=True)
-
-
 def test_a_misaligned_gyro_loses_the_cosine():
     """One degree between input axis and table axis costs 152 ppm."""
     found = scale_factor.scale_factor(RATES, np.cos(np.radians(1.0)) * line(RATES))
@@ -183,7 +162,6 @@ def test_gyros_of_one_run_carry_the_covariance_of_their_scale_factors():
         np.column_stack((line(RATES), 2.0 * line(RATES))),
         covariance,
         *(np.ones(p, dtype=np.int64),) * 2,
-        np.ones(p),
         np.full(p, np.nan),
         np.full(p, np.nan),
         np.zeros((p, 2), dtype=np.int64),
@@ -340,7 +318,7 @@ def test_the_simulated_runs_give_repeatability_and_the_scale_factor_over_tempera
     found = {name: scale_of(log, "gyro_x_lsb") for name, log in logs.logs.items()}
     values = np.array([scale.K for scale in found.values()])
     u = np.array([scale.standard_uncertainty[0] for scale in found.values()])
-    temperature = np.array([scale.temp_degc for scale in found.values()])
+    temperature = np.array([log["temp_case_degc"].mean() for log in logs.logs.values()])
     room = values[[name.startswith("room") for name in found]]
     assert gjb_figures.repeatability(room) < 2.0
     slope = abs(logs.truth["gyro"]["K_per_degc"]) * 1e6

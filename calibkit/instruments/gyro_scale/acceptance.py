@@ -5,10 +5,8 @@ from typing import Any
 
 from calibkit.coefficients import Criterion, Figure, at_most
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale.axes import AxesFit
-from calibkit.instruments.gyro_scale.forms import read_figure_name
+from calibkit.instruments.gyro_scale import forms, pair_fit, triad_fit
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB
-from calibkit.instruments.gyro_scale.pair import PairFit
 from calibkit.instruments.gyro_scale.recipe import (
     LineAcceptance,
     PairAcceptance,
@@ -65,7 +63,9 @@ def _judge_figures(
     found = []
     for what, limit in kinds.items():
         shown = [
-            figure.value for figure in figures if read_figure_name(figure.name)[:2] == (what, GJB)
+            figure.value
+            for figure in figures
+            if forms.read_figure_name(figure.name)[:2] == (what, GJB)
         ]
         value = getattr(limits, limit[1])
         if value is not None and not shown:
@@ -83,7 +83,7 @@ def judge_runs(figures: Sequence[Figure], limits: RateTableAcceptance) -> tuple[
 
 
 def judge_pair(
-    fitted: PairFit, figures: Sequence[Figure], limits: PairAcceptance
+    fitted: pair_fit.PairFit, figures: Sequence[Figure], limits: PairAcceptance
 ) -> tuple[Criterion, ...]:
     """Limits on the lines of a pair about own axes, and on its angle."""
     u_gamma = float(fitted.found.standard_uncertainty[2])
@@ -96,7 +96,7 @@ def judge_pair(
 
 
 def judge_triad(
-    fitted: AxesFit, figures: Sequence[Figure], limits: TriadAcceptance
+    fitted: triad_fit.AxesFit, figures: Sequence[Figure], limits: TriadAcceptance
 ) -> tuple[Criterion, ...]:
     """Limits on the lines about main axes, and on the angles in every set."""
     angles = [

@@ -20,23 +20,11 @@ from calibkit.certificate.stated import Stated, many_residuals, powers, range_wo
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
-from calibkit.instruments.gyro_scale.certificate_angles import (
-    find_full_scale,
-    list_rate_influences,
-    state_angles,
-)
-from calibkit.instruments.gyro_scale.forms import (
-    LINE,
-    ORTHOGONALITY_FILE,
-    SCALE_FILE,
-    TEMPERATURE,
-    is_cross,
-    read_figure_name,
-)
+from calibkit.instruments.gyro_scale import certificate_angles, forms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import IEEE, PPM
 
 LINE_EQUATION = Equation(
-    LINE.name,
+    forms.LINE.name,
     r"F = K\,\Omega + F_0",
     Words(
         "F indication [1/s], Ω table rate [°/s], K scale factor [1/°]; "
@@ -77,7 +65,10 @@ ONE_TEMPERATURE_DEGC = 1.0
 
 def list_blocks(stated: Stated) -> tuple[Block, ...]:
     """Scale factors, and of several gyros what stands between them."""
-    found = ((SCALE_FILE, _state_scale), (ORTHOGONALITY_FILE, state_angles))
+    found = (
+        (forms.SCALE_FILE, _state_scale),
+        (forms.ORTHOGONALITY_FILE, certificate_angles.state_angles),
+    )
     return tuple(
         state(stated, stated.records[name]) for name, state in found if name in stated.records
     )
@@ -85,15 +76,15 @@ def list_blocks(stated: Stated) -> tuple[Block, ...]:
 
 def _state_scale(stated: Stated, record: Record) -> Block:
     """Lines, curves over temperature, figures."""
-    lines = [model for model in record.models if model.form == LINE.name]
-    others = [model for model in record.models if model.form != LINE.name]
+    lines = [model for model in record.models if model.form == forms.LINE.name]
+    others = [model for model in record.models if model.form != forms.LINE.name]
     curves = [model for model in others if model.form == POLYNOMIAL.name]
     tables: list[ListTable | GridTable] = [_tabulate_lines(stated, record, lines)]
     figures: list[Figure] = []
     notes: list[Words] = []
     for model in others:
         title = Words(f"{model.name}: coefficients", f"{model.name}：系数")
-        influences = list_rate_influences if ".K_" in model.name else None
+        influences = certificate_angles.list_rate_influences if ".K_" in model.name else None
         tables.append(stated.coefficients(record, model, title, influences))
         notes += [range_words(model), *stated.left_out(model)]
     for letter in ("K", "F0"):
@@ -105,7 +96,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
     tables += _tabulate_figures(stated, record, [model.name for model in lines])
     return Block(
         record.stage,
-        SCALE_FILE,
+        forms.SCALE_FILE,
         Words("Scale factors on the rate table", "转台标度因数"),
         (LINE_EQUATION, CURVE_EQUATION) if curves else (LINE_EQUATION,),
         tuple(tables),
@@ -126,9 +117,11 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
                 NAMES["scale_factor"],
                 {"K": 1.0},
                 "1/deg",
-                sensitivities=list_rate_influences(model.value("K"), find_full_scale(model)),
+                sensitivities=certificate_angles.list_rate_influences(
+                    model.value("K"), certificate_angles.find_full_scale(model)
+                ),
                 # a gyro about its own axis, the mean of its runs
-                principal="." not in model.name and not is_cross(model.name),
+                principal="." not in model.name and not forms.is_cross(model.name),
             ),
             stated.linear(
                 record, model, "F0", Words("zero-rate indication", "零速率示值"), {"F0": 1.0}, "1/s"
@@ -148,10 +141,16 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
 
 def _find_temperature(model: Model) -> tuple[tuple[str, float, str], ...] | None:
     """Mean case temperature that a line was found at, as a condition, where it was logged."""
-    if TEMPERATURE not in model.valid:
+    if forms.TEMPERATURE not in model.valid:
         return None
     known = {parameter.name: parameter.value for parameter in model.parameters}
-    return ((TEMPERATURE, known.get("temp_case", sum(model.valid[TEMPERATURE]) / 2.0), "degC"),)
+    return (
+        (
+            forms.TEMPERATURE,
+            known.get("temp_case", sum(model.valid[forms.TEMPERATURE]) / 2.0),
+            "degC",
+        ),
+    )
 
 
 def _label(model: Model) -> str:
@@ -161,7 +160,7 @@ def _label(model: Model) -> str:
     at = _find_temperature(model)
     if at is None:
         return model.name
-    low, high = model.valid[TEMPERATURE]
+    low, high = model.valid[forms.TEMPERATURE]
     text = f"{low:.1f} … {high:.1f}" if high - low > ONE_TEMPERATURE_DEGC else f"{at[0][1]:.1f}"
     return f"{model.name} ({text} °C)".replace("(-", "(−").replace("… -", "… −")
 
@@ -190,7 +189,7 @@ def _state_curve(
     stated: Stated, record: Record, model: Model, letter: str, t: float
 ) -> Result | None:
     """Value of one polynomial at a temperature inside its range."""
-    low, high = model.valid[TEMPERATURE]
+    low, high = model.valid[forms.TEMPERATURE]
     if not low <= t <= high:
         return None
     weights, slope = powers("p", model, t)
@@ -204,9 +203,9 @@ def _state_curve(
         model.coefficients[0].unit,
         at=t,
         slope=slope,
-        sensitivities=list_rate_influences(value) if letter == "K" else {},
+        sensitivities=certificate_angles.list_rate_influences(value) if letter == "K" else {},
         symbol=letter,
-        principal=t == stated.reference_degc and not is_cross(model.name),
+        principal=t == stated.reference_degc and not forms.is_cross(model.name),
     )
 
 
@@ -246,7 +245,7 @@ def _tabulate_figures(
     """Figures in the standards' terms: rows of figure and standard, models side by side."""
     kinds: dict[tuple[str, str, str], dict[str, Result]] = {}
     for figure in record.figures:
-        what, standard, model = read_figure_name(figure.name)
+        what, standard, model = forms.read_figure_name(figure.name)
         # a rate per count is the reciprocal of a count per rate
         value = -figure.value if standard == IEEE else figure.value
         found = stated.figure(
@@ -256,7 +255,9 @@ def _tabulate_figures(
             _find_dof(record, what, model),
             standard=standard,
             magnitude=what in MAGNITUDES,
-            sensitivities=list_rate_influences(value) if what == "scale_factor" else None,
+            sensitivities=certificate_angles.list_rate_influences(value)
+            if what == "scale_factor"
+            else None,
         )
         kinds.setdefault((what, standard, figure.unit), {})[model] = found
     alike: dict[tuple[object, ...], list[str]] = {}

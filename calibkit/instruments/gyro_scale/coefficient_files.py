@@ -7,34 +7,23 @@ import numpy as np
 from calibkit.coefficients import Condition, Figure, Model, Parameter, StageResult
 from calibkit.constants import DPH_PER_DPS
 from calibkit.forms import POLYNOMIAL
-from calibkit.instruments.gyro_scale.axes import AxesFit, AxesSet
-from calibkit.instruments.gyro_scale.forms import (
-    AXES,
-    LINE,
-    ORTHOGONALITY_FILE,
-    PAIR,
-    RATE,
-    RESPONSE,
-    SCALE_FILE,
-    TEMPERATURE,
-    TRIAD,
-    FigureName,
-    curve_name,
-    line_name,
-    response_name,
-    triad_names,
+from calibkit.instruments.gyro_scale import (
+    forms,
+    over_runs,
+    pair_fit,
+    table_runs,
+    triad_fit,
 )
-from calibkit.instruments.gyro_scale.numeric import gjb_figures, scale_factor
-from calibkit.instruments.gyro_scale.numeric.response import Response
-from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleFactor
-from calibkit.instruments.gyro_scale.over_runs import GyroOverRuns, choose_response, run_figures
-from calibkit.instruments.gyro_scale.pair import PairFit
+from calibkit.instruments.gyro_scale.numeric import (
+    gjb_figures,
+    pair as gyro_pair,
+    response as rate_response,
+    scale_factor,
+)
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
-from calibkit.instruments.gyro_scale.runs import TableRun, vertical_rate_dps
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
-PAIR_UNITS = {"N": "1", "epsilon": "1", "gamma": "1", "alpha_deg": "deg"}
 PAIR_LINES = (("a", "a"), ("b", "b"), ("b", "a"), ("a", "b"))
 """Gyro and table axis of the models of a pair: own axes first."""
 
@@ -49,7 +38,7 @@ def _result(
     """Content of a file; its conditions are the latitude and the earth's rate about the table axis,
     where they are known: F0 holds that rate.
     """
-    vertical, latitude = vertical_rate_dps(spec), spec.site.latitude_deg
+    vertical, latitude = table_runs.vertical_rate_dps(spec), spec.site.latitude_deg
     conditions: tuple[Condition, ...] = ()
     if vertical is not None and latitude is not None:
         conditions = (
@@ -61,7 +50,7 @@ def _result(
 
 
 def list_rate_table_results(
-    gyros: Sequence[GyroOverRuns], flags: Sequence[str], spec: OwnAxisRecipe
+    gyros: Sequence[over_runs.GyroOverRuns], flags: Sequence[str], spec: OwnAxisRecipe
 ) -> tuple[StageResult, ...]:
     """Of every gyro the mean at the reference temperature, K and F0 over temperature, a line a run,
     the response; figures over all runs and of each.
@@ -69,55 +58,55 @@ def list_rate_table_results(
     models: list[Model] = []
     figures: list[Figure] = []
     for one in gyros:
-        name = line_name(one.gyro)
+        name = forms.line_name(one.gyro)
         lines = [(f"{name}.{run.log.name}", run) for run in one.runs]
         models.append(_mean_model(name, one))
         curves = (("K", "1/deg", one.K_over_temperature), ("F0", "1/s", one.F0_over_temperature))
         for letter, unit, curve in curves:
             if curve is not None:
-                models.append(_curve_model(curve_name(name, letter), unit, curve, one.runs))
+                models.append(_curve_model(forms.curve_name(name, letter), unit, curve, one.runs))
         models += [_line_model(line, run, one.gyro) for line, run in lines]
         if one.response is not None:
-            models.append(_response_model(response_name(name), one.response, one.runs[0]))
-        figures += run_figures(name, one, spec)
+            models.append(_response_model(forms.response_name(name), one.response, one.runs[0]))
+        figures += over_runs.run_figures(name, one, spec)
         for line, run in lines:
             figures += _line_figures(line, run, one.gyro)
         for line, run in lines:
             figures += _bias_figures(line, run.scale(one.gyro), spec)
-    return (_result(SCALE_FILE, spec, models, figures, flags),)
+    return (_result(forms.SCALE_FILE, spec, models, figures, flags),)
 
 
-def list_pair_results(fitted: PairFit, spec: OwnAxisRecipe) -> tuple[StageResult, ...]:
+def list_pair_results(fitted: pair_fit.PairFit, spec: OwnAxisRecipe) -> tuple[StageResult, ...]:
     """A line for each gyro about each axis, the figures of each about its own; N, ε, γ, α as a
     model and as figures, the interval of α, both γ.
     """
-    models = [_line_model(line_name(g, axis), fitted.runs[axis], g) for g, axis in PAIR_LINES]
+    models = [_line_model(forms.line_name(g, axis), fitted.runs[axis], g) for g, axis in PAIR_LINES]
     figures: list[Figure] = []
     for gyro, run in fitted.runs.items():
-        name = line_name(gyro, gyro)
+        name = forms.line_name(gyro, gyro)
         figures += _line_figures(name, run, gyro)
-        response = choose_response(spec, gyro, [run])
+        response = over_runs.choose_response(spec, gyro, [run])
         if response is not None:
-            models.append(_response_model(response_name(name), response, run))
+            models.append(_response_model(forms.response_name(name), response, run))
     for g, axis in PAIR_LINES:
         # a projection is referred to the gyro's own K
         own = fitted.runs[g].scale(g).K if g != axis else None
-        figures += _bias_figures(line_name(g, axis), fitted.runs[axis].scale(g), spec, own)
+        figures += _bias_figures(forms.line_name(g, axis), fitted.runs[axis].scale(g), spec, own)
     pair = _pair_model(fitted)
     return (
-        _result(SCALE_FILE, spec, models, figures, fitted.flags),
-        _result(ORTHOGONALITY_FILE, spec, [pair], _pair_figures(fitted, pair), fitted.flags),
+        _result(forms.SCALE_FILE, spec, models, figures, fitted.flags),
+        _result(forms.ORTHOGONALITY_FILE, spec, [pair], _pair_figures(fitted, pair), fitted.flags),
     )
 
 
-def list_triad_results(fitted: AxesFit, spec: GyroRecipe) -> tuple[StageResult, ...]:
+def list_triad_results(fitted: triad_fit.AxesFit, spec: GyroRecipe) -> tuple[StageResult, ...]:
     """A line for each gyro about each axis in each run, polynomials, figures about main axes;
     sensitivities and biases of every set with their covariance, angles and misalignment matrix.
     """
     models: list[Model] = []
     figures: list[Figure] = []
     for gyro in fitted.gyros:
-        for axis in AXES:
+        for axis in forms.AXES:
             for run in fitted.runs[axis]:
                 name = fitted.name(gyro, axis, run)
                 models.append(_line_model(name, run, gyro))
@@ -129,27 +118,29 @@ def list_triad_results(fitted: AxesFit, spec: GyroRecipe) -> tuple[StageResult, 
     triads = [_triad_model(fitted, one) for one in fitted.sets]
     models += _triad_curves(fitted)
     return (
-        _result(SCALE_FILE, spec, models, figures, fitted.flags),
-        _result(ORTHOGONALITY_FILE, spec, triads, angles, fitted.flags),
+        _result(forms.SCALE_FILE, spec, models, figures, fitted.flags),
+        _result(forms.ORTHOGONALITY_FILE, spec, triads, angles, fitted.flags),
     )
 
 
-def _valid(runs: Sequence[TableRun]) -> dict[str, tuple[float, float]]:
+def _valid(runs: Sequence[table_runs.TableRun]) -> dict[str, tuple[float, float]]:
     """Rates and temperatures that runs covered."""
     rate = np.concatenate([run.plateaus.rate_dps for run in runs])
     temperature = np.array([run.temp_range for run in runs])
-    spans = {RATE: rate} | ({TEMPERATURE: temperature} if np.isfinite(temperature).all() else {})
+    spans = {forms.RATE: rate} | (
+        {forms.TEMPERATURE: temperature} if np.isfinite(temperature).all() else {}
+    )
     return {name: (float(span.min()), float(span.max())) for name, span in spans.items()}
 
 
-def _line_model(name: str, run: TableRun, gyro: str) -> Model:
+def _line_model(name: str, run: table_runs.TableRun, gyro: str) -> Model:
     """K and F0 of one gyro in one run."""
     line = run.scale(gyro)
     known = np.isfinite(run.temp_degc)
-    return LINE.write(
+    return forms.LINE.write(
         name,
         [("K", line.K, "1/deg"), ("F0", line.F0, "1/s")],
-        line.covariance[:2, :2],
+        line.covariance,
         dof=line.dof,
         residual_rms=line.residual_rms,
         residual_unit="1/s",
@@ -158,15 +149,15 @@ def _line_model(name: str, run: TableRun, gyro: str) -> Model:
     )
 
 
-def _mean_model(name: str, one: GyroOverRuns) -> Model:
+def _mean_model(name: str, one: over_runs.GyroOverRuns) -> Model:
     """K and F0 of the mean of the runs at the reference temperature."""
     lines = [run.scale(one.gyro) for run in one.at_room]
     (K, u_K), (F0, u_F0) = one.K, one.F0
-    noise = np.sum([line.covariance[:2, :2] for line in lines], axis=0)
+    noise = np.sum([line.covariance for line in lines], axis=0)
     variances = noise[0, 0] * noise[1, 1]
     correlation = float(noise[0, 1] / np.sqrt(variances)) if variances > 0.0 else 0.0
     cross = correlation * u_K * u_F0
-    return LINE.write(
+    return forms.LINE.write(
         name,
         [("K", K, "1/deg"), ("F0", F0, "1/s")],
         np.array([[u_K**2, cross], [cross, u_F0**2]]),
@@ -179,7 +170,7 @@ def _mean_model(name: str, one: GyroOverRuns) -> Model:
 
 
 def _curve_model(
-    name: str, unit: str, curve: TemperaturePolynomial, runs: Sequence[TableRun]
+    name: str, unit: str, curve: TemperaturePolynomial, runs: Sequence[table_runs.TableRun]
 ) -> Model:
     """One quantity over case temperature, which holds over all that the runs covered."""
     per = ["", "/degC", *(f"/degC^{k}" for k in range(2, curve.coefficients.size))]
@@ -193,25 +184,25 @@ def _curve_model(
         dof=curve.dof,
         residual_rms=curve.residual_rms,
         residual_unit=unit,
-        valid={TEMPERATURE: _valid(runs).get(TEMPERATURE, curve.valid_degc)},
+        valid={forms.TEMPERATURE: _valid(runs).get(forms.TEMPERATURE, curve.valid_degc)},
     )
 
 
-def _response_model(name: str, response: Response, run: TableRun) -> Model:
+def _response_model(name: str, response: rate_response.Response, run: table_runs.TableRun) -> Model:
     """Indicated rate over table rate."""
     is_sine, rate = response.form == "sine", run.plateaus.rate_dps
     powers = range(3, response.order + 1, 2)
     units = ["deg/s", "1", *(f"1/(deg/s)^{k - 1}" for k in powers)]
     if is_sine:
         units.append("deg/s")
-    return RESPONSE.write(
+    return forms.RESPONSE.write(
         name,
         list(zip(response.names, response.coefficients.tolist(), units, strict=True)),
         response.covariance,
         dof=response.dof,
         residual_rms=rms(response.residuals),
         residual_unit="deg/s",
-        valid={RATE: (float(rate.min()), float(rate.max()))},
+        valid={forms.RATE: (float(rate.min()), float(rate.max()))},
         parameters=(
             Parameter("sine", float(is_sine), "1"),
             Parameter("order", float(response.order), "1"),
@@ -220,12 +211,12 @@ def _response_model(name: str, response: Response, run: TableRun) -> Model:
     )
 
 
-def _pair_model(fitted: PairFit) -> Model:
+def _pair_model(fitted: pair_fit.PairFit) -> Model:
     """N, ε, γ and α of a pair."""
     found = fitted.found
-    return PAIR.write(
+    return forms.PAIR.write(
         "pair",
-        list(zip(PAIR_UNITS, found.values, PAIR_UNITS.values(), strict=True)),
+        list(zip(gyro_pair.ORDER, found.values, ("1", "1", "1", "deg"), strict=True)),
         found.covariance,
         dof=min(run.scale(gyro).dof for run in fitted.runs.values() for gyro in fitted.runs),
         residual_rms=fitted.runs["b"].scale("b").residual_rms,
@@ -234,7 +225,7 @@ def _pair_model(fitted: PairFit) -> Model:
     )
 
 
-def _pair_figures(fitted: PairFit, pair: Model) -> list[Figure]:
+def _pair_figures(fitted: pair_fit.PairFit, pair: Model) -> list[Figure]:
     """N, ε, γ and α, and what else is known of the angle."""
     found = fitted.found
     low, high = found.alpha_interval_deg
@@ -252,9 +243,9 @@ def _pair_figures(fitted: PairFit, pair: Model) -> list[Figure]:
     ]
 
 
-def _triad_model(fitted: AxesFit, one: AxesSet) -> Model:
+def _triad_model(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Model:
     """Sensitivities of one set, then the biases where the latitude is known."""
-    names, biases = triad_names(fitted.gyros)
+    names, biases = forms.triad_names(fitted.gyros)
     values, units = one.triad.sensitivity.ravel(), ["1/deg"] * len(names)
     covariance = one.triad.covariance.reshape(len(names), len(names))
     if np.isfinite(one.bias).all():
@@ -262,7 +253,7 @@ def _triad_model(fitted: AxesFit, one: AxesSet) -> Model:
         corner = np.zeros((len(names), len(biases)))
         covariance = np.block([[covariance, corner], [corner.T, np.diag(one.bias_uncertainty**2)]])
     lines = [line for run in one.runs for line in run.scales.gyros]
-    return TRIAD.write(
+    return forms.TRIAD.write(
         fitted.named("triad", one),
         list(zip([*names, *biases], values.tolist(), units, strict=False)),
         covariance,
@@ -273,17 +264,19 @@ def _triad_model(fitted: AxesFit, one: AxesSet) -> Model:
     )
 
 
-def _triad_curves(fitted: AxesFit) -> Iterator[Model]:
+def _triad_curves(fitted: triad_fit.AxesFit) -> Iterator[Model]:
     """Every sensitivity and bias over case temperature."""
-    every = [run for axis in AXES for run in fitted.runs[axis]]
+    every = [run for axis in forms.AXES for run in fitted.runs[axis]]
     for gyro, row in zip(fitted.gyros, fitted.over.curves if fitted.over else (), strict=False):
-        for axis, curve in zip(AXES, row, strict=True):
-            yield _curve_model(curve_name(line_name(gyro, axis), "K"), "1/deg", curve, every)
+        for axis, curve in zip(forms.AXES, row, strict=True):
+            yield _curve_model(
+                forms.curve_name(forms.line_name(gyro, axis), "K"), "1/deg", curve, every
+            )
     for gyro, curve in zip(fitted.gyros, fitted.bias_over, strict=False):
-        yield _curve_model(curve_name(gyro, "bias"), "1/s", curve, every)
+        yield _curve_model(forms.curve_name(gyro, "bias"), "1/s", curve, every)
 
 
-def _triad_biases(fitted: AxesFit, one: AxesSet) -> Iterator[Figure]:
+def _triad_biases(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:
     """Biases of one set, where the latitude is known."""
     dph = DPH_PER_DPS / one.triad.magnitude
     entries = zip(
@@ -294,7 +287,7 @@ def _triad_biases(fitted: AxesFit, one: AxesSet) -> Iterator[Figure]:
             yield Figure(fitted.named(f"bias.{gyro}", one), value, "deg/h", u)
 
 
-def _triad_figures(fitted: AxesFit, one: AxesSet) -> Iterator[Figure]:
+def _triad_figures(fitted: triad_fit.AxesFit, one: triad_fit.AxesSet) -> Iterator[Figure]:
     """Scale factors about the input axes, misalignment matrix and pairwise angles of one set."""
 
     def figure(name: str, value: float, unit: str, u: float) -> Figure:
@@ -305,7 +298,7 @@ def _triad_figures(fitted: AxesFit, one: AxesSet) -> Iterator[Figure]:
         yield figure(
             f"scale_factor.{gyro}", found.magnitude[g], "1/deg", found.magnitude_uncertainty[g]
         )
-        for a, axis in enumerate(AXES):
+        for a, axis in enumerate(forms.AXES):
             u = found.misalignment_uncertainty[g, a]
             yield figure(f"misalignment.{gyro}{axis}", found.misalignment[g, a], "1", u)
     for g, h in fitted.pairs:
@@ -315,11 +308,13 @@ def _triad_figures(fitted: AxesFit, one: AxesSet) -> Iterator[Figure]:
         yield figure(f"orthogonality_error_deg.{name}", 90.0 - angle, "deg", u)
 
 
-def _line_figures(name: str, run: TableRun, gyro: str) -> list[Figure]:
+def _line_figures(name: str, run: table_runs.TableRun, gyro: str) -> list[Figure]:
     """Figures of one line in the terms of both standards."""
     return [
         Figure(
-            FigureName(f.name.removesuffix("_gjb").removesuffix("_ieee"), f.standard, name).text,
+            forms.FigureName(
+                f.name.removesuffix("_gjb").removesuffix("_ieee"), f.standard, name
+            ).text,
             f.value,
             f.unit,
             f.standard_uncertainty,
@@ -329,12 +324,12 @@ def _line_figures(name: str, run: TableRun, gyro: str) -> list[Figure]:
 
 
 def _bias_figures(
-    name: str, line: ScaleFactor, spec: GyroRecipe, own_K: float | None = None
+    name: str, line: scale_factor.ScaleFactor, spec: GyroRecipe, own_K: float | None = None
 ) -> list[Figure]:
     """Bias of a line without the earth's rate, where that is known; referred to another K where one
     is given.
     """
-    vertical = vertical_rate_dps(spec)
+    vertical = table_runs.vertical_rate_dps(spec)
     if vertical is None:
         return []
     value, u = scale_factor.bias_dps(line, vertical, own_K=own_K)

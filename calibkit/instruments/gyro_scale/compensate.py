@@ -12,9 +12,11 @@ from calibkit.errors import CoefficientError
 from calibkit.frame import Log, refuse, require, values
 from calibkit.ingest import logs, write_back
 from calibkit.ingest.write_back import Applied
-from calibkit.instruments.gyro_scale.forms import AXES, TEMPERATURE, gyro_column
-from calibkit.instruments.gyro_scale.matrix import (
+from calibkit.instruments.gyro_scale.forms import (
+    AXES,
+    TEMPERATURE,
     GyroMatrix,
+    gyro_column,
     read_earth_rate,
     read_matrices,
     require_biases,
@@ -57,14 +59,12 @@ def apply(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Applied
     axes of the base.
     """
     known = read_invertible(spec, records)
+    log = _read(spec, data, known)
+    added, flags, last = 0.0, [*log.notes], []
+    if not isinstance(spec, GyroTriadRecipe):
+        added, flags = read_earth_rate(spec, records, CoefficientError), []
+        last = [RESTED] if added == 0.0 else []
     derived: dict[str, Array] = {}
-    if isinstance(spec, GyroTriadRecipe):
-        log, added = _read_base(spec, data, known), 0.0
-        flags, last = [*log.notes], []
-    else:
-        log = _read_own_axes(spec, data, known)
-        added = read_earth_rate(spec, records, CoefficientError)
-        flags, last = [], [RESTED] if added == 0.0 else []
     for matrix in known:
         if missing := {*map(gyro_column, matrix.gyros)} - {*log.frame.columns}:
             left_out = f"gyro {matrix.gyros[0]} is left out"
@@ -76,28 +76,22 @@ def apply(spec: AnyRecipe, records: Mapping[str, Record], data: Path) -> Applied
     return write_back.rewrite_log(spec, data, {}, derived), tuple(dict.fromkeys([*flags, *last]))
 
 
-def _read_own_axes(spec: AnyRecipe, data: Path, known: Sequence[GyroMatrix]) -> Log:
-    """One log with those gyros that it has, and the temperature where it is logged."""
-    columns = [gyro_column(gyro) for matrix in known for gyro in matrix.gyros]
-    log = logs.read_log(spec, data, data.name, (), ("time_s", TEMPERATURE, *columns))
-    if not set(columns) & set(log.frame.columns):
-        log = logs.read_log(spec, data, data.name, columns[:1], ())
-    return _require_values(log)
-
-
-def _read_base(spec: AnyRecipe, data: Path, known: Sequence[GyroMatrix]) -> Log:
-    """One log with every gyro, and the temperature where it is needed or logged."""
-    columns = (*map(gyro_column, spec.gyros), TEMPERATURE)
-    needed = columns if known[0].over_temperature else columns[:-1]
-    return _require_values(logs.read_log(spec, data, data.name, needed, (TEMPERATURE,)))
-
-
-def _require_values(log: Log) -> Log:
-    """A log that can be compensated, or FrameError."""
-    columns = list(log.frame.columns)
-    refuse([*check.find_too_few_rows(log, 1), *check.find_missing_values(log, columns)])
-    if TEMPERATURE in columns:
-        refuse(check.find_implausible_temperatures(log, [TEMPERATURE]))
+def _read(spec: AnyRecipe, data: Path, known: Sequence[GyroMatrix]) -> Log:
+    """One log that can be compensated, with the temperature where it is needed or logged: with
+    every gyro of a triad, else with those gyros that it has.
+    """
+    columns = tuple(gyro_column(gyro) for matrix in known for gyro in matrix.gyros)
+    if isinstance(spec, GyroTriadRecipe):
+        needed = (*columns, TEMPERATURE) if known[0].over_temperature else columns
+        log = logs.read_log(spec, data, data.name, needed, (TEMPERATURE,))
+    else:
+        log = logs.read_log(spec, data, data.name, (), ("time_s", TEMPERATURE, *columns))
+        if not set(columns) & set(log.frame.columns):
+            log = logs.read_log(spec, data, data.name, columns[:1], ())
+    present = list(log.frame.columns)
+    refuse([*check.find_too_few_rows(log, 1), *check.find_missing_values(log, present)])
+    thermometers = [TEMPERATURE] if TEMPERATURE in present else []
+    refuse(check.find_implausible_temperatures(log, thermometers))
     return log
 
 

@@ -6,15 +6,18 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.arrays import Array
-from calibkit.instruments.gyro_scale.axes import AxesFit
-from calibkit.instruments.gyro_scale.forms import AXES
-from calibkit.instruments.gyro_scale.numeric import gjb_figures
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
-from calibkit.instruments.gyro_scale.numeric.pair import GyroPair
-from calibkit.instruments.gyro_scale.numeric.triad import Triad
-from calibkit.instruments.gyro_scale.over_runs import GyroOverRuns
-from calibkit.instruments.gyro_scale.pair import PairFit
-from calibkit.instruments.gyro_scale.runs import TableRun
+from calibkit.instruments.gyro_scale import (
+    forms,
+    over_runs,
+    pair_fit,
+    table_runs,
+    triad_fit,
+)
+from calibkit.instruments.gyro_scale.numeric import (
+    gjb_figures,
+    pair as gyro_pair,
+    triad as gyro_triad,
+)
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 MRAD = 1e3
@@ -36,43 +39,18 @@ class LineCurve:
 
 
 @dataclass(frozen=True, slots=True)
-class TemperatureCurve:
-    """K of one gyro [q, ppm from the reference] at temperatures [q, °C] and the polynomial with its
-    uncertainty.
-    """
-
-    gyro: str
-    temperature: Array
-    K_ppm: Array
-    u_ppm: Array
-    grid: Array
-    curve_ppm: Array
-    u_curve_ppm: Array
-
-
-@dataclass(frozen=True, slots=True)
-class SetCurve:
-    """A quantity in every set of runs [q] with its standard uncertainty, and its polynomial over
-    temperature, or empty.
+class Curve:
+    """A quantity of q runs or sets of runs at temperatures [q, °C], NaN where they were not logged,
+    with its standard uncertainty [q], and over a grid of temperatures [n] or, at one, nothing.
     """
 
     name: str
+    temperature: Array
     value: Array
     standard_uncertainty: Array
     grid: Array
     curve: Array
-
-
-@dataclass(frozen=True, slots=True)
-class InputAxes:
-    """Input axes of gyros about three axes in every set of runs."""
-
-    temperature: Array
-    """[q, °C], NaN where it was not logged."""
-    angles: tuple[SetCurve, ...]
-    """90° less each angle between two input axes [°]."""
-    misalignment: tuple[SetCurve, ...]
-    """Components of the input axes across the axis that each senses most [mrad]."""
+    u_curve: Array
 
 
 @dataclass(frozen=True, slots=True)
@@ -80,12 +58,16 @@ class GyroReport:
     """All that the figures show."""
 
     lines: tuple[LineCurve, ...]
-    temperatures: tuple[TemperatureCurve, ...] = ()
-    pair: GyroPair | None = None
-    axes: InputAxes | None = None
+    temperatures: tuple[Curve, ...] = ()
+    """K of each gyro [ppm from the reference]."""
+    pair: gyro_pair.GyroPair | None = None
+    angles: tuple[Curve, ...] = ()
+    """90° less each angle between two input axes [°]."""
+    misalignment: tuple[Curve, ...] = ()
+    """Components of the input axes across the axis that each senses most [mrad]."""
 
 
-def report_runs(gyros: Sequence[GyroOverRuns]) -> GyroReport:
+def report_runs(gyros: Sequence[over_runs.GyroOverRuns]) -> GyroReport:
     """Lines of rate-table runs, and K over temperature relative to its mean."""
     return GyroReport(
         tuple(_line_curve(run, one.gyro) for one in gyros for run in one.runs),
@@ -97,27 +79,27 @@ def report_runs(gyros: Sequence[GyroOverRuns]) -> GyroReport:
     )
 
 
-def report_pair(fitted: PairFit) -> GyroReport:
+def report_pair(fitted: pair_fit.PairFit) -> GyroReport:
     """Lines of a pair about own axes, and its angle."""
     lines = tuple(_line_curve(run, gyro) for gyro, run in fitted.runs.items())
     return GyroReport(lines, pair=fitted.found)
 
 
-def report_triad(fitted: AxesFit) -> GyroReport:
+def report_triad(fitted: triad_fit.AxesFit) -> GyroReport:
     """Lines and K about the axis that each gyro senses most, angles, input axes."""
-    main = [(g, AXES.index(fitted.main_axis(gyro))) for g, gyro in enumerate(fitted.gyros)]
+    main = [(g, forms.AXES.index(fitted.main_axis(gyro))) for g, gyro in enumerate(fitted.gyros)]
     lines, curves = [], []
     for g, a in main:
-        gyro, runs = fitted.gyros[g], fitted.runs[AXES[a]]
+        gyro, runs = fitted.gyros[g], fitted.runs[forms.AXES[a]]
         lines += [_line_curve(run, gyro) for run in runs]
         if fitted.over is not None:
             K = float(fitted.sets[fitted.reference].triad.sensitivity[g, a])
             curves.append(_temperature_curve(gyro, runs, fitted.over.curves[g][a], K))
 
-    def orthogonality(g: int, h: int) -> Callable[[Triad], tuple[float, float]]:
+    def orthogonality(g: int, h: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
         return lambda found: (90.0 - found.angles_deg[g, h], found.angle_uncertainty_deg[g, h])
 
-    def component(g: int, a: int) -> Callable[[Triad], tuple[float, float]]:
+    def component(g: int, a: int) -> Callable[[gyro_triad.Triad], tuple[float, float]]:
         return lambda found: (
             MRAD * found.misalignment[g, a],
             MRAD * found.misalignment_uncertainty[g, a],
@@ -130,19 +112,18 @@ def report_triad(fitted: AxesFit) -> GyroReport:
     across = tuple(
         _set_curve(f"{gyros[g]} to {axis}", fitted, component(g, a))
         for g, own in main
-        for a, axis in enumerate(AXES)
+        for a, axis in enumerate(forms.AXES)
         if a != own
     )
-    temperature = np.array([one.temp_degc for one in fitted.sets])
-    return GyroReport(tuple(lines), tuple(curves), axes=InputAxes(temperature, angles, across))
+    return GyroReport(tuple(lines), tuple(curves), angles=angles, misalignment=across)
 
 
-def _line_curve(run: TableRun, gyro: str) -> LineCurve:
+def _line_curve(run: table_runs.TableRun, gyro: str) -> LineCurve:
     """Errors of one gyro's line over the rates of a run."""
     line, noise = run.scale(gyro), run.noise(gyro)
-    full = PPM / float(np.max(np.abs(line.indication)))
+    full = gjb_figures.PPM / float(np.max(np.abs(line.indication)))
     with np.errstate(divide="ignore", invalid="ignore"):
-        of_point = PPM / np.abs(line.K * line.rate_dps)
+        of_point = gjb_figures.PPM / np.abs(line.K * line.rate_dps)
     return LineCurve(
         gyro,
         run.log.name,
@@ -155,15 +136,15 @@ def _line_curve(run: TableRun, gyro: str) -> LineCurve:
 
 
 def _temperature_curve(
-    gyro: str, runs: Sequence[TableRun], fit: TemperaturePolynomial, reference: float
-) -> TemperatureCurve:
+    gyro: str, runs: Sequence[table_runs.TableRun], fit: TemperaturePolynomial, reference: float
+) -> Curve:
     """K of one gyro in every run and as a polynomial, in ppm from a reference K."""
     grid = np.linspace(*fit.valid_degc, 101)
     curve, u_curve = fit.at(grid)
     lines = [run.scale(gyro) for run in runs]
     K = np.array([line.K for line in lines])
-    ppm, sign = PPM / abs(reference), float(np.sign(reference))
-    return TemperatureCurve(
+    ppm, sign = gjb_figures.PPM / abs(reference), float(np.sign(reference))
+    return Curve(
         gyro,
         np.array([run.temp_degc for run in runs]),
         (K - reference) * sign * ppm,
@@ -175,12 +156,15 @@ def _temperature_curve(
 
 
 def _set_curve(
-    name: str, fitted: AxesFit, quantity: Callable[[Triad], tuple[float, float]]
-) -> SetCurve:
+    name: str,
+    fitted: triad_fit.AxesFit,
+    quantity: Callable[[gyro_triad.Triad], tuple[float, float]],
+) -> Curve:
     """A quantity (value, standard uncertainty) of every set, and over temperature."""
     value, u = np.array([quantity(one.triad) for one in fitted.sets]).T
+    temperature = np.array([one.temp_degc for one in fitted.sets])
     if fitted.over is None:
-        return SetCurve(name, value, u, np.zeros(0), np.zeros(0))
+        return Curve(name, temperature, value, u, *np.zeros((3, 0)))
     grid = np.linspace(*fitted.over.valid_degc, 61)
-    curve = np.array([quantity(fitted.over.at(float(degc)))[0] for degc in grid])
-    return SetCurve(name, value, u, grid, curve)
+    curve, u_curve = np.array([quantity(fitted.over.at(float(degc))) for degc in grid]).T
+    return Curve(name, temperature, value, u, grid, curve, u_curve)

@@ -17,11 +17,9 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.instruments.gyro_scale.curves import (
+        Curve,
         GyroReport,
-        InputAxes,
         LineCurve,
-        SetCurve,
-        TemperatureCurve,
     )
     from calibkit.instruments.gyro_scale.numeric.pair import GyroPair
 
@@ -45,8 +43,8 @@ def draw_pages(title: str, report: GyroReport) -> tuple[Figure, ...]:
         figures.append(_draw_temperatures(title, report.temperatures))
     if report.pair is not None:
         figures.append(_draw_gamma(title, report.pair))
-    if report.axes is not None:
-        figures.append(_draw_axes(title, report.axes))
+    if report.misalignment:
+        figures.append(_draw_axes(title, report))
     return tuple(figures)
 
 
@@ -129,7 +127,7 @@ def _set_decades(ax: Axes, lines: list[LineCurve]) -> None:
     ax.minorticks_off()
 
 
-def _draw_temperatures(title: str, curves: tuple[TemperatureCurve, ...]) -> Figure:
+def _draw_temperatures(title: str, curves: tuple[Curve, ...]) -> Figure:
     """K of every run over case temperature with the polynomial, and what it leaves, one row a
     gyro.
     """
@@ -139,17 +137,17 @@ def _draw_temperatures(title: str, curves: tuple[TemperatureCurve, ...]) -> Figu
     )
     for row, curve in enumerate(curves):
         left, right = axes[2 * row], axes[2 * row + 1]
-        left.plot(curve.grid, curve.curve_ppm, color=GOOD, label="polynomial")
-        left.plot(curve.temperature, curve.K_ppm, "o", ms=4, color=DENOISED, label="runs")
-        residual = curve.K_ppm - np.interp(curve.temperature, curve.grid, curve.curve_ppm)
-        band = 2.0 * curve.u_curve_ppm
+        left.plot(curve.grid, curve.curve, color=GOOD, label="polynomial")
+        left.plot(curve.temperature, curve.value, "o", ms=4, color=DENOISED, label="runs")
+        residual = curve.value - np.interp(curve.temperature, curve.grid, curve.curve)
+        band = 2.0 * curve.u_curve
         right.fill_between(
             curve.grid, -band, band, color=RAW, alpha=0.5, lw=0, label="polynomial, k = 2"
         )
         right.errorbar(
             curve.temperature,
             residual,
-            2.0 * curve.u_ppm,
+            2.0 * curve.standard_uncertainty,
             fmt="o",
             ms=4,
             capsize=3,
@@ -160,8 +158,8 @@ def _draw_temperatures(title: str, curves: tuple[TemperatureCurve, ...]) -> Figu
             ax.axhline(0.0, color=MUTED, lw=0.6)
             ax.set_xlabel("case temperature [°C]")
             ax.legend(loc="best")
-        left.set(title=f"gyro {curve.gyro}", ylabel="K/K_reference - 1 [ppm]")
-        right.set(title=f"gyro {curve.gyro}: K - polynomial", ylabel="[ppm]")
+        left.set(title=f"gyro {curve.name}", ylabel="K/K_reference - 1 [ppm]")
+        right.set(title=f"gyro {curve.name}: K - polynomial", ylabel="[ppm]")
     return figure
 
 
@@ -202,27 +200,27 @@ def _draw_gamma(title: str, pair: GyroPair) -> Figure:
     return figure
 
 
-def _draw_axes(title: str, axes: InputAxes) -> Figure:
+def _draw_axes(title: str, report: GyroReport) -> Figure:
     """Angles between input axes and their components across main axes."""
     figure, (left, right) = page(1, 2, title=f"{title}: input axes", height=5.2)
-    _draw_sets(left, axes, axes.angles)
+    _draw_sets(left, report.angles)
     left.set(title="90° - angle between input axes, bars k = 2", ylabel="[°]")
-    _draw_sets(right, axes, axes.misalignment)
+    _draw_sets(right, report.misalignment)
     right.set(title="input axes across their main axis, bars k = 2", ylabel="[mrad]")
     return figure
 
 
-def _draw_sets(ax: Axes, axes: InputAxes, curves: tuple[SetCurve, ...]) -> None:
+def _draw_sets(ax: Axes, curves: tuple[Curve, ...]) -> None:
     """Values with bars against temperature, or side by side at one temperature."""
     ax.axhline(0.0, color=MUTED, lw=0.6)
     if not curves:
         text = "one gyro: nothing to compare"
         ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", color=MUTED)
         return
-    single = axes.temperature.size == 1
+    single = curves[0].temperature.size == 1
     for k, one in enumerate(curves):
         colour, marker = _mark(k)
-        where = np.array([float(k)]) if single else axes.temperature
+        where = np.array([float(k)]) if single else one.temperature
         bar = 2.0 * one.standard_uncertainty
         ax.errorbar(
             where, one.value, bar, fmt=marker, ms=5, capsize=4, color=colour, label=one.name

@@ -19,10 +19,8 @@ from calibkit.instruments.gyro_scale.forms import (
     RATE,
     SCALE_FILE,
     TEMPERATURE,
-    gyro_column,
-)
-from calibkit.instruments.gyro_scale.matrix import (
     GyroMatrix,
+    gyro_column,
     read_earth_rate,
     read_matrices,
     require_biases,

@@ -15,17 +15,17 @@ from calibkit.instruments.gyro_scale import (
     compensate,
     curves,
     forms,
+    over_runs,
+    pair_fit,
     propose,
-    runs as table_runs,
     simulate_pair,
     simulate_rate_table,
     simulate_triad,
+    table_runs,
     tables,
+    triad_fit,
     unseen,
 )
-from calibkit.instruments.gyro_scale.axes import fit_axes
-from calibkit.instruments.gyro_scale.over_runs import fit_over_runs, flag_runs
-from calibkit.instruments.gyro_scale.pair import fit_pair
 from calibkit.instruments.gyro_scale.recipe import (
     AnyRecipe,
     GyroPairRecipe,
@@ -44,7 +44,7 @@ if TYPE_CHECKING:
     from calibkit.coefficients import Criterion, StageResult
     from calibkit.instruments import Firmware, Progress
     from calibkit.instruments.gyro_scale.curves import GyroReport
-    from calibkit.instruments.gyro_scale.runs import TableRun
+    from calibkit.instruments.gyro_scale.table_runs import TableRun
     from calibkit.report.table import Table
 
 
@@ -84,8 +84,10 @@ def _fit_rate_table(
 ) -> Fitted[GyroReport]:
     """Fit each gyro in each run, then its scale factor over the runs and over temperature."""
     runs = _read_runs(spec, data, files, progress)
-    gyros = [fit_over_runs(spec, gyro, runs[""]) for gyro in spec.gyros]
-    results = coefficient_files.list_rate_table_results(gyros, flag_runs(gyros, spec), spec)
+    gyros = [over_runs.fit_over_runs(spec, gyro, runs[""]) for gyro in spec.gyros]
+    results = coefficient_files.list_rate_table_results(
+        gyros, over_runs.flag_runs(gyros, spec), spec
+    )
     (scales,) = results
     shown = (
         tables.tabulate_lines(scales.models),
@@ -109,7 +111,7 @@ def _fit_pair(
                 hint="a pair needs the log of each table axis; see [logs] files and [[exclude]]",
             )
     runs = _read_runs(spec, data, sorted(files, key=spec.find_axis), progress)
-    fitted = fit_pair(*runs["a"], *runs["b"])
+    fitted = pair_fit.fit_pair(*runs["a"], *runs["b"])
     results = coefficient_files.list_pair_results(fitted, spec)
     scales = results[0]
     own = [forms.line_name(gyro, gyro) for gyro in spec.gyros]
@@ -131,7 +133,7 @@ def _fit_triad(
     temperature.
     """
     runs = _read_runs(spec, data, files, progress)
-    fitted = fit_axes(spec, runs)
+    fitted = triad_fit.fit_axes(spec, runs)
     results = coefficient_files.list_triad_results(fitted, spec)
     scales = results[0]
     shown = (

@@ -10,12 +10,13 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.coefficients import Figure
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale.forms import FigureName, line_name
-from calibkit.instruments.gyro_scale.numeric import gjb_figures, response, scale_factor
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import GJB, IEEE, PPM
-from calibkit.instruments.gyro_scale.numeric.response import Response
+from calibkit.instruments.gyro_scale import forms, table_runs
+from calibkit.instruments.gyro_scale.numeric import (
+    gjb_figures,
+    response as rate_response,
+    scale_factor,
+)
 from calibkit.instruments.gyro_scale.recipe import GyroRecipe, OwnAxisRecipe
-from calibkit.instruments.gyro_scale.runs import UNCERTAIN, TableRun, flag_uncertain
 from calibkit.numeric import gum
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
@@ -35,18 +36,20 @@ class GyroOverRuns:
     """
 
     gyro: str
-    runs: tuple[TableRun, ...]
-    at_room: tuple[TableRun, ...]
+    runs: tuple[table_runs.TableRun, ...]
+    at_room: tuple[table_runs.TableRun, ...]
     K: tuple[float, float]
     """Mean and its standard uncertainty [1/deg]."""
     F0: tuple[float, float]
     """The same [1/s]."""
     K_over_temperature: TemperaturePolynomial | None
     F0_over_temperature: TemperaturePolynomial | None
-    response: Response | None
+    response: rate_response.Response | None
 
 
-def fit_over_runs(spec: OwnAxisRecipe, gyro: str, runs: Sequence[TableRun]) -> GyroOverRuns:
+def fit_over_runs(
+    spec: OwnAxisRecipe, gyro: str, runs: Sequence[table_runs.TableRun]
+) -> GyroOverRuns:
     """One gyro over all runs: the mean at the reference temperature, and K and F0 over temperature
     where it varies.
     """
@@ -63,7 +66,7 @@ def fit_over_runs(spec: OwnAxisRecipe, gyro: str, runs: Sequence[TableRun]) -> G
     return GyroOverRuns(gyro, tuple(runs), at_room, K, F0, K_curve, F0_curve, bent)
 
 
-def _points(gyro: str, runs: Sequence[TableRun], name: str) -> tuple[Array, Array]:
+def _points(gyro: str, runs: Sequence[table_runs.TableRun], name: str) -> tuple[Array, Array]:
     """K or F0 of a gyro in q runs [q], and their standard uncertainties [q]."""
     lines, number = [run.scale(gyro) for run in runs], scale_factor.TERMS.index(name)
     return (
@@ -72,7 +75,9 @@ def _points(gyro: str, runs: Sequence[TableRun], name: str) -> tuple[Array, Arra
     )
 
 
-def choose_response(spec: OwnAxisRecipe, gyro: str, runs: Sequence[TableRun]) -> Response | None:
+def choose_response(
+    spec: OwnAxisRecipe, gyro: str, runs: Sequence[table_runs.TableRun]
+) -> rate_response.Response | None:
     """Response over rate, (F − F0)/K [°/s] against the table rate, of runs together: chosen by
     leave-one-rate-out error.
 
@@ -88,7 +93,7 @@ def choose_response(spec: OwnAxisRecipe, gyro: str, runs: Sequence[TableRun]) ->
     levels = [group == level for level in np.unique(group)]
     means = [np.array([x[level].mean() for level in levels]) for x in (rate, indicated)]
     try:
-        chosen, _ = response.choose(*means)
+        chosen, _ = rate_response.choose(*means)
     except FitError:
         return None
     return None if chosen.form == "odd-polynomial" and chosen.order == 1 else chosen
@@ -101,7 +106,9 @@ def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
         at_room, _ = _points(one.gyro, one.at_room, "K")
         value = gjb_figures.repeatability(at_room)
         u = value / float(np.sqrt(2.0 * (at_room.size - 1)))
-        figures.append(Figure(FigureName("repeatability", GJB, name).text, value, "ppm", u))
+        figures.append(
+            Figure(forms.FigureName("repeatability", gjb_figures.GJB, name).text, value, "ppm", u)
+        )
     if one.K_over_temperature is None:
         return figures
     temperature = np.array([run.temp_degc for run in one.runs])
@@ -109,17 +116,21 @@ def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
 
     def slope(values: Array) -> float:
         line = scale_factor.over_temperature(values, u_K, temperature, order=1)
-        return float(line.coefficients[1] / abs(one.K[0])) * PPM
+        return float(line.coefficients[1] / abs(one.K[0])) * gjb_figures.PPM
 
     def largest(values: Array) -> float:
         return gjb_figures.temperature_sensitivity(values, temperature, spec.reference_temp_degc)
 
     spread = np.hypot(u_K, _scatter(one))
     room = np.abs(temperature - spec.reference_temp_degc) <= ROOM_DEGC
-    kinds = [(GJB, largest), (IEEE, slope)] if room.any() and not room.all() else [(IEEE, slope)]
+    kinds = (
+        [(gjb_figures.GJB, largest), (gjb_figures.IEEE, slope)]
+        if room.any() and not room.all()
+        else [(gjb_figures.IEEE, slope)]
+    )
     for standard, function in kinds:
         value, u = _propagated(function, K, spread)
-        figure = FigureName("temperature_sensitivity", standard, name)
+        figure = forms.FigureName("temperature_sensitivity", standard, name)
         figures.append(Figure(figure.text, value, "ppm/degC", u))
     return figures
 
@@ -172,11 +183,11 @@ def _flag_other_gyro(one: GyroOverRuns) -> list[str]:
     """
     K, _ = _points(one.gyro, one.at_room, "K")
     off = np.abs(K / np.median(K) - 1.0)
-    if not _repeats(one) or not off.max() > UNCERTAIN:
+    if not _repeats(one) or not off.max() > table_runs.UNCERTAIN:
         return []
     name = one.at_room[int(np.argmax(off))].log.file
-    apart = f"{PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"
-    return [f"{line_name(one.gyro)}: K of {name} is {apart}"]
+    apart = f"{gjb_figures.PPM * off.max():.0f} ppm off the other runs: another gyro or setting?"
+    return [f"{forms.line_name(one.gyro)}: K of {name} is {apart}"]
 
 
 def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...]:
@@ -185,8 +196,8 @@ def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...
     flags = [flag for run in runs for flag in run.flags]
     for one in gyros:
         for run in runs:
-            name = f"{line_name(one.gyro)} in {run.log.file}"
-            flags += flag_uncertain(name, run.scale(one.gyro))
+            name = f"{forms.line_name(one.gyro)} in {run.log.file}"
+            flags += table_runs.flag_uncertain(name, run.scale(one.gyro))
     for one in gyros:
         flags += _flag_other_gyro(one)
     temperature = np.array([run.temp_degc for run in runs])

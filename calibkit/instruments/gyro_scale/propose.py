@@ -1,23 +1,16 @@
 """Logs of a rate table → the recipe that fits them: a pair, a triad, or runs of single gyros."""
 
-from __future__ import annotations
-
 import json
 import re
-from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING
+from collections.abc import Mapping, Sequence
 
 from calibkit import recipe
 from calibkit.ingest import mapping
+from calibkit.ingest.column_names import LogColumn
 from calibkit.ingest.log_groups import file_patterns
+from calibkit.ingest.proposal import Choice, Evidence
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
 from calibkit.recipe import loader
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.ingest.column_names import LogColumn
-    from calibkit.ingest.proposal import Choice, Evidence
 
 TABLE_AXIS = re.compile(r"(?:^|[^a-z]|axis|achse|about|um)([xyz])(?![a-z])", re.IGNORECASE)
 """Table axis in the name of a log: a letter by itself, or behind a word for an axis."""
@@ -85,9 +78,9 @@ def _triad_keys(names: Sequence[str], turned: Mapping[str, Sequence[str]]) -> di
     """
     keys = {} if names == ["x", "y", "z"] else {"gyros": json.dumps(names)}
     shipped = loader.table(recipe.find("gyro_triad"), GyroTriadRecipe)
-    if _alike(turned, {axis: getattr(shipped.axes, axis) for axis in turned}):
-        return keys
     every = [file for files in turned.values() for file in files]
+    if all(shipped.list_axes(file) == [axis] for axis in turned for file in turned[axis]):
+        return keys
     return keys | {
         axis: json.dumps(file_patterns(files, every), ensure_ascii=False)
         for axis, files in turned.items()
@@ -105,13 +98,3 @@ def _table_axes(files: Sequence[str]) -> dict[str, list[str]]:
             return {}
         found[named.pop()].append(file)
     return found if all(found.values()) else {}
-
-
-def _alike(axes: Mapping[str, Sequence[str]], shipped: Mapping[str, Sequence[str]]) -> bool:
-    """Whether patterns of a recipe give just these logs to each axis."""
-    every = [file for files in axes.values() for file in files]
-    return all(
-        {file for file in every if any(fnmatchcase(file, pattern) for pattern in shipped[axis])}
-        == set(files)
-        for axis, files in axes.items()
-    )

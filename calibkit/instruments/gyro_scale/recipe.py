@@ -2,10 +2,8 @@
 gyros over three axes.
 """
 
-from __future__ import annotations
-
 from fnmatch import fnmatchcase
-from typing import Annotated, ClassVar, Literal
+from typing import Annotated, ClassVar, Literal, Self
 
 from pydantic import Field, model_validator
 
@@ -49,7 +47,7 @@ class GyroRecipe(Recipe):
     nominal_scale_factor: float | None = None
 
     @model_validator(mode="after")
-    def _scale_factor_scales(self) -> GyroRecipe:
+    def _scale_factor_scales(self) -> Self:
         if self.nominal_scale_factor == 0.0:
             raise ValueError("a nominal_scale_factor of 0 turns no count into a rate")
         return self
@@ -69,7 +67,7 @@ class OwnAxisRecipe(GyroRecipe):
     compensation: Literal["laboratory", "inertial"] = "laboratory"
 
     @model_validator(mode="after")
-    def _earth_is_known(self) -> OwnAxisRecipe:
+    def _earth_is_known(self) -> Self:
         if self.compensation == "inertial" and self.site.latitude_deg is None:
             raise ValueError(
                 "compensation = 'inertial' needs [site] latitude_deg: the earth's rate is left in"
@@ -85,7 +83,7 @@ class PairLogs(Table):
     axis_b: str = "table_axis_b.csv"
 
     @model_validator(mode="after")
-    def _two_logs(self) -> PairLogs:
+    def _two_logs(self) -> Self:
         if self.axis_a == self.axis_b:
             raise ValueError(
                 f"axis_a and axis_b are both '{self.axis_a}': each table axis has its own log"
@@ -154,7 +152,7 @@ class RateTableRecipe(OwnAxisRecipe):
         return ""
 
     @model_validator(mode="after")
-    def _each_gyro_once(self) -> RateTableRecipe:
+    def _each_gyro_once(self) -> Self:
         _refuse_doubles(self.gyros)
         return self
 
@@ -186,22 +184,26 @@ class GyroTriadRecipe(GyroRecipe):
     axes: TriadLogs = TriadLogs()
     acceptance: TriadAcceptance = TriadAcceptance()
 
-    def find_axis(self, file: str) -> str:
-        """Table axis of a log; RecipeError for a log of none or of two."""
-        named = [
+    def list_axes(self, file: str) -> list[str]:
+        """Table axes that a log is named for."""
+        return [
             axis
             for axis, patterns in self.axes
             if any(fnmatchcase(file, pattern) for pattern in patterns)
         ]
+
+    def find_axis(self, file: str) -> str:
+        """Table axis of a log; RecipeError for a log of none or of two."""
+        named = self.list_axes(file)
         if len(named) == 1:
-            return str(named[0])
+            return named[0]
         what = f"of the table axes {' and '.join(named)}" if named else "of no table axis"
         raise RecipeError(
             f"{file}: a log {what}", hint="name the logs of each table axis under [axes]"
         )
 
     @model_validator(mode="after")
-    def _each_gyro_once(self) -> GyroTriadRecipe:
+    def _each_gyro_once(self) -> Self:
         _refuse_doubles(self.gyros)
         return self
 

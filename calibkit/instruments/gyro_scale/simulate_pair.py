@@ -2,23 +2,18 @@
 axis.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.instruments.gyro_scale import simulate_rate_table
 from calibkit.simulate.campaign import Campaign
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.arrays import Array
-
-
 START_DEGC = 25.0
+AXES = ("a_about_a", "b_about_a", "b_about_b", "a_about_b")
+"""Input axes of A and B about the table axis of each run."""
 LARGEST_MOUNTING_ERROR_DEG = 0.02
 """Of a gyro's input axis from the table axis that is meant to be its own."""
 
@@ -26,25 +21,6 @@ LARGEST_MOUNTING_ERROR_DEG = 0.02
 def linear(gyro: simulate_rate_table.RateGyro) -> simulate_rate_table.RateGyro:
     """The same gyro with a straight line for a response and no temperature terms."""
     return replace(gyro, K_per_degc=0.0, ripple_dps=0.0, asymmetry=0.0, bias_dps_per_degc=0.0)
-
-
-def axes(
-    alpha_deg: float, rng: np.random.Generator, mounting_deg: float
-) -> dict[str, tuple[float, float, float]]:
-    """Input axes of A and B about the table axis of each run, by gyro and run: `a_about_a` and so
-    on.
-
-    α is the angle of B's input axis to the table axis of the first run; each run has its own
-    direction about it.
-    """
-    mounting = rng.uniform(0.0, mounting_deg, 2) if mounting_deg else np.zeros(2)
-    about = rng.uniform(0.0, 360.0, 4)
-    return {
-        "a_about_a": simulate_rate_table.tilted(float(mounting[0]), about[0]),
-        "b_about_a": simulate_rate_table.tilted(alpha_deg, about[1]),
-        "b_about_b": simulate_rate_table.tilted(float(mounting[1]), about[2]),
-        "a_about_b": simulate_rate_table.tilted(alpha_deg, about[3]),
-    }
 
 
 def campaign(
@@ -75,16 +51,18 @@ def campaign(
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     alpha = 90.0 + float(rng.normal(0.0, 1.0)) * 0.3 if alpha_deg is None else alpha_deg
-    directions = axes(alpha, rng, 0.0 if ideal else LARGEST_MOUNTING_ERROR_DEG)
+    mounting = np.zeros(2) if ideal else rng.uniform(0.0, LARGEST_MOUNTING_ERROR_DEG, 2)
+    tilts = (mounting[0], alpha, mounting[1], alpha)
+    # by gyro and run; each run has its own direction about its table axis
+    directions = {
+        name: simulate_rate_table.tilted(tilt, about)
+        for name, tilt, about in zip(AXES, tilts, rng.uniform(0.0, 360.0, 4), strict=True)
+    }
     drawn = {name: simulate_rate_table.draw(rng, noise_lsb=noise_lsb) for name in ("a", "b")}
     gyros = {name: linear(gyro) for name, gyro in drawn.items()} if ideal else drawn
     rates = simulate_rate_table.both_ways() if rates_dps is None else tuple(rates_dps)
-    stand = (
-        simulate_rate_table.Table(start_angle_deg=rng.uniform(0.0, 360.0))
-        if table is None
-        else table
-    )
-    logs, lines = _turned(gyros, directions, stand, rates, rng)
+    stand = table or simulate_rate_table.Table(start_angle_deg=rng.uniform(0.0, 360.0))
+    logs, lines = _turn(gyros, directions, stand, rates, rng)
     gamma = float(np.cos(np.radians(alpha)))
     truth = {
         "procedure": "gyro_pair",
@@ -103,7 +81,7 @@ def campaign(
     return Campaign(logs, simulate_rate_table.DECIMALS, truth)
 
 
-def _turned(
+def _turn(
     gyros: Mapping[str, simulate_rate_table.RateGyro],
     directions: Mapping[str, tuple[float, float, float]],
     table: simulate_rate_table.Table,

@@ -2,22 +2,15 @@
 quite linear.
 """
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.constants import DPH_PER_DPS, EARTH_RATE_DPH
 from calibkit.simulate import noise
 from calibkit.simulate.campaign import Campaign
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from calibkit.arrays import Array
-
 
 EARTH_RATE_DPS = EARTH_RATE_DPH / DPH_PER_DPS
 REFERENCE_DEGC = 25.0
@@ -95,9 +88,10 @@ class Motion:
 def response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Array:
     """Indication [1/s] of a gyro at rest in a rate [°/s] about its input axis, without noise."""
     warmer = np.asarray(temp_degc) - REFERENCE_DEGC
-    seen = rate_dps + gyro.ripple_dps * np.sin(2.0 * np.pi * rate_dps / gyro.ripple_period_dps)
+    ripple = np.sin(2.0 * np.pi * rate_dps / gyro.ripple_period_dps)
     seen = (
-        seen
+        rate_dps
+        + gyro.ripple_dps * ripple
         + 0.5 * gyro.asymmetry * np.abs(rate_dps)
         + gyro.bias_dps
         + gyro.bias_dps_per_degc * warmer
@@ -265,29 +259,17 @@ def campaign(
     logs = {
         name: run({"gyro_x_lsb": gyro}, table, rates, degc, rng) for name, degc in planned.items()
     }
+    lines: dict[str, dict[str, object]] = {}
+    for name, columns in logs.items():
+        mean = float(np.mean(columns["temp_case_degc"]))
+        K, F0 = best_line(gyro, table, rates, mean)
+        lines[name] = {"temp_case_degc": mean, "gyro_x_lsb": {"K": K, "F0": F0}}
     truth = {
         "procedure": "rate_table",
         "seed": seed,
         "gyro": asdict(gyro),
         "table": asdict(table),
         "rates_dps": rates,
-        "logs": {
-            name: truth_of({"gyro_x_lsb": gyro}, table, rates, columns)
-            for name, columns in logs.items()
-        },
+        "logs": lines,
     }
     return Campaign(logs, DECIMALS, truth)
-
-
-def truth_of(
-    gyros: Mapping[str, RateGyro],
-    table: Table,
-    rates_dps: Sequence[float],
-    columns: Mapping[str, Array],
-) -> dict[str, object]:
-    """Best straight line of each gyro over the rates at the run's mean case temperature,
-    JSON-able.
-    """
-    mean = float(np.mean(columns["temp_case_degc"]))
-    lines = {name: best_line(gyro, table, rates_dps, mean) for name, gyro in gyros.items()}
-    return {"temp_case_degc": mean} | {name: {"K": K, "F0": F0} for name, (K, F0) in lines.items()}

@@ -2,21 +2,14 @@
 others.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import asdict, replace
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.instruments.gyro_scale import simulate_rate_table
 from calibkit.simulate.campaign import Campaign
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-
 
 GYROS = ("x", "y", "z")
 LARGEST_MOUNTING_DEG = 0.3
@@ -26,24 +19,9 @@ LARGEST_TURN_DEG = 0.02
 RATES_DPS = (2.0, 5.0, 10.0, 20.0, 40.0, 60.0, 80.0, 100.0)
 
 
-def unit(vector: Array) -> Array:
-    """Vector of length one."""
-    return vector / np.linalg.norm(vector)
-
-
-def about(axis: int, direction: Array) -> tuple[float, float, float]:
-    """Direction in the base as seen from the table: two components that turn with it, and the one
-    along its axis.
-    """
-    turned = np.roll(direction, 2 - axis)
-    return float(turned[0]), float(turned[1]), float(turned[2])
-
-
-def axes_at(axes: Array, turns: Array, temp_degc: float) -> Array:
-    """Input axes [3, 3] at a temperature [°C]."""
-    warmer = (temp_degc - simulate_rate_table.REFERENCE_DEGC) / 100.0
-    share = warmer * (1.0 + 0.15 * warmer)
-    return np.array([unit(axis + turn * share) for axis, turn in zip(axes, turns, strict=True)])
+def _normalise(vectors: Array) -> Array:
+    """Vectors [3, 3] as rows, each of length one."""
+    return np.array([vector / np.linalg.norm(vector) for vector in vectors])
 
 
 def campaign(
@@ -73,7 +51,7 @@ def campaign(
     """
     rng = np.random.default_rng(np.random.SeedSequence(seed))
     tilts = np.tan(np.radians(LARGEST_MOUNTING_DEG)) * rng.uniform(-1.0, 1.0, (3, 3)) / np.sqrt(2.0)
-    axes = np.array([unit(row) for row in np.eye(3) + tilts * (1.0 - np.eye(3))])
+    axes = _normalise(np.eye(3) + tilts * (1.0 - np.eye(3)))
     turns = np.radians(LARGEST_TURN_DEG) * rng.uniform(-1.0, 1.0, (3, 3))
     gyros = [simulate_rate_table.draw(rng, noise_lsb=noise_lsb) for _ in GYROS]
     table = simulate_rate_table.Table(interval_s=1.0, start_angle_deg=rng.uniform(0.0, 360.0))
@@ -82,9 +60,9 @@ def campaign(
     truths: dict[str, dict[str, list[list[float]]]] = {}
     for degc in (*temperatures_degc, *withheld_degc):
         folder = "" if degc in temperatures_degc else "withheld/"
-        runs, truths[f"{degc:.0f}"] = _turned(
-            gyros, axes_at(axes, turns, degc), table, rates, degc, rng
-        )
+        warmer = (degc - simulate_rate_table.REFERENCE_DEGC) / 100.0
+        directions = _normalise(axes + turns * (warmer * (1.0 + 0.15 * warmer)))
+        runs, truths[f"{degc:.0f}"] = _turn(gyros, directions, table, rates, degc, rng)
         logs |= {f"{folder}about_{name}_{degc:.0f}.csv": run for name, run in runs.items()}
     truth = {
         "procedure": "gyro_triad",
@@ -98,7 +76,7 @@ def campaign(
     return Campaign(logs, decimals, truth)
 
 
-def _turned(
+def _turn(
     gyros: Sequence[simulate_rate_table.RateGyro],
     directions: Array,
     table: simulate_rate_table.Table,
@@ -112,9 +90,11 @@ def _turned(
     runs: dict[str, dict[str, Array]] = {}
     lines = np.zeros((3, 3))
     for axis, name in enumerate(GYROS):
+        # as seen from the table: two components that turn with it, and the one along its axis
+        seen = np.roll(directions, 2 - axis, axis=1).tolist()
         mounted = {
-            f"gyro_{g}_lsb": replace(gyro, axis=about(axis, direction))
-            for g, gyro, direction in zip(GYROS, gyros, directions, strict=True)
+            f"gyro_{g}_lsb": replace(gyro, axis=tuple(direction))
+            for g, gyro, direction in zip(GYROS, gyros, seen, strict=True)
         }
         runs[name] = simulate_rate_table.run(mounted, table, rates, degc, rng)
         case = float(np.mean(runs[name]["temp_case_degc"]))

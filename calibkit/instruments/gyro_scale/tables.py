@@ -7,11 +7,8 @@ import numpy as np
 
 from calibkit.coefficients import Figure, Model
 from calibkit.forms import POLYNOMIAL
-from calibkit.instruments.gyro_scale.axes import AxesFit, AxesSet
-from calibkit.instruments.gyro_scale.forms import AXES, LINE, RESPONSE, line_name, read_figure_name
+from calibkit.instruments.gyro_scale import forms, over_runs, pair_fit, triad_fit
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
-from calibkit.instruments.gyro_scale.over_runs import GyroOverRuns
-from calibkit.instruments.gyro_scale.pair import PairFit
 from calibkit.report.summary import number
 from calibkit.report.table import Table
 
@@ -30,7 +27,7 @@ def _table_of(
 def tabulate_lines(models: Sequence[Model]) -> Table:
     """K and F0 of every line."""
     rows = []
-    for model in (m for m in models if m.form == LINE.name):
+    for model in (m for m in models if m.form == forms.LINE.name):
         K, F0 = model.coefficients
         relative = PPM * K.standard_uncertainty / abs(K.value) if K.value else float("inf")
         temperature = {p.name: p.value for p in model.parameters}.get("temp_case")
@@ -63,7 +60,7 @@ def tabulate_curves(models: Sequence[Model]) -> tuple[Table, ...]:
             c.unit,
         )
         for model in models
-        if model.form in (POLYNOMIAL.name, RESPONSE.name)
+        if model.form in (POLYNOMIAL.name, forms.RESPONSE.name)
         for k, c in enumerate(model.coefficients)
     )
     heads = ("", "", "value", "standard uncertainty", "unit")
@@ -76,7 +73,7 @@ def tabulate_figures(
     """Figures in the standards' terms, one row a figure, one column a model."""
     kinds: dict[tuple[str, str, str], dict[str, Figure]] = {}
     for figure in figures:
-        what, standard, model = read_figure_name(figure.name)
+        what, standard, model = forms.read_figure_name(figure.name)
         if standard and model in names:
             kinds.setdefault((what, standard, figure.unit), {})[model] = figure
     rows = (
@@ -100,10 +97,12 @@ def _with_uncertainty(figure: Figure) -> str:
     return f"{value} ± {u:.0f}" if u >= 9.5 else f"{value} ± {u:.1g}"
 
 
-def tabulate_runs(gyros: Sequence[GyroOverRuns], figures: Sequence[Figure]) -> Iterator[Table]:
+def tabulate_runs(
+    gyros: Sequence[over_runs.GyroOverRuns], figures: Sequence[Figure]
+) -> Iterator[Table]:
     """Figures over all runs of a gyro, then of its single runs."""
     for one in gyros:
-        name = line_name(one.gyro)
+        name = forms.line_name(one.gyro)
         yield from tabulate_figures(figures, (name,), f"Figures of {name} over its runs")
         names = [f"{name}.{run.log.name}" for run in one.runs]
         for start in range(0, len(names), COLUMNS):
@@ -127,7 +126,7 @@ def tabulate_biases(figures: Sequence[Figure]) -> tuple[Table, ...]:
     return _table_of(title, ("", "bias", "standard uncertainty", "unit"), rows)
 
 
-def tabulate_pair(fitted: PairFit) -> Table:
+def tabulate_pair(fitted: pair_fit.PairFit) -> Table:
     """N, ε, γ, α, the orthogonality error, the second γ."""
     found, u = fitted.found, [f"{u:.1e}" for u in fitted.found.standard_uncertainty]
     low, high = found.alpha_interval_deg
@@ -145,24 +144,24 @@ def tabulate_pair(fitted: PairFit) -> Table:
     return Table(title, ("", "value", "standard uncertainty", "unit"), rows)
 
 
-def tabulate_triad(fitted: AxesFit) -> tuple[Table, ...]:
+def tabulate_triad(fitted: triad_fit.AxesFit) -> tuple[Table, ...]:
     """Sensitivities, input axes and angles of every set of runs."""
     gyros = list(enumerate(fitted.gyros))
 
-    def sensitivities(g: int, one: AxesSet) -> tuple[str, ...]:
+    def sensitivities(g: int, one: triad_fit.AxesSet) -> tuple[str, ...]:
         found = one.triad
         values = (*found.sensitivity[g], found.magnitude[g])
         return (*(f"{value:.4f}" for value in values), f"{found.magnitude_uncertainty[g]:.2g}")
 
-    def directions(g: int, one: AxesSet) -> tuple[str, ...]:
+    def directions(g: int, one: triad_fit.AxesSet) -> tuple[str, ...]:
         values = (f"{value:+.7f}" for value in one.triad.misalignment[g])
         return (*values, f"{np.max(one.triad.misalignment_uncertainty[g]):.1e}")
 
-    def angles(pair: tuple[int, int], one: AxesSet) -> tuple[str, ...]:
+    def angles(pair: tuple[int, int], one: triad_fit.AxesSet) -> tuple[str, ...]:
         angle, u = one.triad.angles_deg[pair], one.triad.angle_uncertainty_deg[pair]
         return f"{angle:.6f}", f"{90.0 - angle:+.6f}", f"{u:.1e}"
 
-    about = [f"about {axis} [1/deg]" for axis in AXES]
+    about = [f"about {axis} [1/deg]" for axis in forms.AXES]
     both = [((g, h), f"{fitted.gyros[g]} and {fitted.gyros[h]}") for g, h in fitted.pairs]
     return (
         *_table_of(
@@ -172,7 +171,7 @@ def tabulate_triad(fitted: AxesFit) -> tuple[Table, ...]:
         ),
         *_table_of(
             "Misalignment matrix: unit vectors of the input axes",
-            ("gyro", "°C", *AXES, "largest u"),
+            ("gyro", "°C", *forms.AXES, "largest u"),
             _rows_of_sets(fitted, gyros, directions),
         ),
         *_table_of(
@@ -184,9 +183,9 @@ def tabulate_triad(fitted: AxesFit) -> tuple[Table, ...]:
 
 
 def _rows_of_sets(
-    fitted: AxesFit,
+    fitted: triad_fit.AxesFit,
     things: Sequence[tuple[Any, str]],
-    cells: Callable[[Any, AxesSet], tuple[str, ...]],
+    cells: Callable[[Any, triad_fit.AxesSet], tuple[str, ...]],
 ) -> Iterator[tuple[str, ...]]:
     """A row for each of several things (number, name) and each set of runs."""
     for thing, name in things:

@@ -11,20 +11,21 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import CoefficientError, FrameError
 from calibkit.forms import POLYNOMIAL
 from calibkit.frame import Log, require
-from calibkit.instruments.gyro_scale import acceptance, tables
-from calibkit.instruments.gyro_scale.compensate import flag_temperatures, read_invertible
-from calibkit.instruments.gyro_scale.forms import AXES, ORTHOGONALITY_FILE, TEMPERATURE
-from calibkit.instruments.gyro_scale.matrix import GyroMatrix
+from calibkit.instruments.gyro_scale import (
+    acceptance,
+    compensate,
+    forms,
+    pair_fit,
+    table_runs,
+    tables,
+)
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
-from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
-from calibkit.instruments.gyro_scale.pair import PairFit, fit_pair
 from calibkit.instruments.gyro_scale.recipe import (
     AnyRecipe,
     GyroPairRecipe,
     GyroTriadRecipe,
     OwnAxisRecipe,
 )
-from calibkit.instruments.gyro_scale.runs import TableRun, fit_run, vertical_rate_dps
 from calibkit.numeric.dispersion import rms
 from calibkit.report.summary import Summary
 
@@ -38,19 +39,20 @@ def validate(
     """Scale factors and rates of unseen runs against the frozen coefficients; with both logs of a
     pair, N and γ again.
     """
-    known = read_invertible(spec, records)
-    runs: dict[str, TableRun] = {}
+    known = compensate.read_invertible(spec, records)
+    runs: dict[str, table_runs.TableRun] = {}
     entries: list[dict[str, Any]] = []
     compared: list[tuple[str, dict[str, Any]]] = []
     flags: list[str] = []
     for log in logs:
         axis = spec.find_axis(log.file)
-        run = runs[axis] = fit_run(spec, log)
+        run = table_runs.fit_run(spec, log)
+        if isinstance(spec, GyroPairRecipe):
+            runs[axis] = run
         flags += run.flags
-        turned = _about(spec, axis, known)
-        found = [_compare(spec, run, axis, matrix) for matrix in turned]
+        turned, found = _compare_run(spec, run, axis, known)
         for matrix in turned if np.isfinite(run.temp_degc) else ():
-            flags += flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
+            flags += compensate.flag_temperatures(log.file, matrix, run.plateaus.temp_degc)
         entry = {"name": log.file, "sha256": log.sha256, "rows": log.rows}
         entries.append(
             entry | found[0] if isinstance(spec, GyroTriadRecipe) else entry | {"gyros": found}
@@ -64,40 +66,40 @@ def validate(
     else:
         shown = [tables.tabulate_line_errors(compared)]
         criteria = acceptance.judge_unseen_lines(errors, spec.acceptance)
-    if isinstance(spec, GyroPairRecipe) and len(runs) == len(spec.gyros):
-        again = fit_pair(runs["a"], runs["b"])
+    if len(runs) > 1:
+        again = pair_fit.fit_pair(runs["a"], runs["b"])
         body["pair"] = _compare_pair(records, again)
         shown.append(tables.tabulate_pair_again(body["pair"]))
         flags += again.flags
     return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
 
 
-def _about(spec: AnyRecipe, axis: str, known: Sequence[GyroMatrix]) -> Sequence[GyroMatrix]:
-    """Matrices to hold a run about a table axis against: a gyro about its own axis alone."""
+def _compare_run(
+    spec: AnyRecipe, run: table_runs.TableRun, axis: str, known: Sequence[forms.GyroMatrix]
+) -> tuple[Sequence[forms.GyroMatrix], list[dict[str, Any]]]:
+    """Matrices to hold a run about a table axis against, and a JSON object for each: all gyros of a
+    triad, but single gyros about their own axes alone.
+    """
     if isinstance(spec, GyroTriadRecipe):
-        return known
-    return [matrix for matrix in known if spec.own_axis(matrix.gyros[0]) == axis]
+        vertical = table_runs.vertical_rate_dps(spec) or 0.0
+        return known, [_compare_base(run, axis, matrix, vertical) for matrix in known]
+    own = [matrix for matrix in known if spec.own_axis(matrix.gyros[0]) == axis]
+    return own, [_compare_line(spec, run, matrix) for matrix in own]
 
 
-def _compare(spec: AnyRecipe, run: TableRun, axis: str, matrix: GyroMatrix) -> dict[str, Any]:
-    """JSON object: a run under frozen coefficients and without them."""
-    if isinstance(spec, GyroTriadRecipe):
-        return _compare_base(run, axis, matrix, vertical_rate_dps(spec) or 0.0)
-    return _compare_line(spec, run, matrix)
-
-
-def _temperatures(run: TableRun) -> Array:
+def _temperatures(run: table_runs.TableRun) -> Array:
     """Temperatures [p, °C] of the held rates, 0 where they were not logged."""
-    held = run.plateaus
-    return held.temp_degc if np.isfinite(run.temp_degc) else np.zeros_like(held.rate_dps)
+    return np.nan_to_num(run.plateaus.temp_degc)
 
 
-def _compare_line(spec: OwnAxisRecipe, run: TableRun, matrix: GyroMatrix) -> dict[str, Any]:
+def _compare_line(
+    spec: OwnAxisRecipe, run: table_runs.TableRun, matrix: forms.GyroMatrix
+) -> dict[str, Any]:
     """JSON object: one gyro of a run about its own axis."""
     (gyro,) = matrix.gyros
     line, temperature = run.scale(gyro), _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
-        require(run.log.file, run.log.frame.columns, [TEMPERATURE])
+        require(run.log.file, run.log.frame.columns, [forms.TEMPERATURE])
     mean = np.array([temperature.mean()])
     K = float(matrix.at(mean)[0].item())
     u_frozen = _uncertainty_of_K(matrix, mean)
@@ -114,9 +116,9 @@ def _compare_line(spec: OwnAxisRecipe, run: TableRun, matrix: GyroMatrix) -> dic
         "K_standard_uncertainty": u_found,
         "K_frozen": K,
         "K_frozen_standard_uncertainty": u_frozen,
-        "scale_factor_error_ppm": (line.K / K - 1.0) * PPM,
+        "scale_factor_error_ppm": (line.K / K - 1.0) * gjb_figures.PPM,
         "scale_factor_error_standard_uncertainty_ppm": (
-            float(np.hypot(u_found, u_frozen) / abs(K)) * PPM
+            float(np.hypot(u_found, u_frozen) / abs(K)) * gjb_figures.PPM
         ),
         "zero_error_dph": (
             (line.F0 / line.K - float(matrix.at(temperature)[1].mean()) / K) * DPH_PER_DPS
@@ -133,13 +135,13 @@ def _compare_line(spec: OwnAxisRecipe, run: TableRun, matrix: GyroMatrix) -> dic
     }
 
 
-def _uncertainty_of_K(matrix: GyroMatrix, temperature: Array) -> float:  # noqa: N802 - its letter
+def _uncertainty_of_K(matrix: forms.GyroMatrix, temperature: Array) -> float:  # noqa: N802 - its letter
     """Standard uncertainty of K [1/deg] at a temperature [1, °C], clamped to the fitted ones."""
     if not matrix.curves:
         return matrix.model.coefficients[0].standard_uncertainty
     curve = matrix.curves[0]
-    held = np.clip(temperature, *curve.valid[TEMPERATURE])
-    return float(POLYNOMIAL.standard_uncertainty(curve, {TEMPERATURE: held})[0])
+    held = np.clip(temperature, *curve.valid[forms.TEMPERATURE])
+    return float(POLYNOMIAL.standard_uncertainty(curve, {forms.TEMPERATURE: held})[0])
 
 
 def _line_errors(rate: Array, reference: Array, slope: Array) -> dict[str, float]:
@@ -149,14 +151,14 @@ def _line_errors(rate: Array, reference: Array, slope: Array) -> dict[str, float
     error = rate - reference
     full = float(np.max(np.abs(reference)))
     return {
-        "scale_factor_error_ppm": (float(slope @ rate) - 1.0) * PPM,
+        "scale_factor_error_ppm": (float(slope @ rate) - 1.0) * gjb_figures.PPM,
         "rate_error_rms_dps": rms(error),
-        "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full * PPM,
+        "rate_error_max_ppm_of_full_scale": float(np.max(np.abs(error))) / full * gjb_figures.PPM,
     }
 
 
 def _compare_base(
-    run: TableRun, axis: str, matrix: GyroMatrix, vertical_dps: float
+    run: table_runs.TableRun, axis: str, matrix: forms.GyroMatrix, vertical_dps: float
 ) -> dict[str, Any]:
     """JSON object: rates of a run along the turned axis and across it; without compensation each
     gyro stands for the axis that it senses most, with its scale factor about that alone.
@@ -164,14 +166,14 @@ def _compare_base(
     held, temperature = run.plateaus, _temperatures(run)
     if matrix.over_temperature and not np.isfinite(run.temp_degc):
         raise CoefficientError(
-            f"{run.log.file}: no column '{TEMPERATURE}'",
+            f"{run.log.file}: no column '{forms.TEMPERATURE}'",
             hint="the coefficients are over temperature",
         )
     rates = matrix.rates(held.indication, temperature)
     S, _ = matrix.reference
     main = np.argmax(np.abs(S), axis=1)
     alone = (held.indication - matrix.at(temperature)[1]) / S[np.arange(main.size), main]
-    a = AXES.index(axis)
+    a = forms.AXES.index(axis)
     true = np.zeros_like(rates)
     true[:, a] = held.rate_dps + vertical_dps
     gain = float(np.polyfit(held.rate_dps, rates[:, a], 1)[0])
@@ -188,7 +190,7 @@ def _compare_base(
         "axis": axis,
         "before_is": "each gyro by its scale factor about the axis that it senses most",
         "before": _base_errors(alone - true[:, main], main == a, held.rate_dps),
-        "after": _base_errors(rates - true, np.arange(len(AXES)) == a, held.rate_dps),
+        "after": _base_errors(rates - true, np.arange(len(forms.AXES)) == a, held.rate_dps),
         "rate_gain": gain,
     }
 
@@ -197,20 +199,20 @@ def _base_errors(error: Array, along: Mask, rate_dps: Array) -> dict[str, float]
     """Largest errors [n, m] along the turned axis and across it, of full scale; zero where no
     column is of that kind.
     """
-    full = float(np.max(np.abs(rate_dps))) / PPM
+    full = float(np.max(np.abs(rate_dps))) / gjb_figures.PPM
     return {
         f"{kind}_max_ppm_of_full_scale": float(np.max(np.abs(error[:, chosen]), initial=0.0)) / full
         for kind, chosen in (("rate_error", along), ("cross_axis", ~along))
     }
 
 
-def _compare_pair(records: Mapping[str, Record], again: PairFit) -> list[dict[str, Any]]:
+def _compare_pair(records: Mapping[str, Record], again: pair_fit.PairFit) -> list[dict[str, Any]]:
     """N, ε, γ, α of unseen runs against the frozen ones."""
-    if ORTHOGONALITY_FILE not in records:
+    if forms.ORTHOGONALITY_FILE not in records:
         raise CoefficientError(
-            f"the run holds no {ORTHOGONALITY_FILE}", hint="it is not a run of gyro_pair"
+            f"the run holds no {forms.ORTHOGONALITY_FILE}", hint="it is not a run of gyro_pair"
         )
-    frozen = records[ORTHOGONALITY_FILE].model("pair")
+    frozen = records[forms.ORTHOGONALITY_FILE].model("pair")
     found = again.found
     return [
         {

@@ -2,21 +2,15 @@
 each labelled.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Mask
 from calibkit.constants import ARCSECONDS_PER_DEGREE
 from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleFactor
 from calibkit.numeric.least_squares.fit import rank
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array, Mask
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import ScaleFactor
-
 
 PPM = 1e6
 GJB, IEEE = "GJB 2426A", "IEEE Std 952"
@@ -175,12 +169,21 @@ def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[Figure, ..
     """
     u_K = float(scale.standard_uncertainty[0])
     pulse = ARCSECONDS_PER_DEGREE / abs(scale.K)
+    # tested rates have no uncertainty; noise may hide them
+    tested = {
+        "threshold": threshold_dps(scale, standard_uncertainty),
+        "resolution": resolution_dps(scale, standard_uncertainty),
+    }
     return (
         Figure("scale_factor_gjb", scale.K, u_K, "1/deg", GJB),
         Figure("scale_factor_ieee", pulse, pulse * u_K / abs(scale.K), "arcsec", IEEE),
         *_nonlinearities(scale, standard_uncertainty),
         *_asymmetries(scale, standard_uncertainty),
-        *_limits(scale, standard_uncertainty),
+        *(
+            Figure(name, value, 0.0, "deg/s", GJB)
+            for name, value in tested.items()
+            if np.isfinite(value)
+        ),
     )
 
 
@@ -219,17 +222,6 @@ def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure
         Figure("asymmetry_gjb", asymmetry_gjb(scale), gjb, "ppm", GJB),
         Figure("asymmetry_ieee", asymmetry_ieee(scale), ieee, "ppm", IEEE),
     ]
-
-
-def _limits(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
-    """Threshold and resolution, where noise does not hide them; they are tested rates and have no
-    uncertainty.
-    """
-    found = (
-        ("threshold", threshold_dps(scale, standard_uncertainty)),
-        ("resolution", resolution_dps(scale, standard_uncertainty)),
-    )
-    return [Figure(name, value, 0.0, "deg/s", GJB) for name, value in found if np.isfinite(value)]
 
 
 def _turning(rate_dps: Array) -> Mask:

@@ -2,20 +2,15 @@
 between them.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.constants import NORMAL_95
 from calibkit.errors import FitError
-
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
-
+from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
 
 Side = Literal["same", "opposite"]
 
@@ -202,7 +197,8 @@ def _by_draws(
     Draws with |γ| > 1 are impossible angles and are left out; where nearly all are, the draws are
     moved onto |γ| = 1.
     """
-    method: Literal["cholesky", "svd"] = "cholesky" if _definite(covariance) else "svd"
+    definite = np.linalg.eigvalsh(covariance)[0] > 1e-12 * np.trace(covariance)
+    method: Literal["cholesky", "svd"] = "cholesky" if definite else "svd"
     K_A, K_B, K_Ba = rng.multivariate_normal(values, covariance, draws, method=method).T
     gamma = K_Ba / K_B
     indicated = float(values[2] / values[1])
@@ -222,11 +218,6 @@ def _by_draws(
     if one_sided:
         low, high = (0.0, high) if sign > 0.0 else (low, 180.0)
     return np.cov(drawn), (low, high)
-
-
-def _definite(covariance: Array) -> bool:
-    """Whether a covariance has a Cholesky factor."""
-    return bool(np.linalg.eigvalsh(covariance)[0] > 1e-12 * np.trace(covariance))
 
 
 def _flags(indicated: float, u_gamma: float) -> tuple[str, ...]:

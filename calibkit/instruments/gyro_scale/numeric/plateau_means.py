@@ -2,31 +2,18 @@
 of the means.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale.numeric.plateau_noise import Part, Record, modulation, noise_of
-from calibkit.instruments.gyro_scale.numeric.plateaus import (
-    DEFAULT_RULES,
-    Rules,
-    find,
-    turn_of,
-)
+from calibkit.instruments.gyro_scale.numeric import plateau_noise, plateaus
+from calibkit.instruments.gyro_scale.numeric.plateau_noise import Modulation
+from calibkit.instruments.gyro_scale.numeric.plateaus import Room, Series, Turn
 from calibkit.numeric import chunks
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.instruments.gyro_scale.numeric.plateau_noise import Modulation
-    from calibkit.instruments.gyro_scale.numeric.plateaus import Room, Series, Turn
-
 
 DISAGREEMENT = 10e-6
 """Relative difference of table angle and table rate from which it is flagged."""
@@ -46,8 +33,6 @@ class Plateaus:
     """Whole revolutions averaged [p]; 0 where the table turned less than one."""
     samples: Integers
     """Samples used [p]."""
-    duration_s: Array
-    """Time averaged [p] [s]."""
     temp_degc: Array
     """Mean temperature [p] [°C]; NaN where none was logged."""
     angle_rate_dps: Array
@@ -71,7 +56,7 @@ def means(
     *,
     table_angle_deg: Array | None = None,
     temp_degc: Array | None = None,
-    rules: Rules = DEFAULT_RULES,
+    rules: plateaus.Rules = plateaus.DEFAULT_RULES,
     held: Integers | None = None,
     room: Room = np.empty,
 ) -> Plateaus:
@@ -106,19 +91,19 @@ def means(
         raise FitError(
             f"the indication in row {row} is not finite", hint="exclude the rows that hold it"
         )
-    turn = turn_of(time_s, table_rate_dps, table_angle_deg, room=room)
-    found = find(time_s, table_rate_dps, rules=rules, turn=turn) if held is None else held
-    return _means(Record(turn, table_rate_dps, signals), found, temp_degc)
+    turn = plateaus.turn_of(time_s, table_rate_dps, table_angle_deg, room=room)
+    found = plateaus.find(time_s, table_rate_dps, rules=rules, turn=turn) if held is None else held
+    return _means(plateau_noise.Record(turn, table_rate_dps, signals), found, temp_degc)
 
 
-def _means(record: Record, held: Integers, temp_degc: Array | None) -> Plateaus:
+def _means(record: plateau_noise.Record, held: Integers, temp_degc: Array | None) -> Plateaus:
     """Averages over the rows of held rates [p, 2]."""
     turn = record.turn
     parts = [_whole_revolutions(record, first, stop) for first, stop in held.tolist()]
-    wave = modulation(record, parts)
+    wave = plateau_noise.modulation(record, parts)
     parts, left_out = _without_rest(turn, parts, determined=wave.earth)
     values = _averages(record, parts, chunks.row_reader(record.signals))
-    covariance, flags = noise_of(record, parts, wave, values)
+    covariance, flags = plateau_noise.noise_of(record, parts, wave, values)
     if wave.earth:
         values, covariance = _unmodulated(record, parts, wave, values, covariance)
     rate = _averages(record, parts, chunks.row_reader(record.rate))
@@ -131,7 +116,6 @@ def _means(record: Record, held: Integers, temp_degc: Array | None) -> Plateaus:
         covariance=covariance,
         revolutions=revolutions,
         samples=np.array([part.stop - part.first for part in parts], dtype=np.int64),
-        duration_s=np.array([part.duration_s for part in parts]),
         temp_degc=nan
         if temp_degc is None
         else _averages(record, parts, chunks.row_reader(temp_degc)),
@@ -146,7 +130,7 @@ def _means(record: Record, held: Integers, temp_degc: Array | None) -> Plateaus:
     )
 
 
-def _whole_revolutions(record: Record, first: int, stop: int) -> Part:
+def _whole_revolutions(record: plateau_noise.Record, first: int, stop: int) -> plateau_noise.Part:
     """A plateau over whole revolutions: the last interval counts for the fraction that completes
     the last of them.
     """
@@ -157,7 +141,7 @@ def _whole_revolutions(record: Record, first: int, stop: int) -> Part:
     # a table that stops on the revolution it began with may log a hair less
     whole = int(np.floor(travelled / REVOLUTION_DEG + 1e-6))
     if whole < 1:
-        return Part.of(record, first, stop, 1.0, 0)
+        return plateau_noise.Part.of(record, first, stop, 1.0, 0)
     for row, travel in _travel(turned, first, stop):
         last = row + min(int(np.searchsorted(travel, whole * REVOLUTION_DEG)), travel.size - 1)
         reached = float(travel[last - row])
@@ -165,7 +149,7 @@ def _whole_revolutions(record: Record, first: int, stop: int) -> Part:
             break
     excess = reached - whole * REVOLUTION_DEG
     share = 1.0 - min(max(excess / abs(float(turned[first + last])), 0.0), 1.0)
-    return Part.of(record, first, first + last + 1, share, whole)
+    return plateau_noise.Part.of(record, first, first + last + 1, share, whole)
 
 
 def _travel(turned: Array, first: int, stop: int) -> Iterator[tuple[int, Array]]:
@@ -181,14 +165,16 @@ def _travel(turned: Array, first: int, stop: int) -> Iterator[tuple[int, Array]]
         yield a, np.abs(travel)
 
 
-def _averages(record: Record, parts: list[Part], values: Series) -> Array:
+def _averages(
+    record: plateau_noise.Record, parts: list[plateau_noise.Part], values: Series
+) -> Array:
     """Time averages [p, ...] of values [n, ...] over the plateaus."""
     return np.array([part.average(record, values) for part in parts])
 
 
 def _without_rest(
-    turn: Turn, parts: list[Part], *, determined: bool
-) -> tuple[list[Part], tuple[str, ...]]:
+    turn: Turn, parts: list[plateau_noise.Part], *, determined: bool
+) -> tuple[list[plateau_noise.Part], tuple[str, ...]]:
     """Plateaus without those at rest whose share of the earth's horizontal rate nobody knows."""
     kept = [
         part
@@ -210,7 +196,11 @@ def _without_rest(
 
 
 def _unmodulated(
-    record: Record, parts: list[Part], wave: Modulation, values: Array, covariance: Array
+    record: plateau_noise.Record,
+    parts: list[plateau_noise.Part],
+    wave: Modulation,
+    values: Array,
+    covariance: Array,
 ) -> tuple[Array, Array]:
     """Means without the earth's horizontal rate where the table turned less than a revolution, and
     their covariance.
@@ -228,21 +218,9 @@ def _unmodulated(
 def _partial(revolutions: Integers, *, corrected: bool) -> tuple[str, ...]:
     """Flag for plateaus of less than a revolution."""
     count = int(np.sum(revolutions == 0))
-    if not count:
-        return ()
-    if corrected:
-        return (
-            (
-                f"{count} plateaus of less than a revolution: the earth's horizontal rate was"
-                " fitted and taken out"
-            ),
-        )
-    return (
-        (
-            f"{count} plateaus of less than a revolution: the earth's horizontal rate is not"
-            " averaged out"
-        ),
-    )
+    fate = "was fitted and taken out" if corrected else "is not averaged out"
+    flag = f"{count} plateaus of less than a revolution: the earth's horizontal rate {fate}"
+    return (flag,) if count else ()
 
 
 def _disagreement(rate: Array, angle_rate: Array) -> tuple[str, ...]:

@@ -5,21 +5,15 @@ All of it is gone through a span of rows at a time: whatever the length of a pla
 that of a span.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterator
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
+from calibkit.arrays import Array
+from calibkit.instruments.gyro_scale.numeric.plateaus import Series, Turn
 from calibkit.numeric import chunks
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.gyro_scale.numeric.plateaus import Series, Turn
-
 
 BLOCKS = 16
 """Blocks that a plateau is cut into to see whether its noise is white."""
@@ -93,7 +87,7 @@ class Part:
     """Means [m] of its indications, each row alike."""
 
     @classmethod
-    def of(cls, record: Record, first: int, stop: int, last: float, revolutions: int) -> Part:
+    def of(cls, record: Record, first: int, stop: int, last: float, revolutions: int) -> Self:
         """Sums over the rows of a plateau."""
         count, duration, square = stop - first, 0.0, 0.0
         own = chunks.mean(record.rate[first:stop])

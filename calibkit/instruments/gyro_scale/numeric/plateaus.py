@@ -2,26 +2,21 @@
 settling.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
+from typing import Self
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers, Mask
 from calibkit.constants import REVOLUTION_DEG
 from calibkit.errors import FitError
 from calibkit.numeric import chunks, order_statistics
 from calibkit.numeric.dispersion import MAD_TO_SIGMA
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator
-
-    from calibkit.arrays import Array, Integers, Mask
-
-    Room = Callable[[int], Array]
-    Series = Callable[[int, int], Array]
-    """Values of rows first … stop − 1."""
+Room = Callable[[int], Array]
+Series = Callable[[int, int], Array]
+"""Values of rows first … stop − 1."""
 
 FIFTH_TO_SIGMA = 1.0 / 0.2533471031357997
 """The same over its 0.2 quantile."""
@@ -59,6 +54,9 @@ class Rules:
 
 
 DEFAULT_RULES = Rules()
+NO_RATE_HINT = (
+    "check that the rate column is the table's, or allow shorter plateaus or a wider range of rate"
+)
 
 
 @dataclass(frozen=True, slots=True)
@@ -125,26 +123,17 @@ def find(
         return chosen
 
     runs = chunks.find_runs(max(time_s.size - window + 1, 0), held)
-    trimmed = [
-        _settled(time_s, *_steady(table_rate_dps, *run, rules, still[0].quantum), rules)
-        for run in _joined(runs, window)
-    ]
-    kept = [
-        (first, stop)
-        for first, stop in trimmed
-        if stop - first >= max(rules.shortest_samples // 2, 2)
-    ]
+    least, kept = max(rules.shortest_samples // 2, 2), []
+    for run in _joined(runs, window):
+        steady = _steady(table_rate_dps, *run, rules, still[0].quantum)
+        first, stop = _settled(time_s, *steady, rules)
+        if stop - first >= least:
+            kept.append((first, stop))
     if not kept:
         low, high = chunks.extremes(table_rate_dps)
-        raise FitError(
-            f"no held rate of {rules.shortest_s:g} s in {time_s.size} rows with table rates of"
-            f" {low:g} to {high:g} °/s"
-            + (", by table rate and table angle together" if turn.logged else ""),
-            hint=(
-                "check that the rate column is the table's, or allow shorter plateaus or a wider"
-                " range of rate"
-            ),
-        )
+        span = f"{time_s.size} rows with table rates of {low:g} to {high:g} °/s"
+        both = ", by table rate and table angle together" if turn.logged else ""
+        raise FitError(f"no held rate of {rules.shortest_s:g} s in {span}{both}", hint=NO_RATE_HINT)
     return np.array(kept, dtype=np.int64)
 
 
@@ -211,7 +200,7 @@ class _Stillness:
     """Range [°/s] that its flickering resolution may add."""
 
     @classmethod
-    def of(cls, rate: Series, rows: int, window: int, rules: Rules) -> _Stillness:
+    def of(cls, rate: Series, rows: int, window: int, rules: Rules) -> Self:
         """That of a rate of so many rows."""
         if rows < window:
             return cls(rate, window, rules, 0.0, 0.0)

@@ -2,30 +2,23 @@
 table axis in F0.
 """
 
-from __future__ import annotations
-
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal
+from typing import Literal
 
 import numpy as np
+from numpy.typing import ArrayLike
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
+from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
 from calibkit.numeric import gum
 from calibkit.numeric.dispersion import rms
 from calibkit.numeric.least_squares import polynomial
-from calibkit.numeric.least_squares.fit import linear
+from calibkit.numeric.least_squares.fit import LinearFit, linear
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
-if TYPE_CHECKING:
-    from numpy.typing import ArrayLike
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
-    from calibkit.numeric.least_squares.fit import LinearFit
-
-
-TERMS = ("K", "F0", "K_temp", "F0_temp")
-"""Scale factor [1/s/(°/s)], zero intercept [1/s], and their changes with temperature [per °C]."""
+TERMS = ("K", "F0")
+"""Scale factor [1/s/(°/s)] and zero intercept [1/s]."""
 HIGHEST_ORDER = 3
 """Of the polynomials of temperature that are compared."""
 
@@ -34,11 +27,10 @@ HIGHEST_ORDER = 3
 class ScaleFactor:
     """Best straight line of the indication over the rates of one run."""
 
-    names: tuple[str, ...]
-    """Of the coefficients: K, F0, and with temperature terms K_temp, F0_temp."""
     coefficients: Array
+    """K and F0 [2]."""
     covariance: Array
-    """Type A [q, q]: noise of the plateaus, raised by the square of the Birge ratio where that
+    """Type A [2, 2]: noise of the plateaus, raised by the square of the Birge ratio where that
     exceeds chance.
     """
     dof: int
@@ -50,9 +42,7 @@ class ScaleFactor:
     birge_ratio: float
     """Residuals over what the noise of the plateaus lets expect; NaN where no noise was given."""
     solver: Array
-    """Matrix [q, p] from indications to coefficients."""
-    temp_degc: float
-    """Mean temperature of the plateaus, to which K and F0 belong; NaN where none was logged."""
+    """Matrix [2, p] from indications to coefficients."""
 
     @property
     def K(self) -> float:  # noqa: N802 - the letter of the standards
@@ -68,7 +58,7 @@ class ScaleFactor:
 
     @property
     def standard_uncertainty(self) -> Array:
-        """Of the coefficients [q]."""
+        """Of the coefficients [2]."""
         return np.sqrt(np.diag(self.covariance))
 
 
@@ -84,12 +74,7 @@ class RunScales:
 
 
 def scale_factor(
-    rate_dps: Array,
-    indication: Array,
-    standard_uncertainty: Array | None = None,
-    *,
-    temp_degc: Array | None = None,
-    temperature_terms: bool = False,
+    rate_dps: Array, indication: Array, standard_uncertainty: Array | None = None
 ) -> ScaleFactor:
     """Fit F = K Ω + F0 to plateau means by least squares with equal weights (GJB 2426A, IEEE Std
     952).
@@ -99,9 +84,6 @@ def scale_factor(
     rate_dps : [p] table rates [°/s], of one sign or both.
     indication : [p] means.
     standard_uncertainty : [p] of the means from their noise.
-    temp_degc : [p] [°C].
-    temperature_terms : also fit K_temp Ω (T − T̄) + F0_temp (T − T̄); K and F0 then belong to the
-        mean temperature T̄.
 
     Returns
     -------
@@ -116,21 +98,11 @@ def scale_factor(
         uncertainty.
 
     """
-    columns = [rate_dps, np.ones_like(rate_dps)]
-    mean_degc = float("nan") if temp_degc is None else float(np.mean(temp_degc))
-    if temperature_terms:
-        if temp_degc is None or not np.isfinite(temp_degc).all():
-            raise FitError(
-                "temperature terms of the scale factor without temperatures",
-                hint="log the case temperature",
-            )
-        columns += [rate_dps * (temp_degc - mean_degc), temp_degc - mean_degc]
-    design, names = np.column_stack(columns), TERMS[: len(columns)]
-    fit = linear(design, indication, names=names)
+    design = np.column_stack([rate_dps, np.ones_like(rate_dps)])
+    fit = linear(design, indication, names=TERMS)
     solver = np.linalg.pinv(design)
     covariance, ratio = _covariance(fit, design, solver, standard_uncertainty)
     return ScaleFactor(
-        names=names,
         coefficients=fit.coefficients,
         covariance=covariance,
         dof=fit.dof,
@@ -140,7 +112,6 @@ def scale_factor(
         residual_rms=fit.residual_rms,
         birge_ratio=ratio,
         solver=solver,
-        temp_degc=mean_degc,
     )
 
 
@@ -179,12 +150,7 @@ def _covariance(
     return propagated * raised, float(np.sqrt(square / expected))
 
 
-def of_run(
-    plateaus: Plateaus,
-    *,
-    reference: Literal["rate", "angle"] = "rate",
-    temperature_terms: bool = False,
-) -> RunScales:
+def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") -> RunScales:
     """Scale factors of all gyros of one run with the covariance of their K [m, m], which share
     table and time.
 
@@ -197,17 +163,11 @@ def of_run(
         raise FitError(
             "the table angle was not logged, it cannot be the reference", hint="use the table rate"
         )
-    uncertainty = plateaus.standard_uncertainty
-    known = plateaus.temp_degc if np.isfinite(plateaus.temp_degc).all() else None
     gyros = tuple(
-        scale_factor(
-            rate,
-            plateaus.indication[:, g],
-            uncertainty[:, g],
-            temp_degc=known,
-            temperature_terms=temperature_terms,
+        scale_factor(rate, means, uncertainty)
+        for means, uncertainty in zip(
+            plateaus.indication.T, plateaus.standard_uncertainty.T, strict=True
         )
-        for g in range(plateaus.indication.shape[1])
     )
     slopes = np.array([gyro.solver[0] for gyro in gyros])
     covariance = np.einsum("gp,hp,pgh->gh", slopes, slopes, plateaus.covariance)
@@ -241,7 +201,7 @@ def bias_dps(
     value = (scale.F0 - scale.K * vertical_rate_dps) / divisor
     slope = -scale.F0 / divisor**2 if own_K is None else -vertical_rate_dps / divisor
     gradient = np.array([slope, 1.0 / divisor])
-    return value, gum.standard_uncertainty(gradient, scale.covariance[:2, :2])
+    return value, gum.standard_uncertainty(gradient, scale.covariance)
 
 
 def over_temperature(
@@ -261,9 +221,17 @@ def over_temperature(
         Fewer temperatures than coefficients.
 
     """
-    chosen = _least_error_order(K, temp_degc) if order is None else order
+    # all runs at a temperature are left out together
+    level = np.round(temp_degc)
+    highest = min(HIGHEST_ORDER, np.unique(level).size - 2)
+    chosen = order
+    if chosen is None:
+        chosen = polynomial.choose_order(temp_degc, K, highest, groups=level)
     fit, raw, covariance = polynomial.fit_polynomial(temp_degc, K, chosen)
-    noise = _raw_noise(standard_uncertainty, temp_degc, chosen)
+    solver = np.array(
+        [polynomial.fit_polynomial(temp_degc, row, chosen)[1] for row in np.eye(temp_degc.size)]
+    ).T
+    noise = (solver * standard_uncertainty**2) @ solver.T
     # runs repeat less well than their noise: the larger of both covariances, by the trace in K over
     # the range
     columns = polynomial.powers(temp_degc, chosen)
@@ -275,21 +243,6 @@ def over_temperature(
     larger[0, 0] += max(float(np.mean(standard_uncertainty**2)) - least, 0.0)
     limits = (float(np.min(temp_degc)), float(np.max(temp_degc)))
     return TemperaturePolynomial(raw, larger, fit.dof, fit.residual_rms, limits)
-
-
-def _least_error_order(K: Array, temp_degc: Array) -> int:
-    """Order of least error at temperatures left out, all runs at a temperature together."""
-    level = np.round(temp_degc)
-    highest = min(HIGHEST_ORDER, np.unique(level).size - 2)
-    return polynomial.choose_order(temp_degc, K, highest, groups=level)
-
-
-def _raw_noise(standard_uncertainty: Array, temp_degc: Array, order: int) -> Array:
-    """Covariance of raw polynomial coefficients from the uncertainty of the points alone."""
-    solver = np.array(
-        [polynomial.fit_polynomial(temp_degc, row, order)[1] for row in np.eye(temp_degc.size)]
-    ).T
-    return np.asarray((solver * standard_uncertainty**2) @ solver.T, dtype=np.float64)
 
 
 def mean_of_runs(K: ArrayLike, standard_uncertainty: ArrayLike) -> tuple[float, float]:

@@ -2,23 +2,16 @@
 misalignment matrix.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.gyro_scale.numeric import scale_factor
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
-    from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
-
+from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
+from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 COLLINEAR = 4.0
 """Standard uncertainties from 0° or 180° below which an angle's first-order uncertainty does not

@@ -12,10 +12,8 @@ from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
 from calibkit.frame import Examined, Finding, Held, Log, refuse, values
 from calibkit.ingest import logs, stated_segments
-from calibkit.instruments.gyro_scale.forms import RATE, TEMPERATURE, gyro_column
+from calibkit.instruments.gyro_scale import forms
 from calibkit.instruments.gyro_scale.numeric import plateau_means, plateaus, scale_factor
-from calibkit.instruments.gyro_scale.numeric.plateau_means import Plateaus
-from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales, ScaleFactor
 from calibkit.instruments.gyro_scale.recipe import AnyRecipe, GyroRecipe
 from calibkit.numeric import anomalies, chunks, earth, order_statistics
 
@@ -47,11 +45,11 @@ class TableRun:
 
     log: Log
     gyros: tuple[str, ...]
-    plateaus: Plateaus
-    scales: RunScales
+    plateaus: plateau_means.Plateaus
+    scales: scale_factor.RunScales
     flags: tuple[str, ...]
 
-    def scale(self, gyro: str) -> ScaleFactor:
+    def scale(self, gyro: str) -> scale_factor.ScaleFactor:
         """Scale factor of one gyro."""
         return self.scales.gyros[self.gyros.index(gyro)]
 
@@ -74,9 +72,11 @@ class TableRun:
         What was calibrated is the soak with its spread, not the mean of it: its own rows are
         inside.
         """
-        if TEMPERATURE not in self.log.frame.columns:
+        if forms.TEMPERATURE not in self.log.frame.columns:
             return float("nan"), float("nan")
-        temperature = anomalies.despiked(values(self.log.frame, TEMPERATURE), room=self.log.room)
+        temperature = anomalies.despiked(
+            values(self.log.frame, forms.TEMPERATURE), room=self.log.room
+        )
         ends = [chunks.extremes(temperature)]
         if ends[0][1] - ends[0][0] > ONE_SOAK_DEGC:
             ends = [chunks.extremes(temperature[a:b]) for a, b in self.plateaus.span.tolist()]
@@ -87,14 +87,14 @@ def read(spec: AnyRecipe, data: Path, file: str, reader: logs.Reader = logs.read
     """One log of the table in canonical columns; table angle and temperature are read where the log
     has them.
     """
-    needed: tuple[str, ...] = ("time_s", RATE, *map(gyro_column, spec.gyros))
-    optional: tuple[str, ...] = (ANGLE, TEMPERATURE)
+    needed: tuple[str, ...] = ("time_s", forms.RATE, *map(forms.gyro_column, spec.gyros))
+    optional: tuple[str, ...] = (ANGLE, forms.TEMPERATURE)
     if spec.table.reference == "angle":
-        needed, optional = (*needed, ANGLE), (TEMPERATURE,)
+        needed, optional = (*needed, ANGLE), (forms.TEMPERATURE,)
     return reader(spec, data / file, file, needed, optional)
 
 
-def flag_uncertain(name: str, line: ScaleFactor) -> list[str]:
+def flag_uncertain(name: str, line: scale_factor.ScaleFactor) -> list[str]:
     """Flag for a scale factor about a gyro's own axis that hardly is any: too slow, too short or
     too noisy a run.
     """
@@ -109,10 +109,8 @@ def vertical_rate_dps(spec: GyroRecipe) -> float | None:
     """Earth's rate about the table axis [°/s] in the sense of positive table rates; none where the
     latitude is unknown.
     """
-    if spec.site.latitude_deg is None:
-        return None
-    upward = float(earth.vertical_rate(spec.site.latitude_deg)) / DPH_PER_DPS
-    return upward if spec.table.axis == "up" else -upward
+    latitude, sign = spec.site.latitude_deg, 1.0 if spec.table.axis == "up" else -1.0
+    return None if latitude is None else sign * float(earth.vertical_rate(latitude)) / DPH_PER_DPS
 
 
 def examine(spec: AnyRecipe, log: Log) -> Examined:
@@ -142,14 +140,14 @@ def fit_run(spec: AnyRecipe, log: Log) -> TableRun:
     return TableRun(log, spec.gyros, held, scales, flags)
 
 
-def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], Plateaus | None]:
+def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_means.Plateaus | None]:
     """What is wrong with a log, and its held rates where it is fit for them."""
     found = [
         *check.find_too_few_rows(log, LEAST_ROWS),
         *check.find_missing_values(log, list(log.frame.columns)),
     ]
     if not found:
-        found = _find_implausible(log, [gyro_column(gyro) for gyro in spec.gyros])
+        found = _find_implausible(log, [forms.gyro_column(gyro) for gyro in spec.gyros])
     if any(finding.refused for finding in found):
         return found, None
     try:
@@ -166,17 +164,17 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], Plateaus | N
 
 def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
     """Faults of single columns, of which those of gyros are named."""
-    thermometers = [TEMPERATURE] if TEMPERATURE in log.frame.columns else []
+    thermometers = [forms.TEMPERATURE] if forms.TEMPERATURE in log.frame.columns else []
     return [
         *check.find_unordered_times(log),
-        *check.find_constant_columns(log, [RATE, *gyros]),
+        *check.find_constant_columns(log, [forms.RATE, *gyros]),
         *_find_beyond(
             log,
-            RATE,
+            forms.RATE,
             FASTEST_DPS,
             "°/s",
             f"at most {FASTEST_DPS:g} °/s",
-            f"state the log's unit in [columns.{RATE}]",
+            f"state the log's unit in [columns.{forms.RATE}]",
         ),
         *(finding for gyro in gyros for finding in _find_overload(log, gyro)),
         *check.find_implausible_temperatures(log, thermometers),
@@ -185,31 +183,33 @@ def _find_implausible(log: Log, gyros: Sequence[str]) -> list[Finding]:
 
 def _find_suspicious(spec: AnyRecipe, log: Log) -> list[Finding]:
     """What a sensor or its logger did, and signs: a fit goes on and says so."""
-    columns = [gyro_column(gyro) for gyro in spec.gyros]
+    columns = [forms.gyro_column(gyro) for gyro in spec.gyros]
     found = (
-        check.series.check_temperature(log, TEMPERATURE) if TEMPERATURE in log.frame.columns else []
+        check.series.check_temperature(log, forms.TEMPERATURE)
+        if forms.TEMPERATURE in log.frame.columns
+        else []
     )
     reach = {name: _span(values(log.frame, name)) for name in columns}
     # a gyro across the table axis answers with its misalignment, of either sign
     along = max(columns, key=lambda name: reach[name])
     for name in columns:
-        found += check.series.check_driven_indication(log, name, RATE, "1/s", reach[along])
+        found += check.series.check_driven_indication(log, name, forms.RATE, "1/s", reach[along])
     # none of two gyros of a triad need be along this axis
     if spec.procedure != "gyro_triad" or len(columns) >= LEAST_TRIAD:
-        found += check.magnitude.check_gyro_sign(log, along, RATE)
+        found += check.magnitude.check_gyro_sign(log, along, forms.RATE)
     return [*found, *check.magnitude.find_compensated_names(log, spec, columns)]
 
 
-def _average_held_rates(spec: AnyRecipe, log: Log) -> Plateaus:
+def _average_held_rates(spec: AnyRecipe, log: Log) -> plateau_means.Plateaus:
     """Means over the held rates of a log."""
     rules = plateaus.Rules(**spec.plateaus.model_dump(exclude={"min_rates"}))
     present = log.frame.columns
     return plateau_means.means(
         values(log.frame, "time_s"),
-        values(log.frame, RATE),
-        _beside([values(log.frame, gyro_column(gyro)) for gyro in spec.gyros], log),
+        values(log.frame, forms.RATE),
+        _beside([values(log.frame, forms.gyro_column(gyro)) for gyro in spec.gyros], log),
         table_angle_deg=values(log.frame, ANGLE) if ANGLE in present else None,
-        temp_degc=values(log.frame, TEMPERATURE) if TEMPERATURE in present else None,
+        temp_degc=values(log.frame, forms.TEMPERATURE) if forms.TEMPERATURE in present else None,
         rules=rules,
         held=stated_segments.stated_rows(log, spec, ["rate"]),
         room=log.room,
@@ -239,7 +239,7 @@ def _find_beyond(
         return []
     worst = float(data[bad[0]])
     what = f"{worst:g} {unit} ({bad.size} such row{'s' if bad.size > 1 else ''})"
-    figure = None if column == RATE else worst
+    figure = None if column == forms.RATE else worst
     return [
         check.finding_at_row(
             log, int(bad[0]), column, what, expected, advice, "range", figure=figure
@@ -273,40 +273,29 @@ def _find_overload(log: Log, column: str) -> list[Finding]:
     return _find_beyond(log, column, BEYOND * usual, "1/s", expected, advice)
 
 
-def _distinct_rates(spec: GyroRecipe, rate_dps: Array) -> Array:
-    """Distinct held rates, ascending: those that differ by no more than a held rate may vary are
-    one.
+def _find_few_rates(spec: GyroRecipe, log: Log, held: plateau_means.Plateaus) -> list[Finding]:
+    """Fewer distinct held rates than tell a line and how far it holds: those that differ by no more
+    than a held rate may vary are one.
     """
-    ordered = np.sort(rate_dps)
-    near = np.maximum(
-        2.0 * spec.plateaus.floor_dps, 2.0 * spec.plateaus.relative * np.abs(ordered[1:])
-    )
-    return ordered[np.concatenate(([True], np.diff(ordered) > near))]
-
-
-def _find_few_rates(spec: GyroRecipe, log: Log, held: Plateaus) -> list[Finding]:
-    """Fewer distinct held rates than tell a line and how far it holds."""
-    rates = _distinct_rates(spec, held.rate_dps)
-    if rates.size >= spec.plateaus.min_rates:
+    rates, rules = np.sort(held.rate_dps), spec.plateaus
+    near = np.maximum(2.0 * rules.floor_dps, 2.0 * rules.relative * np.abs(rates[1:]))
+    rates = rates[np.concatenate(([True], np.diff(rates) > near))]
+    if rates.size >= rules.min_rates:
         return []
     there = ", ".join(f"{rate:.4g}" for rate in rates)
-    found = (
-        f"{rates.size} held rate{'s' if rates.size > 1 else ''} ({there} °/s) on"
-        f" {held.rate_dps.size} plateaus"
-    )
-    expected = f"at least {spec.plateaus.min_rates} different ones"
+    count = f"{rates.size} held rate{'s' if rates.size > 1 else ''}"
     return [
         Finding(
             log.file,
-            found,
-            expected,
+            f"{count} ({there} °/s) on {held.rate_dps.size} plateaus",
+            f"at least {rules.min_rates} different ones",
             "hold more rates, or allow shorter ones: plateaus.shortest_s",
             name="held_rates",
         )
     ]
 
 
-def _find_two_tables(log: Log, held: Plateaus) -> list[Finding]:
+def _find_two_tables(log: Log, held: plateau_means.Plateaus) -> list[Finding]:
     """Table angle and table rate that differ by more than a table can: one is in another unit or
     sign.
 
@@ -323,9 +312,9 @@ def _find_two_tables(log: Log, held: Plateaus) -> list[Finding]:
     ratio = float(angle @ rate / (rate @ rate)) if np.any(rate) else 1.0
     if abs(ratio - 1.0) <= ONE_TABLE:
         return aliased
-    found = f"it turns {ratio:.4g} times as fast as '{RATE}' says"
+    found = f"it turns {ratio:.4g} times as fast as '{forms.RATE}' says"
     sign = "one of the two has the other sign: state sign = -1" if ratio < 0.0 else "state the unit"
-    advice = f"{sign} in [columns.{ANGLE}] or [columns.{RATE}]"
+    advice = f"{sign} in [columns.{ANGLE}] or [columns.{forms.RATE}]"
     place = f"{log.file}: column '{ANGLE}'"
     return [
         *aliased,

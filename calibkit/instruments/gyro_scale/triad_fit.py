@@ -2,7 +2,7 @@
 them, over temperature.
 """
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, replace
 from itertools import combinations
 
@@ -11,13 +11,9 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.constants import DPH_PER_DPS
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale.forms import AXES, line_name
+from calibkit.instruments.gyro_scale import forms, over_runs, table_runs
 from calibkit.instruments.gyro_scale.numeric import scale_factor, triad as gyro_triad
-from calibkit.instruments.gyro_scale.numeric.scale_factor import RunScales
-from calibkit.instruments.gyro_scale.numeric.triad import Triad, TriadOverTemperature
-from calibkit.instruments.gyro_scale.over_runs import UNLOGGED
 from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
-from calibkit.instruments.gyro_scale.runs import UNCERTAIN, TableRun, vertical_rate_dps
 from calibkit.numeric.least_squares.polynomial import TemperaturePolynomial
 
 ONE_SET_DEGC = 5.0
@@ -28,10 +24,10 @@ ONE_SET_DEGC = 5.0
 class AxesSet:
     """Runs about all three axes at one temperature, and what they give."""
 
-    runs: tuple[TableRun, ...]
+    runs: tuple[table_runs.TableRun, ...]
     temp_degc: float
     """Mean of the runs; NaN where none was logged."""
-    triad: Triad
+    triad: gyro_triad.Triad
     bias: Array
     """[g, 1/s], without the earth's rate; NaN where the latitude is unknown."""
     bias_uncertainty: Array
@@ -49,11 +45,11 @@ class AxesFit:
     """
 
     gyros: tuple[str, ...]
-    runs: Mapping[str, tuple[TableRun, ...]]
+    runs: Mapping[str, tuple[table_runs.TableRun, ...]]
     """Table axis → its runs."""
     sets: tuple[AxesSet, ...]
     reference: int
-    over: TriadOverTemperature | None
+    over: gyro_triad.TriadOverTemperature | None
     bias_over: tuple[TemperaturePolynomial, ...]
     flags: tuple[str, ...]
 
@@ -65,11 +61,11 @@ class AxesFit:
     def main_axis(self, gyro: str) -> str:
         """Table axis that a gyro senses most."""
         row = self.sets[self.reference].triad.sensitivity[self.gyros.index(gyro)]
-        return AXES[int(np.argmax(np.abs(row)))]
+        return forms.AXES[int(np.argmax(np.abs(row)))]
 
-    def name(self, gyro: str, axis: str, run: TableRun) -> str:
+    def name(self, gyro: str, axis: str, run: table_runs.TableRun) -> str:
         """Name of the model of one gyro in one run."""
-        name = line_name(gyro, axis)
+        name = forms.line_name(gyro, axis)
         return name if len(self.runs[axis]) == 1 else f"{name}.{run.log.name}"
 
     def named(self, name: str, one: AxesSet) -> str:
@@ -78,34 +74,39 @@ class AxesFit:
         return name if is_reference else f"{name}.at_{one.temp_degc:.0f}"
 
 
-def fit_axes(spec: GyroTriadRecipe, runs: Mapping[str, tuple[TableRun, ...]]) -> AxesFit:
+def fit_axes(spec: GyroTriadRecipe, runs: Mapping[str, tuple[table_runs.TableRun, ...]]) -> AxesFit:
     """Sensitivities and angles of each set of runs, and each sensitivity over temperature where it
     varies.
 
     Raises FitError for a table axis without a run at some temperature.
     """
-    if missing := [axis for axis in AXES if not runs.get(axis)]:
+    if missing := [axis for axis in forms.AXES if not runs.get(axis)]:
         raise FitError(
             f"no log about table axis {missing[0]}",
             hint="three axes need a log each; see [axes] and [logs] files",
         )
-    every = [run for axis in AXES for run in runs[axis]]
+    every = [run for axis in forms.AXES for run in runs[axis]]
     known = bool(np.isfinite([run.temp_degc for run in every]).all())
     flags = [flag for run in every for flag in run.flags]
-    if not known and len(every) > len(AXES):
-        flags.append(UNLOGGED)
+    if not known and len(every) > len(forms.AXES):
+        flags.append(over_runs.UNLOGGED)
     sets = tuple(_set_of(group, spec) for group in (_groups(runs) if known else [dict(runs)]))
     for one in sets:
         _require_own_axes(one, spec.gyros)
     temperature = np.array([one.temp_degc for one in sets])
     reference = int(np.argmin(np.abs(temperature - spec.reference_temp_degc))) if known else 0
-    several = len(sets) > 1
-    over = (
-        gyro_triad.over_temperature([one.triad for one in sets], temperature) if several else None
-    )
-    bias_over = _bias_over(sets, temperature) if several else ()
-    flags += [f"{one.prefix}{flag}" for one in sets for flag in one.triad.flags]
-    flags += [*_handed(sets, spec.gyros), *_uncertain(sets, spec.gyros), *_bias_flags(spec, sets)]
+    over: gyro_triad.TriadOverTemperature | None = None
+    bias_over: tuple[TemperaturePolynomial, ...] = ()
+    if len(sets) > 1:
+        over = gyro_triad.over_temperature([one.triad for one in sets], temperature)
+        bias = np.array([one.bias for one in sets]).T
+        u_bias = np.array([one.bias_uncertainty for one in sets]).T
+        if np.isfinite(bias).all():
+            bias_over = tuple(
+                scale_factor.over_temperature(values, u, temperature)
+                for values, u in zip(bias, u_bias, strict=True)
+            )
+    flags += _flag_sets(spec, sets)
     return AxesFit(spec.gyros, runs, sets, reference, over, bias_over, tuple(dict.fromkeys(flags)))
 
 
@@ -114,11 +115,11 @@ def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
     exchanged.
     """
     for gyro, row in zip(gyros, one.triad.misalignment, strict=True):
-        most = AXES[int(np.argmax(np.abs(row)))]
-        if gyro in AXES and most != gyro:
+        most = forms.AXES[int(np.argmax(np.abs(row)))]
+        if gyro in forms.AXES and most != gyro:
             raise FitError(
                 f"{one.prefix}gyro {gyro} senses table axis {most} most"
-                f" ({row[AXES.index(most)]:+.3f})",
+                f" ({row[forms.AXES.index(most)]:+.3f})",
                 hint=(
                     "logs are exchanged under [axes], or columns; gyros that are not mounted so"
                     " need other names"
@@ -126,36 +127,15 @@ def _require_own_axes(one: AxesSet, gyros: Sequence[str]) -> None:
             )
 
 
-def _handed(sets: Sequence[AxesSet], gyros: Sequence[str]) -> list[str]:
-    """Flag for three input axes that make a left-handed system."""
-    if (
-        len(gyros) != len(AXES)
-        or not (np.array([np.linalg.det(one.triad.misalignment) for one in sets]) < 0.0).any()
-    ):
-        return []
-    return ["the input axes make a left-handed system: logs or signs may be exchanged"]
-
-
-def _uncertain(sets: Sequence[AxesSet], gyros: Sequence[str]) -> list[str]:
-    """Flags for gyros whose scale factor hardly is one."""
-    return [
-        f"{one.prefix}{gyro}: the scale factor is known to {100.0 * u / size:.2g} % only: hold"
-        " faster rates, or longer"
-        for one in sets
-        for gyro, size, u in zip(
-            gyros, one.triad.magnitude, one.triad.magnitude_uncertainty, strict=True
-        )
-        if not u < UNCERTAIN * size
-    ]
-
-
-def _groups(runs: Mapping[str, tuple[TableRun, ...]]) -> list[dict[str, tuple[TableRun, ...]]]:
+def _groups(
+    runs: Mapping[str, tuple[table_runs.TableRun, ...]],
+) -> list[dict[str, tuple[table_runs.TableRun, ...]]]:
     """Runs by temperature, coldest first, each group with every axis."""
     pairs = sorted(
-        ((run.temp_degc, axis, run) for axis in AXES for run in runs[axis]),
+        ((run.temp_degc, axis, run) for axis in forms.AXES for run in runs[axis]),
         key=lambda pair: pair[0],
     )
-    groups: list[dict[str, tuple[TableRun, ...]]] = []
+    groups: list[dict[str, tuple[table_runs.TableRun, ...]]] = []
     last = float("-inf")
     for degc, axis, run in pairs:
         if degc - last > ONE_SET_DEGC:
@@ -163,7 +143,7 @@ def _groups(runs: Mapping[str, tuple[TableRun, ...]]) -> list[dict[str, tuple[Ta
         groups[-1][axis] = (*groups[-1].get(axis, ()), run)
         last = degc
     for group in groups:
-        if missing := [axis for axis in AXES if axis not in group]:
+        if missing := [axis for axis in forms.AXES if axis not in group]:
             there = ", ".join(run.log.file for axis in group for run in group[axis])
             degc = float(np.mean([run.temp_degc for axis in group for run in group[axis]]))
             raise FitError(
@@ -176,16 +156,16 @@ def _groups(runs: Mapping[str, tuple[TableRun, ...]]) -> list[dict[str, tuple[Ta
     return groups
 
 
-def _set_of(group: Mapping[str, tuple[TableRun, ...]], spec: GyroTriadRecipe) -> AxesSet:
+def _set_of(group: Mapping[str, tuple[table_runs.TableRun, ...]], spec: GyroTriadRecipe) -> AxesSet:
     """Triad and biases of runs that belong together."""
-    means = [_mean([run.scales for run in group[axis]]) for axis in AXES]
-    every = tuple(run for axis in AXES for run in group[axis])
+    means = [_mean([run.scales for run in group[axis]]) for axis in forms.AXES]
+    every = tuple(run for axis in forms.AXES for run in group[axis])
     bias, uncertainty = _bias(every, spec)
     temp = float(np.mean([run.temp_degc for run in every]))
     return AxesSet(every, temp, gyro_triad.from_runs(*means), bias, uncertainty)
 
 
-def _mean(runs: Sequence[RunScales]) -> RunScales:
+def _mean(runs: Sequence[scale_factor.RunScales]) -> scale_factor.RunScales:
     """Mean K of repeated runs with the covariance of one of them, raised to the scatter of the mean
     where that is larger.
 
@@ -202,51 +182,49 @@ def _mean(runs: Sequence[RunScales]) -> RunScales:
     return replace(runs[0], K=K.mean(axis=0), covariance=covariance)
 
 
-def _bias(runs: Sequence[TableRun], spec: GyroTriadRecipe) -> tuple[Array, Array]:
+def _bias(runs: Sequence[table_runs.TableRun], spec: GyroTriadRecipe) -> tuple[Array, Array]:
     """Bias [g, 1/s] of runs about all axes without the earth's rate, F0 − K ω, and its standard
     uncertainty.
     """
-    vertical = vertical_rate_dps(spec)
+    vertical = table_runs.vertical_rate_dps(spec)
     if vertical is None:
         return np.full(len(spec.gyros), np.nan), np.full(len(spec.gyros), np.nan)
     lines = [run.scales.gyros for run in runs]
     values = np.array([[line.F0 - line.K * vertical for line in row] for row in lines])
     gradient = np.array([-vertical, 1.0])
-    noise = np.array(
-        [[gradient @ line.covariance[:2, :2] @ gradient for line in row] for row in lines]
-    )
+    noise = np.array([[gradient @ line.covariance @ gradient for line in row] for row in lines])
     scatter = values.var(axis=0, ddof=1) / len(runs)
     return values.mean(axis=0), np.sqrt(np.maximum(noise.mean(axis=0) / len(runs), scatter))
 
 
-def _bias_over(sets: Sequence[AxesSet], temperature: Array) -> tuple[TemperaturePolynomial, ...]:
-    """Bias of each gyro over temperature, where the latitude is known."""
-    values = np.array([one.bias for one in sets])
-    if not np.isfinite(values).all():
-        return ()
-    u = np.array([one.bias_uncertainty for one in sets])
-    return tuple(
-        scale_factor.over_temperature(values[:, g], u[:, g], temperature)
-        for g in range(values.shape[1])
-    )
-
-
-def _bias_flags(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> list[str]:
-    """What the biases leave open."""
+def _flag_sets(spec: GyroTriadRecipe, sets: Sequence[AxesSet]) -> Iterator[str]:
+    """Input axes that are left-handed, scale factors that hardly are any, and what the biases leave
+    open.
+    """
+    for one in sets:
+        yield from (f"{one.prefix}{flag}" for flag in one.triad.flags)
+    directions = [one.triad.misalignment for one in sets]
+    if len(spec.gyros) == len(forms.AXES) and (np.linalg.det(directions) < 0.0).any():
+        yield "the input axes make a left-handed system: logs or signs may be exchanged"
+    for one in sets:
+        shares = one.triad.magnitude_uncertainty / one.triad.magnitude
+        for gyro, share in zip(spec.gyros, shares, strict=True):
+            if not share < table_runs.UNCERTAIN:
+                yield (
+                    f"{one.prefix}{gyro}: the scale factor is known to {100.0 * share:.2g} % only:"
+                    " hold faster rates, or longer"
+                )
     if spec.site.latitude_deg is None:
-        open_end = (
-            "the bias stays mixed with the earth's rate about each table axis, and `apply` is"
-            " refused"
+        yield (
+            "the latitude is not known ([site] latitude_deg): the bias stays mixed with the earth's"
+            " rate about each table axis, and `apply` is refused"
         )
-        return [f"the latitude is not known ([site] latitude_deg): {open_end}"]
-    flags = []
     for one in sets:
         # a bias that differs between the three attitudes depends on the acceleration, or the
         # earth's rate is wrong
         largest = float(np.max(one.bias_uncertainty / one.triad.magnitude)) * DPH_PER_DPS
         if largest > 1.0:
-            flags.append(
+            yield (
                 f"{one.prefix}the bias is known to {largest:.2g} °/h only: it differs between the"
                 " table axes (latitude, table axis, or a bias that depends on acceleration)"
             )
-    return flags

@@ -6,9 +6,8 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.errors import FitError
-from calibkit.instruments.gyro_scale.forms import line_name
+from calibkit.instruments.gyro_scale import forms, table_runs
 from calibkit.instruments.gyro_scale.numeric import pair as gyro_pair
-from calibkit.instruments.gyro_scale.runs import TableRun, flag_uncertain
 
 OPPOSITE = 20.0
 """Standard uncertainties apart, while their sum is within as many, that make two gammas equal and
@@ -24,12 +23,12 @@ class PairFit:
     them.
     """
 
-    runs: Mapping[str, TableRun]
+    runs: Mapping[str, table_runs.TableRun]
     found: gyro_pair.GyroPair
     flags: tuple[str, ...]
 
 
-def fit_pair(about_a: TableRun, about_b: TableRun) -> PairFit:
+def fit_pair(about_a: table_runs.TableRun, about_b: table_runs.TableRun) -> PairFit:
     """N, ε, γ and α from the runs about both table axes, with what the runs share in the
     covariance.
     """
@@ -54,5 +53,5 @@ def fit_pair(about_a: TableRun, about_b: TableRun) -> PairFit:
             " between them"
         )
     for gyro, run in runs.items():
-        flags += flag_uncertain(line_name(gyro, gyro), run.scale(gyro))
+        flags += table_runs.flag_uncertain(forms.line_name(gyro, gyro), run.scale(gyro))
     return PairFit(runs, found, tuple(dict.fromkeys(flags)))

@@ -1,0 +1,130 @@
+"""Model forms of gyros on a rate table: derivatives are those of the result, and matrices that are
+read back give the rates that the indications came from.
+"""
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from calibkit.coefficients import Coefficient, Model, Parameter, Record
+from calibkit.errors import CoefficientError
+from calibkit.instruments.gyro_scale import forms
+from calibkit.instruments.gyro_scale.recipe import GyroTriadRecipe
+
+RATES = np.linspace(-90.0, 90.0, 7)
+AT = {
+    forms.RATE: RATES,
+    "rate_x_dps": RATES,
+    "rate_y_dps": RATES[::-1] / 3.0,
+    "rate_z_dps": np.full(7, 2.0),
+}
+SENSITIVITY = np.array([[1e4, 12.0, -7.0], [3.0, 9.9e3, 20.0], [-15.0, 4.0, 1.01e4]])
+BIAS = np.array([20.0, -11.0, 3.0])
+
+
+def model(form, values, *, parameters=(), valid=None):
+    """Model of a form with these values by name."""
+    return Model(
+        "one",
+        form.name,
+        tuple(Coefficient(name, value, "1", 0.0) for name, value in values.items()),
+        (),
+        3,
+        0.0,
+        "1",
+        valid or {},
+        parameters,
+    )
+
+
+def response(values, *, sine):
+    """Response over rate within ±100 °/s."""
+    parameters = (Parameter("sine", float(sine), "1"),)
+    limits = {forms.RATE: (-100.0, 100.0)}
+    return model(forms.RESPONSE, values, parameters=parameters, valid=limits)
+
+
+def triad():
+    """Three gyros with their biases."""
+    names, biases = forms.triad_names(("x", "y", "z"))
+    values = dict(zip([*names, *biases], [*SENSITIVITY.ravel(), *BIAS], strict=True))
+    return model(forms.TRIAD, values, valid={forms.RATE: (-100.0, 100.0)})
+
+
+ODD = response({"F0": 0.01, "K1": 1.0001, "K3": 2e-9}, sine=False)
+SINE = response({"F0": 0.01, "K": 0.9999, "rate_scale_dps": 200.0}, sine=True)
+MODELS = {
+    "line": (forms.LINE, model(forms.LINE, {"K": 1e4, "F0": 20.0})),
+    "odd": (forms.RESPONSE, ODD),
+    "sine": (forms.RESPONSE, SINE),
+    "triad": (forms.TRIAD, triad()),
+}
+
+
+@pytest.mark.parametrize("name", MODELS)
+def test_the_gradient_is_the_derivative_of_the_result(name):
+    """Every coefficient a little larger and smaller, by central differences."""
+    form, one = MODELS[name]
+    gradient = form.gradient(one, AT)
+    for column, coefficient in enumerate(one.coefficients):
+        step = 1e-4 * max(abs(coefficient.value), 1e-6)
+        moved = []
+        for value in (coefficient.value + step, coefficient.value - step):
+            others = list(one.coefficients)
+            others[column] = replace(coefficient, value=value)
+            moved.append(form.evaluate(replace(one, coefficients=tuple(others)), AT))
+        slope = (moved[0] - moved[1]) / (2.0 * step)
+        np.testing.assert_allclose(
+            gradient[..., column], slope, rtol=1e-6, atol=1e-6 * np.abs(slope).max()
+        )
+
+
+def test_a_triad_gives_the_indications_of_its_gyros():
+    """F = S Ω + B written out."""
+    rates = np.column_stack([AT[f"rate_{axis}_dps"] for axis in "xyz"])
+    found = forms.TRIAD.evaluate(triad(), AT)
+    np.testing.assert_allclose(found, rates @ SENSITIVITY.T + BIAS, rtol=1e-12)
+
+
+def test_a_triad_without_biases_has_none_in_its_gradient():
+    """Nine coefficients where the latitude was unknown; `apply` is refused then."""
+    one = triad()
+    unknown = replace(one, coefficients=one.coefficients[:9])
+    assert forms.TRIAD.gradient(unknown, AT).shape == (7, 3, 9)
+    matrix = forms.GyroMatrix(("x", "y", "z"), ("a", "b", "c"), unknown, tuple("123456789"))
+    with pytest.raises(CoefficientError, match="does not know the biases"):
+        forms.require_biases(matrix)
+
+
+def test_rates_of_a_base_come_back_from_the_indications_of_its_gyros():
+    """S and B of a run's files, read and inverted."""
+    rates = np.column_stack([AT[f"rate_{axis}_dps"] for axis in "xyz"])
+    spec = GyroTriadRecipe.model_construct(gyros=("x", "y", "z"))
+    record = Record("s", "S-1", 1, "", "", "", "", ())
+    records = {
+        forms.SCALE_FILE: record,
+        forms.ORTHOGONALITY_FILE: replace(record, models=(replace(triad(), name="triad"),)),
+    }
+    (matrix,) = forms.read_matrices(spec, records)
+    found = matrix.rates(forms.TRIAD.evaluate(triad(), AT), np.zeros(7))
+    np.testing.assert_allclose(found, rates, atol=1e-10)
+
+
+@pytest.mark.parametrize("bent", [None, ODD, SINE], ids=["line", "odd", "sine"])
+def test_the_rate_of_a_gyro_comes_back_from_its_indication(bent):
+    """A straight line, and responses that are turned around."""
+    line = model(forms.LINE, {"K": 1e4, "F0": 20.0})
+    matrix = forms.GyroMatrix(("x",), ("gyro_x_dps",), line, ("K", "F0"), response=bent)
+    seen = RATES if bent is None else forms.RESPONSE.evaluate(bent, AT)
+    found = matrix.rates((1e4 * seen + 20.0)[:, None], np.zeros(7))
+    np.testing.assert_allclose(found[:, 0], RATES, atol=1e-9)
+
+
+def test_the_name_of_a_figure_is_read_as_it_was_written():
+    """With a standard and without one."""
+    for name in (
+        forms.FigureName("asymmetry", "GJB 2426A", "gyro_x.room_1"),
+        forms.FigureName("bias", "", "b_about_a"),
+    ):
+        assert forms.read_figure_name(name.text) == name
