@@ -8,7 +8,7 @@ from types import SimpleNamespace
 
 import numpy as np
 import pytest
-from hypothesis import given, settings, strategies as st
+from hypothesis import example, given, settings, strategies as st
 from scipy import stats
 
 from calibkit.certificate import checklist, conformity, profile, stated, tables, uncertainty
@@ -19,6 +19,11 @@ from calibkit.errors import RecipeError
 from calibkit.recipe import TypeB
 
 NO_TERMS = uncertainty.Source(())
+
+
+def of_type(uncertainty, kind):
+    """Standard uncertainty of type A or B alone."""
+    return math.hypot(*(c.contribution for c in uncertainty.contributions if c.kind == kind))
 
 
 def result(value, expanded=None, *, unit="ppm", interval=None):
@@ -192,12 +197,12 @@ def test_a_thermometer_enters_with_the_slope_of_the_curve_at_each_temperature():
     for temperature in (-20.0, 10.0, 60.0):
         slope = (at(temperature + 0.5).value - at(temperature - 0.5).value) / 1.0
         found = at(temperature, term).uncertainty
-        assert found.type_b == pytest.approx(abs(slope) * 0.3, rel=1e-9)
-        assert found.type_a == pytest.approx(
+        assert of_type(found, "B") == pytest.approx(abs(slope) * 0.3, rel=1e-9)
+        assert of_type(found, "A") == pytest.approx(
             at(temperature).uncertainty.standard_uncertainty, rel=1e-12
         )
         assert found.standard_uncertainty == pytest.approx(
-            math.hypot(found.type_a, found.type_b), rel=1e-12
+            math.hypot(of_type(found, "A"), of_type(found, "B")), rel=1e-12
         )
 
 
@@ -207,7 +212,7 @@ def test_a_term_on_a_result_is_converted_to_its_unit_and_another_dimension_is_re
     found = uncertainty.Source((term,)).uncertainty(
         ("x.alpha_deg", "alpha_deg"), 90.0, "deg", ((Words("fit"), 1e-9, 20.0),)
     )
-    assert found.type_b == pytest.approx(3.0 / 3600.0 / math.sqrt(3.0), rel=1e-12)
+    assert of_type(found, "B") == pytest.approx(3.0 / 3600.0 / math.sqrt(3.0), rel=1e-12)
     wrong = TypeB(name="axes", quantity="alpha_deg", unit="K", half_width=3.0)
     with pytest.raises(RecipeError):
         uncertainty.Source((wrong,)).uncertainty(
@@ -251,6 +256,7 @@ def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
 
 
 @given(st.floats(-200.0, 200.0).map(lambda low: round(low, 3)), st.floats(0.5, 400.0))
+@example(1.2, 0.5)
 def test_default_temperatures_are_round_and_inside_the_range(low, width):
     """Between two and eight numbers of at most three digits' step, none outside."""
     found = stated._round_numbers(low, low + width)
@@ -418,7 +424,7 @@ def test_every_plain_field_of_the_checklist_is_a_field_of_the_profile():
 def test_a_validation_of_another_run_is_refused(tmp_path):
     """As-found and as-left results belong to the coefficients of the certificate."""
     from calibkit import coefficients
-    from calibkit.certificate import as_found
+    from calibkit.certificate import run_files
     from calibkit.errors import CoefficientError
 
     document = {
@@ -432,7 +438,7 @@ def test_a_validation_of_another_run_is_refused(tmp_path):
     path.write_text(coefficients.seal(document), encoding="utf-8")
     run = SimpleNamespace(document={"sha256": "this"}, name="S@r001")
     with pytest.raises(CoefficientError, match="not of S@r001 as it is here"):
-        as_found.load(path, run)
+        run_files.load_validation(path, run)
 
 
 @pytest.mark.parametrize(

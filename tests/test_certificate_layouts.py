@@ -10,7 +10,7 @@ import numpy as np
 import pytest
 
 from calibkit import instruments, pipeline, recipe, store
-from calibkit.certificate import as_found, content, pdf, profile, run_files, tables
+from calibkit.certificate import content, pdf, profile, run_files, tables
 from calibkit.errors import RecipeError
 from calibkit.instruments import silent
 from calibkit.instruments.accelerometer import forms
@@ -19,6 +19,11 @@ from calibkit.instruments.fog_thermal.numeric.terms import TERMS, raw_design
 from conftest import ROOT, write_log
 
 ISSUED = dt.date(2026, 11, 21)
+
+
+def of_type(uncertainty, kind):
+    """Standard uncertainty of type A or B alone."""
+    return math.hypot(*(c.contribution for c in uncertainty.contributions if c.kind == kind))
 
 
 def fitted(folder, name, data=None, serial="S-1", overrides=()):
@@ -87,7 +92,7 @@ def test_every_coefficient_of_every_file_is_stated_with_its_value(run, name):
                     stated = found[f"{record.stage}.{model.name}.{c.name}"]
                     assert (stated.value, stated.unit, stated.file) == (c.value, c.unit, file)
                     if c.standard_uncertainty:
-                        assert stated.uncertainty.type_a == pytest.approx(
+                        assert of_type(stated.uncertainty, "A") == pytest.approx(
                             c.standard_uncertainty, rel=1e-6
                         )
 
@@ -100,7 +105,7 @@ def test_keys_are_distinct_and_every_uncertainty_adds_up(run, name):
     for result in made.results:
         if (u := result.uncertainty) is not None:
             assert u.standard_uncertainty == pytest.approx(
-                math.hypot(u.type_a, u.type_b), rel=1e-12
+                math.hypot(of_type(u, "A"), of_type(u, "B")), rel=1e-12
             )
             assert u.expanded_uncertainty == pytest.approx(
                 u.coverage_factor * u.standard_uncertainty, rel=1e-12
@@ -230,15 +235,15 @@ def test_type_b_of_a_rate_table_scales_k_and_leaves_the_pair_alone(run):
     """
     found = by_key(certificate(run("gyro_pair"), "gyro_pair"))
     K = found["gyro_scale.a_about_a.K"]
-    assert K.uncertainty.type_b == pytest.approx(
+    assert of_type(K.uncertainty, "B") == pytest.approx(
         K.value * 1e-6 * math.hypot(1.7, 0.5 / math.sqrt(3.0)), rel=1e-9
     )
     ieee = found["gyro_scale.scale_factor.IEEE Std 952.a_about_a"]
-    assert ieee.uncertainty.type_b / ieee.value == pytest.approx(
-        K.uncertainty.type_b / K.value, rel=1e-9
+    assert of_type(ieee.uncertainty, "B") / ieee.value == pytest.approx(
+        of_type(K.uncertainty, "B") / K.value, rel=1e-9
     )
-    assert found["gyro_orthogonality.pair.N"].uncertainty.type_b == 0.0
-    assert found["gyro_orthogonality.pair.alpha_deg"].uncertainty.type_b == pytest.approx(
+    assert of_type(found["gyro_orthogonality.pair.N"].uncertainty, "B") == 0.0
+    assert of_type(found["gyro_orthogonality.pair.alpha_deg"].uncertainty, "B") == pytest.approx(
         3.0 / 3600.0 / math.sqrt(3.0)
     )
 
@@ -265,7 +270,7 @@ def test_as_found_and_as_left_come_from_logs_that_were_not_fitted(run, tmp_path)
     document, _ = pipeline.validate(
         made, ROOT / "datasets" / "fog_thermal" / "withheld", out, silent
     )
-    validation = as_found.load(out, run_files.read_run(made))
+    validation = run_files.load_validation(out, run_files.read_run(made))
     rows = {(row.log, row.what.en): (row.found, row.left) for row in validation.rows}
     entry = document["logs"][0]
     assert rows[entry["name"], "drift rms, 100 s means"] == (

@@ -6,9 +6,9 @@ import numpy as np
 import pytest
 
 from calibkit.certificate import dcc_results, dcc_xml as xml
-from calibkit.certificate.as_found import AsFoundAsLeft, BeforeAfter
 from calibkit.certificate.dcc_units import ATOMS, dsi
 from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
+from calibkit.certificate.run_files import AsFoundAsLeft, BeforeAfter
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Coefficient, Model
 

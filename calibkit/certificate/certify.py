@@ -6,7 +6,7 @@ from pathlib import Path
 from typing import Any
 
 from calibkit import new_files, store
-from calibkit.certificate import as_found, content, dcc, pdf, profile, run_files, sign
+from calibkit.certificate import content, dcc, pdf, profile, run_files, sign
 from calibkit.certificate.checklist import Missing
 from calibkit.certificate.words import Lang
 from calibkit.errors import RecipeError, UsageError
@@ -52,7 +52,7 @@ def certify(
     signer = None if key is None else sign.signer(key)
     run = run_files.read_run(store.load(run_folder))
     stated, text = profile.load(profile_path, overrides)
-    validated = None if validation is None else as_found.load(validation, run)
+    validated = None if validation is None else run_files.load_validation(validation, run)
     try:
         certificate = content.build(
             run, layout_of, stated, text, validated, dt.date.fromisoformat(date)

@@ -55,9 +55,7 @@ def missing(profile: Profile, issued: dt.date, *, validated: bool) -> tuple[Miss
     return (
         *_fields(profile),
         *_traceability(profile),
-        *_order(profile, issued),
-        *_amendment(profile),
-        *_left(profile, validated=validated),
+        *_consistency(profile, issued, validated=validated),
     )
 
 
@@ -109,8 +107,10 @@ def _traceability(profile: Profile) -> Iterator[Missing]:
             yield Missing("standard.date", what)
 
 
-def _order(profile: Profile, issued: dt.date) -> Iterator[Missing]:
-    """A certificate is not issued before the work is done."""
+def _consistency(profile: Profile, issued: dt.date, *, validated: bool) -> Iterator[Missing]:
+    """A certificate is not issued before the work is done; an amendment states what it changes; as
+    found and as left are stated, or why they are not.
+    """
     done = profile.dates.performed_until or profile.dates.performed
     if done is not None and done > issued:
         what = Words(
@@ -118,18 +118,10 @@ def _order(profile: Profile, issued: dt.date) -> Iterator[Missing]:
             f"校准日期 {done} 晚于签发日期 {issued}",
         )
         yield Missing("dates.performed", what)
-
-
-def _amendment(profile: Profile) -> Iterator[Missing]:
-    """An amendment says what it changes."""
     if profile.certificate.amends and not any(
         change.strip() for change in profile.certificate.changes
     ):
         yield Missing("certificate.changes", Words("what the amendment changes", "修改内容"))
-
-
-def _left(profile: Profile, *, validated: bool) -> Iterator[Missing]:
-    """As found and as left, or why they are not stated."""
     if not validated and not profile.adjustment.statement.strip():
         what = Words(
             "as-found and as-left results (--validation), or adjustment.statement",

@@ -13,6 +13,7 @@ from calibkit.certificate.profile import Rule, Specification
 from calibkit.certificate.results import Result
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
+from calibkit.units import ALIASES
 
 Verdict = Literal["pass", "conditional pass", "conditional fail", "fail", "no statement possible"]
 VERDICTS: dict[Verdict, Words] = {
@@ -87,7 +88,7 @@ def statements(
                 at=("specification", k, "result"),
             )
         for result in judged:
-            if specification.unit not in (result.unit, *_spellings(result.unit)):
+            if ALIASES.get(specification.unit, specification.unit) != result.unit:
                 raise RecipeError(
                     f"[[specification]] '{specification.result}' is in '{specification.unit}',"
                     f" {result.key} in '{result.unit}'",
@@ -96,13 +97,6 @@ def statements(
                 )
             made.append(_statement(result, specification, specification.rule or default))
     return tuple(made)
-
-
-def _spellings(unit: str) -> tuple[str, ...]:
-    """Other spellings of a unit that the profile may use."""
-    from calibkit.units import ALIASES
-
-    return tuple(alias for alias, spelling in ALIASES.items() if spelling == unit)
 
 
 def _statement(result: Result, specification: Specification, rule: Rule) -> Statement:
@@ -140,52 +134,30 @@ def _expansion(result: Result) -> tuple[float, float]:
     return result.uncertainty.expanded_uncertainty, result.uncertainty.expanded_uncertainty
 
 
-def _tolerance(result: Result, lower: float | None, upper: float | None) -> float:
-    """Half the width between two limits; of one limit on a quantity that cannot be negative, the
-    limit; else unbounded.
-    """
-    if lower is not None and upper is not None:
-        return (upper - lower) / 2.0
-    if result.interval is not None and result.interval[0] >= 0.0 and upper is not None:
-        return upper
-    return math.inf
-
-
 def _judge(
     result: Result, lower: float | None, upper: float | None, rule: Rule
 ) -> tuple[Verdict, Words]:
     """Verdict and why, or that none is possible: no uncertainty, or one larger than the
-    tolerance.
+    tolerance, which is half the width between two limits; of one limit on a quantity that cannot be
+    negative, the limit; else unbounded.
     """
     below, above = _expansion(result)
     if not math.isfinite(above):
         return "no statement possible", Words("no uncertainty was determined", "未评定不确定度")
-    if max(below, above) > _tolerance(result, lower, upper):
+    low, high = (-math.inf if lower is None else lower), (math.inf if upper is None else upper)
+    tolerance = (high - low) / 2.0
+    if lower is None and result.interval is not None and result.interval[0] >= 0.0:
+        tolerance = high
+    if max(below, above) > tolerance:
         return "no statement possible", Words("U exceeds the tolerance", "U 大于允差")
-    inside = _margin(result.value, lower, upper)
-    guarded = min(
-        math.inf if lower is None else result.value - below - lower,
-        math.inf if upper is None else upper - (result.value + above),
-    )
-    if (inside if rule == "simple" else guarded) >= 0.0:
+    bottom, top = result.value - below, result.value + above
+    inside = min(result.value - low, high - result.value) >= 0.0
+    accepted = inside if rule == "simple" else min(bottom - low, high - top) >= 0.0
+    if accepted:
         return "pass", Words("")
     if rule != "four_way":
-        return "fail", (
-            Words("inside the tolerance, but by less than U", "在允差内但余量小于 U")
-            if inside >= 0.0
-            else Words("")
-        )
-    if inside >= 0.0:
+        near = Words("inside the tolerance, but by less than U", "在允差内但余量小于 U")
+        return "fail", near if inside else Words("")
+    if inside:
         return "conditional pass", Words("")
-    reach = max(
-        -math.inf if lower is None else lower - (result.value + above),
-        -math.inf if upper is None else result.value - below - upper,
-    )
-    return ("conditional fail" if reach <= 0.0 else "fail"), Words("")
-
-
-def _margin(value: float, lower: float | None, upper: float | None) -> float:
-    """How far a value lies inside its limits; negative outside."""
-    return min(
-        math.inf if lower is None else value - lower, math.inf if upper is None else upper - value
-    )
+    return ("conditional fail" if max(low - top, bottom - high) <= 0.0 else "fail"), Words("")

@@ -9,10 +9,9 @@ from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
 from calibkit.certificate import checklist, conformity, uncertainty
-from calibkit.certificate.as_found import AsFoundAsLeft
 from calibkit.certificate.profile import Profile
 from calibkit.certificate.results import Block, Result
-from calibkit.certificate.run_files import RunFacts, RunFiles, run_facts
+from calibkit.certificate.run_files import AsFoundAsLeft, RunFacts, RunFiles, run_facts
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError

@@ -19,10 +19,10 @@ if TYPE_CHECKING:
 
     from lxml.etree import _Element
 
-    from calibkit.certificate.as_found import AsFoundAsLeft, BeforeAfter
     from calibkit.certificate.dcc_units import Unit
     from calibkit.certificate.dcc_xml import Notation
     from calibkit.certificate.results import Result
+    from calibkit.certificate.run_files import AsFoundAsLeft, BeforeAfter
     from calibkit.coefficients import Model
 
 MEASURED = "basic_measuredValue"

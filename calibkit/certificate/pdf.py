@@ -82,7 +82,8 @@ def _refusal(error: Any, lang: Lang) -> Exception:  # noqa: ANN401 (a class of a
     """What is wrong where typst refuses: UnshownError for characters that no font has, UsageError
     where the certificate's own words are among them, else OutputError.
     """
-    unshown = set(_unshown(error.diagnostic))
+    texts = _UNSHOWN.findall(error.diagnostic)
+    unshown = set("".join(_ESCAPE.sub(lambda m: chr(int(m.group(1), 16)), text) for text in texts))
     if not unshown:
         return OutputError(f"typst: {error.message}", hint="this is a bug")
     if lang != "en" and (own := sorted(unshown & _chinese())):
@@ -101,15 +102,6 @@ def _chinese() -> set[str]:
         for c in words.zh
         if ord(c) >= FIRST_CJK
     }
-
-
-def _unshown(diagnostic: str) -> list[str]:
-    """Characters that a typst diagnostic says no font has."""
-    texts = (
-        _ESCAPE.sub(lambda m: chr(int(m.group(1), 16)), text)
-        for text in _UNSHOWN.findall(diagnostic)
-    )
-    return [character for text in texts for character in text]
 
 
 def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
@@ -146,7 +138,8 @@ def cleaned(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
 
     def clean(value: Any) -> Any:  # noqa: ANN401 (walks a JSON value)
         if isinstance(value, str):
-            return _breakable("".join(map(shown, value)))
+            text = "".join(map(shown, value))
+            return re.sub(rf"\S{{{LONGEST_WORD}}}(?=\S)", lambda m: m.group() + "\u200b", text)
         if isinstance(value, list):
             return [clean(item) for item in value]
         if isinstance(value, dict):
@@ -163,8 +156,3 @@ def cleaned(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
 
     made: dict[str, Any] = clean(document)
     return made
-
-
-def _breakable(text: str) -> str:
-    """Text whose long words may be broken."""
-    return re.sub(rf"\S{{{LONGEST_WORD}}}(?=\S)", lambda m: m.group() + "\u200b", text)

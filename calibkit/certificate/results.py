@@ -40,16 +40,6 @@ class Uncertainty:
     expanded_uncertainty: float
     probability: float
 
-    @property
-    def type_a(self) -> float:
-        """Standard uncertainty of type A alone."""
-        return float(sum(c.contribution**2 for c in self.contributions if c.kind == "A") ** 0.5)
-
-    @property
-    def type_b(self) -> float:
-        """Standard uncertainty of type B alone."""
-        return float(sum(c.contribution**2 for c in self.contributions if c.kind == "B") ** 0.5)
-
 
 @dataclass(frozen=True, slots=True)
 class Result:

@@ -1,14 +1,21 @@
-"""The files of a run that a certificate is made from, and what they state."""
+"""The files that a certificate is made from, those of a run and its validation, and what they
+state.
+"""
 
-from collections.abc import Iterable, Mapping
+from collections.abc import Iterable, Iterator, Mapping
 from dataclasses import dataclass
+from pathlib import Path
 from typing import Any
 
+from calibkit import coefficients
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Condition, Criterion, Input, Record
+from calibkit.errors import CoefficientError, UsageError
 from calibkit.new_files import RUN_FILE
 from calibkit.report.run import stated_criteria
 from calibkit.store import Run
+
+VALIDATION_FORMATS = ("calibkit-validation/1",)
 
 
 @dataclass(frozen=True, slots=True)
@@ -101,3 +108,151 @@ def _range(entry: Mapping[str, Any]) -> str:
 def stated_inputs(entries: Iterable[Mapping[str, Any]]) -> tuple[Input, ...]:
     """Logs that a file lists."""
     return tuple(Input(entry["name"], entry["sha256"], entry["rows"]) for entry in entries)
+
+
+@dataclass(frozen=True, slots=True)
+class BeforeAfter:
+    """One quantity of one log, as found and as left, in one unit; descriptors, unless an
+    uncertainty is stated.
+    """
+
+    log: str
+    what: Words
+    found: float | None
+    left: float | None
+    unit: str
+    left_u: float | None = None
+    """Expanded uncertainty (k = 2) of the as-left result where the validation states one."""
+
+
+@dataclass(frozen=True, slots=True)
+class AsFoundAsLeft:
+    """The rows, the logs that they come from, the limits of the recipe, the text of the file."""
+
+    rows: tuple[BeforeAfter, ...]
+    check_points: tuple[BeforeAfter, ...]
+    logs: tuple[Input, ...]
+    criteria: tuple[Criterion, ...]
+    flags: tuple[str, ...]
+    text: str
+
+
+def load_validation(path: Path, run: RunFiles) -> AsFoundAsLeft:
+    """Read a validation of a run; CoefficientError for another run's, UsageError where there is no
+    such file.
+    """
+    try:
+        content = path.read_bytes()
+    except OSError as error:
+        raise UsageError(
+            f"--validation {path}: {error.strerror}", hint="write one with calibkit validate"
+        ) from None
+    return parse_validation(content, str(path), run)
+
+
+def parse_validation(content: bytes, name: str, run: RunFiles) -> AsFoundAsLeft:
+    """Validation of a run from the bytes of its file; CoefficientError for what is none, or another
+    run's.
+    """
+    try:
+        text = content.decode("utf-8")
+    except UnicodeDecodeError:
+        raise CoefficientError(
+            f"{name}: not UTF-8 text", hint="name what calibkit validate wrote"
+        ) from None
+    document = coefficients.unseal(text, name, VALIDATION_FORMATS)
+    if document["run_sha256"] != run.document["sha256"]:
+        raise CoefficientError(
+            f"{name}: a validation of {document['serial']} r{document['revision']:03d}, not of"
+            f" {run.name} as it is here",
+            hint=f"run calibkit validate {run.name}",
+        )
+    logs = document["logs"]
+    rows = (*(row for entry in logs for row in _rows(entry)), *_pair(document))
+    points = tuple(row for entry in logs for row in _stations(entry))
+    return AsFoundAsLeft(
+        rows,
+        points,
+        stated_inputs(logs),
+        stated_criteria(document),
+        tuple(document["flags"]),
+        text,
+    )
+
+
+def _rows(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
+    """Figures of one log, whatever the procedure."""
+    log = str(entry["name"])
+    if "drift_rms_before" in entry:
+        what = Words("drift rms, 100 s means", "漂移均方根（100 s 平均）")
+        yield BeforeAfter(log, what, entry["drift_rms_before"], entry["drift_rms_after"], "deg/h")
+        yield BeforeAfter(log, Words("rate gain", "速率增益"), 1.0, entry["rate_gain"], "1")
+    for gyro in entry.get("gyros", ()):
+        yield from _gyro(log, gyro)
+    for channel in entry.get("channels", ()):
+        what = Words(f"{channel['name']}: standard deviation", f"{channel['name']}：标准差")
+        yield BeforeAfter(log, what, channel["before"], channel["after"], channel["unit"])
+    if isinstance(entry.get("before"), dict):
+        yield from _angles(log, entry["before"], entry["after"])
+
+
+def _gyro(log: str, gyro: Mapping[str, Any]) -> Iterator[BeforeAfter]:
+    """Scale-factor error of one gyro on one run."""
+    before, after = gyro["before"], gyro["after"]
+    name = gyro["gyro"]
+    what = Words(f"gyro {name}: scale-factor error", f"{name} 陀螺：标度因数误差")
+    u = 2.0 * gyro["scale_factor_error_standard_uncertainty_ppm"]
+    yield BeforeAfter(
+        log, what, before["scale_factor_error_ppm"], after["scale_factor_error_ppm"], "ppm", u
+    )
+    what = Words(f"gyro {name}: rate error rms", f"{name} 陀螺：速率误差均方根")
+    yield BeforeAfter(log, what, before["rate_error_rms_dps"], after["rate_error_rms_dps"], "deg/s")
+
+
+ANGLES = (
+    ("residual_rms_g", Words("residual rms", "残差均方根"), "g"),
+    ("inclination_rms_deg", Words("inclination error, rms", "井斜角误差均方根"), "deg"),
+    ("inclination_max_deg", Words("inclination error, largest", "井斜角最大误差"), "deg"),
+    ("toolface_rms_deg", Words("toolface error, rms", "工具面角误差均方根"), "deg"),
+    ("toolface_max_deg", Words("toolface error, largest", "工具面角最大误差"), "deg"),
+    ("azimuth_rms_deg", Words("azimuth error, rms", "方位角误差均方根"), "deg"),
+    ("azimuth_max_deg", Words("azimuth error, largest", "方位角最大误差"), "deg"),
+)
+
+
+def _angles(log: str, before: Mapping[str, Any], after: Mapping[str, Any]) -> Iterator[BeforeAfter]:
+    """Attitude errors; the toolface with its inclination range."""
+    span = after.get("toolface_inclination_range_deg")
+    for key, words, unit in ANGLES:
+        if key in before or key in after:
+            what = words
+            if span and key.startswith("toolface"):
+                what = words + Words(
+                    f", inclination {span[0]:g}° to {span[1]:g}°",
+                    f"（井斜 {span[0]:g}° 至 {span[1]:g}°）",
+                )
+            yield BeforeAfter(log, what, before.get(key), after.get(key), unit)
+
+
+def _stations(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
+    """Azimuth error of every station with its expanded uncertainty."""
+    for station in entry.get("stations", ()):
+        if station.get("refused") or station.get("azimuth_error_after_deg") is None:
+            continue
+        u = station.get("azimuth_standard_uncertainty_deg")
+        what = Words(
+            f"station {station['station']}: azimuth error", f"测站 {station['station']}：方位角误差"
+        )
+        before, after = station.get("azimuth_error_before_deg"), station["azimuth_error_after_deg"]
+        yield BeforeAfter(
+            str(entry["name"]), what, before, after, "deg", None if u is None else 2.0 * u
+        )
+
+
+def _pair(document: Mapping[str, Any]) -> Iterator[BeforeAfter]:
+    """N, ε, γ, α: frozen, and found again on other runs."""
+    for entry in document.get("pair", ()):
+        what = Words(f"{entry['name']}: difference of the new runs", f"{entry['name']}：新测次之差")
+        yield BeforeAfter(
+            "", what, None, entry["difference"], entry["unit"], 2.0 * entry["standard_uncertainty"]
+        )

@@ -6,11 +6,11 @@ from collections.abc import Iterable, Sequence
 from typing import Any
 
 from calibkit.certificate import conformity, plots, tables
-from calibkit.certificate.as_found import BeforeAfter
 from calibkit.certificate.conformity import Statement
 from calibkit.certificate.content import Certificate
 from calibkit.certificate.profile import Laboratory, Party, Profile
 from calibkit.certificate.results import Block, ListTable
+from calibkit.certificate.run_files import BeforeAfter
 from calibkit.certificate.words import (
     AS_FOUND,
     AS_LEFT,
@@ -76,54 +76,61 @@ def _party(party: Party, lang: Lang) -> Rows:
     if isinstance(party, Laboratory):
         label = Words("Laboratory", "实验室")
         place = [(Words("Place of work", "校准地点"), party.place_of_work)]
-    rows = [
-        (label, party.name),
-        (Words("Address", "地址"), party.address),
-        *_given((Words("Country", "国家"), party.country)),
-        *place,
-        *_given(
-            (Words("E-mail", "电子邮件"), party.email), (Words("Telephone", "电话"), party.phone)
-        ),
-    ]
-    return _in_words(rows, lang)
+    return _in_words(
+        [
+            (label, party.name),
+            (Words("Address", "地址"), party.address),
+            *_given((Words("Country", "国家"), party.country)),
+            *place,
+            *_given(
+                (Words("E-mail", "电子邮件"), party.email),
+                (Words("Telephone", "电话"), party.phone),
+            ),
+        ],
+        lang,
+    )
 
 
 def _item(certificate: Certificate, lang: Lang) -> Rows:
     """What was calibrated, in which condition, when."""
     item, dates = certificate.profile.item, certificate.profile.dates
     until = f" … {dates.performed_until}" if dates.performed_until else ""
-    rows = [
-        (Words("Item", "名称"), item.type),
-        (Words("Maker", "制造商"), item.maker),
-        (Words("Model", "型号"), item.model),
-        (Words("Serial number", "编号"), certificate.run.serial),
-        *_given((Words("Identification", "标识"), item.identification)),
-        (Words("Condition", "状态"), item.condition),
-        *_given((Words("Received", "接收日期"), str(dates.received or ""))),
-        (Words("Calibrated", "校准日期"), f"{dates.performed or ''}{until}"),
-        (Words("Issued", "签发日期"), str(certificate.issued)),
-    ]
-    return _in_words(rows, lang)
+    return _in_words(
+        [
+            (Words("Item", "名称"), item.type),
+            (Words("Maker", "制造商"), item.maker),
+            (Words("Model", "型号"), item.model),
+            (Words("Serial number", "编号"), certificate.run.serial),
+            *_given((Words("Identification", "标识"), item.identification)),
+            (Words("Condition", "状态"), item.condition),
+            *_given((Words("Received", "接收日期"), str(dates.received or ""))),
+            (Words("Calibrated", "校准日期"), f"{dates.performed or ''}{until}"),
+            (Words("Issued", "签发日期"), str(certificate.issued)),
+        ],
+        lang,
+    )
 
 
 def _method(certificate: Certificate, lang: Lang) -> Rows:
     """Procedure with revision, software, deviations, external providers, excluded data."""
     method, run = certificate.profile.method, certificate.run
-    rows = [
-        (Words("Method", "方法"), method.name),
-        (Words("Revision", "版本"), method.revision),
-        (
-            Words("Evaluation", "数据处理"),
-            f"{run.software}, {run.recipe} ({run.procedure}), {run.name}",
-        ),
-        (Words("Deviations from the method", "对方法的偏离"), method.deviations),
-        (Words("From external providers", "外部提供的部分"), method.external_providers),
-        *(
-            (Words("Left out", "剔除数据"), f"{what}: {why} ({person})")
-            for what, why, person in run.excluded
-        ),
-    ]
-    return _in_words(rows, lang)
+    return _in_words(
+        [
+            (Words("Method", "方法"), method.name),
+            (Words("Revision", "版本"), method.revision),
+            (
+                Words("Evaluation", "数据处理"),
+                f"{run.software}, {run.recipe} ({run.procedure}), {run.name}",
+            ),
+            (Words("Deviations from the method", "对方法的偏离"), method.deviations),
+            (Words("From external providers", "外部提供的部分"), method.external_providers),
+            *(
+                (Words("Left out", "剔除数据"), f"{what}: {why} ({person})")
+                for what, why, person in run.excluded
+            ),
+        ],
+        lang,
+    )
 
 
 def _conditions(certificate: Certificate, lang: Lang) -> Rows:
@@ -381,9 +388,11 @@ def _amendment(profile: Profile, lang: Lang) -> dict[str, Any] | None:
 def _authorisation(certificate: Certificate, lang: Lang) -> Rows:
     """Who authorises it, as what, when."""
     person = certificate.profile.authorised_by
-    rows = [
-        (Words("Authorised by", "批准人"), person.name),
-        (Words("Role", "职务"), person.role),
-        (Words("Date of issue", "签发日期"), str(certificate.issued)),
-    ]
-    return _in_words(rows, lang)
+    return _in_words(
+        [
+            (Words("Authorised by", "批准人"), person.name),
+            (Words("Role", "职务"), person.role),
+            (Words("Date of issue", "签发日期"), str(certificate.issued)),
+        ],
+        lang,
+    )

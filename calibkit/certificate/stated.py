@@ -255,17 +255,8 @@ def _round_numbers(low: float, high: float) -> list[float]:
     for step in (factor * scale for factor in STEPS):
         first, last = math.ceil(low / step), math.floor(high / step)
         if last - first < MOST_TEMPERATURES:
-            return [k * step for k in range(first, last + 1)]
+            return [min(max(k * step, low), high) for k in range(first, last + 1)]
     return []
-
-
-def range_words(model: Model) -> Words:
-    """Ranges that a model holds in."""
-    parts = [_range(column, low, high) for column, (low, high) in model.valid.items()]
-    return Words(
-        f"Model {model.name} holds for {'; '.join(part.en for part in parts)}.",
-        f"模型 {model.name} 适用范围：{'；'.join(part.zh or part.en for part in parts)}。",
-    )
 
 
 QUANTITIES = {
@@ -278,11 +269,17 @@ QUANTITIES = {
 """Columns of ranges in words, with their units."""
 
 
-def _range(column: str, low: float, high: float) -> Words:
-    """A range in words."""
-    words, unit = QUANTITIES.get(column, (Words(column), ""))
-    ends = f"{low:.4g}".replace("-", "−"), f"{high:.4g}".replace("-", "−")
-    return words + Words(f" {ends[0]} … {ends[1]} {unit}".rstrip())
+def range_words(model: Model) -> Words:
+    """Ranges that a model holds in."""
+    parts = []
+    for column, ends in model.valid.items():
+        words, unit = QUANTITIES.get(column, (Words(column), ""))
+        low, high = (f"{end:.4g}".replace("-", "−") for end in ends)
+        parts.append(words + Words(f" {low} … {high} {unit}".rstrip()))
+    return Words(
+        f"Model {model.name} holds for {'; '.join(part.en for part in parts)}.",
+        f"模型 {model.name} 适用范围：{'；'.join(part.zh or part.en for part in parts)}。",
+    )
 
 
 def many_residuals(models: Sequence[Model]) -> tuple[Words, ...]:

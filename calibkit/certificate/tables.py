@@ -283,9 +283,10 @@ def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, An
         for part in uncertainty.contributions
     ]
     value, expanded = cells(result)
+    name, key = result.name.of(lang), breakable(result.key)
     k = f"{uncertainty.coverage_factor:.2f}".removesuffix(".00")
     return {
-        "title": _describe(result, lang),
+        "title": f"{key} ({name})" if name and name != result.symbol else key,
         "value": f"{value} {unit}".strip(),
         "rows": rows,
         "sum": [
@@ -300,12 +301,6 @@ def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, An
 def _dof(dof: float) -> str:
     """Degrees of freedom, rounded down; from ten thousand on they are many."""
     return "∞" if dof >= MANY else f"{math.floor(dof + 1e-9)}"
-
-
-def _describe(result: Result, lang: Lang) -> str:
-    """A result by its key, with its name."""
-    name, key = result.name.of(lang), breakable(result.key)
-    return f"{key} ({name})" if name and name != result.symbol else key
 
 
 def breakable(key: str) -> str:

@@ -2,7 +2,6 @@
 the fit (JCGM 100).
 """
 
-import itertools
 import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
@@ -63,7 +62,20 @@ class Source:
             return None
         expanded = gum.combine([part for part, *_ in parts])
         return Uncertainty(
-            tuple(itertools.starmap(_line, parts)),
+            tuple(
+                Contribution(
+                    name,
+                    part.kind,
+                    quantity,
+                    part.standard_uncertainty,
+                    own_unit,
+                    part.distribution,
+                    part.dof,
+                    part.sensitivity,
+                    abs(part.sensitivity) * part.standard_uncertainty,
+                )
+                for part, name, quantity, own_unit in parts
+            ),
             expanded.standard_uncertainty,
             expanded.effective_dof,
             expanded.coverage_factor,
@@ -121,21 +133,6 @@ def _in_base(term: TypeB, result_unit: str | None) -> TypeB:
     stated = ("standard_uncertainty", "half_width", "expanded_uncertainty")
     scaled = {key: value * factor for key in stated if (value := getattr(term, key)) is not None}
     return term.model_copy(update={"unit": target, **scaled})
-
-
-def _line(part: gum.Component, name: Words, quantity: str, unit: str) -> Contribution:
-    """Line of the budget for one component."""
-    return Contribution(
-        name,
-        part.kind,
-        quantity,
-        part.standard_uncertainty,
-        unit,
-        part.distribution,
-        part.dof,
-        part.sensitivity,
-        abs(part.sensitivity) * part.standard_uncertainty,
-    )
 
 
 def unused(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:

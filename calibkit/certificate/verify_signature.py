@@ -69,10 +69,11 @@ def _checked(document: bytes, embedded: Any, roots: Sequence[Any], *, last: bool
     try:
         context = ValidationContext(trust_roots=list(roots), allow_fetching=False)
         status = validate_pdf_signature(embedded, signer_validation_context=context)
+        *_, after, rest = (int(number) for number in embedded.byte_range)
         signer = status.signing_cert.subject.human_friendly
         claimed = status.signer_reported_dt
         faults = [
-            *_status(status, last=last, whole=_end(embedded) == len(document)),
+            *_status(status, last=last, whole=after + rest == len(document)),
             *_container(document, embedded),
             *_bag(embedded),
         ]
@@ -86,12 +87,6 @@ def _checked(document: bytes, embedded: Any, roots: Sequence[Any], *, last: bool
     return Signature(
         signer, "" if claimed is None else claimed.isoformat(), tuple(faults), tuple(warnings)
     )
-
-
-def _end(embedded: Any) -> int:  # noqa: ANN401 (a class of an optional library)
-    """Where the bytes end that a signature covers."""
-    *_, after, rest = (int(number) for number in embedded.byte_range)
-    return after + rest
 
 
 def _one_line(error: Exception) -> str:
@@ -117,9 +112,12 @@ def _status(status: Any, *, last: bool, whole: bool) -> Iterator[str]:  # noqa: 
 
 def _container(document: bytes, embedded: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optional library)
     """The gap that the signature does not cover holds the signature, zeros, and nothing else."""
+    from asn1crypto.parser import peek
+
     start, length, after, rest = (int(number) for number in embedded.byte_range)
     gap = document[start + length : after]
-    der = _der(bytes.fromhex(gap[1:-1].decode("ascii"))) if len(gap) > 2 else b""
+    der = bytes.fromhex(gap[1:-1].decode("ascii")) if len(gap) > 2 else b""
+    der = der[: peek(der)] if der else b""  # the first DER value, without the zeros behind it
     plain = {
         b"<" + text.ljust(len(gap) - 2, b"0") + b">"
         for text in (der.hex().encode(), der.hex().upper().encode())
@@ -157,13 +155,6 @@ def _regular(der: bytes, signer: Any) -> bool:  # noqa: ANN401 (a class of an op
         data["encap_content_info"] = cms.ContentInfo({"content_type": "data"})
         found.append(made.dump(force=True))
     return der in found
-
-
-def _der(content: bytes) -> bytes:
-    """The first DER value of some bytes, without the zeros behind it."""
-    from asn1crypto.parser import peek
-
-    return content[: peek(content)]
 
 
 def _bag(embedded: Any) -> Iterator[str]:  # noqa: ANN401 (a class of an optional library)

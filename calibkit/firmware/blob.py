@@ -130,7 +130,9 @@ def _read(
     content: bytes, bits: int, digest: bytes, count: int, rows: int, name: str
 ) -> tuple[Program, vectors.Vectors]:
     """Program and vectors of a blob whose CRC is right."""
-    lines = _layout_lines(content)
+    start = content.rfind(b'\n\n{"program"')
+    text = content[start + 2 : -4] if start > 0 else b""
+    lines = text.decode("ascii", "replace").splitlines() or [""]
     if bits not in CODES or hashlib.sha256("\n".join(lines).encode()).digest()[:8] != digest:
         raise CoefficientError(
             f"{name}: its layout is not the one it states", hint="export it again"
@@ -162,9 +164,3 @@ def _read(
         status,
     )
     return layout.program(lines[:-1], tables, name), stated
-
-
-def _layout_lines(content: bytes) -> list[str]:
-    """The layout at the end of a blob's text."""
-    start = content.rfind(b'\n\n{"program"')
-    return content[start + 2 : -4].decode("ascii", "replace").splitlines() if start > 0 else [""]

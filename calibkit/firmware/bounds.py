@@ -87,9 +87,11 @@ class _Analysis:
         """Walk the steps."""
         for entry in self.chain.structure.inputs:
             self.errors[entry.name] = 0.0
+        # the mapped value that the filters follow, and what is remembered of it
+        followed = next((m for m in self.chain.structure.memories if m.start == "same"), None)
         for step in self.chain.structure.steps:
-            if step.name in self.chain.gains:
-                mapped = self.driving()
+            if followed is not None and step.name in self.chain.gains:
+                mapped = (followed.name, followed.source)
                 quiet = {**self.errors, **self.inner, **dict.fromkeys(mapped, 0.0)}
                 self.inner[step.name] = self.step(step, quiet)
                 driven = max(self.errors[name] for name in mapped)
@@ -99,11 +101,6 @@ class _Analysis:
             else:
                 self.errors[step.name] = self.step(step, self.errors)
         return self
-
-    def driving(self) -> tuple[str, ...]:
-        """Mapped value that the filters follow, and what is remembered of it."""
-        memory = next(m for m in self.chain.structure.memories if m.start == "same")
-        return memory.name, memory.source
 
     def reach(self, name: str) -> float:
         """Largest magnitude of a value."""

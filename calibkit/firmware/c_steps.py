@@ -63,7 +63,12 @@ class Body:
                 first = f"(state->updates == 0U) ? {step.source} : {kept}"
                 return first if step.start == "same" else kept
             case Slope():
-                return self._slope(step)
+                fixed = self.program.format.fixed
+                return (
+                    f"@p_slope(state->{step.name}_history, {step.source}, state->updates,"
+                    f" @p_{step.table},{f' {self.program.slope_places(step)}U,' if fixed else ''}\n"
+                    f"    {self._flag(step.flag)}, &status)"
+                )
 
     def _flag(self, name: str) -> str:
         """Status bit of that name."""
@@ -123,14 +128,6 @@ class Body:
             return f"{step.numerator} / {step.denominator}"
         places = self.program.quotient_places(step)
         return f"@p_quotient({step.numerator}, {step.denominator}, {places}U)"
-
-    def _slope(self, step: Slope) -> str:
-        """Rate over a history that the state keeps."""
-        places = f" {self.program.slope_places(step)}U," if self.program.format.fixed else ""
-        return (
-            f"@p_slope(state->{step.name}_history, {step.source}, state->updates,"
-            f" @p_{step.table},{places}\n    {self._flag(step.flag)}, &status)"
-        )
 
     def _select(self, step: Select) -> Iterator[str]:
         """The first side that holds, with its status."""

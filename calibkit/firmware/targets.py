@@ -45,14 +45,6 @@ def _none(*_: object) -> dict[str, bytes]:
     return {}
 
 
-def _c(export: Export, _: int) -> dict[str, bytes]:
-    """C99 header and source."""
-    return {
-        ".h": c_header.render(export).encode("ascii"),
-        ".c": c_source.render(export).encode("ascii"),
-    }
-
-
 def _loader(exports: Sequence[Export]) -> dict[str, bytes]:
     """The C99 that takes every device's numbers; OutputError where they need different ones."""
     first = exports[0]
@@ -70,7 +62,15 @@ def _loader(exports: Sequence[Export]) -> dict[str, bytes]:
 
 
 TARGETS: Mapping[str, _Target] = {
-    "c": _Target((*FLOATS, "q31", "q15"), _c, _none, several=False),
+    "c": _Target(
+        (*FLOATS, "q31", "q15"),
+        lambda export, _: {
+            ".h": c_header.render(export).encode("ascii"),
+            ".c": c_source.render(export).encode("ascii"),
+        },
+        _none,
+        several=False,
+    ),
     "blob": _Target(FLOATS, lambda export, _: {".bin": blob.render(export)}, _loader),
     "hex": _Target(
         FLOATS,

@@ -13,9 +13,8 @@ from typing import Any, TypeAlias
 import numpy as np
 from numpy.typing import NDArray
 
-from calibkit.arrays import Array, Mask
+from calibkit.arrays import Array
 from calibkit.firmware.chain import (
-    Case,
     Limit,
     Map,
     Memory,
@@ -95,7 +94,10 @@ def call(program: Program, inputs: Mapping[str, Words], state: _State | None = N
     """One call of the firmware's function on lanes of inputs [n]; a chain with memory needs its
     state.
     """
-    invalid = {name: _invalid(program, words) for name, words in inputs.items()}
+    invalid = {
+        name: words == program.format.no_number if program.format.fixed else ~np.isfinite(words)
+        for name, words in inputs.items()
+    }
     bad = np.any(list(invalid.values()), axis=0)
     with np.errstate(all="ignore"):
         run = _Run(program, state, np.zeros(bad.size, dtype=np.int64))
@@ -148,13 +150,6 @@ def dtype(program: Program) -> Any:  # noqa: ANN401 (a numpy type)
     if program.format.fixed:
         return np.int64
     return np.float32 if program.format.bits == 24 else np.float64
-
-
-def _invalid(program: Program, words: Words) -> Mask:
-    """Inputs that are no number."""
-    if program.format.fixed:
-        return np.asarray(words == program.format.no_number)
-    return np.asarray(~np.isfinite(words))
 
 
 class _Run:
@@ -299,7 +294,9 @@ class _Run:
         total = np.zeros_like(self.values[step.cases[0].value])
         open_ = np.ones(source.shape, dtype=bool)
         for case in step.cases:
-            here = open_ & self.holds(case, source)
+            (threshold,) = self.numbers(case.table)
+            up, down = source >= threshold, source <= -threshold
+            here = open_ & (up if case.side > 0 else down if case.side < 0 else up | down)
             value = self.values[case.value]
             if self.fixed:
                 value = _rounded(
@@ -311,12 +308,6 @@ class _Run:
             open_ = open_ & ~here
         self.flag(step.flag, open_, "")
         return total
-
-    def holds(self, case: Case, source: Words) -> Words:
-        """Where a case holds."""
-        (threshold,) = self.numbers(case.table)
-        up, down = source >= threshold, source <= -threshold
-        return np.asarray(up if case.side > 0 else down if case.side < 0 else up | down)
 
     def out(self, name: str, source: str) -> Words:
         """An output at its own scale."""

@@ -19,7 +19,6 @@ from calibkit.numeric.change import Joint
 from calibkit.store import Run
 
 Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", "appeared", "gone"]
-JUDGED = ("moved", "held")
 ABSENT = Coefficient("", math.nan, "", math.nan)
 """Stands for a number that a run does not have."""
 MEASURED = {"gyro-scale/1": {"temp_case": 0.1}}
@@ -96,12 +95,6 @@ class Difference:
     figures: tuple[ModelChange, ...]
     settings: tuple[_Setting, ...]
     flags: tuple[str, ...]
-
-    def all_changes(self) -> Iterator[tuple[ModelChange, Change]]:
-        """Every number with the model or stage that it belongs to."""
-        for model in (*self.models, *self.figures):
-            for entry in model.changes:
-                yield model, entry
 
     def count(self, *verdicts: Verdict | str) -> int:
         """Number of coefficients (figures not counted) with one of the verdicts."""
@@ -232,7 +225,7 @@ def _joint(old: Model, new: Model, changes: Sequence[Change]) -> Joint | None:
     """
     names = [c.name for c in old.coefficients]
     comparable = names == [c.name for c in new.coefficients] and all(
-        entry.verdict in (*JUDGED, "equal", "no uncertainty") for entry in changes
+        entry.verdict in ("moved", "held", "equal", "no uncertainty") for entry in changes
     )
     if (
         not comparable

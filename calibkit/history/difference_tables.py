@@ -121,7 +121,8 @@ def difference_document(found: Difference) -> dict[str, Any]:
         "after": identify_run(found.after),
         "moved": [
             {"stage": model.stage, "model": model.name, "name": entry.name}
-            for model, entry in found.all_changes()
+            for model in (*found.models, *found.figures)
+            for entry in model.changes
             if entry.verdict == "moved"
         ],
         "judged": judged,
