@@ -16,7 +16,7 @@ from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.numeric import affine, k_factor, magnitude, q_factor
 from calibkit.instruments.accelerometer.numeric.affine import AffineFit
 from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
-from calibkit.instruments.accelerometer.numeric.mapped_fit import MappedFit
+from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 
@@ -208,7 +208,7 @@ def _triad_models(
     names: Sequence[str],
     values: Array,
     covariance: Array,
-    found: AffineFit | magnitude.MagnitudeFit,
+    found: DwellFit,
     angles: tuple[Array, Array],
     temperature: float,
     dwells: DwellSet,
@@ -230,7 +230,7 @@ def _model(
     name: str,
     coefficients: tuple[Sequence[str], Array, Sequence[str]],
     covariance: Array,
-    found: MappedFit | magnitude.MagnitudeFit,
+    found: DwellFit,
     dwells: DwellSet,
     parameters: tuple[Parameter, ...] = (),
 ) -> Model:

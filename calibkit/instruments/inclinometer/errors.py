@@ -1,6 +1,5 @@
 """Angle errors of solved stations before and after, and the acceptance limits on them."""
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -90,31 +89,7 @@ def criteria(
     return tuple(made)
 
 
-def flag_worse(file: str, found: AngleErrors) -> list[str]:
-    """Flag of a log whose azimuths the correction made worse as a whole."""
-    before, after = rms(found.before[found.known]), rms(found.after[found.known])
-    if not after > before:
-        return []
-    said = f"{file}: the azimuth's rms error is {after:.3g}° corrected, {before:.3g}° uncorrected"
-    return [
-        (
-            f"{said}: s(T) does not hold here; see site.latitude_deg, the gyros, and the reference"
-            " azimuths"
-        )
-    ]
-
-
 def largest(values: Array) -> float:
     """Largest magnitude of the finite values, NaN where there is none."""
     finite = np.abs(values[np.isfinite(values)])
     return float(finite.max()) if finite.size else float("nan")
-
-
-def pool_errors(parts: Sequence[AngleErrors]) -> AngleErrors:
-    """Errors of all logs together."""
-    return AngleErrors(
-        *(
-            np.concatenate([getattr(part, name) for part in parts])
-            for name in ("inclination", "toolface", "before", "after", "standard_uncertainty")
-        )
-    )

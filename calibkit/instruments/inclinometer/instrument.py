@@ -1,7 +1,7 @@
 """Four-position inclinometer: stations → inclinometer_scale.json."""
 
 from collections.abc import Iterable, Mapping, Sequence
-from dataclasses import replace
+from dataclasses import fields, replace
 from pathlib import Path
 from typing import Any
 
@@ -137,9 +137,19 @@ def _validate(
         entries.append(tables.validation_entry(file, log.sha256, log.rows, stations, seen, angles))
         shown.append(tables.error_table(angles, f"{file}: errors against the reference"))
         flags += [f"{file}: {note}" for note in log.notes] + list(found)
-        flags += errors.flag_worse(file, angles)
+        before, after = (errors.rms(e[angles.known]) for e in (angles.before, angles.after))
+        if after > before:
+            flags.append(
+                f"{file}: the azimuth's rms error is {after:.3g}° corrected, {before:.3g}°"
+                " uncorrected: s(T) does not hold here; see site.latitude_deg, the gyros, and the"
+                " reference azimuths"
+            )
         parts.append(angles)
-    criteria = errors.criteria(errors.pool_errors(parts), spec, unseen=True)
+    pooled = (
+        np.concatenate([getattr(part, field.name) for part in parts])
+        for field in fields(errors.AngleErrors)
+    )
+    criteria = errors.criteria(errors.AngleErrors(*pooled), spec, unseen=True)
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
 
 

@@ -1,6 +1,7 @@
 """What an inclinometer run states: tables, summary, figures and JSON of its stations."""
 
 from collections.abc import Mapping
+from dataclasses import replace
 
 import numpy as np
 
@@ -68,14 +69,6 @@ def _fixed(value: float, decimals: int) -> str:
     return f"{value:.{decimals}f}" if np.isfinite(value) else "-"
 
 
-def _shorten_table(table: Table) -> Table:
-    """A table of at most so many rows as a console shows."""
-    if len(table.rows) <= SHOWN:
-        return table
-    title = f"{table.title} (the first {SHOWN} of {len(table.rows)}, all in report.txt)"
-    return Table(title, table.columns, table.rows[:SHOWN])
-
-
 def error_table(found: AngleErrors, title: str) -> Table:
     """Errors of all stations together, before and after; the correction of s does not touch
     inclination and toolface.
@@ -138,7 +131,11 @@ def summary(
 ) -> Summary:
     """What the console says of a fit."""
     found = angle_errors(stations, seen)
-    tables = [_scale_table(fits), _shorten_table(_station_table(stations, seen, TITLE))]
+    table, count = _station_table(stations, seen, TITLE), len(stations.names)
+    if count > SHOWN:
+        title = f"{TITLE} (the first {SHOWN} of {count}, all in report.txt)"
+        table = replace(table, title=title, rows=table.rows[:SHOWN])
+    tables = [_scale_table(fits), table]
     if found.known.any():
         tables.append(
             error_table(
@@ -195,12 +192,18 @@ def validation_entry(
     file: str, sha256: str, rows: int, stations: Stations, seen: SolvedStations, found: AngleErrors
 ) -> dict[str, object]:
     """JSON object of one validated log."""
-    known = found.known
-    before, after = found.before[known], found.after[known]
     angles = {
         f"{name}_{figure}_deg": number_or_none(value)
         for name, values in (("inclination", found.inclination), ("toolface", found.toolface))
         for figure, value in (("rms", rms(values)), ("max", largest(values)))
+    }
+    azimuth = {
+        when: {
+            "azimuth_rms_deg": number_or_none(rms(values[found.known])),
+            "azimuth_max_deg": number_or_none(largest(values[found.known])),
+            **angles,
+        }
+        for when, values in (("before", found.before), ("after", found.after))
     }
     return {
         "name": file,
@@ -208,16 +211,7 @@ def validation_entry(
         "rows": rows,
         "stations_used": int((~seen.refused).sum()),
         "stations_refused": int(seen.refused.sum()),
-        "before": {
-            "azimuth_rms_deg": number_or_none(rms(before)),
-            "azimuth_max_deg": number_or_none(largest(before)),
-            **angles,
-        },
-        "after": {
-            "azimuth_rms_deg": number_or_none(rms(after)),
-            "azimuth_max_deg": number_or_none(largest(after)),
-            **angles,
-        },
+        **azimuth,
         "worse_than_uncorrected_over_u": number_or_none(
             float(found.excess.max()) if found.excess.size else float("nan")
         ),

@@ -27,7 +27,7 @@ from calibkit.instruments.accelerometer.numeric.affine_model import (
     rotation,
     tilted_gravity,
 )
-from calibkit.instruments.accelerometer.numeric.mapped_fit import MappedFit
+from calibkit.instruments.accelerometer.numeric.dwell_fit import MappedFit
 from calibkit.numeric.least_squares import fit as least_squares, gauss_newton, polynomial, robust
 
 WEAKEST = 1e-4

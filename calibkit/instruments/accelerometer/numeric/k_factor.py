@@ -20,7 +20,7 @@ import numpy as np
 from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import determination
-from calibkit.instruments.accelerometer.numeric.mapped_fit import MappedFit
+from calibkit.instruments.accelerometer.numeric.dwell_fit import MappedFit
 from calibkit.numeric.least_squares import (
     fit as least_squares,
     fold,

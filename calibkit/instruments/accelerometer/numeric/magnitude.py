@@ -15,6 +15,7 @@ import numpy as np
 from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.instruments.accelerometer.numeric import profile, q_factor
+from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit
 from calibkit.instruments.accelerometer.numeric.norms import (
     LOWER,
     length_residuals,
@@ -44,32 +45,20 @@ FEW_DOF = 5
 """Degrees of freedom below which residuals cannot vouch for the uncertainty."""
 
 
-@dataclass(frozen=True, slots=True)
-class MagnitudeFit:
-    """A finished magnitude-only fit: nine parameters in the order of NAMES."""
+@dataclass(frozen=True, slots=True, kw_only=True)
+class MagnitudeFit(DwellFit):
+    """A finished magnitude-only fit: nine parameters in the order of NAMES.
+
+    The covariance is by the residuals or by the stated noise, whichever is larger; the residuals
+    [n] are |G'| − gravity [unit of gravity].
+    """
 
     parameters: Array
     """k [indication per g unit], b [indication], Q [rad]: [9]."""
-    covariance: Array
-    """[9, 9], type A; by the residuals or by the stated noise, whichever is larger."""
-    residuals: Array
-    """[n], |G'| − gravity [unit of gravity]."""
     leverage: Array
     """[n], share of each dwell in its own fitted value: near 1, nothing else checks it."""
-    suspects: tuple[int, ...]
-    """Dwells that no noise explains, by index, worst first; empty for a plain fit."""
-    dof: int
-    residual_rms: float
-    """Over the degrees of freedom, so that it estimates the noise without bias [unit of gravity].
-    """
-    condition: float
     flags: tuple[str, ...]
     """Why these numbers should not be trusted; empty when nothing speaks against them."""
-
-    @property
-    def standard_uncertainty(self) -> Array:
-        """Of the nine parameters [9], type A."""
-        return np.sqrt(np.diag(self.covariance))
 
     @property
     def half_width(self) -> Array:
@@ -305,19 +294,17 @@ def _finished(
     )
     dof = used.size - len(NAMES)
     square = float(np.sum(used**2) / np.sum(weight**2))
-    rms = float(np.sqrt(square * used.size / max(dof, 1)))
     mapped = slope @ covariance @ slope.T
-    flags = _flags(parameters, np.sqrt(np.diag(mapped)) * _t95(dof), leverage, condition, dof)
     return MagnitudeFit(
-        parameters,
-        mapped,
-        residual / root,
-        leverage,
-        suspects,
-        dof,
-        rms,
-        condition,
-        flags,
+        parameters=parameters,
+        covariance=mapped,
+        residuals=residual / root,
+        leverage=leverage,
+        suspects=suspects,
+        dof=dof,
+        residual_rms=float(np.sqrt(square * used.size / max(dof, 1))),
+        condition=condition,
+        flags=_flags(parameters, np.sqrt(np.diag(mapped)) * _t95(dof), leverage, condition, dof),
     )
 
 
