@@ -44,14 +44,14 @@ PURE = """
 import sys
 from pathlib import Path
 from calibkit import recipe
-from calibkit.fleet import unit
+from calibkit.fleet import device
 text, data, out, *serials = sys.argv[1:]
-plan = unit.Plan(recipe.Source("bias.toml", text), Path(data), Path(out), "2026-11-21")
+plan = device.Plan(recipe.Source("bias.toml", text), Path(data), Path(out), "2026-11-21")
 for number, serial in enumerate(serials):
     if number == 1:
         print("ready", flush=True)
         input()
-    assert isinstance(unit.outcome(plan, serial), unit.Row)
+    assert isinstance(device.fit_device(plan, serial), device.Row)
 print("done", flush=True)
 input()
 """

@@ -17,10 +17,10 @@ from concurrent.futures import ThreadPoolExecutor
 import numpy as np
 import pytest
 
-import quick_unit
+import quick_device
 from calibkit import atomic, instruments, new_files, recipe, store
 from calibkit.errors import CalibkitError, StoppedError
-from calibkit.fleet import files, keys, local, run, server, table, unit
+from calibkit.fleet import device, files, keys, local, run, server, table
 from calibkit.instruments.bias_temperature import instrument
 from conftest import ROOT, write_log
 from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
@@ -30,7 +30,7 @@ from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree, unit_log
 def quick(monkeypatch):
     """Units are fitted without their figures, here and in other processes."""
     monkeypatch.setattr(instrument, "_draw", instrument._draw)  # restored after the test
-    monkeypatch.setattr(run, "of_unit", quick_unit.outcome)
+    monkeypatch.setattr(run, "fit_device", quick_device.outcome)
 
 
 def coefficients(out, serial, revision=1):
@@ -73,7 +73,7 @@ def test_a_unit_killed_while_its_run_is_written_is_written_whole_by_another(
     removed.
     """
     fleet_logs(tmp_path / "units", 6)
-    monkeypatch.setattr(run, "of_unit", quick_unit.killed_while_writing)
+    monkeypatch.setattr(run, "fit_device", quick_device.killed_while_writing)
     done = fit(tmp_path / "units", tmp_path / "runs", jobs=2)
     assert (tmp_path / "units" / "U003.killed").exists()
     assert {entry.run for entry in done.table.entries} == {"r001"}
@@ -86,7 +86,7 @@ def test_a_unit_that_kills_every_process_is_given_up_and_the_others_are_not(
 ):
     """After three processes a unit is failed, with exit code 70; the others have their runs."""
     fleet_logs(tmp_path / "units", 5)
-    monkeypatch.setattr(run, "of_unit", quick_unit.poisonous)
+    monkeypatch.setattr(run, "fit_device", quick_device.poisonous)
     done = fit(tmp_path / "units", tmp_path / "runs", jobs=2, keep_going=True)
     verdicts = {entry.serial: entry.verdict for entry in done.table.entries}
     assert verdicts == {f"U{k:03d}": "failed" if k == 2 else "no limits" for k in range(5)}
@@ -98,8 +98,10 @@ def test_processes_that_share_a_machine_take_one_thread_each(tmp_path, monkeypat
     environment stays.
     """
     monkeypatch.setenv("OPENBLAS_NUM_THREADS", "7")
-    plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    assert [said.message for said in local.outcomes(quick_unit.threads, plan, ["A", "B"], 2)] == [
+    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    assert [
+        said.message for said in local.fit_devices(quick_device.threads, plan, ["A", "B"], 2)
+    ] == [
         "1",
         "1",
     ]
@@ -111,15 +113,17 @@ def test_processes_begin_with_what_they_need_and_with_this_calibkit(tmp_path):
     """A process, copied of one that has a single thread, has imported what draws figures from the
     code that hired it.
     """
-    plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    said = [outcome.message for outcome in local.outcomes(quick_unit.imported, plan, ["A", "B"], 2)]
+    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    said = [
+        outcome.message for outcome in local.fit_devices(quick_device.imported, plan, ["A", "B"], 2)
+    ]
     assert said == [f"True {atomic.__file__} 1"] * 2
-    assert local.call_in_process(quick_unit.named, os.getpid()) == {"pid": b"False True"}
+    assert local.call_in_process(quick_device.named, os.getpid()) == {"pid": b"False True"}
 
 
 def test_what_a_process_that_died_was_asked_is_done_here():
     """The table of a fleet is not lost with the process that drew it."""
-    assert local.call_in_process(quick_unit.dies_elsewhere, os.getpid()) == {
+    assert local.call_in_process(quick_device.dies_elsewhere, os.getpid()) == {
         "pid": str(os.getpid()).encode()
     }
     assert multiprocessing.active_children() == []
@@ -208,7 +212,7 @@ def test_a_unit_is_fitted_again_when_anything_it_rests_on_has_changed(
     elif changed == "date":
         date = "2026-11-22"
     elif changed == "the software":
-        monkeypatch.setattr(unit, "SOFTWARE", "calibkit 99")
+        monkeypatch.setattr(device, "SOFTWARE", "calibkit 99")
     elif changed == "the run":
         path, again = tmp_path / "runs" / "U001" / "r001" / "run.json", set()
         path.write_text(
@@ -237,10 +241,12 @@ def test_a_unit_that_two_take_up_at_once_is_fitted_once(tmp_path, quick):
     not.
     """
     fleet_logs(tmp_path / "units", 1)
-    plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path / "units", tmp_path / "runs", DAY)
+    plan = device.Plan(
+        recipe.Source("bias.toml", RECIPE), tmp_path / "units", tmp_path / "runs", DAY
+    )
     plan.out.mkdir()
     with ThreadPoolExecutor(2) as pool:
-        found = list(pool.map(quick_unit.outcome, [plan, plan], ["U000", "U000"]))
+        found = list(pool.map(quick_device.outcome, [plan, plan], ["U000", "U000"]))
     assert sorted((row.run, row.before) for row in found) == [("r001", False), ("r001", True)]
 
 
@@ -678,7 +684,7 @@ def test_the_key_figures_of_a_procedure_are_there(tmp_path, calibkit, procedure)
 def test_figures_of_different_forms_or_units_are_not_compared():
     """A coefficient of another form, or in another unit, is another column that says so."""
     rows = [
-        unit.Row(
+        device.Row(
             f"S{k}",
             "r001",
             "",

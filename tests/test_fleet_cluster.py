@@ -11,7 +11,7 @@ import pytest
 
 from calibkit import recipe
 from calibkit.errors import UsageError
-from calibkit.fleet import cluster, run, unit
+from calibkit.fleet import cluster, device, run
 from conftest import ROOT
 from fleet_units import DAY, RECIPE, fit, fleet_logs, left_over, tree
 
@@ -109,12 +109,12 @@ def test_a_cluster_that_cannot_do_the_work_is_refused_before_any_unit(
     is said as such.
     """
     monkeypatch.setattr(cluster, "PATIENCE_S", 1)
-    plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    elsewhere = unit.Plan(plan.source, tmp_path / "elsewhere", tmp_path, DAY)
+    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    elsewhere = device.Plan(plan.source, tmp_path / "elsewhere", tmp_path, DAY)
 
     def refused(plan, address, said):
         with pytest.raises(UsageError, match=said):
-            list(cluster.outcomes(plan, ["U000"], address))
+            list(cluster.fit_devices(plan, ["U000"], address))
 
     refused(plan, "tcp://127.0.0.1:1", "no scheduler there")
     refused(plan, "nonsense://x", "no scheduler there")
@@ -130,18 +130,18 @@ def test_a_cluster_that_cannot_do_the_work_is_refused_before_any_unit(
 def test_without_dask_the_command_says_how_to_install_it(tmp_path, monkeypatch):
     """The extra is named."""
     monkeypatch.setitem(sys.modules, "distributed", None)
-    plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
     with pytest.raises(UsageError, match=r"pip install 'calibkit\[cluster\]'"):
-        list(cluster.outcomes(plan, ["U000"], "tcp://127.0.0.1:1"))
+        list(cluster.fit_devices(plan, ["U000"], "tcp://127.0.0.1:1"))
 
 
 def test_a_run_that_a_worker_wrote_elsewhere_is_not_taken_for_one(tmp_path):
     """Where the worker's --out is another folder of that name, the run it reports is not here and
     the unit fails.
     """
-    plan = unit.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
-    row = unit.Row("U000", "r001", "", "accepted", (), (), (), 0, before=False)
-    found = run._seen(row, plan)
+    plan = device.Plan(recipe.Source("bias.toml", RECIPE), tmp_path, tmp_path, DAY)
+    row = device.Row("U000", "r001", "", "accepted", (), (), (), 0, before=False)
+    found = run._require_run_here(row, plan)
     assert (found.exit_code, found.message) == (
         4,
         "a worker wrote r001, which is not in --out here",

@@ -11,9 +11,8 @@ import click
 
 from calibkit.cli import completion, fleets, logs, outputs, records
 from calibkit.cli.console import prepare_streams, print_data, print_json
-from calibkit.cli.ending import run_to_exit_code
+from calibkit.cli.ending import run_to_exit_code, tolerate_closed_pipes
 from calibkit.cli.options import JSON, Group
-from calibkit.cli.pipe import tolerate_closed_pipes
 from calibkit.version import __version__
 
 

@@ -1,17 +1,25 @@
-"""How a command ends: the exit codes of the contract, one message per failure."""
+"""How a command ends: the exit codes of the contract, one message per failure; and as it would have
+where the reader of a stream has left, like `calibkit show | head`.
+"""
+
+from __future__ import annotations
 
 import contextlib
 import errno
+import io
 import os
 import sys
-from collections.abc import Callable
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 import click
 
 from calibkit.cli.console import error_document, log_line, print_json, print_message
-from calibkit.cli.pipe import discard
 from calibkit.errors import CalibkitError, OutputError, StoppedError, UsageError
+
+if TYPE_CHECKING:
+    from collections.abc import Callable
+
+    from _typeshed import ReadableBuffer
 
 _BROKEN_PIPE = 141
 """Exit code of a command that a closed pipe ended, as shells count it (128 + SIGPIPE); 1 would say
@@ -58,7 +66,7 @@ def _end_unexpected(error: Exception, *, as_json: bool) -> int:
     if full or isinstance(error, BrokenPipeError):
         # the interpreter would try to write again at its end what is still buffered
         with contextlib.suppress(OSError, ValueError):
-            discard(sys.stdout.fileno())
+            _discard(sys.stdout.fileno())
     if isinstance(error, BrokenPipeError):
         # of another pipe than stdout and stderr, or where the system cannot tell whose it is
         return _BROKEN_PIPE
@@ -85,3 +93,45 @@ def _fail(error: CalibkitError, *, as_json: bool) -> int:
     else:
         print_message(f"calibkit: {error}")
     return error.exit_code
+
+
+def _discard(descriptor: int) -> None:
+    """Send what is written to a file descriptor from now on nowhere."""
+    nowhere = os.open(os.devnull, os.O_WRONLY)
+    os.dup2(nowhere, descriptor)
+    os.close(nowhere)
+
+
+class _Pipe(io.FileIO):
+    """A file descriptor; once nobody reads it any more, what is written to it goes nowhere."""
+
+    def write(self, data: ReadableBuffer, /) -> int:
+        """Write bytes; a broken pipe takes them all, these and what follows."""
+        try:
+            return super().write(data)
+        except BrokenPipeError:
+            _discard(self.fileno())
+            return super().write(data)
+
+
+def tolerate_closed_pipes() -> None:
+    """Put a `_Pipe` below stdout and stderr of the process where they are redirected; on a terminal
+    somebody reads.
+    """
+    for name in ("stdout", "stderr"):
+        stream = getattr(sys, name)
+        if (
+            stream is getattr(sys, f"__{name}__")
+            and isinstance(stream, io.TextIOWrapper)
+            and not stream.isatty()
+        ):
+            stream.flush()
+            raw = io.BufferedWriter(_Pipe(stream.fileno(), "wb", closefd=False))
+            wrapped = io.TextIOWrapper(
+                raw,
+                encoding=stream.encoding,
+                errors=stream.errors,
+                line_buffering=stream.line_buffering,
+                write_through=stream.write_through,
+            )
+            setattr(sys, name, wrapped)

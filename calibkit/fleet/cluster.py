@@ -1,5 +1,5 @@
-"""Units by Dask workers, on this machine or others; workers see the folders of data and runs by the
-same paths.
+"""Devices fitted by Dask workers, on this machine or others; workers see the folders of data and
+runs under the same paths.
 """
 
 import threading
@@ -9,18 +9,18 @@ from pathlib import Path
 from typing import Any
 
 from calibkit.errors import UsageError
-from calibkit.fleet import unit
-from calibkit.fleet.unit import Outcome, Plan
+from calibkit.fleet import device
+from calibkit.fleet.device import Outcome, Plan
 from calibkit.version import __version__
 
 PATIENCE_S = 15
 """How long a scheduler, then a first worker, is waited for."""
 
-_one_unit = threading.Lock()
+_one_device = threading.Lock()
 
 
-def outcomes(plan: Plan, serials: Sequence[str], address: str) -> Generator[Outcome]:
-    """Outcome of each unit as it is finished, in any order.
+def fit_devices(plan: Plan, serials: Sequence[str], address: str) -> Generator[Outcome]:
+    """Outcome of each device as it is finished, in any order.
 
     Raises UsageError for a scheduler that is not there, has no workers, or has workers that cannot
     do the work.
@@ -41,21 +41,21 @@ def outcomes(plan: Plan, serials: Sequence[str], address: str) -> Generator[Outc
         named = {future.key: serial for future, serial in zip(futures, serials, strict=True)}
         try:
             for future in as_completed(futures, loop=client.loop):
-                # the scheduler gives a lost worker's unit to another, a few times, and then calls
-                # it an error
+                # the scheduler gives the device of a lost worker to another one, a few times, and
+                # then calls it an error
                 serial = named[future.key]
-                yield unit.Failure.lost(serial) if future.status == "error" else future.result()
+                yield device.Failure.lost(serial) if future.status == "error" else future.result()
                 future.release()
         finally:
             client.cancel(futures)
 
 
 def _outcome(plan: Plan, serial: str) -> Outcome:
-    """One unit; the threads of a worker take turns, because figures are drawn with settings that
+    """One device; the threads of a worker take turns, because figures are drawn with settings that
     threads share.
     """
-    with _one_unit:
-        return unit.outcome(plan, serial)
+    with _one_device:
+        return device.fit_device(plan, serial)
 
 
 def _require_able_workers(client: Any, plan: Plan, address: str) -> None:  # noqa: ANN401 (Dask has no types)
@@ -68,7 +68,7 @@ def _require_able_workers(client: Any, plan: Plan, address: str) -> None:  # noq
         ) from None
     # a dry run makes no folder for runs
     folders = [str(plan.data)] if plan.dry_run else [str(plan.data), str(plan.out)]
-    for name, (version, unseen) in sorted(client.run(_able, folders).items()):
+    for name, (version, unseen) in sorted(client.run(_describe_worker, folders).items()):
         if version != __version__:
             raise UsageError(
                 f"--cluster {address}: worker {name} has calibkit {version}, here is {__version__}",
@@ -83,6 +83,6 @@ def _require_able_workers(client: Any, plan: Plan, address: str) -> None:  # noq
             )
 
 
-def _able(folders: list[str]) -> tuple[str, list[str]]:
+def _describe_worker(folders: list[str]) -> tuple[str, list[str]]:
     """Version of this worker's calibkit, and the folders that it does not see."""
     return __version__, [folder for folder in folders if not Path(folder).is_dir()]

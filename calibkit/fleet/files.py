@@ -1,13 +1,13 @@
-"""The files that tell of a fleet: table as CSV and Parquet, control charts, and a sealed record of
-all of them.
+"""The files of a finished fleet: its table as CSV and Parquet, control charts, and a sealed record
+of all of them.
 """
 
 from collections.abc import Mapping
 from typing import Any
 
 from calibkit import coefficients, run_content, store
+from calibkit.fleet.device import Plan
 from calibkit.fleet.table import FleetTable
-from calibkit.fleet.unit import Plan
 from calibkit.report import control_charts, figures as drawing
 from calibkit.report.control_charts import ControlChart
 from calibkit.report.table import Cell, Column, Table, number_or_none, tabulate
@@ -18,7 +18,7 @@ TEXTS = ("serial", "run", "run_sha256", "verdict", "error", "outlier_in")
 
 
 def make_files(table: FleetTable, plan: Plan, title: str) -> dict[str, bytes]:
-    """File name → bytes of everything that tells of a fleet."""
+    """File name → bytes of every file of a finished fleet."""
     flat = _flat_table(table)
     contents = {"fleet.csv": flat.to_csv().encode()}
     parquet = _parquet(flat)
@@ -33,7 +33,7 @@ def make_files(table: FleetTable, plan: Plan, title: str) -> dict[str, bytes]:
 
 
 def _document(table: FleetTable, plan: Plan, contents: Mapping[str, bytes]) -> dict[str, Any]:
-    """fleet.json: recipe, units with the digests of their runs, lines of every control chart,
+    """fleet.json: recipe, devices with the digests of their runs, lines of every control chart,
     digests of the files.
     """
     return {
@@ -77,8 +77,8 @@ def _flat_table(table: FleetTable) -> Table:
             numbers.append(dict(zip(chart.serials, uncertainties, strict=True)))
     stands_out: dict[str, list[str]] = {}
     for outlier in table.outliers:
-        text = f"{outlier.figure} (z = {outlier.z:.3g})"
-        stands_out.setdefault(outlier.serial, []).append(text)
+        figures = stands_out.setdefault(outlier.serial, [])
+        figures.append(f"{outlier.figure} (z = {outlier.z:.3g})")
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
             entry.serial,

@@ -1,4 +1,4 @@
-"""The key figures of a run: what a laboratory compares from unit to unit, by procedure."""
+"""The key figures of a run: what a laboratory compares from device to device, by procedure."""
 
 from __future__ import annotations
 
@@ -35,7 +35,7 @@ class KeyFigure:
 
     @property
     def identity(self) -> tuple[str, str, str]:
-        """What figures of different units share when they are the same quantity."""
+        """What figures of different devices share when they are the same quantity."""
         return self.name, self.form, self.unit
 
 
@@ -90,14 +90,19 @@ def _all_figures(record: Record, reference_temp_degc: float) -> Iterator[KeyFigu
 
 
 def _bias(name: str, model: Model, reference_temp_degc: float) -> Iterator[KeyFigure]:
-    """Bias at the reference temperature, where that was measured: powers of a raw temperature say
-    little one by one.
+    """Bias at the reference temperature, where that was measured: single coefficients of the powers
+    of a raw temperature cannot be compared.
     """
     for column, (low, high) in model.valid.items():
         if not column.endswith("_degc") or not low <= reference_temp_degc <= high:
             continue
         powers = reference_temp_degc ** np.arange(len(model.coefficients))
-        value = float(powers @ np.array([entry.value for entry in model.coefficients]))
-        uncertainty = float(np.sqrt(max(powers @ np.array(model.covariance) @ powers, 0.0)))
-        label = f"{name} at {reference_temp_degc:g} degC"
-        yield KeyFigure(label, model.form, model.residual_unit, None, value, uncertainty)
+        variance = max(powers @ np.array(model.covariance) @ powers, 0.0)
+        yield KeyFigure(
+            f"{name} at {reference_temp_degc:g} degC",
+            model.form,
+            model.residual_unit,
+            None,
+            float(powers @ np.array([entry.value for entry in model.coefficients])),
+            float(np.sqrt(variance)),
+        )

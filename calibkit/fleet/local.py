@@ -1,9 +1,9 @@
-"""Units by processes of this machine; a process that is killed costs nothing but the time of its
-unit.
+"""Devices fitted by processes of this machine; a process that is killed costs no more than the time
+of its device.
 
-The pools of the standard library give up when a process dies and cannot say which task it had. Here
-every process has a pipe of its own: its end says that the process is gone, and whose unit has to be
-taken up again.
+The pools of the standard library give up when a process dies, and do not report which task it had.
+Here every process has a pipe of its own, whose end shows that the process is gone and which device
+has to be fitted again.
 """
 
 from __future__ import annotations
@@ -17,35 +17,35 @@ from multiprocessing import connection as pipes
 from typing import TYPE_CHECKING, NoReturn
 
 from calibkit.fleet import server
-from calibkit.fleet.unit import Failure
+from calibkit.fleet.device import Failure
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
     from multiprocessing.connection import Connection
     from multiprocessing.context import ForkServerProcess, SpawnProcess
 
-    from calibkit.fleet.unit import Outcome, Plan
+    from calibkit.fleet.device import Outcome, Plan
 
     Task = Callable[[Plan, str], Outcome]
     Process = SpawnProcess | ForkServerProcess
 
 TRIES = 3
-"""Processes that a unit may cost before it is given up: it may be the unit that kills them."""
+"""Processes that may die with a device before it is given up: its data may be what kills them."""
 PATIENCE_S = 10.0
-"""How long a process may take to leave."""
+"""How long to wait for a process to end [s]."""
 
 
 @dataclass(slots=True)
 class _Worker:
-    """A process, this end of its pipe, and the unit it has."""
+    """A process, this end of its pipe, and the device that it fits."""
 
     process: Process
     pipe: Connection
     serial: str
 
 
-def outcomes(task: Task, plan: Plan, serials: Sequence[str], jobs: int) -> Generator[Outcome]:
-    """Outcome of each unit as it is finished, in any order."""
+def fit_devices(task: Task, plan: Plan, serials: Sequence[str], jobs: int) -> Generator[Outcome]:
+    """Outcome of each device as it is finished, in any order."""
     waiting, tries = deque(serials), Counter[str]()
     crew: list[_Worker] = []
     try:
@@ -94,13 +94,13 @@ def _start(target: Callable[..., None], *arguments: object) -> tuple[Process, Co
 
 
 def _send(worker: _Worker) -> None:
-    """Send a process its unit; where it is gone already, the end of its pipe will show it."""
+    """Send a process its device; where it is gone already, the end of its pipe will show it."""
     with contextlib.suppress(OSError):
         worker.pipe.send(worker.serial)
 
 
 def _dismiss(worker: _Worker) -> None:
-    """Close the pipe, at whose end a process leaves, and wait until it has."""
+    """Close the pipe, on which the process ends, and wait until it has ended."""
     worker.pipe.close()
     worker.process.join(PATIENCE_S)
     if worker.process.is_alive():
@@ -138,19 +138,19 @@ def _answer(
 
 
 def _serve(pipe: Connection, task: Task, plan: Plan) -> None:
-    """What a process does: units until the pipe ends, which it also does when the process at its
-    other end is killed.
+    """What a process does: fit devices until the pipe ends, which it also does when the process at
+    its other end is killed.
     """
     # the keyboard interrupts the process that started this one, which then ends it
     signal.signal(signal.SIGINT, signal.SIG_IGN)
-    signal.signal(signal.SIGTERM, _leave)
+    signal.signal(signal.SIGTERM, _end_process)
     with contextlib.suppress(EOFError, OSError):
         while True:
             pipe.send(task(plan, pipe.recv()))
 
 
-def _leave(*_: object) -> NoReturn:
-    """Leave by way of every `finally`, so that nothing unfinished stays on the disk."""
+def _end_process(*_: object) -> NoReturn:
+    """End by way of every `finally`, so that nothing unfinished stays on the disk."""
     # raised in a callback of the garbage collector it is lost, silently: the pipe's end comes next
     sys.unraisablehook = lambda _: None
     raise SystemExit(143)

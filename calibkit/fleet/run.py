@@ -1,4 +1,4 @@
-"""A fleet from start to end: units found, each fitted once, one table of all."""
+"""A fleet from start to end: devices found, each fitted once, one table of all."""
 
 import contextlib
 import os
@@ -10,21 +10,21 @@ from pathlib import Path
 from calibkit import atomic, instruments, new_files, recipe, store
 from calibkit.errors import CalibkitError, FrameError, OutputError, StoppedError, UsageError
 from calibkit.fleet import cluster, files, local, table
+from calibkit.fleet.device import Failure, Outcome, Plan, Row, fit_device
 from calibkit.fleet.table import FleetTable
-from calibkit.fleet.unit import Failure, Outcome, Plan, Row, outcome as of_unit
 from calibkit.instruments import Progress
 
 
 @dataclass(frozen=True, slots=True)
 class Fleet:
-    """A finished fleet: where its table is, what it holds, and the exit code that says the worst of
-    it.
+    """A finished fleet: where its table is, what it holds, and the exit code of its worst
+    outcome.
     """
 
     folder: Path
     table: FleetTable
     before: int
-    """Units whose run was there already."""
+    """Devices whose run was there already."""
     guesses: tuple[str, ...]
     exit_code: int
     recipe: str
@@ -46,22 +46,22 @@ def run(
     """Fit a recipe to every sub-folder of a folder, each under its name as serial, and write the
     table of them all.
 
-    A unit with a run of the same recipe, logs, date and software is not fitted again. Without
-    `keep_going` the first unit that cannot be fitted ends the fleet with its error; what was
+    A device with a run of the same recipe, logs, date and software is not fitted again. Without
+    `keep_going` the first device that cannot be fitted ends the fleet with its error; what was
     finished stays. A dry run fits but writes nothing.
     """
     spec = instruments.parse_recipe(source)
     plan = Plan(source, data.resolve(), out.resolve(), date, dry_run)
-    serials, refused = _units(plan, data, keep_going=keep_going)
+    serials, refused = _find_devices(plan, data, keep_going=keep_going)
     processes = 1 if address else max(1, min(jobs or os.cpu_count() or 1, len(serials)))
-    _make(plan.out, dry_run=dry_run)
+    _make_folder(plan.out, dry_run=dry_run)
     outcomes: list[Outcome] = [*refused]
     try:
         with contextlib.closing(_outcomes(plan, serials, processes, address)) as finished:
             for found, _ in zip(finished, progress(serials, "units"), strict=True):
-                outcome = _seen(found, plan)
+                outcome = _require_run_here(found, plan)
                 if isinstance(outcome, Failure) and not keep_going:
-                    raise _stopped(outcome, 0 if dry_run else len(outcomes))
+                    raise _stopping_error(outcome, 0 if dry_run else len(outcomes))
                 outcomes.append(outcome)
     except KeyboardInterrupt:
         raise StoppedError(
@@ -72,7 +72,7 @@ def run(
 
 
 def _finish(plan: Plan, outcomes: Sequence[Outcome], title: str, processes: int) -> Fleet:
-    """Make the table of a fleet and write it; where processes fitted the units, one makes it."""
+    """Make the table of a fleet and write it; where processes fitted the devices, one makes it."""
     made = table.build_table(outcomes, plan.data)
     arguments = made, plan, f"{title}: {len(outcomes)} units"
     contents = (
@@ -91,8 +91,8 @@ def _finish(plan: Plan, outcomes: Sequence[Outcome], title: str, processes: int)
     )
 
 
-def _stopped(failure: Failure, finished: int) -> CalibkitError:
-    """Error of the unit that ends a fleet."""
+def _stopping_error(failure: Failure, finished: int) -> CalibkitError:
+    """Error of the device that ends a fleet."""
     error = failure.error()
     stay = f"{finished} units are finished and stay" if finished else "nothing was written"
     error.hint = "; ".join(
@@ -101,8 +101,10 @@ def _stopped(failure: Failure, finished: int) -> CalibkitError:
     return error
 
 
-def _units(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str], list[Failure]]:
-    """Serials in order, and the sub-folders whose names are none; hidden ones are not units."""
+def _find_devices(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str], list[Failure]]:
+    """Serials in order, and the sub-folders whose names are no serials; hidden ones are passed
+    over.
+    """
     if not data.is_dir():
         raise UsageError(
             f"--data {data}: no such folder",
@@ -132,7 +134,7 @@ def _units(plan: Plan, data: Path, *, keep_going: bool) -> tuple[list[str], list
     return serials, refused
 
 
-def _make(out: Path, *, dry_run: bool) -> None:
+def _make_folder(out: Path, *, dry_run: bool) -> None:
     """Create the folder of the runs, or see whether it could be."""
     if dry_run:
         there = next(path for path in (out, *out.parents) if os.path.lexists(path))
@@ -149,15 +151,15 @@ def _make(out: Path, *, dry_run: bool) -> None:
 def _outcomes(
     plan: Plan, serials: Sequence[str], processes: int, address: str
 ) -> Generator[Outcome]:
-    """Outcome of every unit, as it is finished."""
+    """Outcome of every device, as it is finished."""
     if address:
-        return cluster.outcomes(plan, serials, address)
+        return cluster.fit_devices(plan, serials, address)
     if processes == 1:
-        return (of_unit(plan, serial) for serial in serials)
-    return local.outcomes(of_unit, plan, serials, processes)
+        return (fit_device(plan, serial) for serial in serials)
+    return local.fit_devices(fit_device, plan, serials, processes)
 
 
-def _seen(outcome: Outcome, plan: Plan) -> Outcome:
+def _require_run_here(outcome: Outcome, plan: Plan) -> Outcome:
     """The outcome, or a failure where the run that a worker wrote is not in the folder that this
     process sees.
     """
@@ -189,16 +191,16 @@ def _commit(out: Path, contents: dict[str, bytes], *, dry_run: bool) -> Path:
 
 
 def _guesses(rows: Sequence[Row]) -> tuple[str, ...]:
-    """What was guessed of how logs are written, one line a guess."""
-    made = Counter(said for row in rows for said in row.guesses)
+    """What was guessed of how logs are written, one line per guess."""
+    made = Counter(guess for row in rows for guess in row.guesses)
     return tuple(
-        f"{count} units: {said}; pin it in the recipe" for said, count in sorted(made.items())
+        f"{count} units: {guess}; pin it in the recipe" for guess, count in sorted(made.items())
     )
 
 
 def _exit_code(outcomes: Sequence[Outcome], made: FleetTable) -> int:
-    """The worst of all units: 0 accepted, 1 a limit failed, else the highest code of a unit that
-    has no run of its own.
+    """The worst of all devices: 0 accepted, 1 a limit failed, else the highest code of a device
+    that has no run of its own.
     """
     codes = [outcome.exit_code for outcome in outcomes if isinstance(outcome, Failure)]
     codes += [FrameError.exit_code for entry in made.entries if entry.verdict == table.COPIED]

@@ -1,9 +1,8 @@
 """How the processes of a fleet begin: on Linux as copies of one that has imported what they need
 and runs nothing.
 
-What a unit needs takes seven times as long to import as a small unit takes to fit. Elsewhere every
-process begins anew: copies of a process are not safe there with the libraries that numbers and
-figures use.
+To import what a fit needs takes seven times as long as a small fit. Elsewhere every process begins
+anew: copies of a process are not safe there with the libraries that numbers and figures use.
 """
 
 import contextlib
@@ -27,10 +26,10 @@ NEEDED = (
     "rich.table",
     "rfc8785",
     "calibkit.fleet.files",
-    "calibkit.fleet.unit",
+    "calibkit.fleet.device",
 )
-"""How a process without a task ends, what every unit needs, whatever its procedure, and the table
-of them all.
+"""How a process without a task ends, what every fit needs, whatever its procedure, and the table of
+the fleet.
 """
 THREADS = ("OPENBLAS_NUM_THREADS", "OMP_NUM_THREADS", "MKL_NUM_THREADS")
 ALONE = {"JE_ARROW_MALLOC_CONF": "background_thread:false"}
@@ -48,7 +47,9 @@ def context() -> SpawnContext | ForkServerContext:
 
 
 def import_ahead() -> None:
-    """Have imported what processes will need while this one still imports what it needs itself."""
+    """Start the process that others are copied from: it imports what they need while this one still
+    imports what it needs itself.
+    """
     if not COPIES:
         return
     from multiprocessing import forkserver, resource_tracker

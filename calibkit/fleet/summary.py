@@ -19,10 +19,10 @@ MOST = 20
 
 
 def summary_lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
-    """Counts, then each unit that failed, was rejected or stands out, then the folder with the
+    """Counts, then each device that failed, was rejected or stands out, then the folder with the
     table.
 
-    A dry run names every unit with what it would be fitted to.
+    A dry run names every device with what it would be fitted to.
     """
     entries = fleet.table.entries
     counts = Counter(entry.verdict for entry in entries)
@@ -55,7 +55,7 @@ def summary_lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
 
 
 def _fitted_to(entry: Entry, recipe: str) -> str:
-    """Run that a unit would have: of which logs, with which recipe."""
+    """Run that a device would have: of which logs, with which recipe."""
     fitted = "was fitted before" if entry.before else f"would be fitted with {recipe}"
     return f"{entry.serial}@{entry.run}: {fitted} to {', '.join(entry.logs)}"
 
@@ -67,7 +67,7 @@ def _first_lines(found: Sequence[str]) -> list[str]:
 
 
 def summary_document(fleet: Fleet) -> dict[str, Any]:
-    """One JSON object: units, outliers, the folder with the table; an error where a unit has no run
+    """One JSON object: devices, outliers, the folder with the table; an error where one has no run
     of its own.
     """
     entries = fleet.table.entries

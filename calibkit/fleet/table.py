@@ -1,4 +1,4 @@
-"""The fleet's table, one row a unit: the same whoever fitted the units, and in which order."""
+"""The fleet's table, one row per device: the same whatever process fitted them, in any order."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from typing import TYPE_CHECKING
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.fleet.unit import Failure, Row
+from calibkit.fleet.device import Failure, Row
 from calibkit.numeric.control import control
 from calibkit.report.control_charts import ControlChart
 
@@ -17,8 +17,8 @@ if TYPE_CHECKING:
     from collections.abc import Mapping, Sequence
     from pathlib import Path
 
+    from calibkit.fleet.device import Outcome
     from calibkit.fleet.keys import KeyFigure
-    from calibkit.fleet.unit import Outcome
 
     Identity = tuple[str, str, str]
 
@@ -28,7 +28,7 @@ FAILED = "failed"
 
 @dataclass(frozen=True, slots=True)
 class _Outlier:
-    """A unit that stands out in one figure."""
+    """A device that is an outlier in one figure."""
 
     serial: str
     figure: str
@@ -39,7 +39,7 @@ class _Outlier:
 
 @dataclass(frozen=True, slots=True)
 class Entry:
-    """A row of the table: what became of a unit."""
+    """A row of the table: the outcome of one device."""
 
     serial: str
     run: str
@@ -66,7 +66,7 @@ class FleetTable:
 
 
 def build_table(outcomes: Sequence[Outcome], data: Path) -> FleetTable:
-    """Table of the outcomes of all units; errors name files from the folder of the units on."""
+    """Table of the outcomes of all devices; errors name files from the folder of the devices on."""
     ordered = sorted(outcomes, key=lambda outcome: outcome.serial)
     figures = {
         outcome.serial: {figure.identity: figure for figure in outcome.figures}
@@ -84,7 +84,7 @@ def build_table(outcomes: Sequence[Outcome], data: Path) -> FleetTable:
 
 
 def _entry(outcome: Outcome, copied: str, data: Path) -> Entry:
-    """Row of one unit; the verdict on a copy of another unit's logs says nothing about this one."""
+    """Row of one device; a verdict on a copy of another device's logs is no verdict on this one."""
     if isinstance(outcome, Failure):
         message = outcome.message.replace(f"{data}/", "").replace(str(data), "")
         return Entry(outcome.serial, "", "", FAILED, f"{outcome.code}: {message}", 0)
@@ -102,7 +102,7 @@ def _entry(outcome: Outcome, copied: str, data: Path) -> Entry:
 
 def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
     """Serial → the other serials whose logs are the same measurements: one of them has another
-    unit's coefficients.
+    device's coefficients.
     """
     rows = [outcome for outcome in outcomes if isinstance(outcome, Row)]
     owners: dict[str, list[Row]] = {}
@@ -126,7 +126,7 @@ def _copies(outcomes: Sequence[Outcome]) -> dict[str, str]:
 
 
 def _same_logs(one: Row, other: Row) -> bool:
-    """Whether two units have the same logs, all of them."""
+    """Whether two devices have the same logs, all of them."""
     pairs = ((one.inputs, other.inputs), (other.inputs, one.inputs))
     return all(len(copies.shared_logs(some, others)) == len(some) for some, others in pairs)
 
@@ -137,8 +137,8 @@ def _chart(
     figures: Mapping[str, Mapping[Identity, KeyFigure]],
     units: int,
 ) -> ControlChart:
-    """Control chart of the units that have a key figure; its form or unit is part of its name where
-    the name alone is not unique. The acceptance limit is drawn where all of them share one.
+    """Control chart of the devices that have a key figure; its form or unit is part of its name
+    where the name alone is not unique. The acceptance limit is drawn where all of them share one.
     """
     name, form, unit = identity
     alike = [other for other in identities if other[0] == name]
@@ -162,7 +162,7 @@ def _chart(
 
 
 def _outliers(chart: ControlChart) -> list[_Outlier]:
-    """Units that one chart names, the furthest first."""
+    """Outliers of one chart, the furthest first."""
     return [
         _Outlier(
             chart.serials[k],

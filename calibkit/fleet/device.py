@@ -1,4 +1,4 @@
-"""One unit of a fleet: found as it was finished before, or fitted, or said why not."""
+"""One device of a fleet: its run of an earlier call, a new fit, or the reason why it has none."""
 
 from __future__ import annotations
 
@@ -21,13 +21,13 @@ if TYPE_CHECKING:
     from calibkit.fleet.keys import KeyFigure
 
 WAIT_S = 3600.0
-"""How long a unit that another process has is waited for [s]."""
+"""How long to wait for a device that another process fits [s]."""
 
 
 @dataclass(frozen=True, slots=True)
 class Plan:
-    """What is done to every unit: which recipe, where their folders are, where runs go, from when
-    coefficients hold.
+    """What is done for every device: which recipe, where their folders are, where runs go, from
+    when coefficients hold.
     """
 
     source: recipe.Source
@@ -40,7 +40,7 @@ class Plan:
 
 @dataclass(frozen=True, slots=True)
 class Row:
-    """A unit that has its run."""
+    """A device that has its run."""
 
     serial: str
     run: str
@@ -61,7 +61,7 @@ class Row:
 
 @dataclass(frozen=True, slots=True)
 class Failure:
-    """A unit that has no run, and why."""
+    """A device that has no run, and why."""
 
     serial: str
     code: str
@@ -80,9 +80,14 @@ class Failure:
 
     @classmethod
     def lost(cls, serial: str) -> Failure:
-        """Failure of a unit that no process survived."""
-        hint = "killed, out of memory, or a crash: fit this unit alone to see"
-        return cls(serial, "internal", 70, "every process that took this unit up died", hint)
+        """Failure of a device whose fit no process survived."""
+        return cls(
+            serial,
+            "internal",
+            70,
+            "every process that took this unit up died",
+            "killed, out of memory, or a crash: fit this unit alone to see",
+        )
 
     def error(self) -> CalibkitError:
         """The error again."""
@@ -94,19 +99,19 @@ class Failure:
 Outcome = Row | Failure
 
 
-def outcome(plan: Plan, serial: str) -> Outcome:
-    """What becomes of a unit; never raises, so that one unit's bad data do not stop the others."""
+def fit_device(plan: Plan, serial: str) -> Outcome:
+    """Outcome of one device; never raises, so that one device's bad data do not stop the others."""
     try:
         return _finished(plan, serial)
-    except Exception as error:  # noqa: BLE001 (whatever it is, it is this unit's and is told as such)
+    except Exception as error:  # noqa: BLE001 (whatever it is, it is this device's failure)
         return Failure.of(serial, error)
 
 
 def _finished(plan: Plan, serial: str) -> Row:
-    """Row of a unit: of the run that is there, or of the one that is fitted now.
+    """Row of a device: of the run that is there, or of the one that is fitted now.
 
-    The unit is held meanwhile: where two take it up, as when a worker was taken for dead, the
-    second finds the first's run. A dry run changes no disk, so it takes no lock.
+    The device is locked meanwhile: where two processes fit it, as when a worker was believed dead,
+    the second finds the run of the first. A dry run changes no disk, so it takes no lock.
     """
     spec = instruments.parse_recipe(plan.source)
     with contextlib.ExitStack() as lock:
@@ -132,7 +137,7 @@ def _finished(plan: Plan, serial: str) -> Row:
 
 
 def _already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
-    """Newest run of a unit by this software with this recipe, date and logs, whole and with right
+    """Newest run of a device by this software with this recipe, date and logs, whole and with right
     digests, or None.
     """
     candidates = []
@@ -167,17 +172,16 @@ def _second_loggers(folder: Path, spec: recipe.Recipe) -> set[str]:
     """Digests of the files of the second logger, where the recipe has one."""
     if spec.chamber is None:
         return set()
-    patterns = [pattern.replace("{log}", "*") for pattern in spec.chamber.files]
     return {
         parts.digest_log(path, path.name, split=False)
-        for pattern in patterns
-        for path in folder.glob(pattern)
+        for pattern in spec.chamber.files
+        for path in folder.glob(pattern.replace("{log}", "*"))
         if path.is_file()
     }
 
 
 def _row(run: store.Run, spec: recipe.Recipe, *, before: bool) -> Row:
-    """What the fleet's table says of a run."""
+    """What the fleet's table states of a run."""
     document = run.document
     accepted = "accepted" if document["accepted"] else "rejected"
     return Row(

@@ -10,7 +10,7 @@ import sys
 from pathlib import Path
 
 from calibkit import atomic
-from calibkit.fleet import unit
+from calibkit.fleet import device
 from calibkit.instruments.bias_temperature import instrument
 from calibkit.report.documents import Drawn
 
@@ -18,7 +18,7 @@ from calibkit.report.documents import Drawn
 def outcome(plan, serial):
     """Fit one unit and print nothing but one line."""
     instrument._draw = lambda title, fitted: Drawn((), fitted.summary)
-    return unit.outcome(plan, serial)
+    return device.fit_device(plan, serial)
 
 
 def killed_while_writing(plan, serial):
@@ -41,7 +41,7 @@ def poisonous(plan, serial):
 
 def threads(plan, serial):
     """Say how many threads numpy was told to take."""
-    return unit.Failure(serial, "said", 0, os.environ.get("OPENBLAS_NUM_THREADS", ""), "")
+    return device.Failure(serial, "said", 0, os.environ.get("OPENBLAS_NUM_THREADS", ""), "")
 
 
 def imported(plan, serial):
@@ -49,7 +49,7 @@ def imported(plan, serial):
     of what it is a copy of.
     """
     threads = len(list(Path(f"/proc/{os.getppid()}/task").iterdir()))
-    return unit.Failure(
+    return device.Failure(
         serial, "said", 0, f"{'matplotlib.figure' in sys.modules} {atomic.__file__} {threads}", ""
     )
 
