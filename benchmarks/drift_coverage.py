@@ -74,7 +74,7 @@ def true_drivers(form: str, lags: tuple[float, ...], log: fog.SimulatedLog) -> D
     seconds = log.columns["time_s"].astype(np.float64)
     if form == "lagged":
         return coil.drivers(coil.path([(seconds, log.heat.case)]), *lags)
-    held = intervals.of(seconds, INTERVAL_S)
+    held = intervals.find_intervals(seconds, INTERVAL_S)
     middle, case = held.means(seconds), held.means(log.heat.case)
     env = held.means(log.air)
     coarse = level.drivers(middle, case, env)
@@ -86,7 +86,7 @@ def thermal_log(name: str, log: fog.SimulatedLog, indication: np.ndarray) -> poo
     """Block means of a log with the given indication."""
     columns = log.columns
     seconds = columns["time_s"].astype(np.float64)
-    held = intervals.of(seconds, INTERVAL_S)
+    held = intervals.find_intervals(seconds, INTERVAL_S)
     means = (
         held.means(column)
         for column in (seconds, columns["temp_case_degc"], columns["temp_env_degc"])
@@ -161,7 +161,7 @@ def compared(
     _, _, values, dof = zip(*parts, strict=True)
     _, _, expanded = gum.expand_along(np.stack(values), np.array(dof))
     seconds = log.columns["time_s"].astype(np.float64)
-    error = found.drift - intervals.of(seconds, INTERVAL_S).means(log.drift)
+    error = found.drift - intervals.find_intervals(seconds, INTERVAL_S).means(log.drift)
     return error / expanded, error / (2.0 * values[0])
 
 

@@ -89,7 +89,7 @@ def thermal_log(
             2.0, 50.0, hit.sum()
         )
     seconds = columns["time_s"].astype(np.float64)
-    held = intervals.of(seconds, INTERVAL_S)
+    held = intervals.find_intervals(seconds, INTERVAL_S)
     means = (
         held.means(column)
         for column in (seconds, columns["temp_case_degc"], columns["temp_env_degc"])

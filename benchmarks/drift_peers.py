@@ -139,7 +139,7 @@ def thermal_log(name: str, log: fog.SimulatedLog) -> pooled_fit.ThermalLog:
     """Block means of a log."""
     c = log.columns
     seconds = c["time_s"].astype(np.float64)
-    held = intervals.of(seconds, INTERVAL_S)
+    held = intervals.find_intervals(seconds, INTERVAL_S)
     means = (held.means(column) for column in (seconds, c["temp_case_degc"], c["temp_env_degc"]))
     return pooled_fit.thermal_blocks(name, held, means, c["gyro_dph"])
 
@@ -163,9 +163,9 @@ def judged(
     for name, log in logs.items():
         if name.startswith("withheld/"):
             b = thermal_log(name, log)
-            truth = intervals.of(log.columns["time_s"].astype(np.float64), INTERVAL_S).means(
-                log.drift
-            )
+            truth = intervals.find_intervals(
+                log.columns["time_s"].astype(np.float64), INTERVAL_S
+            ).means(log.drift)
             found = {
                 "uncompensated": np.zeros_like(truth),
                 "cubic in temperature (PX4's model)": px4(b.case),

@@ -9,7 +9,7 @@ from calibkit.numeric import intervals
 def block_log(name, columns, interval_s, begins=()):
     """Block means of a log [n] of time [s], case, chamber [°C] and indication [°/h]."""
     *slow, indication = columns
-    held = intervals.of(slow[0], interval_s)
+    held = intervals.find_intervals(slow[0], interval_s)
     means = (held.means(column) for column in slow)
     return pooled_fit.thermal_blocks(name, held, means, indication, begins)
 

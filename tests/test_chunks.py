@@ -105,7 +105,7 @@ def test_an_interval_that_is_known_changes_no_model_interval() -> None:
     """Model intervals are the same whether the sampling interval is given or measured."""
     time = np.arange(0.0, 500.0, 0.1)
     given_step, measured = (
-        intervals.of(time, 10.0, step) for step in (intervals.steps(time).usual, None)
+        intervals.find_intervals(time, 10.0, step) for step in (intervals.steps(time).usual, None)
     )
     assert isinstance(given_step, Intervals)
     assert np.array_equal(given_step.first, measured.first)
@@ -132,7 +132,7 @@ def test_means_of_parts_are_those_of_the_whole(cuts: list[int]) -> None:
     all their rows.
     """
     values = np.random.default_rng(5).normal(size=300_000)
-    held = intervals.of(np.arange(300_000.0), 250.0)
+    held = intervals.find_intervals(np.arange(300_000.0), 250.0)
     parts = np.split(values, cuts)
     assert np.array_equal(held.means_of_parts(parts), held.means(values))
 

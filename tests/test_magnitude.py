@@ -232,7 +232,7 @@ def test_a_sample_that_determines_nothing_leaves_the_start_as_it_is():
     direction /= np.linalg.norm(direction, axis=1)[:, None]
     direction[::5] = [0.6, 0.0, 0.8]
     indication = direction * 1.02 + 0.01 + rng.normal(0.0, 1e-4, direction.shape)
-    begin = gauss_newton.of_some(
+    begin = gauss_newton.fit_some_rows(
         lambda at, rows: norms.length_residuals(
             at, indication[rows], 1.0, np.ones(len(indication[rows]))
         ),

@@ -73,9 +73,9 @@ def withheld(logs, model):
     for name, made in logs.items():
         if name.startswith(WITHHELD):
             log = blocks(name, made)
-            true = intervals.of(made.columns["time_s"].astype(np.float64), INTERVAL_S).means(
-                made.drift
-            )
+            true = intervals.find_intervals(
+                made.columns["time_s"].astype(np.float64), INTERVAL_S
+            ).means(made.drift)
             found = evaluate.evaluate(model, log.time, log.case, log.env)
             before.append(np.std(true))
             after.append(np.std(true - found.drift))

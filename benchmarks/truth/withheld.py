@@ -110,7 +110,7 @@ def compensated(folder: Path, logs: dict[str, fog.SimulatedLog]) -> dict[str, Ar
 def means(log: fog.SimulatedLog, values: Array) -> Array:
     """Block means of a value at every sample of a log."""
     time_s = np.asarray(log.columns["time_s"], dtype=np.float64)
-    return intervals.of(time_s, BLOCK_S).means(np.asarray(values, dtype=np.float64))
+    return intervals.find_intervals(time_s, BLOCK_S).means(np.asarray(values, dtype=np.float64))
 
 
 def polynomial_drift(log: fog.SimulatedLog, rng_seed: int) -> fog.SimulatedLog:

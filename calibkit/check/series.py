@@ -48,7 +48,7 @@ def check_indication(log: Log, column: str, unit: str) -> list[Finding]:
         *_spikes(log, column, data, unit),
         *_stuck_runs(log, column, data, stuck, unit),
         *(() if len(stuck) else _clipped(log, column, data, unit)),
-        *(() if steps else _jumps(log, column, anomalies.despiked(data), unit)),
+        *(() if steps else _jumps(log, column, anomalies.remove_spikes(data), unit)),
         *steps,
     ]
 

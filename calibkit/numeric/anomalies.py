@@ -1,5 +1,5 @@
-"""What a sensor or its logger did to a series that physics did not: spikes, stuck and clipped
-values, jumps, start-up rows.
+"""Faults of a sensor or its logger in a series: spikes, stuck and clipped values, jumps, start-up
+rows.
 
 The thresholds are wide on purpose: a false alarm in a healthy log costs more trust than a spike of
 six standard deviations.
@@ -16,7 +16,7 @@ from calibkit.numeric.dispersion import mad_sigma
 SAMPLE = 1 << 16
 """Rows that the noise and the resolution of a series are taken from."""
 HIGH = 0.85
-"""Share of deviations that are ordinary, whatever the rest holds."""
+"""Share of deviations that are taken for noise, whatever the others are."""
 HIGH_TO_SIGMA = 1.0 / 1.4395314709384563
 """Standard deviation of normal noise over that quantile of its absolute values."""
 BLOCK = 512
@@ -129,8 +129,8 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
 
 
 def _neighbours(wide: Integers, values: Array) -> Iterator[Integers]:
-    """Rows about wide steps of a series [n], a part after the other; all rows where it is not one
-    scatter throughout.
+    """Rows about wide steps of a series [n], one part after the other; all rows where more than a
+    twentieth of the steps are wide.
     """
     everywhere = wide.size > values.size // 20
     steps = (np.arange(a, b) for a, b in chunks.ranges(values.size - 1, chunks.CACHED_ROWS))
@@ -245,24 +245,20 @@ def stuck_against(driver: Array, moved: float, runs: Integers) -> Integers:
     """
     if not len(runs):
         return runs
-    moves = np.concatenate([_moves(driver, part) for part in np.split(runs, _apart(runs[:, 0]))])
-    return np.asarray(runs[moves > moved], dtype=np.int64)
+    moves = []
+    for near in np.split(runs, _apart(runs[:, 0])):
+        first = int(near[0, 0])
+        part = driver[first : int(near[-1, 1]) + 1]
+        # the runs' rows are pairs of first and stop: every second part between them is a run
+        pairs = np.minimum(near.ravel() - first, part.size - 1)
+        moves.append((np.maximum.reduceat(part, pairs) - np.minimum.reduceat(part, pairs))[::2])
+        chunks.release(driver)
+    return np.asarray(runs[np.concatenate(moves) > moved], dtype=np.int64)
 
 
 def _apart(rows: Integers) -> Integers:
-    """Where rows [m] are cut into groups that lie in one span each."""
+    """Where rows [m] are cut into groups that lie in one chunk each."""
     return np.flatnonzero(np.diff(rows // chunks.ROWS)) + 1
-
-
-def _moves(driver: Array, runs: Integers) -> Array:
-    """Range [m] of a driver [n] over runs [m, 2] of rows."""
-    first, stop = int(runs[0, 0]), min(int(runs[-1, 1]) + 1, driver.size)
-    part = driver[first:stop]
-    # the runs' rows are pairs of first and stop: every second piece between them is a run
-    pairs = np.minimum(runs.ravel() - first, part.size - 1)
-    found = (np.maximum.reduceat(part, pairs) - np.minimum.reduceat(part, pairs))[::2]
-    chunks.release(driver)
-    return np.asarray(found, dtype=np.float64)
 
 
 def frozen(values: Array, least: float, runs: Integers) -> Integers:
@@ -280,7 +276,7 @@ def frozen(values: Array, least: float, runs: Integers) -> Integers:
     return np.asarray(runs[leaps], dtype=np.int64)
 
 
-def despiked(values: Array, *, room: Callable[[int], Array] = np.empty) -> Array:
+def remove_spikes(values: Array, *, room: Callable[[int], Array] = np.empty) -> Array:
     """The series [n] with its spikes replaced by the median of their seven neighbours, in an array
     that `room` makes.
     """

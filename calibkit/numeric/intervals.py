@@ -115,7 +115,7 @@ class Intervals:
         return int(self.number[np.searchsorted(self.first, row, side="right") - 1])
 
 
-def of(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
+def find_intervals(time: Array, length_s: float, step_s: float | None = None) -> Intervals:
     """Intervals of a log from its time [n, s]; half a sample of jitter moves nothing.
 
     `step_s` is the log's sampling interval, where it is known already. Raises FitError when the log

@@ -283,13 +283,10 @@ def _with_soaks(ramps: list[Segment], slope: Array) -> list[Segment]:
     """The ramps with the soaks between them, covering every row once."""
     whole: list[Segment] = []
     row = 0
-    for ramp in ramps:
+    for ramp in [*ramps, Segment("ramp", slope.size, slope.size, 0.0)]:  # the last has no rows
         if ramp.start > row:
-            whole.append(
-                Segment("soak", row, ramp.start, order_statistics.median(slope[row : ramp.start]))
-            )
+            rate = order_statistics.median(slope[row : ramp.start])
+            whole.append(Segment("soak", row, ramp.start, rate))
         whole.append(ramp)
         row = ramp.stop
-    if row < slope.size:
-        whole.append(Segment("soak", row, slope.size, order_statistics.median(slope[row:])))
-    return whole
+    return whole[:-1]

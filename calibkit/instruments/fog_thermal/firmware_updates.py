@@ -64,7 +64,7 @@ def apply(
     time, case, env, gyro = (values(log.frame, column) for column in ramps.COLUMNS)
     slope = segments.causal_slope(time, env, spec.segments.slope_window_s)
     interval = spec.drift.interval_s
-    held = intervals.of(time, interval)
+    held = intervals.find_intervals(time, interval)
     means = (held.means(column) for column in (time, case, env, gyro))
     blocks = gradient.fill_blocks(held, means, slope)
     heard = {

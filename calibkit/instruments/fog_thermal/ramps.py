@@ -172,7 +172,7 @@ def _prepared(log: Log, recipe: FogThermalRecipe, found: Sequence[Finding]) -> P
     """A checked log, cut, denoised and averaged."""
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
     try:
-        held = intervals.of(time, recipe.drift.interval_s, log.steps.usual)
+        held = intervals.find_intervals(time, recipe.drift.interval_s, log.steps.usual)
     except FitError as error:
         raise FitError(f"{log.file}: {error.message}", hint=error.hint) from None
     cuts, slope = _cut(log, recipe)
@@ -202,7 +202,7 @@ def block_means(
     where it is not asked for.
     """
     time, case, env, gyro = (values(log.frame, column) for column in COLUMNS)
-    held = intervals.of(time, recipe.drift.interval_s, log.steps.usual)
+    held = intervals.find_intervals(time, recipe.drift.interval_s, log.steps.usual)
     slope = _cut(log, recipe)[1] if rated else np.broadcast_to(0.0, time.shape)
     means = (held.means(column) for column in (time, case, env, gyro))
     return held, gradient.fill_blocks(held, means, slope)

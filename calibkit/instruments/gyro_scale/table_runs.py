@@ -74,7 +74,7 @@ class TableRun:
         """
         if forms.TEMPERATURE not in self.log.frame.columns:
             return float("nan"), float("nan")
-        temperature = anomalies.despiked(
+        temperature = anomalies.remove_spikes(
             values(self.log.frame, forms.TEMPERATURE), room=self.log.room
         )
         ends = [chunks.extremes(temperature)]

@@ -49,7 +49,6 @@ class NonlinearFit:
     residual_count: int
     condition: float
     """Of the Jacobian with columns scaled to unit length."""
-    iterations: int
 
     @property
     def dof(self) -> int:
@@ -57,14 +56,9 @@ class NonlinearFit:
         return self.residual_count - self.parameters.size
 
     @property
-    def residual_variance(self) -> float:
-        """Sum of squares over degrees of freedom; 0 when there are none."""
-        return self.square / self.dof if self.dof > 0 else 0.0
-
-    @property
     def covariance(self) -> Array:
-        """[p, p], scaled by the residual variance."""
-        return self.normal_inverse * self.residual_variance
+        """[p, p], scaled by the residual variance; 0 when there are no degrees of freedom."""
+        return self.normal_inverse * (self.square / self.dof if self.dof > 0 else 0.0)
 
 
 @dataclass(frozen=True, slots=True)
@@ -129,13 +123,13 @@ def fit(
             f"{here.count} residuals for {start.size} parameters", hint="add data or fix parameters"
         )
     damping, scale = 0.0, np.zeros(start.size)
-    for iteration in range(1, ITERATIONS + 1):
+    for _ in range(ITERATIONS):
         # the longest column so far (Moré 1978): a parameter without effect here must not run away
         scale = np.maximum(scale, _column_lengths(here.triangle))
         step = _step(here, scale, damping)
         if min(_relative(here, scale, step, parameters)) <= FLAT and damping < 1e-6:
             here, parameters = _polished(linearise, parameters, here, rows)
-            return _finished(here, parameters, names, iteration, weakest)
+            return _finished(here, parameters, names, weakest)
         there = linearise(parameters + step)
         if there.square <= here.square:
             parameters, here = parameters + step, there
@@ -150,7 +144,7 @@ def fit(
     )
 
 
-def of_some(residuals: _Residuals, start: Array, rows: int, *, enough: int) -> Array:
+def fit_some_rows(residuals: _Residuals, start: Array, rows: int, *, enough: int) -> Array:
     """Parameters [p] fitted to `enough` evenly spread rows of many, so that few passes over all of
     them remain.
 
@@ -270,7 +264,7 @@ def _polished(
 
 
 def _finished(
-    here: _Linearised, parameters: Array, names: Sequence[str], iterations: int, weakest: float
+    here: _Linearised, parameters: Array, names: Sequence[str], weakest: float
 ) -> NonlinearFit:
     """Inverse normal matrix at the solution, or a refusal that names what the data leave
     undetermined.
@@ -294,5 +288,4 @@ def _finished(
         square=here.square,
         residual_count=here.count,
         condition=float(singular[0] / singular[-1]),
-        iterations=iterations,
     )

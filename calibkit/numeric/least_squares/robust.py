@@ -181,15 +181,13 @@ def _start(basis: Array, target: Array, floor: float) -> tuple[Array, Array]:
     """Candidate with the smallest robust scale, refined on the rows that agree with it: solution
     [p], row weights [n].
     """
-    best: tuple[float, Array, Array] | None = None
-    for solution, row_weights in _candidates(basis, target, floor):
-        scale = mad_sigma(_studentised(basis, target, solution, row_weights))
-        if best is None or scale < best[0]:
-            best = (scale, solution, row_weights)
-    # the first candidate, Huber's, always exists
-    scale, solution, row_weights = (
-        best if best is not None else (0.0, np.zeros(basis.shape[1]), np.ones(len(target)))
+    candidates = (
+        (mad_sigma(_studentised(basis, target, *candidate)), *candidate)
+        for candidate in _candidates(basis, target, floor)
     )
+    # the first candidate, Huber's, always exists
+    start = (0.0, np.zeros(basis.shape[1]), np.ones(len(target)))
+    scale, solution, row_weights = min(candidates, key=lambda found: found[0], default=start)
     for _ in range(3):
         agreeing = np.abs(_studentised(basis, target, solution, row_weights)) <= CLEANED * max(
             scale, floor

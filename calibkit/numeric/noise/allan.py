@@ -132,13 +132,8 @@ def _whole_runs(rate: Array) -> Integers:
     """Lengths [g] of the stretches of rate [n] that hold no gap; a single zero when there is
     none.
     """
-    if chunks.all_finite(rate):
-        return np.array([rate.size], dtype=np.int64)
-    edges = np.flatnonzero(
-        np.diff(np.concatenate(([True], np.isnan(rate), [True])).astype(np.int8))
-    )
-    lengths = np.asarray(edges[1::2] - edges[::2], dtype=np.int64)
-    return lengths if lengths.size else np.zeros(1, dtype=np.int64)
+    runs = chunks.find_runs(rate.size, lambda a, b: ~np.isnan(rate[a:b]))
+    return np.array([stop - start for start, stop in runs] or [0], dtype=np.int64)
 
 
 def _running_sum(rate: Array) -> Array:

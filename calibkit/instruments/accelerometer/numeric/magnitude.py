@@ -116,7 +116,7 @@ def fit(
         return length_residuals(parameters, indication[rows], gravity, root[rows])
 
     begin = _to_triangle(fit_sphere(indication, gravity))
-    near = gauss_newton.of_some(residuals, begin, len(indication), enough=ENOUGH_TO_START)
+    near = gauss_newton.fit_some_rows(residuals, begin, len(indication), enough=ENOUGH_TO_START)
     found = gauss_newton.fit(
         residuals, near, len(indication), names=_TRIANGLE_NAMES, weakest=WEAKEST
     )
