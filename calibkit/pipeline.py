@@ -71,7 +71,7 @@ def fit(
         fitted = instruments.find(spec.procedure).fit(spec, data, files, progress)
     type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
-        summary = dates.flagged(fitted.summary, out, serial, revision, date)
+        summary = dates.flag_date_order(fitted.summary, out, serial, revision, date)
         content = run_content.build_run(
             source, spec, replace(fitted, summary=summary), serial, revision, date, superseded
         )
@@ -301,7 +301,7 @@ def _firmware_export(run: store.Run, number: str, prefix: str, *, allow_rejected
         SOFTWARE,
         document["accepted"],
     )
-    lines = sources.lines(spec, chain, firmware.conventions(spec))
+    lines = sources.describe_sources(spec, chain, firmware.conventions(spec))
     return export.prepare(chain, identity, formats.find_format(number), prefix, lines)
 
 

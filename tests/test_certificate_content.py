@@ -12,7 +12,7 @@ from hypothesis import example, given, settings, strategies as st
 from scipy import stats
 
 from calibkit.certificate import checklist, conformity, profile, stated, tables, uncertainty
-from calibkit.certificate.results import Result, Uncertainty, descriptor, printed
+from calibkit.certificate.results import Result, Uncertainty, round_descriptor, round_result
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Coefficient, Model, Record
 from calibkit.errors import RecipeError
@@ -51,7 +51,7 @@ def test_value_and_uncertainty_are_printed_to_the_same_place(value, u, shown):
     """Two significant digits of U, the value to its place; one power of ten for both where they are
     far from 1.
     """
-    found = printed(value, u)
+    found = round_result(value, u)
     assert (found.value, found.uncertainty, found.exponent) == shown
 
 
@@ -60,16 +60,16 @@ def test_printed_numbers_read_back_within_half_of_their_last_digit(value, u):
     """What stands on paper is the value to half a unit of the last place, which is at most a
     twentieth of U.
     """
-    found = printed(value, u)
+    found = round_result(value, u)
     back = float(found.value) * 10.0**found.exponent
     assert abs(back - value) <= 0.0501 * u + 1e-12 * abs(value)
 
 
 def test_a_number_without_uncertainty_is_printed_to_three_digits_and_a_count_as_it_is():
     """0.053625836 becomes 0.0536, 36 stays 36."""
-    assert descriptor(0.053625836).value == "0.0536"
-    assert descriptor(36.0).value == "36"
-    assert (descriptor(1.2345e-9).value, descriptor(1.2345e-9).exponent) == ("1.23", -9)
+    assert round_descriptor(0.053625836).value == "0.0536"
+    assert round_descriptor(36.0).value == "36"
+    assert (round_descriptor(1.2345e-9).value, round_descriptor(1.2345e-9).exponent) == ("1.23", -9)
 
 
 def test_units_are_printed_as_the_field_writes_them():
@@ -124,7 +124,7 @@ def test_a_magnitude_is_judged_by_the_upper_end_of_its_interval():
 
 def test_the_guarded_rule_is_the_default():
     """A specification that names no rule is judged with the guard band."""
-    found = conformity.statements(
+    found = conformity.judge_results(
         [limits(None, 10.0, rule=None)], [result(9.0, 2.0)], profile._Results().decision_rule
     )
     assert (found[0].rule, found[0].verdict, found[0].acceptance) == (
@@ -137,13 +137,13 @@ def test_the_guarded_rule_is_the_default():
 def test_a_specification_of_no_result_or_in_another_unit_is_refused():
     """With the closest key, and with both units."""
     with pytest.raises(RecipeError, match=r"did you mean 'stage\.model\.name'"):
-        conformity.statements(
+        conformity.judge_results(
             [profile.Specification(result="stage.model.nam", unit="ppm", upper=1.0)],
             [result(1.0)],
             "simple",
         )
     with pytest.raises(RecipeError, match=r"in 'deg', stage\.model\.name in 'ppm'"):
-        conformity.statements([limits(None, 1.0, unit="deg")], [result(1.0)], "simple")
+        conformity.judge_results([limits(None, 1.0, unit="deg")], [result(1.0)], "simple")
 
 
 MODEL = Model(
@@ -229,10 +229,10 @@ def test_terms_of_the_profile_replace_those_of_the_recipe_by_name_and_unused_one
         name="thermometer", quantity="temp_case_degc", unit="degC", standard_uncertainty=0.1
     )
     idle = TypeB(name="table", quantity="table_rate_dps", unit="ppm", standard_uncertainty=1.0)
-    source = uncertainty.Source.of([old], [new, idle])
+    source = uncertainty.Source.merge([old], [new, idle])
     assert source.terms == (new, idle)
     used = at(10.0, *source.terms).uncertainty
-    assert uncertainty.unused(source.terms, [used]) == ("table",)
+    assert uncertainty.name_unused_terms(source.terms, [used]) == ("table",)
 
 
 @pytest.mark.parametrize(("value", "u"), [(0.3, 0.5), (2.4, 0.44), (0.0, 1.0), (5.0, 0.1)])
@@ -330,7 +330,7 @@ def parsed(text, tmp_path, *overrides):
 
 def lacks(text, tmp_path, *overrides, issued=dt.date(2026, 11, 21), validated=False):
     """Keys of what a profile lacks."""
-    found = checklist.missing(parsed(text, tmp_path, *overrides), issued, validated=validated)
+    found = checklist.list_missing(parsed(text, tmp_path, *overrides), issued, validated=validated)
     return [item.key for item in found]
 
 
@@ -454,31 +454,31 @@ def test_a_validation_of_another_run_is_refused(tmp_path):
 )
 def test_a_stated_limit_is_printed_with_every_digit_that_was_stated(value, shown):
     """Five digits made 9958.6 of 9958.61: another limit than the one that was judged by."""
-    assert tables.exact(value) == shown
+    assert tables.format_exact(value) == shown
 
 
 def test_an_acceptance_limit_is_printed_to_one_place_more_than_u():
     """9958.61 + 0.056 is 9958.666, not 9958.7 beside the value 9958.678 that passes; a simple rule
     prints its limit as it is.
     """
-    found = conformity.statements([limits(9958.61, 9960.0)], [result(9958.678, 0.0562)], "guarded")[
-        0
-    ]
+    found = conformity.judge_results(
+        [limits(9958.61, 9960.0)], [result(9958.678, 0.0562)], "guarded"
+    )[0]
     assert found.verdict == "pass"
     assert [
-        tables.acceptance(a, b, found.result)
+        tables.format_acceptance(a, b, found.result)
         for a, b in zip(found.acceptance, (9958.61, 9960.0), strict=True)
     ] == [
         "9958.6662",
         "9959.9438",
     ]
-    simple = conformity.statements(
+    simple = conformity.judge_results(
         [limits(9958.61, None, "simple")], [result(9958.678, 0.0562)], "simple"
     )[0]
-    assert tables.acceptance(simple.acceptance[0], simple.lower, simple.result) == "9958.61"
-    assert tables.limits("1", None) == "≥ 1"
-    assert tables.limits(None, "2") == "≤ 2"
-    assert tables.limits("1", "2") == "1 … 2"
+    assert tables.format_acceptance(simple.acceptance[0], simple.lower, simple.result) == "9958.61"
+    assert tables.format_limits("1", None) == "≥ 1"
+    assert tables.format_limits(None, "2") == "≤ 2"
+    assert tables.format_limits("1", "2") == "1 … 2"
 
 
 @pytest.mark.parametrize(
@@ -499,7 +499,7 @@ def test_a_value_beside_its_limit_never_contradicts_the_decision(value, limit, s
     """Four digits made 1 of 0.99996 beside the limit 1: printed it lies on the side that it was
     judged to lie on.
     """
-    assert tables.beside(value, limit) == shown
+    assert tables.format_beside(value, limit) == shown
 
 
 @settings(deadline=None, max_examples=40)
@@ -507,6 +507,6 @@ def test_a_value_beside_its_limit_never_contradicts_the_decision(value, limit, s
 def test_a_printed_value_lies_on_the_side_of_its_limit_that_it_lies_on(limit, share):
     """Whatever the limit and however near the value."""
     value = limit + share * max(abs(limit), 1e-9)
-    text = tables.beside(value, limit).replace("−", "-").replace(" × 10", "e")
+    text = tables.format_beside(value, limit).replace("−", "-").replace(" × 10", "e")
     printed = float(text.translate(str.maketrans("⁰¹²³⁴⁵⁶⁷⁸⁹⁻", "0123456789-")))
     assert (printed > limit, printed < limit) == (value > limit, value < limit)

@@ -214,7 +214,7 @@ def test_every_unit_of_every_run_has_a_spelling_in_dsi(name, run):
             for gravity in (None, 9.8):
                 with warnings.catch_warnings():
                     warnings.simplefilter("ignore")  # the peer warns of its own parser
-                    assert peer(dsi(unit).at(gravity).text).valid, unit
+                    assert peer(dsi(unit).with_gravity(gravity).text).valid, unit
 
 
 def test_units_of_logs_have_the_size_that_the_table_of_units_gives_them():
@@ -227,7 +227,7 @@ def test_units_of_logs_have_the_size_that_the_table_of_units_gives_them():
     for spelling, unit in units.TABLE.items():
         if unit.shift or unit.dimension == "temperature":
             continue
-        found = dsi(spelling).at(9.8)
+        found = dsi(spelling).with_gravity(9.8)
         scale = found.factor * math.prod(
             size.get(name, 1.0) ** float(power) for name, power in found.powers.items()
         )
@@ -253,7 +253,7 @@ def test_units_of_logs_have_the_size_that_the_table_of_units_gives_them():
 )
 def test_compound_units_are_spelt_as_products_of_powers(unit, spelling, factor):
     """Powers with tothe, never per; g becomes m/s² by the local gravity, ppm a number."""
-    found = dsi(unit).at(9.8)
+    found = dsi(unit).with_gravity(9.8)
     assert found.text == spelling
     assert found.factor == pytest.approx(factor, rel=1e-15)
 
@@ -367,7 +367,7 @@ def test_text_of_every_kind_in_every_field_breaks_nothing(text, run):
     """
     made = certificate(run("gyro_pair"), filled(text), text)
     root = valid(dcc.render(made, "both"))
-    shown = xml.line(text)
+    shown = xml.one_line(text)
     found = [element.text for element in root.iter() if element.text]
     assert sum(shown in one for one in found) >= 25
     assert root.findtext(".//dcc:uniqueIdentifier", "", xml.NAMES) == shown

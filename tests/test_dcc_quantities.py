@@ -170,7 +170,10 @@ def test_as_found_and_as_left_are_converted(unit, size, spelling):
 )
 def test_a_part_of_a_unit_has_the_size_that_its_prefix_says(prefixed, whole, size):
     """Prefixes of the SI, parts of one, revolutions of 360°."""
-    part, one = dsi(prefixed).at(NOTATION.gravity), dsi(whole).at(NOTATION.gravity)
+    part, one = (
+        dsi(prefixed).with_gravity(NOTATION.gravity),
+        dsi(whole).with_gravity(NOTATION.gravity),
+    )
     assert part.text == one.text
     assert part.factor / one.factor == pytest.approx(size, rel=1e-14)
 
@@ -180,5 +183,5 @@ def test_units_without_a_prefix_are_not_converted():
     plain = {"1", "sample", "lsb", "s", "min", "h", "d", "Hz", "degC", "K", "deg", "arcmin"}
     plain |= {"arcsec", "rad", "m", "V", "A", "ohm"}
     assert {name for name, (_, factor) in ATOMS.items() if factor == 1.0} == plain
-    assert dsi("g").at(NOTATION.gravity).factor == NOTATION.gravity
-    assert dsi("g").at(None).factor == 1.0
+    assert dsi("g").with_gravity(NOTATION.gravity).factor == NOTATION.gravity
+    assert dsi("g").with_gravity(None).factor == 1.0

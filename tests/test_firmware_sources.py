@@ -20,7 +20,7 @@ def lines(spec, structure, *corrections):
     """Lines of a chain under a recipe, with what its instrument states."""
     firmware = instruments.find(spec.procedure).firmware()
     chain = SimpleNamespace(structure=structure, corrections=corrections)
-    return sources.lines(spec, chain, firmware.conventions(spec))
+    return sources.describe_sources(spec, chain, firmware.conventions(spec))
 
 
 def drift(overrides):

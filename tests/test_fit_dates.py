@@ -17,7 +17,7 @@ from kept import keep, model
 def flags(runs, date, *, accepted=True):
     """Flags of r003 of S-1 with a date."""
     limit = Criterion("K", 1.0, 2.0, "1", accepted)
-    return dates.flagged(Summary("", (), (), (limit,)), runs, "S-1", 3, date).flags
+    return dates.flag_date_order(Summary("", (), (), (limit,)), runs, "S-1", 3, date).flags
 
 
 @pytest.fixture

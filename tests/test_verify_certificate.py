@@ -155,7 +155,7 @@ def record(run):
     stated, text = profile.load(PROFILE, (STATED,))
     files = run_files.read_run(run)
     made = content.build(files, instruments.certificate_layout, stated, text, None, ISSUED)
-    return replace(made, attachments=(*made.attachments, dcc.attachment(made, "en")))
+    return replace(made, attachments=(*made.attachments, dcc.attach_dcc(made, "en")))
 
 
 def refused(path, *words):
@@ -264,7 +264,7 @@ def test_one_changed_byte_anywhere_in_the_signed_file_is_found(signed, tmp_path,
     for place in places:
         damaged = bytearray(whole)
         damaged[place] ^= 1 << rng.randrange(8)
-        found = verify_signature.signatures(bytes(damaged), [])
+        found = verify_signature.check_signatures(bytes(damaged), [])
         assert not found or any(one.faults for one in found), place
         if not found:  # what says that there is a signature was hit
             (tmp_path / "hit.pdf").write_bytes(damaged)
@@ -430,7 +430,7 @@ def test_a_draft_that_hides_it_and_a_name_that_was_changed_are_named(run, record
         files, instruments.certificate_layout, replace_profile(stated), text, None, ISSUED
     )
     assert not draft.draft
-    forged = replace(draft, attachments=(*draft.attachments, dcc.attachment(draft, "en")))
+    forged = replace(draft, attachments=(*draft.attachments, dcc.attach_dcc(draft, "en")))
     refused(written(forged, tmp_path / "draft.pdf"), "dcc.xml")
     customer = record.profile.customer.model_copy(update={"name": "Somebody else"})
     forged = replace(record, profile=record.profile.model_copy(update={"customer": customer}))
@@ -522,7 +522,7 @@ def test_text_of_every_kind_in_a_profile_raises_no_false_alarm(text, run, tmp_pa
 )
 def test_a_row_is_found_as_it_is_and_not_with_a_digit_or_sign_more(printed, found):
     """Blanks do not matter, digits and signs do."""
-    text = verify_text._Text.of([f"before {printed} behind"])
+    text = verify_text._Text.from_pages([f"before {printed} behind"])
     assert (text.find(verify_text._segments(["K0", "1.003253", "0.000040", "1"]), 0) >= 0) is found
 
 

@@ -49,7 +49,7 @@ def certify(
     .pdf, OutputError where a file exists or a DCC does not fit the schema.
     """
     beside = _beside(out)
-    signer = None if key is None else sign.signer(key)
+    signer = None if key is None else sign.load_signer(key)
     run = run_files.read_run(store.load(run_folder))
     stated, text = profile.load(profile_path, overrides)
     validated = None if validation is None else run_files.load_validation(validation, run)
@@ -70,7 +70,7 @@ def certify(
                 f"a DRAFT is not signed; missing: {listed}",
                 hint="state what is missing, or leave out --sign",
             )
-        document = sign.signed(document, signer, key.now)
+        document = sign.sign_document(document, signer, key.now)
     new_files.write_all({out: document, beside: digital.content}, dry_run=dry_run)
     return Issued((out, beside), certificate)
 
@@ -94,7 +94,7 @@ def _rendered(
     """The certificate with its DCC, the DCC, the PDF; made anew as a DRAFT where no font has a
     character.
     """
-    digital = dcc.attachment(certificate, lang, schema_dir)
+    digital = dcc.attach_dcc(certificate, lang, schema_dir)
     whole = replace(certificate, attachments=(*certificate.attachments, digital))
     try:
         return whole, digital, pdf.render(whole, lang, fonts)

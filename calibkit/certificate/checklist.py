@@ -50,7 +50,7 @@ class Missing:
     what: Words
 
 
-def missing(profile: Profile, issued: dt.date, *, validated: bool) -> tuple[Missing, ...]:
+def list_missing(profile: Profile, issued: dt.date, *, validated: bool) -> tuple[Missing, ...]:
     """Every item that keeps a certificate a DRAFT."""
     return (
         *_fields(profile),
@@ -64,7 +64,7 @@ def character_code(character: str) -> str:
     return f"[U+{ord(character):04X}]"
 
 
-def glyphs(characters: Iterable[str]) -> Missing:
+def missing_glyphs(characters: Iterable[str]) -> Missing:
     """A font with these characters."""
     listed = " ".join(map(character_code, characters))
     return Missing(

@@ -59,7 +59,7 @@ class Statement:
     reason: Words
 
 
-def statements(
+def judge_results(
     specifications: Sequence[Specification], results: Sequence[Result], default: Rule
 ) -> tuple[Statement, ...]:
     """Statement for every result that a specification names; RecipeError where it names none or in

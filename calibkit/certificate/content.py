@@ -113,7 +113,7 @@ def build(
             at=("certificate", "amends_issued"),
         )
     layout = layout_of(run.document)
-    terms = uncertainty.Source.of(type_b.loads(run.document.get("type_b", ())), profile.type_b)
+    terms = uncertainty.Source.merge(type_b.loads(run.document.get("type_b", ())), profile.type_b)
     temperatures = tuple(sorted(set(profile.results.temperatures_degc)))
     blocks = layout.blocks(
         Stated(run.records, terms, temperatures, layout.recipe.reference_temp_degc)
@@ -127,13 +127,13 @@ def build(
         issued=issued,
         run=run_facts(run),
         blocks=blocks,
-        statements=conformity.statements(
+        statements=conformity.judge_results(
             profile.specification, results, profile.results.decision_rule
         ),
         as_found=as_found,
         attachments=_attachments(run, as_found, profile_text),
-        unused_terms=uncertainty.unused(terms.terms, used),
-        missing=checklist.missing(profile, issued, validated=as_found is not None),
+        unused_terms=uncertainty.name_unused_terms(terms.terms, used),
+        missing=checklist.list_missing(profile, issued, validated=as_found is not None),
     )
 
 
@@ -145,7 +145,7 @@ def without_glyphs(certificate: Certificate, characters: Iterable[str]) -> Certi
     if not unshown:
         return certificate
     kept = tuple(item for item in certificate.missing if item.key != checklist.FONTS)
-    return replace(certificate, missing=(*kept, checklist.glyphs(unshown)), unshown=unshown)
+    return replace(certificate, missing=(*kept, checklist.missing_glyphs(unshown)), unshown=unshown)
 
 
 def _attachments(

@@ -53,7 +53,7 @@ PLACES = ("laboratory", "customer", "laboratoryBranch", "customerBranch", "other
 """Places of work that the schema knows; any other text stands in a statement."""
 
 
-def attachment(certificate: Certificate, lang: Lang, schema_dir: Path | None = None) -> Attachment:
+def attach_dcc(certificate: Certificate, lang: Lang, schema_dir: Path | None = None) -> Attachment:
     """The DCC as a file of the certificate, its structure checked, and validated against the schema
     where a folder has it.
     """
@@ -94,8 +94,10 @@ def _administrative(certificate: Certificate, notation: Notation) -> _Element:
             "dcc:respPersons",
             node(
                 "dcc:respPerson",
-                notation.named("dcc:person", person.name, xml.optional("dcc:eMail", person.email)),
-                xml.optional("dcc:role", person.role),
+                notation.named(
+                    "dcc:person", person.name, xml.optional_node("dcc:eMail", person.email)
+                ),
+                xml.optional_node("dcc:role", person.role),
                 node("dcc:mainSigner", "true"),
             ),
         ),
@@ -114,15 +116,15 @@ def _core(certificate: Certificate, lang: Lang) -> _Element:
         amended = node(
             "dcc:reportAmendedSubstituted",
             node("dcc:typeOfChange", "substituted"),
-            node("dcc:replacedUniqueIdentifier", xml.line(profile.certificate.amends)),
+            node("dcc:replacedUniqueIdentifier", xml.one_line(profile.certificate.amends)),
         )
     return node(
         "dcc:coreData",
         node("dcc:countryCodeISO3166_1", profile.laboratory.country or NO_COUNTRY),
         *(node("dcc:usedLangCodeISO639_1", code) for code in xml.LANGUAGES[lang]),
         *(node("dcc:mandatoryLangCodeISO639_1", code) for code in xml.LANGUAGES[lang]),
-        node("dcc:uniqueIdentifier", xml.line(profile.certificate.number)),
-        xml.optional("dcc:receiptDate", str(dates.received or "")),
+        node("dcc:uniqueIdentifier", xml.one_line(profile.certificate.number)),
+        xml.optional_node("dcc:receiptDate", str(dates.received or "")),
         node("dcc:beginPerformanceDate", performed),
         node("dcc:endPerformanceDate", str(dates.performed_until or performed)),
         node("dcc:performanceLocation", place if place in PLACES else "laboratory"),
@@ -149,7 +151,7 @@ def _item(certificate: Certificate, notation: Notation) -> _Element:
             item.type,
             notation.rich("dcc:description", [item.condition]),
             notation.named("dcc:manufacturer", item.maker) if item.maker.strip() else None,
-            xml.optional("dcc:model", item.model),
+            xml.optional_node("dcc:model", item.model),
             node("dcc:identifications", serial, other),
         ),
     )
@@ -164,7 +166,7 @@ def _identification(
     return node(
         "dcc:identification",
         node("dcc:issuer", issuer),
-        node("dcc:value", xml.line(value)),
+        node("dcc:value", xml.one_line(value)),
         notation.text("dcc:name", name),
         **attributes,
     )
@@ -176,11 +178,11 @@ def _party(tag: str, party: Party, notation: Notation) -> _Element:
     return notation.named(
         tag,
         party.name,
-        xml.optional("dcc:eMail", party.email),
-        xml.optional("dcc:phone", party.phone),
+        xml.optional_node("dcc:eMail", party.email),
+        xml.optional_node("dcc:phone", party.phone),
         node(
             "dcc:location",
-            xml.optional("dcc:countryCode", party.country),
+            xml.optional_node("dcc:countryCode", party.country),
             notation.rich("dcc:further", lines or [xml.NOT_STATED]),
         ),
     )
@@ -207,7 +209,7 @@ def _statements(certificate: Certificate, notation: Notation) -> _Element:
         *(
             notation.named("dcc:statement", name, notation.rich("dcc:declaration", texts))
             for name, texts in statements
-            if xml.given(texts)
+            if xml.non_empty(texts)
         ),
         *(_conformity(statement, notation) for statement in certificate.statements),
     )
@@ -228,9 +230,9 @@ def _conformity(statement: Statement, notation: Notation) -> _Element:
         "dcc:statement",
         " ".join(filter(None, (statement.name, statement.source))) or "specification",
         node("dcc:norm", f"decision rule: {statement.rule}"),
-        node("dcc:reference", xml.line(statement.result.key)),
+        node("dcc:reference", xml.one_line(statement.result.key)),
         notation.rich("dcc:declaration", [verdict]),
-        xml.optional("dcc:conformity", CONFORMITY.get(statement.verdict, "")),
+        xml.optional_node("dcc:conformity", CONFORMITY.get(statement.verdict, "")),
         refType="basic_conformity",
     )
 
@@ -351,6 +353,6 @@ def _file(attached: Attachment, notation: Notation) -> list[_Element]:
             "dcc:result",
             Words(f"Coefficient file {attached.name}", f"系数文件 {attached.name}"),
             notation.rich("dcc:description", [f"SHA-256 {attached.sha256}"]),
-            node("dcc:data", xml.file(attached)),
+            node("dcc:data", xml.file_data(attached)),
         ),
     ]

@@ -83,9 +83,9 @@ def _quantity(result: Result, notation: Notation) -> _Element:
     if result.standard:
         name += Words(f" ({result.standard})")
     if u is not None and result.interval is not None:
-        uncertainty = xml.interval(u, result.interval, unit.factor)
+        uncertainty = xml.coverage_interval(u, result.interval, unit.factor)
     elif u is not None:
-        uncertainty = xml.expanded(
+        uncertainty = xml.expanded_uncertainty(
             u.expanded_uncertainty * unit.factor, u.coverage_factor, u.probability
         )
     conditions = [influence(*condition, notation) for condition in result.at]
@@ -113,7 +113,7 @@ def influence(name: str, value: float, unit: str, notation: Notation, u: float =
     """An influence condition that is a number, with its standard uncertainty."""
     found, uncertainty = notation.unit(unit), None
     if u > 0.0:
-        stated = node("si:valueStandardMU", xml.number(u * found.factor))
+        stated = node("si:valueStandardMU", xml.format_number(u * found.factor))
         uncertainty = node("si:measurementUncertaintyUnivariate", node("si:standardMU", stated))
     shown = node("dcc:quantity", xml.real(value, found, uncertainty=uncertainty))
     return notation.named(
@@ -139,7 +139,7 @@ def _series(column: Sequence[Result], head: Words, notation: Notation) -> _Eleme
         [r.value for r in column],
         [unit] * count,
         [r.key for r in column],
-        xml.expanded_list(uncertainties, unit.factor),
+        xml.expanded_uncertainties(uncertainties, unit.factor),
     )
     name = first.name if first.name.en else head
     quantity = notation.named("dcc:quantity", name, values, refType=MEASURED)
@@ -185,7 +185,7 @@ def _covariance(model: Model, units: Sequence[Unit]) -> _Element:
                     "si:covarianceXMLList",
                     node(
                         "si:valueXMLList",
-                        xml.number(model.covariance[i][j] * first.factor * second.factor),
+                        xml.format_number(model.covariance[i][j] * first.factor * second.factor),
                     ),
                     node("si:unitXMLList", (first * second).text),
                 )
@@ -194,14 +194,14 @@ def _covariance(model: Model, units: Sequence[Unit]) -> _Element:
         )
         for j, second in enumerate(units)
     ]
-    factor = xml.factor(_region_factor(len(units), model.dof))
+    factor = xml.format_factor(_region_factor(len(units), model.dof))
     return node(
         "si:measurementUncertaintyMultivariateXMLList",
         node(
             "si:ellipsoidalRegionMUXMLList",
             node("si:covarianceMatrixXMLList", *columns),
             node("si:coverageFactorXMLList", factor),
-            node("si:coverageProbabilityXMLList", xml.probability(REGION)),
+            node("si:coverageProbabilityXMLList", xml.format_probability(REGION)),
         ),
     )
 
@@ -242,7 +242,7 @@ def as_found_as_left(found: AsFoundAsLeft | None, notation: Notation) -> _Elemen
 def _validated(row: BeforeAfter, value: float, U: float | None, notation: Notation) -> _Element:
     """One value of a validation, with its expanded uncertainty where it has one."""
     unit = notation.unit(row.unit)
-    uncertainty = xml.expanded(U * unit.factor, 2.0, gum.TWO_SIGMA) if U else None
+    uncertainty = xml.expanded_uncertainty(U * unit.factor, 2.0, gum.TWO_SIGMA) if U else None
     return notation.named(
         "dcc:quantity",
         (Words(f"{row.log}: ") if row.log else Words("")) + row.what,

@@ -82,7 +82,7 @@ class Unit:
         powers = {name: own * power for name, own in self.powers.items()}
         return Unit(powers, self.factor ** float(power), self.gravity * power)
 
-    def at(self, gravity_mps2: float | None) -> Unit:
+    def with_gravity(self, gravity_mps2: float | None) -> Unit:
         """The unit with g as so many m/s², or where that is not known as the ratio that it is."""
         if not self.gravity or gravity_mps2 is None:
             return Unit(self.powers, self.factor)

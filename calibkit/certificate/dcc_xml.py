@@ -39,7 +39,7 @@ def etree() -> Any:  # noqa: ANN401 (a module of an optional library)
     return extras.load_library("lxml.etree", "dcc", "digital calibration certificates need lxml")
 
 
-def line(text: str) -> str:
+def one_line(text: str) -> str:
     """Text on one line with single spaces, which is what the schema calls a string that is not
     empty; a character that XML cannot hold is given by its number.
     """
@@ -70,17 +70,18 @@ class Notation:
 
     def unit(self, unit: str) -> Unit:
         """D-SI unit of a unit."""
-        return dsi(unit).at(self.gravity)
+        return dsi(unit).with_gravity(self.gravity)
 
     def _contents(self, words: Words | str) -> list[_Element]:
         """`dcc:content` in each language of the certificate; a user's text has no language of its
         own.
         """
         if isinstance(words, str):
-            return [node("dcc:content", line(words))]
+            return [node("dcc:content", one_line(words))]
         texts = {code: words.zh if code == "zh" else words.en for code in LANGUAGES[self.lang]}
         return [
-            node("dcc:content", line(text or words.en), lang=code) for code, text in texts.items()
+            node("dcc:content", one_line(text or words.en), lang=code)
+            for code, text in texts.items()
         ]
 
     def text(self, name: str, words: Words | str) -> _Element:
@@ -99,32 +100,32 @@ class Notation:
         """Element of the schema's rich content type with texts and formulas; None where there are
         none.
         """
-        parts = [part for words in given(texts) for part in self._contents(words)]
+        parts = [part for words in non_empty(texts) for part in self._contents(words)]
         parts += [node("dcc:formula", node("dcc:latex", formula)) for formula in latex]
         return node(name, *parts) if parts else None
 
 
-def optional(name: str, value: str) -> _Element | None:
+def optional_node(name: str, value: str) -> _Element | None:
     """Element with a text on one line; None where the text is empty."""
-    return node(name, line(value)) if value.strip() else None
+    return node(name, one_line(value)) if value.strip() else None
 
 
-def given(texts: Iterable[Words | str]) -> list[Words | str]:
+def non_empty(texts: Iterable[Words | str]) -> list[Words | str]:
     """Texts that are not empty."""
     return [words for words in texts if (words if isinstance(words, str) else words.en).strip()]
 
 
-def file(attachment: Attachment) -> _Element:
+def file_data(attachment: Attachment) -> _Element:
     """`dcc:byteData` of a file."""
     return node(
         "dcc:byteData",
-        node("dcc:fileName", line(attachment.name)),
+        node("dcc:fileName", one_line(attachment.name)),
         node("dcc:mimeType", attachment.media_type),
         node("dcc:dataBase64", base64.b64encode(attachment.content).decode()),
     )
 
 
-def number(value: float) -> str:
+def format_number(value: float) -> str:
     """A decimal number with all its digits and a decimal point."""
     if not math.isfinite(value):
         raise OutputError(
@@ -134,27 +135,27 @@ def number(value: float) -> str:
     return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{exponent}"
 
 
-def factor(value: float) -> str:
+def format_factor(value: float) -> str:
     """A coverage factor: at least 1, without an exponent."""
     return f"{max(value, 1.0):.12f}".rstrip("0").ljust(3, "0")
 
 
-def probability(value: float) -> str:
+def format_probability(value: float) -> str:
     """A coverage probability: 0 to 1, without an exponent."""
     return f"{value:.12f}".rstrip("0").ljust(3, "0")
 
 
 def _label(key: str) -> str:
     """A key as an item of an XML list, which blanks would split."""
-    return line(key).replace(" ", "_")
+    return one_line(key).replace(" ", "_")
 
 
 def real(value: float, unit: Unit, key: str = "", uncertainty: _Element | None = None) -> _Element:
     """`si:real` of a value, converted to its D-SI unit, with its uncertainty."""
     return node(
         "si:real",
-        node("si:label", line(key)) if key else None,
-        node("si:value", number(value * unit.factor)),
+        node("si:label", one_line(key)) if key else None,
+        node("si:value", format_number(value * unit.factor)),
         node("si:unit", unit.text),
         uncertainty,
     )
@@ -167,7 +168,7 @@ def real_list(
     uncertainty: _Element | None = None,
 ) -> _Element:
     """`si:realListXMLList` of values, each converted to its D-SI unit, with their uncertainty."""
-    scaled = [number(value * unit.factor) for value, unit in zip(values, units, strict=True)]
+    scaled = [format_number(value * unit.factor) for value, unit in zip(values, units, strict=True)]
     return node(
         "si:realListXMLList",
         node("si:labelXMLList", " ".join(map(_label, keys))) if keys else None,
@@ -177,41 +178,43 @@ def real_list(
     )
 
 
-def expanded(U: float, coverage_factor: float, coverage: float) -> _Element:
+def expanded_uncertainty(U: float, coverage_factor: float, coverage: float) -> _Element:
     """Expanded uncertainty of one value with its coverage factor and probability."""
     return node(
         "si:measurementUncertaintyUnivariate",
         node(
             "si:expandedMU",
-            node("si:valueExpandedMU", number(U)),
-            node("si:coverageFactor", factor(coverage_factor)),
-            node("si:coverageProbability", probability(coverage)),
+            node("si:valueExpandedMU", format_number(U)),
+            node("si:coverageFactor", format_factor(coverage_factor)),
+            node("si:coverageProbability", format_probability(coverage)),
         ),
     )
 
 
-def interval(uncertainty: Uncertainty, ends: tuple[float, float], scale: float) -> _Element:
+def coverage_interval(
+    uncertainty: Uncertainty, ends: tuple[float, float], scale: float
+) -> _Element:
     """Coverage interval of one value."""
     return node(
         "si:measurementUncertaintyUnivariate",
         node(
             "si:coverageIntervalMU",
-            node("si:valueStandardMU", number(uncertainty.standard_uncertainty * scale)),
-            node("si:intervalMin", number(ends[0] * scale)),
-            node("si:intervalMax", number(ends[1] * scale)),
-            node("si:coverageProbability", probability(uncertainty.probability)),
+            node("si:valueStandardMU", format_number(uncertainty.standard_uncertainty * scale)),
+            node("si:intervalMin", format_number(ends[0] * scale)),
+            node("si:intervalMax", format_number(ends[1] * scale)),
+            node("si:coverageProbability", format_probability(uncertainty.probability)),
         ),
     )
 
 
-def expanded_list(uncertainties: Sequence[Uncertainty], scale: float) -> _Element:
+def expanded_uncertainties(uncertainties: Sequence[Uncertainty], scale: float) -> _Element:
     """Expanded uncertainties of a list of values."""
     columns = {
         "si:valueExpandedMUXMLList": [
-            number(u.expanded_uncertainty * scale) for u in uncertainties
+            format_number(u.expanded_uncertainty * scale) for u in uncertainties
         ],
-        "si:coverageFactorXMLList": [factor(u.coverage_factor) for u in uncertainties],
-        "si:coverageProbabilityXMLList": [probability(u.probability) for u in uncertainties],
+        "si:coverageFactorXMLList": [format_factor(u.coverage_factor) for u in uncertainties],
+        "si:coverageProbabilityXMLList": [format_probability(u.probability) for u in uncertainties],
     }
     return node(
         "si:measurementUncertaintyUnivariateXMLList",

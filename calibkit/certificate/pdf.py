@@ -60,7 +60,7 @@ def render(certificate: Certificate, lang: Lang, fonts: Sequence[Path] = ()) -> 
         }
         for a in certificate.attachments
     ]
-    data = cleaned(sheet(certificate, lang), certificate.unshown) | {"attachments": attachments}
+    data = clean_sheet(sheet(certificate, lang), certificate.unshown) | {"attachments": attachments}
     typst = extras.load_library("typst", "pdf", "certificates need typst")
     with tempfile.TemporaryDirectory(prefix="calibkit-") as folder:
         data["families"] = _families(fonts, Path(folder))
@@ -131,7 +131,7 @@ def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
     return families
 
 
-def cleaned(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
+def clean_sheet(document: dict[str, Any], unshown: str = "") -> dict[str, Any]:
     """The sheet without control characters, overrides of direction, and what no font has; long
     words with places to break.
     """

@@ -15,7 +15,7 @@ MOST_TICKS = 6
 STEPS = (1.0, 2.0, 5.0, 10.0)
 
 
-def drawing(figure: Figure, lang: Lang) -> dict[str, Any]:
+def lay_out_figure(figure: Figure, lang: Lang) -> dict[str, Any]:
     """JSON object of a figure; the template draws it as vectors, in the certificate's own fonts."""
     shown, ticks = (_logarithmic(figure), _decades) if figure.log else (figure, _ticks)
     x_span = _span([x for series in shown.series for x in series.x])

@@ -184,7 +184,7 @@ COUNTS = 100_000
 """Whole numbers below this are printed as they are."""
 
 
-def printed(value: float, uncertainty: float, *, digits: int = 2) -> _Printed:
+def round_result(value: float, uncertainty: float, *, digits: int = 2) -> _Printed:
     """Value and uncertainty with two significant digits of the uncertainty, the value to the same
     place (JCGM 100 7.2.6).
     """
@@ -201,7 +201,7 @@ def printed(value: float, uncertainty: float, *, digits: int = 2) -> _Printed:
     return _Printed(f"{scaled[0]:f}", f"{scaled[1]:f}", exponent)
 
 
-def descriptor(value: float) -> _Printed:
+def round_descriptor(value: float) -> _Printed:
     """A number without an uncertainty: a count as it is, anything else to three significant
     digits.
     """

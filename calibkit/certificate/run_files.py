@@ -86,7 +86,7 @@ def run_facts(run: RunFiles) -> RunFacts:
         effective_from=document["effective_from"],
         recipe=document["recipe"]["name"],
         recipe_sha256=document["recipe"]["sha256"],
-        inputs=stated_inputs(document["inputs"]),
+        inputs=_stated_inputs(document["inputs"]),
         excluded=tuple((_range(e), e["reason"], e["person"]) for e in document["excluded"]),
         criteria=stated_criteria(document),
         flags=tuple(document["flags"]),
@@ -105,7 +105,7 @@ def _range(entry: Mapping[str, Any]) -> str:
     return " ".join((entry["log"], *ends))
 
 
-def stated_inputs(entries: Iterable[Mapping[str, Any]]) -> tuple[Input, ...]:
+def _stated_inputs(entries: Iterable[Mapping[str, Any]]) -> tuple[Input, ...]:
     """Logs that a file lists."""
     return tuple(Input(entry["name"], entry["sha256"], entry["rows"]) for entry in entries)
 
@@ -173,7 +173,7 @@ def parse_validation(content: bytes, name: str, run: RunFiles) -> AsFoundAsLeft:
     return AsFoundAsLeft(
         rows,
         points,
-        stated_inputs(logs),
+        _stated_inputs(logs),
         stated_criteria(document),
         tuple(document["flags"]),
         text,

@@ -143,10 +143,10 @@ def _conditions(certificate: Certificate, lang: Lang) -> Rows:
             condition.name.replace("_", " ")
         )
         unit = unit_mark(condition.unit)
-        text = f"{tables.plain(condition.value, 8)} {unit}".strip()
+        text = f"{tables.format_plain(condition.value, 8)} {unit}".strip()
         if condition.standard_uncertainty > 0.0:
             words = Words("standard uncertainty", "标准不确定度").of(lang)
-            u = f"{tables.plain(condition.standard_uncertainty, 2)} {unit}".strip()
+            u = f"{tables.format_plain(condition.standard_uncertainty, 2)} {unit}".strip()
             text += f" ({words} {u})"
         rows.append((label, text))
     return _in_words(rows, lang)
@@ -185,7 +185,7 @@ def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]
         "equations": [{"form": e.form, "where": e.where.of(lang)} for e in block.equations],
         "tables": [table for table in shown if table["rows"]],
         "figures": [
-            plots.drawing(figure, lang)
+            plots.lay_out_figure(figure, lang)
             for figure in block.figures
             if any(s.x for s in figure.series)
         ],
@@ -223,8 +223,8 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 def _criterion(criterion: Criterion) -> Words:
     """An acceptance limit of the recipe, and how the result stands against it."""
     name, passed = criterion.name, criterion.passed
-    shown = tables.beside(criterion.value, criterion.limit)
-    bound = f"{tables.exact(criterion.limit)} {unit_mark(criterion.unit)}".strip()
+    shown = tables.format_beside(criterion.value, criterion.limit)
+    bound = f"{tables.format_exact(criterion.limit)} {unit_mark(criterion.unit)}".strip()
     return Words(
         f"Limit of the recipe: {name} {shown} against {bound}: {'held' if passed else 'NOT held'}.",
         f"配方限值：{name} {shown}，限值 {bound}：{'满足' if passed else '不满足'}。",
@@ -236,21 +236,15 @@ def _before_after(rows: Sequence[BeforeAfter], title: Words, lang: Lang) -> dict
     certain = any(row.left_u is not None for row in rows)
     shown = []
     for row in rows:
-        before, after, expanded = tables.plain(row.found, 3), tables.plain(row.left, 3), ""
+        before, after = (tables.format_plain(value, 3) for value in (row.found, row.left))
+        u = [""] if certain else []
         if row.left_u and row.left is not None:
-            after, expanded = (tables.number(text) for text in gum.rounded(row.left, row.left_u))
+            after, *u = map(tables.format_number, gum.rounded(row.left, row.left_u))
             if row.found is not None:
-                before = tables.number(gum.rounded(row.found, row.left_u)[0])
-        u = [expanded] if certain else []
+                before = tables.format_number(gum.rounded(row.found, row.left_u)[0])
         shown.append([row.log, row.what.of(lang), before, after, *u, unit_mark(row.unit) or "1"])
-    heads = [
-        Words(""),
-        Words(""),
-        AS_FOUND,
-        AS_LEFT,
-        *([tables.U] if certain else []),
-        tables.UNIT,
-    ]
+    expanded = [tables.U] if certain else []
+    heads = [Words(""), Words(""), AS_FOUND, AS_LEFT, *expanded, tables.UNIT]
     align = "llrrrl" if certain else "llrrl"
     note = Words("U with k = 2 (type A of the validation).", "U：k = 2（验证的 A 类）。")
     return tables.text_table(
@@ -292,16 +286,16 @@ def _conformity(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 def _statement(s: Statement, lang: Lang) -> list[str]:
     """Row of one statement of conformity."""
     limits = (s.lower, s.upper)
-    stated = [None if limit is None else tables.exact(limit) for limit in limits]
+    stated = [None if limit is None else tables.format_exact(limit) for limit in limits]
     accepted = [
-        tables.acceptance(*pair, s.result) for pair in zip(s.acceptance, limits, strict=True)
+        tables.format_acceptance(*pair, s.result) for pair in zip(s.acceptance, limits, strict=True)
     ]
     return [
-        tables.breakable(s.result.key),
+        tables.make_breakable(s.result.key),
         " ".join(filter(None, (s.name, s.source))),
-        *tables.cells(s.result),
-        f"{tables.limits(*stated)} {unit_mark(s.result.unit)}".strip(),
-        tables.limits(*accepted),
+        *tables.format_result(s.result),
+        f"{tables.format_limits(*stated)} {unit_mark(s.result.unit)}".strip(),
+        tables.format_limits(*accepted),
         s.rule.replace("_", "-"),
         conformity.VERDICTS[s.verdict].of(lang) + (f": {s.reason.of(lang)}" if s.reason.en else ""),
     ]
@@ -334,7 +328,7 @@ def _budgets(certificate: Certificate, lang: Lang) -> dict[str, Any]:
             "ν",
         ],
         "budgets": [
-            tables.budget(r, r.uncertainty, lang)
+            tables.lay_out_budget(r, r.uncertainty, lang)
             for r in chosen.values()
             if r.uncertainty is not None
         ],

@@ -39,7 +39,7 @@ class Key:
     now: dt.datetime
 
 
-def signer(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
+def load_signer(key: Key) -> Any:  # noqa: ANN401 (a class of an optional library)
     """Signer of a PKCS#12 file, opened before anything is made; UsageError where it cannot sign,
     OutputError without pyHanko.
     """
@@ -113,7 +113,7 @@ def _attributes(by: Any) -> Any:  # noqa: ANN401 (classes of an optional library
     return Attributes()
 
 
-def signed(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa: ANN401 (a class of an optional library)
+def sign_document(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa: ANN401 (a class of an optional library)
     """The document with a signature behind it; what was there stays as it is, byte for byte.
 
     `now` stands in the signature as the time that the signer claims.
@@ -132,11 +132,11 @@ def signed(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa: ANN401
     )
     with quiet():
         return asyncio.run(
-            _signed(document, signers.PdfSigner(meta, signer=by, new_field_spec=made), now)
+            _sign_document(document, signers.PdfSigner(meta, signer=by, new_field_spec=made), now)
         )
 
 
-async def _signed(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa: ANN401 (a class of an optional library)
+async def _sign_document(document: bytes, by: Any, now: dt.datetime) -> bytes:  # noqa: ANN401 (a class of an optional library)
     """Sign in pyHanko's own steps, with the time that is given rather than a clock's."""
     from pyhanko.pdf_utils.incremental_writer import IncrementalPdfFileWriter
     from pyhanko.sign.signers.pdf_cms import PdfCMSSignedAttributes

@@ -12,8 +12,8 @@ from calibkit.certificate.results import (
     ListTable,
     Result,
     Uncertainty,
-    descriptor,
-    printed,
+    round_descriptor,
+    round_result,
 )
 from calibkit.certificate.words import POWERS, Lang, Words, unit_mark
 from calibkit.numeric import gum
@@ -31,7 +31,7 @@ FEWEST, MOST_DIGITS = 4, 17
 VALUE, U, UNIT = Words("value", "值"), Words("U"), Words("unit", "单位")
 
 
-def number(text: str, exponent: int = 0) -> str:
+def format_number(text: str, exponent: int = 0) -> str:
     """A decimal number with a true minus sign, and a power of ten behind it."""
     power = "" if exponent == 0 else " × 10" + str(exponent).replace("-", "⁻").translate(POWERS)
     return text.replace("-", "−") + power
@@ -46,24 +46,26 @@ DISTRIBUTIONS = {
 }
 
 
-def cells(result: Result | None) -> tuple[str, str]:
+def format_result(result: Result | None) -> tuple[str, str]:
     """Value and U, or the coverage interval of a magnitude, as printed."""
     if result is None:
         return ABSENT, ""
     if result.uncertainty is None:
-        shown = descriptor(result.value)
-        return number(shown.value, shown.exponent), "ref." if result.by_definition else ""
+        shown = round_descriptor(result.value)
+        return format_number(shown.value, shown.exponent), "ref." if result.by_definition else ""
     expanded = result.uncertainty.expanded_uncertainty
-    shown = printed(result.value, expanded)
+    shown = round_result(result.value, expanded)
     if result.interval is None:
-        return number(shown.value, shown.exponent), number(shown.uncertainty, shown.exponent)
-    ends = "…".join(number(printed(end, expanded).value) for end in result.interval)
+        return format_number(shown.value, shown.exponent), format_number(
+            shown.uncertainty, shown.exponent
+        )
+    ends = "…".join(format_number(round_result(end, expanded).value) for end in result.interval)
     if shown.exponent:
         ends = "…".join(f"{end:.2g}".replace("-", "−") for end in result.interval)
-    return number(shown.value, shown.exponent), f"[{ends}]"
+    return format_number(shown.value, shown.exponent), f"[{ends}]"
 
 
-def plain(value: float | None, digits: int = 4) -> str:
+def format_plain(value: float | None, digits: int = 4) -> str:
     """A number without an uncertainty, in a few significant digits; a dash for none, ∞ for
     infinity.
     """
@@ -72,53 +74,53 @@ def plain(value: float | None, digits: int = 4) -> str:
     if math.isinf(value):
         return "∞" if value > 0.0 else "−∞"
     mantissa, _, exponent = f"{value:.{digits}g}".partition("e")
-    return number(mantissa, int(exponent or 0))
+    return format_number(mantissa, int(exponent or 0))
 
 
-def exact(value: float) -> str:
+def format_exact(value: float) -> str:
     """A number that somebody stated, with every digit that was stated (its shortest form)."""
     if math.isinf(value):
-        return plain(value)
+        return format_plain(value)
     mantissa, _, exponent = repr(float(value)).partition("e")
-    return number(mantissa.removesuffix(".0"), int(exponent or 0))
+    return format_number(mantissa.removesuffix(".0"), int(exponent or 0))
 
 
-def limits(lower: str | None, upper: str | None) -> str:
+def format_limits(lower: str | None, upper: str | None) -> str:
     """Limits as an interval, or as one bound."""
     if lower is None:
         return f"≤ {upper or ABSENT}"
     return f"≥ {lower}" if upper is None else f"{lower} … {upper}"
 
 
-def beside(value: float, limit: float) -> str:
+def format_beside(value: float, limit: float) -> str:
     """A number beside a limit that it was judged by: to the limit's place, and as far as it takes
     to lie on its side.
     """
     if not (math.isfinite(value) and math.isfinite(limit)):
-        return plain(value)
+        return format_plain(value)
     found, stated = Decimal(repr(value)), Decimal(repr(limit))
     first = max(FEWEST, found.adjusted() - int(stated.normalize().as_tuple().exponent) + 1)
     for digits in range(first, MOST_DIGITS):
         shown = Decimal(f"{value:.{digits}g}")
         if (shown > stated) == (found > stated) and (shown < stated) == (found < stated):
-            return plain(value, digits)
-    return exact(value)
+            return format_plain(value, digits)
+    return format_exact(value)
 
 
-def acceptance(limit: float | None, stated: float | None, result: Result) -> str | None:
+def format_acceptance(limit: float | None, stated: float | None, result: Result) -> str | None:
     """An acceptance limit: as stated where nothing was taken off, else to one place more than U."""
     if limit is None or limit == stated or result.uncertainty is None:
-        return None if limit is None else exact(limit)
-    shown = printed(limit, result.uncertainty.expanded_uncertainty, digits=3)
-    return number(shown.value, shown.exponent)
+        return None if limit is None else format_exact(limit)
+    shown = round_result(limit, result.uncertainty.expanded_uncertainty, digits=3)
+    return format_number(shown.value, shown.exponent)
 
 
 def _significant(value: float) -> str:
     """A standard uncertainty with two significant digits, a trailing zero kept."""
     if not value:
         return "0"
-    shown = printed(value, value)
-    return number(shown.uncertainty, shown.exponent)
+    shown = round_result(value, value)
+    return format_number(shown.uncertainty, shown.exponent)
 
 
 def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
@@ -128,7 +130,7 @@ def lay_out_list(table: ListTable, lang: Lang) -> dict[str, Any]:
     for result in table.results:
         name = result.name.of(lang) + (f" ({result.standard})" if result.standard else "")
         head = [result.symbol, name] if named else [result.symbol]
-        rows.append([*head, *cells(result), unit_mark(result.unit) or "1"])
+        rows.append([*head, *format_result(result), unit_mark(result.unit) or "1"])
     parts = 1 if named else min(3, -(-len(rows) // LONGEST))
     heads = [*[Words("")] * (2 if named else 1), VALUE, U, UNIT] * parts
     align = ("llrrl" if named else "lrrl") * parts
@@ -165,7 +167,7 @@ def _end_of_part(table: GridTable, start: int, lang: Lang) -> int:
         - (14 if table.by_row else 0)
     )
     for k in range(start, len(table.heads)):
-        pairs = [cells(row[k]) for row in table.cells]
+        pairs = [format_result(row[k]) for row in table.cells]
         value, expanded = (max((len(pair[i]) for pair in pairs), default=0) for i in (0, 1))
         free -= max(value + expanded + 2 * COLUMN_GAP, len(table.heads[k].of(lang)) + 8)
         if free < 0 and k > start:
@@ -189,7 +191,7 @@ def _part(table: GridTable, chosen: slice, lang: Lang, *, last: bool) -> dict[st
         align += "r" * width
     rows = [
         [_label(label, lang)]
-        + [text for r, width in zip(row, widths, strict=True) for text in cells(r)[:width]]
+        + [text for r, width in zip(row, widths, strict=True) for text in format_result(r)[:width]]
         for label, row in zip(table.labels, part, strict=True)
     ]
     if table.by_row:
@@ -266,7 +268,7 @@ def _few(dof: Sequence[float]) -> Words:
     return Words(f" (Student, ν_eff = {span})", f"（t 分布，ν_eff = {span}）")
 
 
-def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, Any]:
+def lay_out_budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, Any]:
     """Budget of one result: a row a contribution, and the sum."""
     unit = unit_mark(result.unit)
     rows = [
@@ -276,14 +278,14 @@ def budget(result: Result, uncertainty: Uncertainty, lang: Lang) -> dict[str, An
             DISTRIBUTIONS[part.distribution].of(lang),
             f"{_significant(part.standard_uncertainty)}"
             f" {unit_mark(part.unit) if part.quantity else unit}".strip(),
-            plain(part.sensitivity, 3),
+            format_plain(part.sensitivity, 3),
             _significant(part.contribution),
             _dof(part.dof),
         ]
         for part in uncertainty.contributions
     ]
-    value, expanded = cells(result)
-    name, key = result.name.of(lang), breakable(result.key)
+    value, expanded = format_result(result)
+    name, key = result.name.of(lang), make_breakable(result.key)
     k = f"{uncertainty.coverage_factor:.2f}".removesuffix(".00")
     return {
         "title": f"{key} ({name})" if name and name != result.symbol else key,
@@ -303,6 +305,6 @@ def _dof(dof: float) -> str:
     return "∞" if dof >= MANY else f"{math.floor(dof + 1e-9)}"
 
 
-def breakable(key: str) -> str:
+def make_breakable(key: str) -> str:
     """A key that may be broken behind its dots and underscores."""
     return key.replace(".", ".\u200b").replace("_", "_\u200b")

@@ -31,7 +31,7 @@ class Source:
     terms: tuple[TypeB, ...]
 
     @classmethod
-    def of(cls, recipe: Sequence[TypeB], profile: Sequence[TypeB]) -> Self:
+    def merge(cls, recipe: Sequence[TypeB], profile: Sequence[TypeB]) -> Self:
         """Terms of both; of two with one name the profile's counts."""
         return cls(tuple({term.name: term for term in (*recipe, *profile)}.values()))
 
@@ -135,7 +135,7 @@ def _in_base(term: TypeB, result_unit: str | None) -> TypeB:
     return term.model_copy(update={"unit": target, **scaled})
 
 
-def unused(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:
+def name_unused_terms(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:
     """Names of terms that entered no result."""
     names = {line.name.en for one in used for line in one.contributions}
     return tuple(term.name for term in terms if term.name not in names)

@@ -80,7 +80,9 @@ def verify(
     document = path.read_bytes()
     if path.suffix.lower() == ".xml":
         return _alone(path, document, schema_dir)
-    signatures = verify_signature.signatures(document, verify_signature.trust_roots(trust))
+    signatures = verify_signature.check_signatures(
+        document, verify_signature.load_trust_roots(trust)
+    )
     faults = [fault for one in signatures for fault in one.faults]
     warnings = [warning for one in signatures for warning in one.warnings]
     try:
@@ -239,7 +241,9 @@ def _remade(
     ]
     data = Attachment(dcc.FILE, stated, *dcc.DESCRIBED)
     whole = replace(certificate, attachments=(*certificate.attachments, data))
-    missing, count = verify_text.faults(pdf.cleaned(sheet.sheet(whole, lang), whole.unshown), pages)
+    missing, count = verify_text.find_unprinted(
+        pdf.clean_sheet(sheet.sheet(whole, lang), whole.unshown), pages
+    )
     return [*faults, *(f"{fault}{other}" for fault in missing)], count, certificate.draft
 
 

@@ -26,7 +26,7 @@ class Signature:
     warnings: tuple[str, ...]
 
 
-def trust_roots(paths: Sequence[Path]) -> list[Any]:
+def load_trust_roots(paths: Sequence[Path]) -> list[Any]:
     """Certificates of PEM or DER files; UsageError for a file that holds none."""
     found: list[Any] = []
     for path in paths:
@@ -40,7 +40,7 @@ def trust_roots(paths: Sequence[Path]) -> list[Any]:
     return found
 
 
-def signatures(document: bytes, roots: Sequence[Any]) -> tuple[Signature, ...]:
+def check_signatures(document: bytes, roots: Sequence[Any]) -> tuple[Signature, ...]:
     """Every signature of a PDF, none for an unsigned one; OutputError without pyHanko where there
     is something to check.
     """

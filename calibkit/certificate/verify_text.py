@@ -31,7 +31,7 @@ class _Text:
     pages: tuple[str, ...]
 
     @classmethod
-    def of(cls, pages: Sequence[str]) -> Self:
+    def from_pages(cls, pages: Sequence[str]) -> Self:
         """Text of extracted pages."""
         whole = "\n".join(map(_plain, pages))
         characters, apart, blank = [], [], True
@@ -120,9 +120,9 @@ def _segments(cells: Sequence[str]) -> Segments:
     return found
 
 
-def faults(sheet: dict[str, Any], pages: Sequence[str]) -> tuple[list[str], int]:
+def find_unprinted(sheet: dict[str, Any], pages: Sequence[str]) -> tuple[list[str], int]:
     """Everything that the sheet holds and the pages do not, and how many rows were found."""
-    text = _Text.of(pages)
+    text = _Text.from_pages(pages)
     missing = [*_marks(sheet, text), *_facts(sheet, text)]
     place, count = 0, 0
     for where, cells in _rows(sheet):

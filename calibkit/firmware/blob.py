@@ -56,7 +56,7 @@ def shape(program: Program) -> Shape:
             hint="use --number f32 or f64, or --target c",
         )
     tables = tuple((name, len(program.tables[name])) for name in program.structure.tables)
-    lines = (*layout.lines(program), json.dumps({"tables": tables}, separators=(",", ":")))
+    lines = (*layout.write_program(program), json.dumps({"tables": tables}, separators=(",", ":")))
     return Shape(tables, lines, hashlib.sha256("\n".join(lines).encode()).digest()[:8])
 
 
@@ -139,7 +139,7 @@ def _read(
         )
     try:
         lengths: dict[str, int] = dict(json.loads(lines[-1])["tables"])
-        structure = layout.program(lines[:-1], {}, name).structure
+        structure = layout.read_program(lines[:-1], {}, name).structure
         inputs = [entry.name for entry in structure.inputs]
         outputs = [output.name for output in structure.outputs]
         width = len(inputs) + len(outputs) + 2
@@ -163,4 +163,4 @@ def _read(
         dict(zip(outputs, columns[len(inputs) :], strict=False)),
         status,
     )
-    return layout.program(lines[:-1], tables, name), stated
+    return layout.read_program(lines[:-1], tables, name), stated

@@ -47,7 +47,7 @@ def verify_source(name: str, content: bytes) -> str:
 def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
     """Program and vectors of a source's text, every number as the compiler reads it."""
     prefix, lines = _found(INCLUDE, text, name), LINE.findall(text)
-    bare = layout.program(lines, {}, name)
+    bare = layout.read_program(lines, {}, name)
     maps = {step.table for step in bare.structure.maps}
     tables = {}
     for found in CONSTANT.finditer(COMMENT.sub("", text)):
@@ -67,12 +67,14 @@ def _read(text: str, name: str) -> tuple[Program, vectors.Vectors]:
         _columns([output.name for output in bare.structure.outputs], outputs),
         tuple(map(int, status)),
     )
-    return layout.program(lines, tables, name), stated
+    return layout.read_program(lines, tables, name), stated
 
 
 def _mark(text: str) -> str:
     """Mark of a rejected run, by the facts in the comment at the top."""
-    return c_text.mark(line.removeprefix(" * ") for line in text.partition("*/")[0].splitlines())
+    return c_text.rejection_mark(
+        line.removeprefix(" * ") for line in text.partition("*/")[0].splitlines()
+    )
 
 
 def _number(digits: str, number: Format) -> float:

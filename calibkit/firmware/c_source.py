@@ -47,7 +47,8 @@ def render(export: Export) -> str:
         *c_helpers.called_helpers(body, fixed=fixed),
         body,
         listing(
-            "The steps above as `calibkit verify` reads them again:", layout.lines(export.program)
+            "The steps above as `calibkit verify` reads them again:",
+            layout.write_program(export.program),
         ),
     ]
     return seal_source(parts, export)

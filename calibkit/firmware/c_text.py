@@ -65,7 +65,7 @@ def _bounds(export: Export) -> list[str]:
     return [*lines, f"              (worst case of {case})"]
 
 
-def mark(lines: Iterable[str]) -> str:
+def rejection_mark(lines: Iterable[str]) -> str:
     """What verify appends for a file whose facts, one per line, state that its run was rejected."""
     return f", {REJECTED}" if any(line.startswith(f"{REJECTED} ") for line in lines) else ""
 

@@ -25,7 +25,7 @@ STEPS = {
 }
 
 
-def lines(program: Program) -> list[str]:
+def write_program(program: Program) -> list[str]:
     """One line for the whole, one an input, a step, an output."""
     structure = program.structure
     head = {
@@ -48,7 +48,9 @@ def _line(document: Mapping[str, Any]) -> str:
     return json.dumps(document, separators=(",", ":"), sort_keys=True, ensure_ascii=True)
 
 
-def program(texts: Sequence[str], tables: Mapping[str, tuple[float, ...]], name: str) -> Program:
+def read_program(
+    texts: Sequence[str], tables: Mapping[str, tuple[float, ...]], name: str
+) -> Program:
     """Program of its lines and tables; CoefficientError where they do not make one."""
     try:
         documents = [json.loads(text) for text in texts]

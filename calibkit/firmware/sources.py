@@ -36,7 +36,7 @@ def _escaped(code: int) -> str:
     )
 
 
-def lines(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> tuple[str, ...]:
+def describe_sources(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> tuple[str, ...]:
     """One line per quantity that a chain takes or corrects: its unit, and how the recipe made it
     from a column of the logs.
     """

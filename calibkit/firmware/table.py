@@ -66,7 +66,7 @@ def _row(export: Export) -> dict[str, str]:
         numbers = program.tables[name]
         row |= {f"{name}[{k}]": program.format.text(x).rstrip("F") for k, x in enumerate(numbers)}
     row |= {f"scale {name}": str(scale) for name, scale in program.scales.items()}
-    row["program"] = "\n".join(layout.lines(program))
+    row["program"] = "\n".join(layout.write_program(program))
     row["vectors"] = json.dumps(asdict(export.vectors), separators=(",", ":"))
     return row
 
@@ -108,12 +108,12 @@ def verify(name: str, content: bytes) -> str:
 def _recomputed(row: Mapping[str, str], place: str) -> None:
     """Compare a row's vectors with what its numbers give."""
     lines = row["program"].splitlines()
-    bare = layout.program(lines, {}, place)
+    bare = layout.read_program(lines, {}, place)
     tables = {}
     for table in bare.structure.tables:
         texts = [text for column, text in row.items() if column.startswith(f"{table}[")]
         tables[table] = tuple(int(text) if bare.format.fixed else float(text) for text in texts)
-    program = layout.program(lines, tables, place)
+    program = layout.read_program(lines, tables, place)
     try:
         stated = json.loads(row["vectors"])
         inputs, outputs = (

@@ -10,7 +10,7 @@ from calibkit.errors import CoefficientError
 from calibkit.report.summary import Summary
 
 
-def flagged(summary: Summary, runs: Path, serial: str, revision: int, date: str) -> Summary:
+def flag_date_order(summary: Summary, runs: Path, serial: str, revision: int, date: str) -> Summary:
     """The summary of a revision about to be saved, with a flag where it holds from before the one
     before it did.
 
