@@ -340,5 +340,7 @@ def test_levels_of_many_temperatures_are_those_of_a_search():
             if value >= openings[-1] + step:
                 openings.append(value)
         expected = np.searchsorted(openings, temperature, side="right") - 1
-        assert (determination._labels(np.array(openings), temperature, step) == expected).all()
+        assert (
+            determination._level_numbers(np.array(openings), temperature, step) == expected
+        ).all()
         assert determination.distinct_temperatures(temperature, step)[0].size == len(openings)

@@ -131,7 +131,7 @@ def test_the_uncertainty_of_s_grows_as_one_over_c():
     """
     latitude, theta = 34.2, 50.0
     psi = np.linspace(0.0, 150.0, 16)
-    found = root_choice.estimates(parts_of(theta, 10.0, psi, latitude), latitude)
+    found = root_choice.estimate_roots(parts_of(theta, 10.0, psi, latitude), latitude)
     C = published.root_label(np.radians(np.full(psi.size, theta)), np.radians(psi), latitude)
     product = found.uncertainty[C > 0.1, 0] * C[C > 0.1]
     assert product.max() / product.min() < 2.0
@@ -273,7 +273,7 @@ def test_a_reason_known_before_is_kept():
     )
     assert found.status == ("", "position 90° missing")
     with pytest.raises(FitError, match="1 reasons"):
-        root_choice.estimates(parts_of([30.0, 31.0], 40.0, 70.0, 34.2), 34.2, refused=("a",))
+        root_choice.estimate_roots(parts_of([30.0, 31.0], 40.0, 70.0, 34.2), 34.2, refused=("a",))
 
 
 def test_noise_beyond_gravity_and_negative_discriminants_are_flagged():
@@ -368,7 +368,7 @@ def test_history_predicts_with_value_and_rate():
     s = 1.0 + 5e-4 * hours
     parts = parts_of(np.full(21, 20.0), 40.0, 70.0, 34.2, s, noise=NOISE * 1e-4)
     start = scale_prior.History(rate_walk=1e-5)
-    prior = scale_prior.history_prior(root_choice.estimates(parts, 34.2), hours, start=start)
+    prior = scale_prior.history_prior(root_choice.estimate_roots(parts, 34.2), hours, start=start)
     assert prior.s[-1] == pytest.approx(s[-1], abs=1e-4)
     assert prior.s[0] == 1.0
     assert prior.standard_uncertainty[0] == 0.01
@@ -383,7 +383,9 @@ def test_a_history_without_stations_grows_less_sure_with_the_cube_of_time(hours)
     elapsed = np.array([0.0, *hours])
     vertical = parts_of(np.full(elapsed.size, 0.1), 40.0, 70.0, 34.2)
     start = scale_prior.History(s=1.01, rate=1e-3, rate_uncertainty=2e-3, rate_walk=3e-3)
-    prior = scale_prior.history_prior(root_choice.estimates(vertical, 34.2), elapsed, start=start)
+    prior = scale_prior.history_prior(
+        root_choice.estimate_roots(vertical, 34.2), elapsed, start=start
+    )
     assert prior.s[-1] == pytest.approx(1.01 + 6e-3, rel=1e-12)
     # 1e-4 + 1.44e-4 + 6.48e-4
     assert prior.standard_uncertainty[-1] ** 2 == pytest.approx(8.92e-4, rel=1e-12)
@@ -397,11 +399,11 @@ def test_refused_stations_do_not_disturb_the_history():
     parts = parts_of(theta, 40.0, 70.0, 34.2, np.array([1.003, 1.03, 1.003, 1.003, 1.003]))
     parts.gyro_x[2] = np.nan
     hours = np.arange(5.0)
-    prior = scale_prior.history_prior(root_choice.estimates(parts, 34.2), hours)
+    prior = scale_prior.history_prior(root_choice.estimate_roots(parts, 34.2), hours)
     assert np.isfinite(prior.s).all()
     assert prior.s[4] == pytest.approx(1.003, abs=1e-3)
     with pytest.raises(FitError, match="sort the stations"):
-        scale_prior.history_prior(root_choice.estimates(parts, 34.2), hours[::-1])
+        scale_prior.history_prior(root_choice.estimate_roots(parts, 34.2), hours[::-1])
 
 
 def prior_at(over, temperature):

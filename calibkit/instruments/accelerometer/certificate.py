@@ -112,7 +112,7 @@ def _k(stated: Stated, record: Record) -> Block:
         "K-factor: scale factor, zero offset and cross terms", "K 系数：标度因数、零位与交叉耦合项"
     )
     notes = (*map(residual_words, models), range_words(models[0]), *stated.left_out(models[0]))
-    figures = tuple(map(_curve, grids))
+    figures = tuple(map(_plot_change, grids))
     tables = (table, *grids)
     return Block(record.stage, f"{record.stage}.json", title, (K_EQUATION,), tables, figures, notes)
 
@@ -170,7 +170,7 @@ def _affine(stated: Stated, record: Record) -> Block:
     title = Words("Affine triad: matrix and bias", "三轴仿射模型：矩阵与零偏")
     tables: tuple[ListTable | GridTable, ...]
     tables = (ListTable(COEFFICIENTS, results, COEFFICIENT_NOTE), *grids)
-    figures = tuple(_curve(grid) for grid in (*grids[:1], *grids[-1:]))
+    figures = tuple(_plot_change(grid) for grid in (*grids[:1], *grids[-1:]))
     file = f"{record.stage}.json"
     return Block(record.stage, file, title, (AFFINE_EQUATION,), tables, figures, notes)
 
@@ -244,7 +244,7 @@ def _column(
     return Words(head), unit, at
 
 
-def _curve(table: GridTable) -> Figure:
+def _plot_change(table: GridTable) -> Figure:
     """Change of every column from its first row, with its expanded uncertainty."""
     series = []
     for k, head in enumerate(table.heads):

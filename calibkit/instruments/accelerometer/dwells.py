@@ -20,7 +20,7 @@ SATURATED_G = 50.0
 """Indication [g] beyond which a log is not in g: a triad is calibrated in the field of the earth.
 """
 UNSTATED_DEGC = 25.0
-"""Case temperature [°C] of a magnitude-only log that has none."""
+"""Case temperature [°C] that a magnitude-only log without temperatures is given."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,7 +54,7 @@ class DwellSet:
 
     @property
     def weights(self) -> Array | None:
-        """1/variance [n, 3] of the means where every dwell has its noise, else none."""
+        """1/variance [n, 3] of the means where every dwell has its noise, else None."""
         return (
             1.0 / self.noise**2
             if np.isfinite(self.noise).all() and (self.noise > 0.0).all()
@@ -71,7 +71,7 @@ def needed_columns(spec: AccelerometerRecipe) -> tuple[tuple[str, ...], tuple[st
 
 
 def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
-    """Check a log; nothing is fitted to one in which something is refused."""
+    """Faults of a log; it is not fitted when one of them is refused."""
     columns = [column for column in log.frame.columns if column != "time_s"]
     early = [
         *check.find_too_few_rows(log, 1),
@@ -83,21 +83,21 @@ def find_faults(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     found = [
         *early,
         *(check.find_unordered_times(log) if timed else ()),
-        *_beyond(log, COMPONENTS, SATURATED_G, "g"),
+        *_find_beyond(log, COMPONENTS, SATURATED_G, "g"),
     ]
     if TEMPERATURE in columns:
         found += check.find_implausible_temperatures(log, [TEMPERATURE])
     if spec.reference.kind == "attitude":
         found += [
-            *_beyond(log, ["inclination_deg"], 180.0, "deg"),
-            *_beyond(log, ["toolface_deg"], 360.0, "deg"),
+            *_find_beyond(log, ["inclination_deg"], 180.0, "deg"),
+            *_find_beyond(log, ["toolface_deg"], 360.0, "deg"),
         ]
     if any(finding.refused for finding in found):
         return found
-    return [*found, *_suspicious(log, spec)]
+    return [*found, *_find_wrong_units(log, spec)]
 
 
-def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
+def _find_wrong_units(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     """Units and signs that the numbers give away; of a continuous log also its gaps, which end a
     dwell.
     """
@@ -120,7 +120,7 @@ def _suspicious(log: Log, spec: AccelerometerRecipe) -> list[Finding]:
     return found
 
 
-def _beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[Finding]:
+def _find_beyond(log: Log, columns: Sequence[str], limit: float, unit: str) -> list[Finding]:
     """Values that are larger than the column's unit allows."""
     found = []
     for column in columns:
@@ -146,7 +146,11 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
         found = find_faults(log, spec)
         refuse(found)
         flags += [str(finding) for finding in found if finding.flagged]
-        parts.append(_rows(log, spec) if spec.dwells.mode == "rows" else _held(log, spec))
+        parts.append(
+            _read_row_dwells(log, spec)
+            if spec.dwells.mode == "rows"
+            else _read_series_dwells(log, spec)
+        )
     return DwellSet(
         np.concatenate([part.indication for part in parts]),
         np.concatenate([part.temperature for part in parts]),
@@ -163,10 +167,10 @@ def collect_dwells(logs: Sequence[Log], spec: AccelerometerRecipe) -> DwellSet:
 
 def read_indication(log: Log, spec: AccelerometerRecipe) -> Array:
     """Indications [n, 3, g] of a log, positive along gravity whatever the log's convention."""
-    return _beside(log, [values(log.frame, column) for column in COMPONENTS], spec)
+    return _stack_columns(log, [values(log.frame, column) for column in COMPONENTS], spec)
 
 
-def _beside(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Array:
+def _stack_columns(log: Log, columns: Sequence[Array], spec: AccelerometerRecipe) -> Array:
     """Columns beside each other [n, c], where the log lies; the first three, which are gravity,
     positive along it.
     """
@@ -187,8 +191,8 @@ def optional_column(log: Log, column: str, otherwise: float = np.nan) -> Array:
     )
 
 
-def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
-    """One dwell a row."""
+def _read_row_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
+    """Dwells of a log with one row per dwell."""
     count = len(log.frame)
     return DwellSet(
         read_indication(log, spec),
@@ -202,17 +206,17 @@ def _rows(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     )
 
 
-def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
+def _read_series_dwells(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     """Dwells found in a continuous log by its stillness, cut at gaps, in pieces where the recipe
     asks for them.
     """
     time = values(log.frame, "time_s")
     step = log.steps.usual
     temperature = optional_column(log, TEMPERATURE, UNSTATED_DEGC)
-    columns = _beside(
+    columns = _stack_columns(
         log, [*(values(log.frame, column) for column in COMPONENTS), temperature], spec
     )
-    intervals = _held_rows(log, columns[:, :3], time, step, spec)
+    intervals = _find_dwell_rows(log, columns[:, :3], time, step, spec)
     if spec.dwells.piece_s is not None:
         intervals = dwells.cut_dwells(intervals, max(2, round(spec.dwells.piece_s / step)))
     means = dwells.average_dwells(columns, intervals)
@@ -234,7 +238,7 @@ def _held(log: Log, spec: AccelerometerRecipe) -> DwellSet:
     )
 
 
-def _held_rows(
+def _find_dwell_rows(
     log: Log, triad: Array, time: Array, step: float, spec: AccelerometerRecipe
 ) -> Integers:
     """Rows [m, 2] of the dwells: those that the recipe pins, or those found by stillness between
@@ -274,7 +278,7 @@ def examine(spec: AccelerometerRecipe, log: Log) -> Examined:
         return Examined(tuple(found))
     time, triad = values(log.frame, "time_s"), read_indication(log, spec)
     try:
-        rows = _held_rows(log, triad, time, log.steps.usual, spec).tolist()
+        rows = _find_dwell_rows(log, triad, time, log.steps.usual, spec).tolist()
         pinned = stated_segments.stated_rows(log, spec, ["dwell"]) is not None
     except (FitError, FrameError) as error:
         return Examined((*found, Finding.of(error)))

@@ -67,7 +67,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         weights=dwells.weights,
         tool_rotation=rotation,
     )
-    found, flags = _fit_settled(affine_fit, spec.loss, "affine")
+    found, flags = _fit_or_fall_back(affine_fit, spec.loss, "affine")
     model, q = _affine_models(found, dwells, spec)
     flags += _name_suspects("affine", found.suspects, dwells)
     return TriadFit(k, k_flags, not_fitted, q, model, flags)
@@ -95,7 +95,7 @@ def _fit_k(
         weights=dwells.weights,
         groups=dwells.log if by_log else None,
     )
-    axes, flags = _fit_settled(k_fit, spec.loss, "K-factor")
+    axes, flags = _fit_or_fall_back(k_fit, spec.loss, "K-factor")
     models, not_fitted = [], []
     for name, axis in zip(forms.K_MODELS, axes, strict=True):
         scaled = zip(k_factor.NAMES, axis.mapped_coefficients.tolist(), strict=True)
@@ -123,7 +123,7 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
         found, intervals, flags = _fit_bounded(dwells, noise)
     else:
         length_fit = partial(magnitude.fit, dwells.indication, 1.0, noise=noise)
-        found, flags = _fit_settled(length_fit, spec.loss, "magnitude")
+        found, flags = _fit_or_fall_back(length_fit, spec.loss, "magnitude")
     flags += tuple(f"magnitude: {flag}" for flag in found.flags)
     flags += _name_suspects("magnitude", found.suspects, dwells)
     if spec.affine.enabled:
@@ -135,7 +135,7 @@ def _fit_lengths(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
             terms=_affine_terms(spec),
             weights=None if noise is None else 1.0 / noise**2,
         )
-        over_temperature, more = _fit_settled(affine_fit, spec.loss, "affine")
+        over_temperature, more = _fit_or_fall_back(affine_fit, spec.loss, "affine")
         model, q = _affine_models(over_temperature, dwells, spec)
         flags += (*more, *_name_suspects("affine", over_temperature.suspects, dwells))
     else:
@@ -166,11 +166,11 @@ def _fit_bounded(
     return found, figures, (*flags, plain)
 
 
-def _fit_settled(
+def _fit_or_fall_back(
     fit_with: Callable[..., Found], loss: str, what: str
 ) -> tuple[Found, tuple[str, ...]]:
-    """A fit with the recipe's loss; where a robust fit cannot settle, the plain one and a flag that
-    says so.
+    """A fit with the recipe's loss; where a robust fit does not converge, the plain one and a flag
+    that states it.
     """
     try:
         return fit_with(loss=loss), ()

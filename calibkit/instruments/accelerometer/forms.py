@@ -26,7 +26,7 @@ K_UNITS = (*(_over_temperature(unit, k) for unit in ("1", "g") for k in range(4)
 
 
 def affine_unit(name: str) -> str:
-    """Unit of an affine parameter; FitError for a name that is none."""
+    """Unit of an affine parameter; FitError for an unknown name."""
     entry = affine_model.find_entry(name)
     if entry.kind in ("tilt", "fixture"):
         return "rad"

@@ -21,7 +21,7 @@ class _Reference(Table):
 
 
 class _DwellSpec(Table):
-    """How a log is cut into dwells: one row a dwell, or holds found in a continuous log."""
+    """How a log is cut into dwells: one row per dwell, or holds found in a continuous log."""
 
     mode: Literal["rows", "series"] = "rows"
     window_s: Positive = 1.0

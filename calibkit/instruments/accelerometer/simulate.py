@@ -99,15 +99,19 @@ def campaign(seed: int, conditions: Conditions = Conditions()) -> Campaign:
     Returns
     -------
     `positions.csv`, one row per dwell, or `sweep_01.csv` …, and the truth: sensors, conditions, the
-    table's true angles and the wild dwells.
+    table's true angles and the numbers of the spoilt dwells.
 
     """
     rng = np.random.default_rng(seed)
     sensors = tuple(_sensor(rng, i) for i in range(3))
     logs, truth = (_sweeps if conditions.sweep else _grid)(rng, sensors, conditions)
-    told = {"sensors": {f"accel_{a}": asdict(s) for a, s in zip(AXES, sensors, strict=True)}}
+    truth_of_sensors = {
+        "sensors": {f"accel_{a}": asdict(s) for a, s in zip(AXES, sensors, strict=True)}
+    }
     return Campaign(
-        logs, DECIMALS, {"seed": seed, "conditions": asdict(conditions), **told, **truth}
+        logs,
+        DECIMALS,
+        {"seed": seed, "conditions": asdict(conditions), **truth_of_sensors, **truth},
     )
 
 
@@ -172,7 +176,7 @@ def _sensor(rng: np.random.Generator, index: int) -> _Sensor:
 def _grid(
     rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: Conditions
 ) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
-    """Every attitude at every temperature, one row a dwell."""
+    """Every attitude at every temperature, one row per dwell."""
     rolls = np.arange(conditions.toolfaces) * 360.0 / conditions.toolfaces
     spots = [
         (0.0, 0.0),
@@ -205,7 +209,7 @@ def _grid(
 def _sweeps(
     rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: Conditions
 ) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
-    """One attitude a log while the chamber goes from its lowest to its highest temperature."""
+    """One log per attitude while the chamber goes from its lowest to its highest temperature."""
     low, high = min(conditions.temperatures_degc), max(conditions.temperatures_degc)
     duration = (high - low) / conditions.sweep_rate_degc_per_min * 60.0
     time = np.arange(0.0, duration, conditions.sweep_interval_s)

@@ -16,7 +16,7 @@ from calibkit.certificate.results import (
 from calibkit.certificate.stated import Stated, powers, range_words, residual_words
 from calibkit.certificate.words import Words
 from calibkit.coefficients import Model, Record
-from calibkit.instruments.inclinometer.forms import SCALE as SCALE_FORM, TEMPERATURE
+from calibkit.instruments.inclinometer.forms import FILE, SCALE as SCALE_FORM, TEMPERATURE
 
 SCALE = Equation(
     SCALE_FORM.name,
@@ -40,7 +40,7 @@ FIGURES = {
 
 def blocks(stated: Stated) -> tuple[Block, ...]:
     """Block of inclinometer_scale.json."""
-    record = stated.records.get("inclinometer_scale.json")
+    record = stated.records.get(FILE)
     if record is None:
         return ()
     tables: list[ListTable | GridTable] = [
@@ -61,7 +61,7 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
             [_column(stated, record, model) for model in record.models],
         )
         tables.append(table)
-        figures.append(_plot(table))
+        figures.append(_plot_scale(table))
     tables.append(_stations(stated, record))
     notes = [*(residual_words(m) for m in record.models), *map(range_words, record.models[:1])]
     notes += [note for m in record.models[:1] for note in stated.left_out(m)]
@@ -138,7 +138,7 @@ def _column(
     return Words(f"s, gyro {model.name}", f"s，{model.name} 陀螺"), "1", at
 
 
-def _plot(table: GridTable) -> Figure:
+def _plot_scale(table: GridTable) -> Figure:
     """Scale factor s over temperature with its expanded uncertainty, as ppm from 1."""
     series = []
     for k, head in enumerate(table.heads):

@@ -8,18 +8,23 @@ import numpy as np
 from calibkit.coefficients import Condition, Figure, Record, StageResult
 from calibkit.errors import CoefficientError
 from calibkit.instruments.inclinometer.errors import angle_errors, rms
-from calibkit.instruments.inclinometer.forms import ScaleFit, ScaleModel, read_scale, write_scale
+from calibkit.instruments.inclinometer.forms import (
+    FILE,
+    ScaleFit,
+    ScaleModel,
+    read_scale,
+    write_scale,
+)
 from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
 from calibkit.instruments.inclinometer.solve import WRONG, SolvedStations
 from calibkit.instruments.inclinometer.stations import Stations
 
-FILE = "inclinometer_scale.json"
 FEW = 5
 """Degrees of freedom below which a noise or a scatter is hardly known."""
 
 
-def result(
+def make_result(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
     seen: SolvedStations,
@@ -37,7 +42,7 @@ def result(
         "inclinometer_scale",
         tuple(write_scale(axis, scale) for axis, scale in fits.items()),
         _figures(fits, stations, seen, spec),
-        (*notes, *_hardly_known(fits), *station_flags(stations, seen)),
+        (*notes, *_hardly_known(fits), *flag_stations(stations, seen)),
         tuple(site),
     )
 
@@ -88,21 +93,21 @@ def _hardly_known(fits: Mapping[Sensor, ScaleFit]) -> list[str]:
     return flags
 
 
-def station_flags(stations: Stations, seen: SolvedStations) -> tuple[str, ...]:
+def flag_stations(stations: Stations, seen: SolvedStations) -> tuple[str, ...]:
     """Flags of the stations, the refused ones first; stations of one flag share a line."""
     contradicted = int(seen.contradicted.sum())
     lines = []
     if 2 * contradicted > len(stations.names):
         lines.append(f"{contradicted} of {len(stations.names)} stations contradict s(T): {WRONG}")
-    joined = seen.joined
+    combined = seen.combined
     refused = [
         (name, f"refused: {reason}")
-        for name, reason in zip(stations.names, joined.status, strict=True)
+        for name, reason in zip(stations.names, combined.status, strict=True)
         if reason
     ]
     flagged = [
         (name, flag)
-        for name, reason, flags in zip(stations.names, joined.status, joined.flags, strict=True)
+        for name, reason, flags in zip(stations.names, combined.status, combined.flags, strict=True)
         if not reason
         for flag in flags
     ]
@@ -116,10 +121,10 @@ def station_flags(stations: Stations, seen: SolvedStations) -> tuple[str, ...]:
     return tuple(lines)
 
 
-def temperature_flags(
+def flag_temperatures(
     file: str, stations: Stations, found: Mapping[Sensor, ScaleModel]
 ) -> tuple[str, ...]:
-    """Stations whose temperature the calibration has not seen, or that have none."""
+    """Flags of stations outside the temperatures of the calibration, or without a temperature."""
     valid = next(iter(found.values())).valid
     if valid is None:
         return ()

@@ -1,4 +1,4 @@
-"""Continuous logs of an inclinometer → one row a dwell: the mean of what was read while the tool
+"""Continuous logs of an inclinometer → one row per dwell: the mean of the readings while the tool
 stood in a position.
 """
 
@@ -27,7 +27,7 @@ if TYPE_CHECKING:
 
 
 FEWEST = 3
-"""Rows of a dwell, at least: fewer tell no standard error."""
+"""Fewest rows of a dwell: its standard error is found from them."""
 DIRECTIONS = ("position_deg", "toolface_deg", "azimuth_deg")
 """Columns that end where they begin."""
 CLOSURE = {"accel": (0.01, "g"), "gyro": (1.0, "deg/h")}
@@ -40,7 +40,7 @@ CERTAIN = 10.0
 
 @dataclass(frozen=True, slots=True)
 class DwellLog:
-    """A log with one row a position, and the rows start … stop − 1 of the log as it was read that
+    """A log with one row per position, and the rows start … stop − 1 of the log as it was read that
     each row stands for.
     """
 
@@ -64,20 +64,19 @@ class DwellLog:
         np.add.at(edges, self.stop, -1)
         return np.cumsum(edges[:-1]) > 0
 
-    def held(self, kind: str) -> tuple[Held, ...]:
-        """Stations, or dwells, as rows of the log as it was read."""
-        if kind == "dwell":
-            position = values(self.log.frame, "position_deg")
-            parts = zip(self.start.tolist(), self.stop.tolist(), position.tolist(), strict=True)
-            return (
-                tuple(Held("dwell", a, b, p, "deg") for a, b, p in parts) if self.continuous else ()
-            )
+    def held(self) -> tuple[Held, ...]:
+        """Stations and, of a continuous log, dwells, as rows of the log as it was read."""
         station = values(self.log.frame, "station")
         bounds = [0, *(np.flatnonzero(np.diff(station)) + 1).tolist(), station.size]
-        return tuple(
+        held = [
             Held("station", int(self.start[a]), int(self.stop[b - 1]), float(b - a), "positions")
             for a, b in pairwise(bounds)
-        )
+        ]
+        if self.continuous:
+            position = values(self.log.frame, "position_deg")
+            rows = zip(self.start.tolist(), self.stop.tolist(), position.tolist(), strict=True)
+            held += [Held("dwell", a, b, p, "deg") for a, b, p in rows]
+        return tuple(held)
 
 
 def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
@@ -87,33 +86,37 @@ def find_dwells(log: Log, spec: InclinometerRecipe) -> DwellLog:
     A dwell is a run of rows whose position_deg (and station, where there is one) stays the same to
     0.2°, of at least stations.dwell_s, less stations.settle_s at both ends. Without a column
     `station`, dwells that follow each other in four different positions are one. Raises FrameError
-    where neither the log nor its dwells tell the stations.
+    where the stations follow neither from a column nor from the dwells.
     """
     frame = log.frame
-    start, stop = _runs(log)
+    start, stop = _find_runs(log)
     standing = (stop - start)[stop - start >= FEWEST].sum()
     if "time_s" not in frame.columns or 2 * standing <= len(frame):
         require(log.file, frame.columns, ("station",))
         rows = np.arange(len(frame))
         return DwellLog(log, rows, rows + 1)
     if "station" not in frame.columns and spec.stations.method != "four_differences":
-        # any number of positions makes a station then: nothing says where the next one begins
+        # a station may then have any number of positions: where the next one begins is unknown
         require(log.file, frame.columns, ("station",))
     there = np.isfinite(values(frame, "position_deg"))[start]
-    start, stop = _standing(values(frame, "time_s"), start[there], stop[there], spec)
+    start, stop = _settled_runs(values(frame, "time_s"), start[there], stop[there], spec)
     if not start.size:
         raise FrameError(
             f"{log.file}: the tool stands in no position for {spec.stations.dwell_s:g} s",
             hint="state stations.dwell_s and stations.settle_s as the log was taken",
         )
-    means, errors = _averages(log, start, stop)
+    means, errors = _average_dwells(log, start, stop)
     if "station" in means.columns:
         return DwellLog(replace(log, frame=means), start, stop, (), continuous=True)
-    reduced = replace(log, frame=means.assign(station=_numbered(values(means, "position_deg"))))
-    return DwellLog(reduced, start, stop, tuple(_open(reduced, errors, spec)), continuous=True)
+    reduced = replace(
+        log, frame=means.assign(station=_number_stations(values(means, "position_deg")))
+    )
+    return DwellLog(
+        reduced, start, stop, tuple(_find_open_stations(reduced, errors, spec)), continuous=True
+    )
 
 
-def _runs(log: Log) -> tuple[Integers, Integers]:
+def _find_runs(log: Log) -> tuple[Integers, Integers]:
     """First row and end of each run of rows in one position of one station."""
     turned = np.remainder(values(log.frame, "position_deg"), 360.0) / (
         2.0 * published.POSITION_TOLERANCE_DEG
@@ -130,7 +133,7 @@ def _runs(log: Log) -> tuple[Integers, Integers]:
     return bounds[:-1], bounds[1:]
 
 
-def _standing(
+def _settled_runs(
     time: Array, start: Integers, stop: Integers, spec: InclinometerRecipe
 ) -> tuple[Integers, Integers]:
     """Runs that last, less the time that the tool takes to settle at their beginning and end."""
@@ -142,7 +145,9 @@ def _standing(
     return first[enough], last[enough]
 
 
-def _averages(log: Log, start: Integers, stop: Integers) -> tuple[pd.DataFrame, dict[str, Array]]:
+def _average_dwells(
+    log: Log, start: Integers, stop: Integers
+) -> tuple[pd.DataFrame, dict[str, Array]]:
     """Mean of every column over each dwell, directions around the circle, and its standard error;
     index of the first row.
     """
@@ -161,7 +166,7 @@ def _averages(log: Log, start: Integers, stop: Integers) -> tuple[pd.DataFrame, 
     return frame, dict(zip(names, found.standard_error.T, strict=True))
 
 
-def _numbered(position: Array) -> Array:
+def _number_stations(position: Array) -> Array:
     """Station number of each dwell [d], from 1: the next station begins where a position comes
     again or four are there.
     """
@@ -175,8 +180,10 @@ def _numbered(position: Array) -> Array:
     return numbers
 
 
-def _open(log: Log, errors: Mapping[str, Array], spec: InclinometerRecipe) -> list[Finding]:
-    """Stations told by their positions alone whose four readings do not close: the tool was moved
+def _find_open_stations(
+    log: Log, errors: Mapping[str, Array], spec: InclinometerRecipe
+) -> list[Finding]:
+    """Stations known by their positions alone whose four readings do not close: the tool was moved
     between them.
 
     r₀ − r₉₀ + r₁₈₀ − r₂₇₀ of one attitude holds neither signal nor bias.

@@ -41,14 +41,14 @@ class AngleErrors:
 
 def angle_errors(stations: Stations, seen: SolvedStations) -> AngleErrors:
     """Errors of all stations."""
-    reference, joined = stations.reference, seen.joined
+    reference, combined = stations.reference, seen.combined
     with np.errstate(invalid="ignore"):
         return AngleErrors(
-            np.where(seen.refused, np.nan, joined.inclination_deg - reference[:, 0]),
-            wrapped(joined.toolface_deg - reference[:, 1]),
-            wrapped(joined.uncorrected_deg - reference[:, 2]),
-            wrapped(joined.azimuth_deg - reference[:, 2]),
-            joined.standard_uncertainty[:, 2],
+            np.where(seen.refused, np.nan, combined.inclination_deg - reference[:, 0]),
+            wrapped(combined.toolface_deg - reference[:, 1]),
+            wrapped(combined.uncorrected_deg - reference[:, 2]),
+            wrapped(combined.azimuth_deg - reference[:, 2]),
+            combined.standard_uncertainty[:, 2],
         )
 
 
@@ -60,8 +60,8 @@ def rms(values: Array) -> float:
 def criteria(
     found: AngleErrors, spec: InclinometerRecipe, *, unseen: bool
 ) -> tuple[Criterion, ...]:
-    """Acceptance limits of the recipe; on unseen stations also that none came out worse than it
-    was.
+    """Acceptance limits of the recipe; on unseen stations also that correction makes no azimuth
+    worse.
     """
     limits, known = spec.acceptance, found.known
     tests = [

@@ -14,7 +14,6 @@ from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, page
 if TYPE_CHECKING:
     from collections.abc import Sequence
 
-    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array, Mask
@@ -57,35 +56,30 @@ class SeekingReport:
     table: Table
 
 
-def pages(title: str, report: SeekingReport) -> list[Figure]:
+def draw_pages(title: str, report: SeekingReport) -> list[Figure]:
     """s(T), and azimuth against C."""
-    return [_scale_page(title, report), _azimuth_page(title, report)]
+    return [_draw_scale(title, report), _draw_azimuth(title, report)]
 
 
-def _scale_page(title: str, report: SeekingReport) -> Figure:
+def _draw_scale(title: str, report: SeekingReport) -> Figure:
     """s(T) of each gyro with its band, over the roots that carried it."""
     count = len(report.curves)
     figure, axes = page(
         count, 1, title=f"{title}: in-situ scale factor s", height=1.0 + 3.4 * count
     )
     for ax, curve in zip(axes, report.curves, strict=True):
-        known = np.isfinite(curve.root)
+        known, u = np.isfinite(curve.root), curve.root_uncertainty
+        bars = 2.0 * np.where(np.isfinite(u), u, 0.0)
         for chosen, colour, name in (
             (curve.used, DENOISED, "roots used"),
             (~curve.used, RAW, "roots not used"),
         ):
             there = known & chosen
             if there.any():
-                spread = (
-                    2.0
-                    * np.where(np.isfinite(curve.root_uncertainty), curve.root_uncertainty, 0.0)[
-                        there
-                    ]
-                )
                 ax.errorbar(
                     curve.abscissa[there],
                     curve.root[there],
-                    spread,
+                    bars[there],
                     fmt="o",
                     ms=3,
                     lw=0.8,
@@ -97,22 +91,17 @@ def _scale_page(title: str, report: SeekingReport) -> Figure:
         ax.plot(curve.grid, curve.s, color=GOOD, label="s(T), band k = 2")
         ax.set(title=f"gyro {curve.axis}: bars k = 2", xlabel=curve.label, ylabel="s [1]")
         ax.ticklabel_format(useOffset=False)
-        _limits(ax, curve)
+        # s(T) and the roots that carried it are shown; a root near C = 0 may lie far outside
+        used = curve.used & known
+        least = min([*(curve.root - bars)[used], *low])
+        most = max([*(curve.root + bars)[used], *high])
+        margin = 0.06 * (most - least) + 1e-6
+        ax.set_ylim(least - margin, most + margin)
         ax.legend(loc="best", ncols=3)
     return figure
 
 
-def _limits(ax: Axes, curve: ScaleCurve) -> None:
-    """Show s(T) and the roots that carried it; a root near C = 0 may lie far outside."""
-    used = curve.used & np.isfinite(curve.root)
-    bars = 2.0 * curve.root_uncertainty[used]
-    low = min([*(curve.root[used] - bars), *(curve.s - 2.0 * curve.standard_uncertainty)])
-    high = max([*(curve.root[used] + bars), *(curve.s + 2.0 * curve.standard_uncertainty)])
-    margin = 0.06 * (high - low) + 1e-6
-    ax.set_ylim(low - margin, high + margin)
-
-
-def _azimuth_page(title: str, report: SeekingReport) -> Figure:
+def _draw_azimuth(title: str, report: SeekingReport) -> Figure:
     """Azimuth error before and after against C, or what s changes where there is no reference
     azimuth.
     """
@@ -156,13 +145,13 @@ def _azimuth_page(title: str, report: SeekingReport) -> Figure:
     return figure
 
 
-def table_pages(title: str, table: Table) -> list[Figure]:
+def draw_table_pages(title: str, table: Table) -> list[Figure]:
     """The stations before and after, so many a page."""
     chunks = [table.texts[start : start + ROWS] for start in range(0, len(table.rows), ROWS)]
-    return [_table_page(f"{title}: {table.title}", table.heads, rows) for rows in chunks]
+    return [_draw_table(f"{title}: {table.title}", table.heads, rows) for rows in chunks]
 
 
-def _table_page(title: str, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> Figure:
+def _draw_table(title: str, columns: Sequence[str], rows: Sequence[tuple[str, ...]]) -> Figure:
     """One page of a table, numbers right-aligned."""
     figure, axes = page(1, 1, title=title)
     ax = axes[0]

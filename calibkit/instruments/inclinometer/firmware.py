@@ -8,10 +8,8 @@ from calibkit.firmware.chain import Chain
 from calibkit.firmware.draft import Draft, powers
 from calibkit.firmware.sources import required_record
 from calibkit.instruments import Firmware
-from calibkit.instruments.inclinometer.forms import TEMPERATURE
+from calibkit.instruments.inclinometer.forms import FILE, TEMPERATURE
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
-
-FILE = "inclinometer_scale.json"
 
 
 def _chain(spec: InclinometerRecipe, records: Mapping[str, Record]) -> Chain:

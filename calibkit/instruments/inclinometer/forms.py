@@ -14,6 +14,7 @@ from calibkit.instruments.inclinometer.noise import Noise
 from calibkit.instruments.inclinometer.numeric import scale_prior
 from calibkit.instruments.inclinometer.numeric.root_choice import Prior
 
+FILE = "inclinometer_scale.json"
 TEMPERATURE = "temp_case_degc"
 
 

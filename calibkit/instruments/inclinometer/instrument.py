@@ -21,7 +21,7 @@ from calibkit.instruments.inclinometer import (
     coefficient_files,
     dwells,
     errors,
-    figures as pages,
+    figures,
     latitude,
     rows as inclinometer_rows,
     solve,
@@ -44,7 +44,7 @@ def _read(spec: InclinometerRecipe, data: Path, file: str, reader: Reader = inge
 
 def _fit(
     spec: InclinometerRecipe, data: Path, files: Sequence[str], progress: Progress
-) -> Fitted[pages.SeekingReport]:
+) -> Fitted[figures.SeekingReport]:
     """Fit s(T) of each gyro to the stations of all logs together."""
     logs = list(
         copies.refuse_copies(
@@ -58,19 +58,21 @@ def _fit(
     notes = [f"{log.file}: {note}" for log in logs for note in log.notes]
     notes += [str(finding) for finding in found if finding.flagged]
     notes += latitude.flag_latitude(fits, stations, seen, spec)
-    result = coefficient_files.result(fits, stations, seen, notes, spec, spec.site.local_gravity())
+    result = coefficient_files.make_result(
+        fits, stations, seen, notes, spec, spec.site.local_gravity()
+    )
     return Fitted(
         (result,),
         tuple(Input.of(log) for log in logs),
-        tables.summary(fits, stations, seen, result.flags, spec),
-        tables.drawing(fits, stations, seen, spec),
+        tables.summarize(fits, stations, seen, result.flags, spec),
+        tables.collect_drawing(fits, stations, seen, spec),
     )
 
 
 def _seek(
     spec: InclinometerRecipe, records: Mapping[str, Record], log: Log
 ) -> tuple[inclinometer_stations.Stations, solve.SolvedStations, tuple[str, ...]]:
-    """Stations of one log with a row a position, solved with a run's s(T), and the flags."""
+    """Stations of one log with one row per position, solved with a run's s(T), and the flags."""
     models = coefficient_files.read_models(records, spec)
     rows = inclinometer_rows.gather_rows([log], spec.on_site())
     stations = inclinometer_stations.solve_components(
@@ -78,8 +80,8 @@ def _seek(
     )
     seen = solve.seek_north(stations, models, spec)
     solve.require_consistent(seen, log.file)
-    flags = (*coefficient_files.temperature_flags(log.file, stations, models),)
-    return stations, seen, (*flags, *coefficient_files.station_flags(stations, seen))
+    flags = (*coefficient_files.flag_temperatures(log.file, stations, models),)
+    return stations, seen, (*flags, *coefficient_files.flag_stations(stations, seen))
 
 
 def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) -> Applied:
@@ -98,14 +100,14 @@ def _apply(spec: InclinometerRecipe, records: Mapping[str, Record], data: Path) 
         s = np.where(np.isfinite(solution.s), solution.s, seen.priors[axis].s)
         along = dwelt.along(s[stations.row_station], rows)
         columns[f"gyro_{axis}_dph"] = along * values(log.frame, f"gyro_{axis}_dph")
-    joined = seen.joined
+    combined = seen.combined
     angles = {
-        "inclination_deg": joined.inclination_deg,
-        "toolface_deg": joined.toolface_deg,
-        "azimuth_deg": joined.azimuth_deg,
+        "inclination_deg": combined.inclination_deg,
+        "toolface_deg": combined.toolface_deg,
+        "azimuth_deg": combined.azimuth_deg,
     }
     if spec.output.azimuth_uncertainty:
-        angles["azimuth_standard_uncertainty_deg"] = joined.standard_uncertainty[:, 2]
+        angles["azimuth_standard_uncertainty_deg"] = combined.standard_uncertainty[:, 2]
     # while the tool turns it has no angles
     standing = dwelt.standing(rows)
     derived = {
@@ -134,8 +136,8 @@ def _validate(
                 f"{file}: no station has both a reference azimuth and a result",
                 hint="add a column azimuth_deg, or map one under [columns.azimuth_deg]",
             )
-        entries.append(tables.validation_entry(file, log.sha256, log.rows, stations, seen, angles))
-        shown.append(tables.error_table(angles, f"{file}: errors against the reference"))
+        entries.append(tables.list_validation(file, log.sha256, log.rows, stations, seen, angles))
+        shown.append(tables.tabulate_errors(angles, f"{file}: errors against the reference"))
         flags += [f"{file}: {note}" for note in log.notes] + list(found)
         before, after = (errors.rms(e[angles.known]) for e in (angles.before, angles.after))
         if after > before:
@@ -153,12 +155,12 @@ def _validate(
     return {"logs": entries}, Summary("", tuple(shown), tuple(flags), criteria)
 
 
-def _draw(title: str, fitted: Fitted[pages.SeekingReport]) -> Drawn:
+def _draw(title: str, fitted: Fitted[figures.SeekingReport]) -> Drawn:
     """Figures, and the summary with every station, which the PDF has on pages of their own."""
     first, _, *others = fitted.summary.tables
     whole = replace(fitted.summary, tables=(first, fitted.drawing.table, *others))
-    stations = tuple(pages.table_pages(title, fitted.drawing.table))
-    return Drawn(tuple(pages.pages(title, fitted.drawing)), whole, stations)
+    stations = tuple(figures.draw_table_pages(title, fitted.drawing.table))
+    return Drawn(tuple(figures.draw_pages(title, fitted.drawing)), whole, stations)
 
 
 def _certificate(stated: Stated) -> tuple[Block, ...]:

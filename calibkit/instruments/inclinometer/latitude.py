@@ -19,7 +19,7 @@ campaigns have 0 to 1.6.
 """
 STEP_DEG = 0.02
 """Change of latitude [°] by which the roots' dependence on it is found."""
-SURE, LEAST_DEG = 4.0, 0.03
+SIGNIFICANT, LEAST_DEG = 4.0, 0.03
 """Standard uncertainties, and degrees, by which a latitude must be off to be named."""
 FEWEST = 5
 """Stations beyond the coefficients of s(T) from which a latitude is looked for."""
@@ -44,12 +44,12 @@ def flag_latitude(
             f"{axis}: s scatters by {fit.model.scatter:.1e} beyond its readings, which are good for"
             f" {expected:.1e}"
         )
-        offset, u_offset = _offset(axis, fit, stations, seen, spec)
+        offset, u_offset = _fit_offset(axis, fit, stations, seen, spec)
         stated = spec.site.latitude_deg
         reason = (
             "see that site.latitude_deg is right and the gyro does not change from station to"
             " station"
-            if abs(offset) < max(SURE * u_offset, LEAST_DEG)
+            if abs(offset) < max(SIGNIFICANT * u_offset, LEAST_DEG)
             else f"the stations fit a latitude of {stated + offset:.2f}° ± {u_offset:.2f}°,"
             f" site.latitude_deg says {stated:g}°"
         )
@@ -57,11 +57,11 @@ def flag_latitude(
     return flags
 
 
-def _offset(
+def _fit_offset(
     axis: Sensor, fit: ScaleFit, stations: Stations, seen: SolvedStations, spec: InclinometerRecipe
 ) -> tuple[float, float]:
     """Latitude that the stations fit less that of the recipe, and its standard uncertainty [°]; 0
-    where they tell none.
+    where the stations do not determine it.
     """
     pair, latitude = seen.solutions[axis], spec.site.latitude_deg
     higher, lower = (

@@ -60,7 +60,7 @@ def judge_closures(
 
     `squares` and `dofs` [n, 2] are the sums of squares by which stations fail to close, of
     accelerometer and gyro, and their degrees of freedom. A station that fails by far more than the
-    others holds an outlier, which says nothing about the noise of all.
+    others holds an outlier, and its noise is not that of the others.
     """
     reasons = [""] * len(squares)
     for column, (kind, _, unit) in enumerate(KINDS):
@@ -89,7 +89,7 @@ def decide_noise(
     """Noise as the recipe states it, else the readings' own pooled with that of a calibration;
     never below the last digit.
 
-    Raises FitError where nothing tells it.
+    Raises FitError where it is unknown.
     """
     stated = spec.stations.accel_noise_g, spec.stations.gyro_noise_dph
     before = known or NO_NOISE
@@ -109,7 +109,9 @@ def decide_noise(
                 ),
             )
         else:
-            found.append(max(_pooled(mine, own.dof, calibrated, before.dof), digit / np.sqrt(12.0)))
+            found.append(
+                max(_pool_noise(mine, own.dof, calibrated, before.dof), digit / np.sqrt(12.0))
+            )
     return Noise(float(found[0]), float(found[1]), own.dof + before.dof)
 
 
@@ -125,7 +127,7 @@ def widen_noise(noise: Noise, spec: InclinometerRecipe) -> Noise:
     return Noise(accel * noise.accel_g, gyro * noise.gyro_dph, noise.dof)
 
 
-def _pooled(own: float, own_dof: int, known: float, known_dof: int) -> float:
+def _pool_noise(own: float, own_dof: int, known: float, known_dof: int) -> float:
     """Noise of both, weighted by degrees of freedom, or the readings' own where the known one
     cannot be theirs.
     """

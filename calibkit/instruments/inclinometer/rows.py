@@ -52,12 +52,12 @@ def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
         offset += first.size
         prefix = f"{log.name}:" if len(logs) > 1 else ""
         names += [f"{prefix}{name:g}" for name in unique[np.argsort(first)]]
-    accel = {axis: _joined(logs, f"accel_{axis}_g") for axis in spec.axes}
-    gyro = {axis: _joined(logs, f"gyro_{axis}_dph") for axis in spec.axes}
+    accel = {axis: _join_column(logs, f"accel_{axis}_g") for axis in spec.axes}
+    gyro = {axis: _join_column(logs, f"gyro_{axis}_dph") for axis in spec.axes}
     return Rows(
         np.concatenate(station),
         tuple(names),
-        _joined(logs, "position_deg"),
+        _join_column(logs, "position_deg"),
         {
             axis: gravity_positive(column, spec.reference.convention)
             for axis, column in accel.items()
@@ -70,13 +70,13 @@ def gather_rows(logs: Sequence[Log], spec: InclinometerRecipe) -> Rows:
             )
             for axis in spec.axes
         },
-        _times(logs),
-        _joined(logs, TEMPERATURE),
-        np.column_stack([_joined(logs, column) for column in REFERENCE]),
+        _join_times(logs),
+        _join_column(logs, TEMPERATURE),
+        np.column_stack([_join_column(logs, column) for column in REFERENCE]),
     )
 
 
-def _joined(logs: Sequence[Log], column: str) -> Array:
+def _join_column(logs: Sequence[Log], column: str) -> Array:
     """A column of all logs [r], NaN where a log does not have it."""
     return np.concatenate(
         [
@@ -90,7 +90,7 @@ def _joined(logs: Sequence[Log], column: str) -> Array:
     )
 
 
-def _times(logs: Sequence[Log]) -> Array:
+def _join_times(logs: Sequence[Log]) -> Array:
     """Times [r] [s] of all logs, each beginning an hour after the one before; NaN where any log has
     none.
     """

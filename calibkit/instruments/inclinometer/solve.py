@@ -33,7 +33,7 @@ SHARP = 0.1
 IMPLAUSIBLE = 0.05
 """Departure of a measured s from its prior that no gyro shows between a calibration and its use."""
 FEW_STATIONS = 3
-"""Stations below which a majority says nothing."""
+"""Stations below which a majority is not evidence."""
 APART_DEG = 5.0
 """Difference of the pairs' toolfaces [°] that no misalignment of axes explains."""
 
@@ -44,17 +44,17 @@ class SolvedStations:
 
     solutions: Mapping[Sensor, Solution]
     priors: Mapping[Sensor, Prior]
-    joined: Combined
+    combined: Combined
 
     @property
     def refused(self) -> Mask:
         """Which stations [n] have no result."""
-        return np.array([bool(reason) for reason in self.joined.status], dtype=np.bool_)
+        return np.array([bool(reason) for reason in self.combined.status], dtype=np.bool_)
 
     @property
     def contradicted(self) -> Mask:
         """Which stations [n] have an s that is not their prior's, or none at all, by any pair."""
-        found = np.zeros(len(self.joined.status), dtype=np.bool_)
+        found = np.zeros(len(self.combined.status), dtype=np.bool_)
         for axis, pair in self.solutions.items():
             prior = self.priors[axis]
             with np.errstate(invalid="ignore"):
@@ -72,7 +72,7 @@ def require_consistent(seen: SolvedStations, where: str) -> None:
     Raises FitError where most stations contradict s(T), or most have pairs that see different
     toolfaces.
     """
-    count = len(seen.joined.status)
+    count = len(seen.combined.status)
     if count < FEW_STATIONS:
         return
     impossible = np.zeros(count, dtype=np.bool_)
@@ -107,15 +107,15 @@ def fit_scale(
     """
     status = {}
     for axis in spec.axes:
-        first = _in_sequence(stations, spec, axis)
-        _plausible(first, stations, spec, axis)
-        status[axis] = _wild(first, stations.status[axis], spec)
+        first = _solve_in_sequence(stations, spec, axis)
+        _require_plausible(first, stations, spec, axis)
+        status[axis] = _refuse_contradictions(first, stations.status[axis], spec)
     kept = replace(stations, status=status)
     fits = {
-        axis: _over_temperature(_in_sequence(kept, spec, axis), kept, spec, axis)
+        axis: _fit_over_temperature(_solve_in_sequence(kept, spec, axis), kept, spec, axis)
         for axis in spec.axes
     }
-    seen = _solved(kept, {axis: scale.left_out for axis, scale in fits.items()}, spec)
+    seen = _solve_stations(kept, {axis: scale.left_out for axis, scale in fits.items()}, spec)
     require_consistent(seen, "the stations")
     return fits, seen
 
@@ -130,16 +130,21 @@ def seek_north(
     """
     kept = stations
     while True:
-        seen = _solved(
-            kept, {axis: _departed(kept, models[axis], spec, axis) for axis in spec.axes}, spec
+        seen = _solve_stations(
+            kept,
+            {axis: _predict_departure(kept, models[axis], spec, axis) for axis in spec.axes},
+            spec,
         )
-        status = {axis: _wild(seen.solutions[axis], kept.status[axis], spec) for axis in spec.axes}
+        status = {
+            axis: _refuse_contradictions(seen.solutions[axis], kept.status[axis], spec)
+            for axis in spec.axes
+        }
         if status == kept.status:
             return seen
         kept = replace(kept, status=status)
 
 
-def _in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
+def _solve_in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> Solution:
     """Stations of one sensor pair in their order, before any s(T) is known."""
     return scale_prior.predict_in_sequence(
         stations.components[axis],
@@ -153,13 +158,17 @@ def _in_sequence(stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> 
     )
 
 
-def _wild(solution: Solution, before: tuple[str, ...], spec: InclinometerRecipe) -> tuple[str, ...]:
+def _refuse_contradictions(
+    solution: Solution, before: tuple[str, ...], spec: InclinometerRecipe
+) -> tuple[str, ...]:
     """Why stations are refused, with those added whose readings no gyro can have had there."""
-    return tuple(reason or _contradiction(solution, k, spec) for k, reason in enumerate(before))
+    return tuple(
+        reason or _explain_contradiction(solution, k, spec) for k, reason in enumerate(before)
+    )
 
 
-def _contradiction(solution: Solution, k: int, spec: InclinometerRecipe) -> str:
-    """Why station k cannot have been read like this, or nothing.
+def _explain_contradiction(solution: Solution, k: int, spec: InclinometerRecipe) -> str:
+    """Why no working gyro gives the readings of station k; empty where one does.
 
     The true s is always a root. Noise may merge it with the other (a clamped discriminant), not
     make it disappear.
@@ -185,7 +194,7 @@ def _heading(stations: Stations, spec: InclinometerRecipe) -> Array | None:
     return stations.reference[:, 2] if spec.root.choice == "heading" else None
 
 
-def _over_temperature(
+def _fit_over_temperature(
     first: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
 ) -> ScaleFit:
     """s(T) of one gyro; s0 alone without temperatures, or from a single usable root."""
@@ -199,10 +208,10 @@ def _over_temperature(
     noise = stations.noise[axis]
     order = 0 if not timed else None if spec.scale.order == "auto" else spec.scale.order
     if usable.sum() == 1:
-        return _of_one(first, usable, temperature, spec, noise, timed=timed)
+        return _fit_one_root(first, usable, temperature, spec, noise, timed=timed)
     over = scale_prior.fit_over_temperature(first, temperature, order=order)
-    # without degrees of freedom nothing tells how s scatters: what was known before the calibration
-    # stays possible
+    # without degrees of freedom the scatter of s is unknown: its uncertainty before the calibration
+    # is kept
     scatter = over.scatter if over.dof else spec.history.standard_uncertainty
     left_out = over.left_out
     if not over.dof:
@@ -213,7 +222,7 @@ def _over_temperature(
     return ScaleFit(model, over.dof, over.residual_rms, over.used, left_out)
 
 
-def _of_one(
+def _fit_one_root(
     first: Solution,
     usable: Mask,
     temperature: Array,
@@ -222,8 +231,8 @@ def _of_one(
     *,
     timed: bool,
 ) -> ScaleFit:
-    """s0 from a single root; it stays as uncertain as s was before, because nothing tells how it
-    scatters.
+    """s0 from a single root; it stays as uncertain as s was before, because its scatter is
+    unknown.
     """
     if timed and spec.scale.order not in ("auto", 0):
         raise FitError(
@@ -238,7 +247,9 @@ def _of_one(
     return ScaleFit(model, 0, 0.0, usable, prior)
 
 
-def _plausible(first: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor) -> None:
+def _require_plausible(
+    first: Solution, stations: Stations, spec: InclinometerRecipe, axis: Sensor
+) -> None:
     """Refuse a gyro without a usable root of s, or with one that only a wrong unit, sign or
     latitude explains.
     """
@@ -269,14 +280,14 @@ def _plausible(first: Solution, stations: Stations, spec: InclinometerRecipe, ax
         )
 
 
-def _departed(
+def _predict_departure(
     stations: Stations, model: ScaleModel, spec: InclinometerRecipe, axis: Sensor
 ) -> Prior:
     """Prior of s at each station: s(T), times the departure from it that the stations before show
     (step D).
     """
     base = model.prior(stations.temperature)
-    found = root_choice.estimates(
+    found = root_choice.estimate_roots(
         stations.components[axis],
         spec.site.latitude_deg,
         refused=stations.status[axis],
@@ -297,7 +308,7 @@ def _departed(
     )
 
 
-def _solved(
+def _solve_stations(
     stations: Stations, priors: Mapping[Sensor, Prior], spec: InclinometerRecipe
 ) -> SolvedStations:
     """Every station solved with its priors, both pairs combined where both are read."""
@@ -314,11 +325,11 @@ def _solved(
         for axis in spec.axes
     }
     pairs = tuple(solutions.values())
-    joined = sensor_pairs.combine(*pairs) if len(pairs) == 2 else _alone(pairs[0])
-    return SolvedStations(solutions, priors, joined)
+    combined = sensor_pairs.combine(*pairs) if len(pairs) == 2 else _as_combined(pairs[0])
+    return SolvedStations(solutions, priors, combined)
 
 
-def _alone(pair: Solution) -> Combined:
+def _as_combined(pair: Solution) -> Combined:
     """One sensor pair's solution in the shape of two."""
     used = np.array([[not reason] for reason in pair.status], dtype=np.bool_)
     rows = list(sensor_pairs.ANGLES)

@@ -67,12 +67,11 @@ def examine(spec: InclinometerRecipe, log: Log) -> Examined:
     or its dwells.
     """
     dwelt, found = _examine_dwells(log, spec)
-    held = () if dwelt is None else (*dwelt.held("station"), *dwelt.held("dwell"))
-    return Examined(tuple(found), held)
+    return Examined(tuple(found), () if dwelt is None else dwelt.held())
 
 
 def admit_logs(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log], list[Finding]]:
-    """Logs of one row a position and the findings of all; raises FrameError with all that are
+    """Logs with one row per position and the findings of all; raises FrameError with all that are
     refused.
     """
     looked = [_examine_dwells(log, spec) for log in logs]
@@ -82,7 +81,7 @@ def admit_logs(logs: Sequence[Log], spec: InclinometerRecipe) -> tuple[list[Log]
 
 
 def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None, list[Finding]]:
-    """Dwells of a log, none where it is refused as a whole, and everything that is wrong with it
+    """Dwells of a log, None where it is refused as a whole, and everything that is wrong with it
     and its stations.
     """
     columns = [name for name in log.frame.columns if name not in REFERENCE]
@@ -95,7 +94,7 @@ def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None
     dwelt = inclinometer_dwells.find_dwells(log, spec)
     found += dwelt.findings
     if spec.stations.method == "four_differences":
-        found += _positions(dwelt.log)
+        found += _find_position_faults(dwelt.log)
     if not any(finding.refused for finding in found):
         gyros = [f"gyro_{axis}_dph" for axis in spec.axes]
         found += [
@@ -106,7 +105,7 @@ def _examine_dwells(log: Log, spec: InclinometerRecipe) -> tuple[DwellLog | None
 
 
 def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
-    """What is wrong with a log as a whole; nothing of it can be used."""
+    """Faults for which a log is refused as a whole."""
     timed = "time_s" in log.frame.columns
     found = check.find_missing_values(
         log, [name for name in ("station", "time_s") if name in log.frame.columns]
@@ -131,7 +130,7 @@ def find_unusable(log: Log, spec: InclinometerRecipe) -> list[Finding]:
     return found
 
 
-def _positions(log: Log) -> list[Finding]:
+def _find_position_faults(log: Log) -> list[Finding]:
     """Positions that a station has twice, not at all, or that are no multiple of 90°."""
     station, position = values(log.frame, "station"), values(log.frame, "position_deg")
     names, first = np.unique(station, return_index=True)
@@ -156,8 +155,8 @@ def _positions(log: Log) -> list[Finding]:
 
 
 def _position_fault(position: Array) -> tuple[int, str] | None:
-    """Row and words of what keeps positions [r] [°] of one station from the four differences, or
-    nothing.
+    """Row and description of what keeps positions [r] [°] of one station from the four differences;
+    None where they fit.
     """
     if not np.isfinite(position).all():
         return int(np.flatnonzero(~np.isfinite(position))[0]), "a position is missing"
@@ -180,7 +179,7 @@ def solve_components(
     show.
 
     `known` is the noise of a calibration: it is pooled with the readings' own unless they
-    contradict it. Raises FitError where nothing tells the noise.
+    contradict it. Raises FitError where the noise is unknown.
     """
     count = len(rows.names)
     solve = _by_differences if spec.stations.method == "four_differences" else _by_least_squares
@@ -189,13 +188,15 @@ def solve_components(
         parts, squares, dofs, own = solve(rows, axis, spec)
         before, last_digit = None if known is None else known[axis], rows.resolution[axis]
         least = inclinometer_noise.least_noise(before, last_digit, spec)
-        shown, wild = inclinometer_noise.judge_closures(squares, dofs, least)
+        shown, outliers = inclinometer_noise.judge_closures(squares, dofs, least)
         noises[axis] = inclinometer_noise.decide_noise(shown, before, last_digit, spec, axis)
         widened = inclinometer_noise.widen_noise(noises[axis], spec)
-        components[axis] = _with_noise(parts, widened, np.array([bool(text) for text in wild]))
-        status[axis] = tuple(text or reason for text, reason in zip(wild, own, strict=True))
+        components[axis] = _with_noise(parts, widened, np.array([bool(text) for text in outliers]))
+        status[axis] = tuple(text or reason for text, reason in zip(outliers, own, strict=True))
     reference = [
-        _directions(column, rows.station, count) if k else _means(column, rows.station, count)
+        _mean_direction_by_station(column, rows.station, count)
+        if k
+        else _mean_by_station(column, rows.station, count)
         for k, column in enumerate(rows.reference.T)
     ]
     return Stations(
@@ -204,13 +205,13 @@ def solve_components(
         components,
         noises,
         status,
-        _means(rows.temperature, rows.station, count),
-        _elapsed(rows),
+        _mean_by_station(rows.temperature, rows.station, count),
+        _elapsed_hours(rows),
         np.column_stack(reference),
     )
 
 
-def _elapsed(rows: Rows) -> Array:
+def _elapsed_hours(rows: Rows) -> Array:
     """Hours of each station since the first; its number where a log has no times."""
     time = rows.time[np.unique(rows.station, return_index=True)[1]]
     if np.isfinite(time).all():
@@ -258,19 +259,19 @@ def _by_least_squares(
     return found.components, found.squares, found.dofs, found.status
 
 
-def _with_noise(parts: Components, noise: Noise, wild: Mask) -> Components:
+def _with_noise(parts: Components, noise: Noise, outliers: Mask) -> Components:
     """Components of readings with a noise, from those of unit noise; NaN where a station [n] holds
     an outlier.
     """
     u = np.array([noise.accel_g, noise.accel_g, noise.gyro_dph, noise.gyro_dph])
     accel_x, accel_y, gyro_x, gyro_y = (
-        np.where(wild, np.nan, column)
+        np.where(outliers, np.nan, column)
         for column in (parts.accel_x, parts.accel_y, parts.gyro_x, parts.gyro_y)
     )
     return Components(accel_x, accel_y, gyro_x, gyro_y, parts.covariance * np.outer(u, u))
 
 
-def _means(column: Array, station: Integers, count: int) -> Array:
+def _mean_by_station(column: Array, station: Integers, count: int) -> Array:
     """Mean of the finite values of each station [count]; NaN where there is none."""
     finite = np.isfinite(column)
     rows = np.bincount(station[finite], minlength=count)
@@ -278,7 +279,7 @@ def _means(column: Array, station: Integers, count: int) -> Array:
     return np.where(rows > 0, total / np.maximum(rows, 1), np.nan)
 
 
-def _directions(column: Array, station: Integers, count: int) -> Array:
+def _mean_direction_by_station(column: Array, station: Integers, count: int) -> Array:
     """Mean direction [°] of each station [count], around the circle; one value a station is kept as
     it is.
     """
@@ -286,4 +287,4 @@ def _directions(column: Array, station: Integers, count: int) -> Array:
     finite = np.isfinite(column)
     first[station[finite][::-1]] = column[finite][::-1]
     # the mean departure from the first value: no rounding where all are the same
-    return first + _means(attitude.wrapped(column - first[station]), station, count)
+    return first + _mean_by_station(attitude.wrapped(column - first[station]), station, count)

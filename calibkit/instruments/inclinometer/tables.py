@@ -30,9 +30,9 @@ COVERAGE = 2.0
 TITLE = "Stations before (s = 1) and after"
 
 
-def _station_table(stations: Stations, seen: SolvedStations, title: str) -> Table:
+def _tabulate_stations(stations: Stations, seen: SolvedStations, title: str) -> Table:
     """Azimuth before and after, station by station."""
-    joined, found = seen.joined, angle_errors(stations, seen)
+    combined, found = seen.combined, angle_errors(stations, seen)
     against = bool(found.known.any())
     heads = [
         "station",
@@ -48,28 +48,30 @@ def _station_table(stations: Stations, seen: SolvedStations, title: str) -> Tabl
     for k, name in enumerate(stations.names):
         cells = [
             name,
-            _fixed(joined.inclination_deg[k], 3),
-            _fixed(joined.toolface_deg[k], 3),
-            _fixed(joined.uncorrected_deg[k], 3),
-            _fixed(joined.azimuth_deg[k], 3),
+            _format_fixed(combined.inclination_deg[k], 3),
+            _format_fixed(combined.toolface_deg[k], 3),
+            _format_fixed(combined.uncorrected_deg[k], 3),
+            _format_fixed(combined.azimuth_deg[k], 3),
             (
                 f"{COVERAGE * found.standard_uncertainty[k]:#.2g}"
                 if not seen.refused[k]
                 else "refused"
             ),
-            *(_fixed(pair.s[k], 6) for pair in seen.solutions.values()),
+            *(_format_fixed(pair.s[k], 6) for pair in seen.solutions.values()),
         ]
-        cells += [_fixed(found.before[k], 3), _fixed(found.after[k], 3)] if against else []
+        cells += (
+            [_format_fixed(found.before[k], 3), _format_fixed(found.after[k], 3)] if against else []
+        )
         rows.append(tuple(cells))
     return Table(title, tuple(heads), tuple(rows))
 
 
-def _fixed(value: float, decimals: int) -> str:
+def _format_fixed(value: float, decimals: int) -> str:
     """A number in fixed decimals, a dash where there is none."""
     return f"{value:.{decimals}f}" if np.isfinite(value) else "-"
 
 
-def error_table(found: AngleErrors, title: str) -> Table:
+def tabulate_errors(found: AngleErrors, title: str) -> Table:
     """Errors of all stations together, before and after; the correction of s does not touch
     inclination and toolface.
     """
@@ -92,7 +94,7 @@ def error_table(found: AngleErrors, title: str) -> Table:
     return Table(title, heads, cells)
 
 
-def _scale_table(fits: Mapping[Sensor, ScaleFit]) -> Table:
+def _tabulate_scale(fits: Mapping[Sensor, ScaleFit]) -> Table:
     """s(T) of each gyro."""
     rows = []
     for axis, scale in fits.items():
@@ -122,30 +124,30 @@ def _scale_table(fits: Mapping[Sensor, ScaleFit]) -> Table:
     return Table("In-situ scale factor s(T)", heads, tuple(rows))
 
 
-def summary(
+def summarize(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
     seen: SolvedStations,
     flags: tuple[str, ...],
     spec: InclinometerRecipe,
 ) -> Summary:
-    """What the console says of a fit."""
+    """Summary of a fit, as the console shows it."""
     found = angle_errors(stations, seen)
-    table, count = _station_table(stations, seen, TITLE), len(stations.names)
+    table, count = _tabulate_stations(stations, seen, TITLE), len(stations.names)
     if count > SHOWN:
         title = f"{TITLE} (the first {SHOWN} of {count}, all in report.txt)"
         table = replace(table, title=title, rows=table.rows[:SHOWN])
-    tables = [_scale_table(fits), table]
+    tables = [_tabulate_scale(fits), table]
     if found.known.any():
         tables.append(
-            error_table(
+            tabulate_errors(
                 found, "Errors against the reference, each station by the s(T) of the others"
             )
         )
     return Summary(spec.title, tuple(tables), flags, criteria(found, spec, unseen=False))
 
 
-def drawing(
+def collect_drawing(
     fits: Mapping[Sensor, ScaleFit],
     stations: Stations,
     seen: SolvedStations,
@@ -153,20 +155,22 @@ def drawing(
 ) -> SeekingReport:
     """What the figures show."""
     found = angle_errors(stations, seen)
-    curves = tuple(_curve(axis, scale, stations, seen) for axis, scale in fits.items())
+    curves = tuple(_collect_curve(axis, scale, stations, seen) for axis, scale in fits.items())
     label = published.root_label(
-        np.radians(seen.joined.inclination_deg),
-        np.radians(seen.joined.azimuth_deg),
+        np.radians(seen.combined.inclination_deg),
+        np.radians(seen.combined.azimuth_deg),
         spec.site.latitude_deg,
     )
-    shift = wrapped(seen.joined.azimuth_deg - seen.joined.uncorrected_deg)
-    table = _station_table(stations, seen, TITLE)
+    shift = wrapped(seen.combined.azimuth_deg - seen.combined.uncorrected_deg)
+    table = _tabulate_stations(stations, seen, TITLE)
     return SeekingReport(
         curves, label, found.before, found.after, shift, found.standard_uncertainty, table
     )
 
 
-def _curve(axis: Sensor, scale: ScaleFit, stations: Stations, seen: SolvedStations) -> ScaleCurve:
+def _collect_curve(
+    axis: Sensor, scale: ScaleFit, stations: Stations, seen: SolvedStations
+) -> ScaleCurve:
     """s(T) of one gyro with the roots that carried it; against the station's number without
     temperatures.
     """
@@ -188,7 +192,7 @@ def _curve(axis: Sensor, scale: ScaleFit, stations: Stations, seen: SolvedStatio
     )
 
 
-def validation_entry(
+def list_validation(
     file: str, sha256: str, rows: int, stations: Stations, seen: SolvedStations, found: AngleErrors
 ) -> dict[str, object]:
     """JSON object of one validated log."""
@@ -215,11 +219,11 @@ def validation_entry(
         "worse_than_uncorrected_over_u": number_or_none(
             float(found.excess.max()) if found.excess.size else float("nan")
         ),
-        "stations": [_station(k, stations, seen, found) for k in range(len(stations.names))],
+        "stations": [_list_station(k, stations, seen, found) for k in range(len(stations.names))],
     }
 
 
-def _station(
+def _list_station(
     k: int, stations: Stations, seen: SolvedStations, found: AngleErrors
 ) -> dict[str, object]:
     """JSON object of one station."""
@@ -228,5 +232,5 @@ def _station(
         "azimuth_error_before_deg": number_or_none(float(found.before[k])),
         "azimuth_error_after_deg": number_or_none(float(found.after[k])),
         "azimuth_standard_uncertainty_deg": number_or_none(float(found.standard_uncertainty[k])),
-        "refused": seen.joined.status[k],
+        "refused": seen.combined.status[k],
     }

@@ -78,7 +78,7 @@ def fit(
     tool_rotation
         [n, 3, 3], from `attitude.tool_rotation`; needed for the tilt.
     loss
-        "robust" leaves wild dwells out and names them.
+        "robust" leaves outliers out and names them.
 
     Raises
     ------
@@ -104,7 +104,7 @@ def fit(
     problem = _Problem(
         entries, indication, temperature, middle, half or 1.0, root, reference, tool_rotation
     )
-    return _solve(problem, _start(entries, indication, reference), loss)
+    return _solve(problem, _starting_parameters(entries, indication, reference), loss)
 
 
 def fit_magnitude(
@@ -132,7 +132,7 @@ def fit_magnitude(
     weights
         [n], 1/variance of the length.
     loss
-        "robust" leaves wild dwells out and names them.
+        "robust" leaves outliers out and names them.
 
     Raises
     ------
@@ -155,7 +155,7 @@ def fit_magnitude(
         )
     root = np.ones((len(indication), 1)) if weights is None else np.sqrt(weights)[:, None]
     sphere = magnitude.fit_sphere(indication, gravity)
-    begin = _at_start(entries, np.diag(1.0 / sphere[:3]), sphere[3:6])
+    begin = _constant_parameters(entries, np.diag(1.0 / sphere[:3]), sphere[3:6])
     middle, half = polynomial.middle_and_half(temperature)
     problem = _Problem(entries, indication, temperature, middle, half or 1.0, root, gravity=gravity)
     return _solve(problem, begin, loss)
@@ -234,7 +234,7 @@ class _Problem:
         return ((corrected - reference) * root).ravel(), weighted.reshape(-1, len(self.entries))
 
 
-def _start(entries: tuple[Entry, ...], indication: Array, reference: Array) -> Array:
+def _starting_parameters(entries: tuple[Entry, ...], indication: Array, reference: Array) -> Array:
     """Starting parameters [p]: M and b without temperature, linear in M and M b."""
     design = np.column_stack([indication, np.ones(len(indication))])
     # noise makes any indications look full: the reference says how many attitudes there are
@@ -254,10 +254,10 @@ def _start(entries: tuple[Entry, ...], indication: Array, reference: Array) -> A
         axes, turned, scale = q_factor.axes_from_sensitivity(np.linalg.inv(matrix))
         matrix = q_factor.exact_matrix(axes) / scale
         angles = Rotation.from_matrix(turned.T).as_rotvec()
-    return _at_start(entries, matrix, bias, angles)
+    return _constant_parameters(entries, matrix, bias, angles)
 
 
-def _at_start(
+def _constant_parameters(
     entries: tuple[Entry, ...],
     matrix: Array,
     bias: Array,
@@ -321,7 +321,7 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
     weight = np.delete(problem.root, suspects, axis=0) ** 2
     dof = kept.size - len(entries)
     coefficients, covariance = polynomial.in_raw_powers(
-        values, matrix, _to_raw(entries, problem.middle, problem.half)
+        values, matrix, _to_raw_matrix(entries, problem.middle, problem.half)
     )
     return AffineFit(
         entries=entries,
@@ -339,7 +339,9 @@ def _solve(problem: _Problem, begin: Array, loss: Literal["least_squares", "robu
     )
 
 
-def _to_raw(entries: tuple[Entry, ...], middle: float, half: float) -> NDArray[np.longdouble]:
+def _to_raw_matrix(
+    entries: tuple[Entry, ...], middle: float, half: float
+) -> NDArray[np.longdouble]:
     """Matrix [p, p] from parameters in mapped temperature to parameters in °C."""
     matrix = np.eye(len(entries), dtype=np.longdouble)
     powers = polynomial.to_raw_powers(middle, half, max(entry.power for entry in entries))

@@ -46,7 +46,7 @@ class Entry:
     row: int
     """Axis that it belongs to, or number of the nuisance angle."""
     factors: tuple[int, ...]
-    """Indications that it multiplies: one for M, none for b, two or three for higher orders."""
+    """Indications that it multiplies: one for M, empty for b, two or three for higher orders."""
     power: int = 0
     """Of temperature."""
 

@@ -35,8 +35,8 @@ class Part:
     label: str
     """What the error calls the axis."""
     names: tuple[str, ...]
-    """Of the columns, the most important first: what the data cannot tell apart is missing at the
-    end.
+    """Of the columns, the most important first: of two that the data cannot separate, the later is
+    undetermined.
     """
     design: Callable[[Array, Array], Array]
     """Columns [n, p] from reference vectors [n, 3] and mapped temperatures [n]."""
@@ -68,7 +68,7 @@ def require_determined(
     Raises
     ------
     FitError
-        Naming the coefficients that cannot be told from the ones before them in the order of
+        Naming the coefficients that cannot be separated from the ones before them in the order of
         importance.
 
     """
@@ -81,8 +81,10 @@ def require_determined(
         _undetermined(part, reference, mapped, gram.condensed) for part in parts
     ):
         return
-    loose = {part.label: _undetermined(part, reference, mapped, fold.triangle) for part in parts}
-    if not any(loose.values()):
+    undetermined = {
+        part.label: _undetermined(part, reference, mapped, fold.triangle) for part in parts
+    }
+    if not any(undetermined.values()):
         return
     offered = (_offered_levels(levels, order + 1) - middle) / half
     add = _propose_dwells(parts, reference, mapped, offered)
@@ -93,13 +95,13 @@ def require_determined(
         else f"{levels[0]:.4g} … {levels[-1]:.4g}"
     )
     faults = "; ".join(
-        f"{label}: {', '.join(sorted(names))}" for label, names in loose.items() if names
+        f"{label}: {', '.join(sorted(names))}" for label, names in undetermined.items() if names
     )
     raise FitError(
         f"the data cannot determine {faults}: {len(temperature)} dwells at {levels.size} distinct"
         f" temperatures ({shown} °C; order {order} needs {order + 1}) in attitudes of which"
         f" {affine_rank(reference)} are affinely independent (cross-axis terms need 4)",
-        hint=f"add dwells at {_in_words(add)}; or {lower}",
+        hint=f"add dwells at {_describe_dwells(add)}; or {lower}",
     )
 
 
@@ -119,12 +121,12 @@ def distinct_temperatures(
         following := int(np.searchsorted(ascending, ascending[openings[-1]] + step))
     ) < ascending.size:
         openings.append(following)
-    label = _labels(ascending[openings], temperature, step)
+    label = _level_numbers(ascending[openings], temperature, step)
     levels = np.bincount(label, weights=temperature) / np.bincount(label)
     return levels, levels[label]
 
 
-def _labels(openings: Array, temperature: Array, step: float) -> Integers:
+def _level_numbers(openings: Array, temperature: Array, step: float) -> Integers:
     """Number of the last opening [k] at or below each temperature [n], openings at least a step
     apart.
 
@@ -161,15 +163,15 @@ def _undetermined(
     condensed to p rows.
     """
     design = condense(lambda rows: part.design(reference[rows], mapped[rows]), len(mapped))
-    loose: list[str] = []
+    undetermined: list[str] = []
     kept = np.zeros((design.shape[0], 0))
     for name, column in zip(part.names, design.T, strict=True):
         wider = np.column_stack([kept, column])
         if _rank(wider) < wider.shape[1]:
-            loose.append(name)
+            undetermined.append(name)
         else:
             kept = wider
-    return loose
+    return undetermined
 
 
 def _propose_dwells(
@@ -206,7 +208,7 @@ def _propose_dwells(
     return np.asarray(dwells[chosen], dtype=np.float64)
 
 
-def _in_words(dwells: Array) -> str:
+def _describe_dwells(dwells: Array) -> str:
     """Dwells [m, 3], temperature [°C], inclination and toolface [°], as a phrase."""
     parts = []
     for level in np.unique(dwells[:, 0]):

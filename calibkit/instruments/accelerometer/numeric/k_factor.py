@@ -35,8 +35,8 @@ NAMES = ("K0", "K1", "K2", "K3", "K4", "K5", "K6", "K7", "K8", "K9")
 CROSS = ((1, 2), (2, 0), (0, 1))
 """Columns that K8 and K9 multiply, axis by axis: y and z, z and x, x and y."""
 IMPORTANCE = (0, 4, 8, 9, 1, 5, 2, 6, 3, 7)
-"""Order in which coefficients claim the data: what the data cannot tell apart is missing at the end
-of it.
+"""Order in which coefficients are determined: where the data cannot separate two, the later one is
+reported as undetermined.
 """
 
 
@@ -118,7 +118,7 @@ def fit(
     weights
         [n] or [n, 3], 1/variance of the dwell means.
     loss
-        "robust" downweights wild dwells and names them.
+        "robust" downweights outliers and names them.
     groups
         [n], labels of dwells that share an error (a table position, a stretch of a sweep):
         covariance by leaving out one group at a time. The ordinary covariance holds for independent

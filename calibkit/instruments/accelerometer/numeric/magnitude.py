@@ -3,7 +3,7 @@ attitudes are unknown.
 
 Nine parameters: scale factors k, biases b, and Q1, Q2, Q3 (Zhou, Hu & Fu 2010, exact form). The
 corrected vector is Q diag(1/k) (V − b) with Q the inverse of the unit axes, and |G'| is to be the
-local gravity. Which way the triad is mounted is nothing that lengths can tell.
+local gravity. Lengths do not depend on how the triad is mounted, so its orientation stays unknown.
 """
 
 from collections.abc import Mapping
@@ -42,7 +42,7 @@ WEAKEST = 1e-4
 reported at all.
 """
 FEW_DOF = 5
-"""Degrees of freedom below which residuals cannot vouch for the uncertainty."""
+"""Degrees of freedom below which the residuals are too few to judge the uncertainty."""
 
 
 @dataclass(frozen=True, slots=True, kw_only=True)
@@ -56,9 +56,9 @@ class MagnitudeFit(DwellFit):
     parameters: Array
     """k [indication per g unit], b [indication], Q [rad]: [9]."""
     leverage: Array
-    """[n], share of each dwell in its own fitted value: near 1, nothing else checks it."""
+    """[n], share of each dwell in its own fitted value: near 1, no other dwell checks it."""
     flags: tuple[str, ...]
-    """Why these numbers should not be trusted; empty when nothing speaks against them."""
+    """Reasons to doubt these numbers; empty when there are none."""
 
     @property
     def half_width(self) -> Array:
@@ -101,7 +101,7 @@ def fit(
         [n], standard deviation of each |G'| [unit of gravity]: weights, and a floor under the
         uncertainty.
     loss
-        "robust" leaves wild dwells out and names them.
+        "robust" leaves outliers out and names them.
 
     Raises
     ------
@@ -127,10 +127,10 @@ def fit(
             names=_TRIANGLE_NAMES,
         )
         solver = (tough.fit.condition, tough.suspects)
-        return _finished(triangle, tough.fit.covariance, indication, gravity, root, solver)
+        return _complete_fit(triangle, tough.fit.covariance, indication, gravity, root, solver)
     inverse = found.normal_inverse * _variance(found.square, found.dof, absolute=noise is not None)
     solver = (found.condition, ())
-    return _finished(
+    return _complete_fit(
         found.parameters, inverse, indication, gravity, root, solver, found.normal_inverse
     )
 
@@ -171,7 +171,9 @@ def fit_bounded(
     variance = _variance(square, dof, absolute=noise is not None)
     singular = np.linalg.svd(jacobian / np.linalg.norm(jacobian, axis=0), compute_uv=False)
     solver = (float(singular[0] / singular[-1]), ())
-    fitted = _finished(triangle, inverse @ inverse.T * variance, indication, gravity, root, solver)
+    fitted = _complete_fit(
+        triangle, inverse @ inverse.T * variance, indication, gravity, root, solver
+    )
     # the F-test judges by the residuals alone: where the stated noise is larger, the intervals are
     # widened as u is
     widening = float(np.sqrt(variance * dof / square)) if square > 0.0 and dof > 0 else 1.0
@@ -270,7 +272,7 @@ def _variance(square: float, dof: int, *, absolute: bool) -> float:
     return max(1.0, ratio) if absolute else ratio
 
 
-def _finished(
+def _complete_fit(
     triangle: Array,
     covariance: Array,
     indication: Array,
@@ -369,7 +371,7 @@ def _flags(
 
 
 def _t95(dof: int) -> float:
-    """Two-sided 95 % quantile of Student's t; that of one degree of freedom when there are none."""
+    """Two-sided 95 % quantile of Student's t; that of one degree of freedom when there are zero."""
     from scipy.stats import t
 
     return float(t.ppf(0.975, max(dof, 1)))

@@ -1,13 +1,11 @@
-"""What the readings of a station say of their own noise, and which stations hold a reading that is
-none.
-"""
+"""Noise of a reading from how stations close, and the stations that hold an outlier."""
 
 import numpy as np
 
 from calibkit.arrays import Array, Integers, Mask
 
 FEWEST = 8
-"""Stations below which their median does not tell what is usual."""
+"""Stations below which their median is too uncertain to find outliers."""
 IMPROBABLE = 1e-20
 """Probability of a closure from which it is no noise: 9.3 standard deviations with one degree of
 freedom.
@@ -19,7 +17,7 @@ twelve 0.02 %: the median of few is uncertain itself.
 
 def usual_square(squares: Array, dof: Integers) -> float:
     """Variance of one reading from sums of squares [n] with degrees of freedom [n], by their
-    median: none alone moves it.
+    median: one outlier does not move it.
 
     The median of χ²/ν is not 1: it is divided by that of the median degrees of freedom. NaN where
     no station has any.

@@ -1,5 +1,5 @@
-"""North seeking with uncertainty: which root of s is meant, how far it is trusted, and what comes
-of θ, φ, s and ψ.
+"""North seeking with uncertainty: the choice between the roots of s, their weight, and the
+resulting θ, φ, s and ψ.
 """
 
 from collections.abc import Sequence
@@ -114,7 +114,7 @@ class Solution:
         )
 
 
-def estimates(
+def estimate_roots(
     parts: Components,
     latitude_deg: ArrayLike,
     *,
@@ -143,7 +143,7 @@ def estimates(
     with np.errstate(invalid="ignore"):
         apart = np.abs(roots.half_difference)[:, None] > limits.separation * spread
         usable = (s > 0.0) & (spread <= limits.s_uncertainty) & apart & ~roots.clamped[:, None]
-    own = _refusals(parts, found, latitude, limits)
+    own = _list_refusals(parts, found, latitude, limits)
     if refused and len(refused) != len(own):
         raise FitError(f"{len(refused)} reasons for {len(own)} stations")
     status = tuple(first or second for first, second in zip(refused or own, own, strict=True))
@@ -225,21 +225,21 @@ def solve(
     """
     _require_prior(prior, parts.accel_x.size)
     latitude = np.broadcast_to(np.asarray(latitude_deg, dtype=np.float64), parts.accel_x.shape)
-    found = estimates(parts, latitude, refused=refused, limits=limits)
+    found = estimate_roots(parts, latitude, refused=refused, limits=limits)
     column, ambiguous = choose_root(found, prior, choose_by_heading(found, heading_deg))
     rows = np.arange(column.size)
     s_root, u_root = found.s[rows, column], found.uncertainty[rows, column]
     possible = s_root > 0.0
-    trusted = found.usable[rows, column] & ~ambiguous
+    accepted = found.usable[rows, column] & ~ambiguous
     total = u_root**2 + prior.standard_uncertainty**2
     with np.errstate(divide="ignore", invalid="ignore"):
         # by inverse variance; a root and a prior that are both exact agree
         share = np.where(total > 0.0, prior.standard_uncertainty**2 / total, 1.0)
-    weight = np.where(trusted, share, 0.0)
-    s = np.where(trusted, weight * s_root + (1.0 - weight) * prior.s, prior.s)
+    weight = np.where(accepted, share, 0.0)
+    s = np.where(accepted, weight * s_root + (1.0 - weight) * prior.s, prior.s)
     root = np.where(possible, 1 - 2 * column, 0)
-    flags = _flags(
-        found, s_root, u_root, prior, possible=possible, trusted=trusted, ambiguous=ambiguous
+    flags = _list_flags(
+        found, s_root, u_root, prior, possible=possible, accepted=accepted, ambiguous=ambiguous
     )
     spread = covariance(
         parts,
@@ -251,7 +251,7 @@ def solve(
         weight,
         prior.standard_uncertainty,
     )
-    return _solution(parts, found, latitude, s, s_root, u_root, root, weight, spread, flags)
+    return _assemble(parts, found, latitude, s, s_root, u_root, root, weight, spread, flags)
 
 
 def _require_prior(prior: Prior, count: int) -> None:
@@ -270,14 +270,14 @@ def _require_prior(prior: Prior, count: int) -> None:
         )
 
 
-def _flags(
+def _list_flags(
     found: Estimates,
     s_root: Array,
     u_root: Array,
     prior: Prior,
     *,
     possible: Mask,
-    trusted: Mask,
+    accepted: Mask,
     ambiguous: Mask,
 ) -> tuple[tuple[str, ...], ...]:
     """What a reader of each station must know [n]."""
@@ -297,7 +297,7 @@ def _flags(
                 flags.append("no positive root of s: s is its prior")
             elif ambiguous[k]:
                 flags.append("both roots of s are about as likely: s is its prior")
-            elif not trusted[k]:
+            elif not accepted[k]:
                 flags.append(
                     f"s is its prior: the root {s_root[k]:.4g} has a standard uncertainty of"
                     f" {u_root[k]:.2g}, C is near 0"
@@ -313,7 +313,7 @@ def _flags(
     return tuple(lines)
 
 
-def _solution(
+def _assemble(
     parts: Components,
     found: Estimates,
     latitude: Array,
@@ -351,7 +351,7 @@ def _solution(
     )
 
 
-def _refusals(
+def _list_refusals(
     parts: Components, found: Attitude, latitude: Array, limits: Limits
 ) -> tuple[str, ...]:
     """Why each station is refused; empty where it is not."""
@@ -362,11 +362,11 @@ def _refusals(
     silent = (parts.gyro_x == 0.0) & (parts.gyro_y == 0.0)
     rows = zip(finite, silent, latitude, inclination, total, strict=True)
     return tuple(
-        _refusal(a, bool(b), float(c), float(d), float(e), limits) for a, b, c, d, e in rows
+        _refuse_station(a, bool(b), float(c), float(d), float(e), limits) for a, b, c, d, e in rows
     )
 
 
-def _refusal(
+def _refuse_station(
     finite: bool,  # noqa: FBT001 - one row of the table of facts above
     silent: bool,  # noqa: FBT001 - the same
     latitude: float,
@@ -374,7 +374,7 @@ def _refusal(
     total: float,
     limits: Limits,
 ) -> str:
-    """Reason to refuse one station, or nothing."""
+    """Reason to refuse one station; empty where it is not refused."""
     if not finite:
         return "an indication or the latitude is not finite"
     if abs(latitude) > limits.latitude_deg:

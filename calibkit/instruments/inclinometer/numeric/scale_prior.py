@@ -19,7 +19,7 @@ from calibkit.instruments.inclinometer.numeric.root_choice import (
     Solution,
     choose_by_heading,
     choose_root,
-    estimates,
+    estimate_roots,
     solve,
 )
 from calibkit.numeric import gum
@@ -110,7 +110,7 @@ def history_prior(
     Notes
     -----
     State (s, ds/dt), its rate a random walk; a root that is not usable, or is as likely as the
-    other, changes nothing.
+    other, does not change the state.
 
     """
     if (
@@ -126,7 +126,7 @@ def history_prior(
     covariance = np.diag([start.standard_uncertainty**2, start.rate_uncertainty**2])
     value, spread = np.empty_like(elapsed), np.empty_like(elapsed)
     for k in range(elapsed.size):
-        state, covariance = _predicted(
+        state, covariance = _predict_state(
             state, covariance, float(elapsed[k] - elapsed[max(k - 1, 0)]), start.rate_walk
         )
         # the filter may predict what no gyro has; the prior stays a scale factor
@@ -137,20 +137,24 @@ def history_prior(
         )
         root = k, int(columns[0])
         if not found.status[k] and found.usable[root] and not ambiguous[0]:
-            state, covariance = _updated(
+            state, covariance = _update_state(
                 state, covariance, float(found.s[root]), float(found.uncertainty[root])
             )
     return Prior(value, spread)
 
 
-def _predicted(state: Array, covariance: Array, step: float, walk: float) -> tuple[Array, Array]:
+def _predict_state(
+    state: Array, covariance: Array, step: float, walk: float
+) -> tuple[Array, Array]:
     """State and covariance a step later."""
     move = np.array([[1.0, step], [0.0, 1.0]])
     added = walk**2 * np.array([[step**3 / 3.0, step**2 / 2.0], [step**2 / 2.0, step]])
     return move @ state, gum.propagate(move, covariance) + added
 
 
-def _updated(state: Array, covariance: Array, s: float, uncertainty: float) -> tuple[Array, Array]:
+def _update_state(
+    state: Array, covariance: Array, s: float, uncertainty: float
+) -> tuple[Array, Array]:
     """State and covariance after a root of s."""
     gain = (
         covariance[:, 0] / (covariance[0, 0] + uncertainty**2)
@@ -174,7 +178,7 @@ def predict_in_sequence(
     """Solve n stations in their order, s of each from its own root and the history before it; see
     `solve`.
     """
-    found = estimates(parts, latitude_deg, refused=refused, limits=limits)
+    found = estimate_roots(parts, latitude_deg, refused=refused, limits=limits)
     prior = history_prior(found, elapsed, start=start, heading_deg=heading_deg)
     return solve(
         parts,
@@ -219,7 +223,7 @@ def fit_over_temperature(
         )
     s, u, temperature = solution.s_root[used], solution.s_root_uncertainty[used], temp_degc[used]
     u = np.maximum(u, 1e-3 * float(np.median(u)) if np.median(u) > 0.0 else 1.0)
-    chosen = _least_error_order(s, u, temperature) if order is None else order
+    chosen = _choose_order(s, u, temperature) if order is None else order
     middle, half = polynomial.middle_and_half(temperature)
     if chosen > 0 and half == 0.0:
         raise FitError(
@@ -230,7 +234,7 @@ def fit_over_temperature(
     half = half or 1.0
     every = polynomial.powers(np.clip(temp_degc, *limits), chosen, middle=middle, half=half)
     design = every[used]
-    scatter = _scatter(s, u, design)
+    scatter = _excess_scatter(s, u, design)
     variance = np.asarray(u**2 + scatter**2, dtype=np.float64)
     fit = linear(design, s, weights=1.0 / variance, names=[f"s{k}" for k in range(chosen + 1)])
     inverse = np.asarray(np.linalg.inv((design / variance[:, None]).T @ design), dtype=np.float64)
@@ -246,11 +250,11 @@ def fit_over_temperature(
         residual_rms=fit.residual_rms,
         valid_degc=limits,
         used=used,
-        left_out=_left_out(every, fit.coefficients, inverse, own, roots, scatter),
+        left_out=_predict_left_out(every, fit.coefficients, inverse, own, roots, scatter),
     )
 
 
-def _left_out(
+def _predict_left_out(
     design: Array, factors: Array, inverse: Array, own_weight: Array, s: Array, scatter: float
 ) -> Prior:
     """s(T) at each station without its own root: ŷ_(i) = (ŷ − h y)/(1 − h), its variance x P x/(1 −
@@ -262,7 +266,7 @@ def _left_out(
     return Prior(value, np.sqrt(power / (1.0 - leverage) + scatter**2))
 
 
-def _scatter(s: Array, u: Array, design: Array) -> float:
+def _excess_scatter(s: Array, u: Array, design: Array) -> float:
     """Standard deviation beyond noise for which the weighted sum of squared residuals is its
     degrees of freedom.
     """
@@ -285,7 +289,7 @@ def _scatter(s: Array, u: Array, design: Array) -> float:
     return float(brentq(excess, 0.0, upper, xtol=1e-12))
 
 
-def _least_error_order(s: Array, u: Array, temperature: Array) -> int:
+def _choose_order(s: Array, u: Array, temperature: Array) -> int:
     """Order of least weighted leave-one-out error that the temperatures carry; a higher one must
     gain beyond chance.
     """
@@ -294,5 +298,5 @@ def _least_error_order(s: Array, u: Array, temperature: Array) -> int:
         s,
         min(HIGHEST_ORDER, np.unique(np.round(temperature)).size - 1, s.size - 2),
         margin=float(np.sqrt(max(1.0 - GAIN / s.size, 0.0))),
-        weights=1.0 / (u**2 + _scatter(s, u, np.ones((s.size, 1))) ** 2),
+        weights=1.0 / (u**2 + _excess_scatter(s, u, np.ones((s.size, 1))) ** 2),
     )

@@ -115,8 +115,8 @@ def _reason(
     design, names = _design(position_deg, sensor, time_s, ramp=ramp)
     if position_deg.size < len(names):
         return f"{position_deg.size} readings for {len(names)} coefficients"
-    loose = undetermined(design, names)
-    return f"the positions cannot determine {', '.join(loose)}" if loose else ""
+    unknown = undetermined(design, names)
+    return f"the positions cannot determine {', '.join(unknown)}" if unknown else ""
 
 
 def _design(
