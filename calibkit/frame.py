@@ -208,10 +208,15 @@ class Finding:
         return self.severity == "warn"
 
     @classmethod
-    def of(cls, error: CalibkitError) -> Finding:
-        """Finding that says what an error says."""
+    def of(
+        cls,
+        error: CalibkitError,
+        expected: str = "a log that can be fitted",
+        name: str = "unusable",
+    ) -> Finding:
+        """Finding that says what an error says, whose message begins with its place."""
         place, _, found = error.message.partition(": ")
-        return cls(place, found, "a log that can be fitted", error.hint)
+        return cls(place, found, expected, error.hint, name=name)
 
     def __str__(self) -> str:
         return f"{self.place}: {self.found}, expected {self.expected}; {self.advice}"

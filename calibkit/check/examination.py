@@ -22,6 +22,7 @@ if TYPE_CHECKING:
 
     import pandas as pd
 
+    from calibkit.arrays import Array
     from calibkit.frame import Held, Log
     from calibkit.ingest.logs import Reader
     from calibkit.recipe import Recipe
@@ -70,7 +71,8 @@ def examine_log(
     try:
         log = procedure.read(spec, data, file, reader)
     except (LogFormatError, FrameError, FitError) as error:
-        return _Examination(LogReport(file, "", (), (), None, (), (_unreadable(error),)), None)
+        finding = Finding.of(error, expected="a log that can be read", name="unreadable")
+        return _Examination(LogReport(file, "", (), (), None, (), (finding,)), None)
     try:
         examined = procedure.examine(spec, log)
     except (FrameError, FitError) as error:
@@ -132,14 +134,6 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     ]
 
 
-def _unreadable(error: LogFormatError | FrameError | FitError) -> Finding:
-    """Finding that says why a log could not be read."""
-    finding = Finding.of(error)
-    return Finding(
-        finding.place, finding.found, "a log that can be read", finding.advice, name="unreadable"
-    )
-
-
 def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     """Logs that came in twice under two names, with the finding of each: one would vouch for the
     other.
@@ -157,29 +151,39 @@ def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
 
 def _condition(log: Log, held: Held) -> HeldCondition:
     """A held condition by its time."""
-    first, last = float(held.start), float(held.stop - 1)
-    if "time_s" in log.frame.columns:
-        time = log.frame["time_s"]
-        first, last = float(time.iloc[held.start]), float(time.iloc[held.stop - 1])
+    along = _abscissa(log)
     return HeldCondition(
-        held.kind, first, last, held.level, held.unit, held.stop - held.start, held.pinned
+        held.kind,
+        float(along[held.start]),
+        float(along[held.stop - 1]),
+        held.level,
+        held.unit,
+        held.stop - held.start,
+        held.pinned,
     )
+
+
+def _abscissa(log: Log) -> Array:
+    """Time [n, s] of a log's rows where it has one, else their numbers [n]."""
+    frame = log.frame
+    return values(frame, "time_s") if "time_s" in frame.columns else np.arange(float(len(frame)))
 
 
 def _figure(log: Log, held: Sequence[HeldCondition], findings: Sequence[Finding]) -> LogFigure:
     """Curves of every column over time or row, thinned to their envelope."""
-    frame = log.frame
-    along = values(frame, "time_s") if "time_s" in frame.columns else np.arange(float(len(frame)))
-    names = [name for name in frame.columns if name not in ("run", "time_s")]
-    curves = tuple(Curve(name, *envelope(along, values(frame, name))) for name in names)
-    marks = tuple(
-        (finding.time_s, finding.name, finding.severity)
-        for finding in findings
-        if finding.time_s is not None
+    along, described = _abscissa(log), facts.describe_log(log)
+    return LogFigure(
+        log.file,
+        "time [s]" if "time_s" in log.frame.columns else "row",
+        tuple(
+            Curve(column.name, *envelope(along, values(log.frame, column.name)))
+            for column in described.columns
+        ),
+        tuple((part.kind, part.first, part.last) for part in held),
+        tuple(
+            (finding.time_s, finding.name, finding.severity)
+            for finding in findings
+            if finding.time_s is not None
+        ),
+        tuple((part.low, part.high, part.share) for part in described.occupancy),
     )
-    spans = tuple((part.kind, part.first, part.last) for part in held)
-    occupancy = tuple(
-        (part.low, part.high, part.share) for part in facts.describe_log(log).occupancy
-    )
-    axis = "time [s]" if "time_s" in frame.columns else "row"
-    return LogFigure(log.file, axis, curves, spans, marks, occupancy)

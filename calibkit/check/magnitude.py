@@ -2,26 +2,19 @@
 before.
 """
 
-from __future__ import annotations
-
 import re
+from collections.abc import Callable, Iterator, Mapping, Sequence
 from dataclasses import replace
 from itertools import pairwise
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.check.content import finding_at_row, finding_of_column
 from calibkit.constants import STANDARD_GRAVITY_MPS2
 from calibkit.frame import Finding, Log, values
 from calibkit.numeric import anomalies, chunks, order_statistics, segments
-
-if TYPE_CHECKING:
-    from collections.abc import Callable, Iterator, Mapping, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.recipe import Recipe
-
+from calibkit.recipe import Recipe
 
 QUIETEST_DPH = 0.02
 """Span [°/h] that the indication of no logged gyro stays within: its white noise alone is wider."""

@@ -119,7 +119,8 @@ def guess_canonical(column: LogColumn) -> str:
 
 def _indication(column: LogColumn) -> str:
     """Canonical column of a gyro or an accelerometer, by name, else by unit; or ""."""
-    name, axis = column.plain, _axis_of(column)
+    name = column.plain
+    axis = "".join(_AXES.findall(name)[-1:]).lower()
     if re.search(_ACCEL, name) or column.dimension.startswith("acceleration"):
         return f"accel_{axis or 'x'}_{'lsb' if column.dimension.startswith('count') else 'g'}"
     if re.search(_GYRO, name) or re.search(_RATE, name) or column.dimension == "angular rate":
@@ -134,12 +135,6 @@ def _indication(column: LogColumn) -> str:
             else "gyro_dph"
         )
     return ""
-
-
-def _axis_of(column: LogColumn) -> str:
-    """Axis letter in a column's name, or ""."""
-    found = _AXES.findall(column.plain)
-    return str(found[-1]).lower() if found else ""
 
 
 def assign_columns(

@@ -71,7 +71,7 @@ def read_time(table: Table, source: str, recipe: Recipe) -> MappedColumn:
     """Seconds [n] of a log's time column: times as they are written, or numbers in the unit that
     recipe or header state. Raises LogFormatError, FrameError or RecipeError.
     """
-    column = _mapping_of("time_s", source, recipe)
+    column = recipe.columns.get("time_s") or Column(source=source)
     raw, form = table.frame[source], column.time_format
     if column.date:
         if column.date not in table.frame.columns:
@@ -100,11 +100,6 @@ def read_time(table: Table, source: str, recipe: Recipe) -> MappedColumn:
     found = times.to_seconds(raw, form, table.file, source)
     reading = tuple(type(note)(f"column '{source}': {note}") for note in found.notes)
     return MappedColumn(found.seconds, (), reading)
-
-
-def _mapping_of(name: str, source: str, recipe: Recipe) -> Column:
-    """The recipe's mapping of a canonical column, or one that changes nothing."""
-    return recipe.columns.get(name) or Column(source=source)
 
 
 def _time_format(raw: pd.Series, file: str, source: str) -> str:
@@ -183,7 +178,7 @@ def read_values(
     Counts per sample become counts per second by the interval of the recipe or of the log's own
     time [s]. Raises LogFormatError, FrameError or RecipeError.
     """
-    column = _mapping_of(name, source, recipe)
+    column = recipe.columns.get(name) or Column(source=source)
     raw = table.frame[source].to_numpy(dtype=np.float64)
     unit, target = _unit_of(table, source, column, name), units.column_unit(name)
     raw, notes = _without_sentinels(raw, recipe, unit, source, table)

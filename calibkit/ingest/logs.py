@@ -57,21 +57,18 @@ def find_logs(recipe: Recipe, folder: Path) -> list[str]:
     _require_there("[[exclude]] log", [one.log for one in recipe.exclude], found, at=("exclude",))
     kept = [name for name in found if not skipped & {name, log_name(name)}]
     for name in kept:
-        _require_text(name)
+        try:
+            name.encode()
+        except UnicodeEncodeError:  # no record could hold it
+            shown = name.encode("utf-8", "backslashreplace").decode()
+            raise FrameError(
+                f"{shown}: the file's name is not UTF-8", hint="rename the file"
+            ) from None
     if not kept:
         raise FrameError(
             f"{folder}: every log is excluded by the recipe", hint="remove an [[exclude]] table"
         )
     return kept
-
-
-def _require_text(name: str) -> None:
-    """Raise FrameError for a log whose name is not text: no record could hold it."""
-    try:
-        name.encode()
-    except UnicodeEncodeError:
-        shown = name.encode("utf-8", "backslashreplace").decode()
-        raise FrameError(f"{shown}: the file's name is not UTF-8", hint="rename the file") from None
 
 
 def require_named_logs(recipe: Recipe, found: Sequence[str]) -> None:

@@ -6,30 +6,23 @@ What a fit computes along them goes chunk by chunk into arrays that lie there to
 numbers are those of a log in memory. Only clean CSV can be read like this.
 """
 
-from __future__ import annotations
-
 import mmap
 import os
 import tempfile
+from collections.abc import Sequence
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from calibkit import units
+from calibkit.arrays import Array
 from calibkit.errors import OutputError, UsageError
-from calibkit.frame import values
+from calibkit.frame import Log, values
 from calibkit.ingest import mapping
 from calibkit.numeric.chunks import release
 from calibkit.readers import clean
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from pathlib import Path
-
-    from calibkit.arrays import Array
-    from calibkit.frame import Log
-    from calibkit.recipe import Recipe
+from calibkit.recipe import Recipe
 
 SETTING = "CALIBKIT_LARGEST_LOG_MB"
 """Environment variable: megabytes of a log up to which it is held in memory."""

@@ -134,10 +134,11 @@ def _files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
     """Files of the second logger that belong to a log."""
     log = mapping.log_name(PurePosixPath(file).name)
     patterns = [PurePosixPath(pattern.replace("{log}", log)).name for pattern in chamber.files]
-    names = sorted(found.name for found in path.parent.iterdir() if found.is_file())
-    return [
-        name for name in names if any(fnmatch.fnmatchcase(name, pattern) for pattern in patterns)
-    ]
+    return sorted(
+        found.name
+        for found in path.parent.iterdir()
+        if found.is_file() and any(fnmatch.fnmatchcase(found.name, one) for one in patterns)
+    )
 
 
 def _complete(

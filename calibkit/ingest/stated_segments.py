@@ -1,21 +1,14 @@
 """Held conditions that the recipe states, as rows of a log."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Sequence
 
 import numpy as np
 
+from calibkit.arrays import Integers
 from calibkit.errors import FrameError
-from calibkit.frame import values
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Integers
-    from calibkit.frame import Log
-    from calibkit.recipe import Recipe
-    from calibkit.recipe.tables import Pin
+from calibkit.frame import Log, values
+from calibkit.recipe import Recipe
+from calibkit.recipe.tables import Pin
 
 
 def stated_kinds(log: Log, spec: Recipe) -> list[str]:

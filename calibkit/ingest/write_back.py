@@ -63,39 +63,35 @@ def rewrite_log(
                 hint=_interval_advice(recipe, path),
             )
 
-    def texts(first: int, stop: int) -> tuple[dict[int, list[str]], list[list[str]]]:
-        changed = {}
+    return _rewrite_blocks(recipe, log, columns, own, added, path.name)
+
+
+def _rewrite_blocks(
+    recipe: Recipe,
+    log: _Fields,
+    columns: Mapping[str, Array],
+    own: Mapping[str, str],
+    added: Mapping[str, Array],
+    file: str,
+) -> Iterator[bytes]:
+    """Bytes of a log, block by block: canonical columns in place of its own ones (`own`, by
+    canonical name), and added ones behind.
+    """
+    names = (f"reference_{name}" if name in added else name for name in log.header)
+    yield _written([[name] for name in (*names, *added)], quotes=log.quotes)
+    row = 0
+    for block in log.blocks():
+        stop, fields = row + len(block[0]), list(block)
+        if stop > log.count:
+            break
         for name, source in own.items():
             mapped = recipe.columns.get(name) or Column(source=source)
             stated = log.units.get(source, "")
-            values = unmap_values(columns[name][first:stop], mapped, name, recipe, stated)
-            changed[log.header.index(source)] = _texts(values)
-        more = [_texts(values[first:stop]) for values in added.values()]
+            values = unmap_values(columns[name][row:stop], mapped, name, recipe, stated)
+            fields[log.header.index(source)] = _texts(values)
+        fields += [_texts(values[row:stop]) for values in added.values()]
         chunks.release(*columns.values(), *added.values())
-        return changed, more
-
-    names = [*(f"reference_{name}" if name in added else name for name in log.header), *added]
-    return _parts(log, names, texts, path.name)
-
-
-def _parts(
-    log: _Fields,
-    names: list[str],
-    texts: Callable[[int, int], tuple[dict[int, list[str]], list[list[str]]]],
-    file: str,
-) -> Iterator[bytes]:
-    """Bytes of a log with new names; `texts` gives, for rows first … stop − 1, the fields that
-    replace those of columns (by number) and the columns behind all.
-    """
-    yield _written([[name] for name in names], quotes=log.quotes)
-    row = 0
-    for columns in log.blocks():
-        stop = row + len(columns[0])
-        if stop > log.count:
-            break
-        changed, more = texts(row, stop)
-        fields = [changed.get(number, column) for number, column in enumerate(columns)]
-        yield _written([*fields, *more], quotes=log.quotes)
+        yield _written(fields, quotes=log.quotes)
         row = stop
     if row != log.count:
         raise clean.changed(file)

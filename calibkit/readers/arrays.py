@@ -1,22 +1,15 @@
 """Named arrays of a container file (MATLAB, HDF5, JSON) → columns of one log."""
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Collection, Mapping
 
 import numpy as np
+import pandas as pd
+from numpy.typing import NDArray
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited
 from calibkit.readers.table import FIRST_ROW, Guess
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-
-    import pandas as pd
-    from numpy.typing import NDArray
-
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs
 
 
 def select_columns(
@@ -119,8 +112,6 @@ def join_vectors(
 
 def make_frame(columns: Mapping[str, NDArray[np.generic]]) -> pd.DataFrame:
     """Frame of columns of one length, whose index counts records: messages call record 1 line 1."""
-    import pandas as pd
-
     frame = pd.DataFrame(
         {name: np.asarray(column, dtype=np.float64) for name, column in columns.items()}
     )

@@ -9,9 +9,8 @@ integers above 2⁵³ rounded. A file that is not a whole number of records is r
 or described wrongly.
 """
 
-from __future__ import annotations
-
-from typing import TYPE_CHECKING
+from collections.abc import Collection
+from pathlib import Path
 
 import numpy as np
 
@@ -19,12 +18,7 @@ from calibkit import units
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited
 from calibkit.readers.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    from calibkit.recipe.logs import BinarySpec, Logs
+from calibkit.recipe.logs import BinarySpec, Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)

@@ -11,20 +11,16 @@ Uncertainty: 0.1 in each field; what the pairs beyond the first mean, and that t
 first, depends on the chamber's configuration: the recipe says which column is which.
 """
 
-from __future__ import annotations
-
 import re
-from typing import TYPE_CHECKING
+from collections.abc import Collection
+from pathlib import Path
+
+import pandas as pd
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited, encoding as encodings, times
 from calibkit.readers.table import FIRST_ROW, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs
 
 _REPLY = re.compile(
     r"(?P<time>.*?)[\s,;]*(?:\$\d\dI[\s,;]*)?"
@@ -34,8 +30,6 @@ _REPLY = re.compile(
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)
     """Read recorded replies whole, or raise LogFormatError that names the line."""
-    import pandas as pd
-
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     replies: list[re.Match[str]] = []

@@ -6,30 +6,23 @@ checked, and parsed into allocated columns, several blocks in parallel. Uncertai
 of `delimited`.
 """
 
-from __future__ import annotations
-
 import hashlib
 import io
 import os
 from collections import deque
-from concurrent.futures import ThreadPoolExecutor
+from collections.abc import Iterator
+from concurrent.futures import Future, ThreadPoolExecutor
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, BinaryIO
+from pathlib import Path
+from typing import BinaryIO
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import LogFormatError
 from calibkit.native import kernels
 from calibkit.readers import delimited
 from calibkit.readers.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterator
-    from concurrent.futures import Future
-    from pathlib import Path
-
-    from calibkit.arrays import Array
-
 
 BLOCK = 1 << 20
 """Bytes read and parsed at a time."""
@@ -64,7 +57,9 @@ def read(path: Path, file: str) -> Table | None:
     return Table(file, sha256.hexdigest(), frame)
 
 
-def _columns(stream: BinaryIO, sha256: hashlib._Hash, fields: int, size: int) -> list[Array] | None:
+def _columns(
+    stream: BinaryIO, sha256: "hashlib._Hash", fields: int, size: int
+) -> list[Array] | None:
     """Columns [rows] of what follows the header in a file of `size` bytes, whose digest goes on; or
     None where a block is not clean.
     """

@@ -129,18 +129,13 @@ def split_header(data: bytes, file: str) -> tuple[list[str], bytes]:
             f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text",
             hint="save the log as UTF-8 CSV",
         ) from None
-    if b"\0" in data:
-        line = data.count(b"\n", 0, data.index(b"\0")) + 1
-        raise LogFormatError(
-            f"{file}:{line}: a NUL byte in text", hint="the copy is damaged; copy the log again"
-        )
     text = data.removeprefix(b"\xef\xbb\xbf").replace(b"\r\n", b"\n")
-    if b"\r" in text:
-        line = text.count(b"\n", 0, text.index(b"\r")) + 1
-        raise LogFormatError(
-            f"{file}:{line}: a carriage return inside the line",
-            hint="the copy is damaged; copy the log again",
-        )
+    for byte, what in ((b"\0", "a NUL byte in text"), (b"\r", "a carriage return inside the line")):
+        if byte in text:
+            line = text.count(b"\n", 0, text.index(byte)) + 1
+            raise LogFormatError(
+                f"{file}:{line}: {what}", hint="the copy is damaged; copy the log again"
+            )
     first, _, body = text.partition(b"\n")
     header = [name.strip() for name in first.decode().split(",")]
     _require_names(header, file)

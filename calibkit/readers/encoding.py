@@ -42,7 +42,7 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
     try:
         text = body.decode(encoding)
     except UnicodeDecodeError as error:
-        line = _line_of(body, error.start, encoding)
+        line = body[: error.start].decode(encoding, errors="replace").count("\n") + 1
         raise LogFormatError(
             f"{file}:{line}: byte 0x{body[error.start]:02x} is not {encoding.upper()} text",
             hint="the file is damaged or cut off, or has another encoding: pin it in [logs.text]",
@@ -59,13 +59,6 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
             hint="the copy is damaged; copy the log again",
         )
     return text.replace("\r\n", "\n").replace("\r", "\n"), encoding
-
-
-def _line_of(body: bytes, position: int, encoding: str) -> int:
-    """Number of the line that a byte stands in."""
-    if encoding.startswith("utf-16"):
-        return body[:position].decode(encoding, errors="replace").count("\n") + 1
-    return body.count(b"\n", 0, position) + 1
 
 
 def _pinned(pinned: str, marked: str, file: str) -> str:
@@ -114,7 +107,9 @@ def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
     longer = len(re.findall(rb"[\xe0-\xef][\x80-\xbf]{2}|[\xf0-\xf4][\x80-\xbf]{3}", data))
     whole = len(re.sub(rb"[\x00-\x7f]+", b"", data.decode("utf-8", errors="ignore").encode()))
     wrong = len(re.sub(rb"[\x00-\x7f]+", b"", data)) - whole
-    if 3 * longer > wrong or (pairs and 3 * pairs > wrong and not _in_pairs(data)):
+    # whether every run of bytes above 0x80 reads as whole GB18030 characters of two bytes
+    in_pairs = all(len(run) % 2 == 0 for run in re.findall(rb"[\x81-\xfe]+", data))
+    if 3 * longer > wrong or (pairs and 3 * pairs > wrong and not in_pairs):
         line = data.count(b"\n", 0, error.start) + 1
         raise LogFormatError(
             f"{file}:{line}: byte 0x{data[error.start]:02x} is not UTF-8 text, the rest of the"
@@ -124,11 +119,6 @@ def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
                 " [logs.text]"
             ),
         )
-
-
-def _in_pairs(data: bytes) -> bool:
-    """Whether every run of bytes above 0x80 reads as whole GB18030 characters of two bytes."""
-    return all(len(run) % 2 == 0 for run in re.findall(rb"[\x81-\xfe]+", data))
 
 
 def _western(data: bytes) -> bool:

@@ -48,7 +48,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         logs.model_copy(update={"text": spec}),
         needed,
     )
-    described = (*map(found.describe_key, ("skip_lines", "header_lines")), *found.describe_times())
+    described = found.describe(("skip_lines", "header_lines"))
     return replace(table, reading=(f"sheet '{name}'", *how, *described))
 
 

@@ -8,22 +8,17 @@ files, which the log's digest does not cover, and values that were never written
 zeros, are refused.
 """
 
-from __future__ import annotations
-
 import io
 import math
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
 
 from calibkit import units
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited, optional
 from calibkit.readers.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:

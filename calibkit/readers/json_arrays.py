@@ -7,23 +7,18 @@ twice is refused; text is no number. Uncertainty: numbers are converted to the n
 beyond its range to infinity; null has no value.
 """
 
-from __future__ import annotations
-
 import json
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Iterable
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited, encoding as encodings
 from calibkit.readers.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Iterable
-    from pathlib import Path
-
-    from calibkit.arrays import Array
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:

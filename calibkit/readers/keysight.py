@@ -12,25 +12,18 @@ can be either way round (the instrument writes month first, BenchLink what Windo
 order that runs forwards is taken, or the recipe's time_format.
 """
 
-from __future__ import annotations
-
+from collections.abc import Collection
 from dataclasses import replace
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from calibkit.errors import LogFormatError
+from calibkit.frame import values
 from calibkit.readers import delimited, encoding as encodings, sniff, text, tokens
+from calibkit.readers.sniff import Dialect
 from calibkit.readers.table import FIRST_ROW, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    import pandas as pd
-
-    from calibkit.readers.sniff import Dialect
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs
 
 SCAN_NUMBERS = ("sweep #", "sweep", "scan", "scan #", "scan number")
 """Names of the column that counts scans, in lower case."""
@@ -55,7 +48,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         logs,
         {*needed, scan, *_alarms(found)},
     )
-    notes = (*table.notes, *_alarmed(table.frame, _alarms(found)), *_scan_jumps(table.frame, scan))
+    notes = (*table.notes, *_note_alarms(table, _alarms(found)), *_note_scan_jumps(table, scan))
     return replace(table, notes=notes)
 
 
@@ -81,14 +74,14 @@ def _alarms(found: Dialect) -> tuple[str, ...]:
     return tuple(name for name in found.names if name.lower().startswith("alarm"))
 
 
-def _alarmed(frame: pd.DataFrame, alarms: Collection[str]) -> tuple[str, ...]:
+def _note_alarms(table: Table, alarms: Collection[str]) -> tuple[str, ...]:
     """One note per channel whose alarm was raised."""
-    names = list(frame.columns)
+    names = list(table.frame.columns)
     notes = []
     for alarm in alarms:
-        raised = np.flatnonzero(np.nan_to_num(frame[alarm].to_numpy(dtype=np.float64)) != 0.0)
+        raised = np.flatnonzero(np.nan_to_num(values(table.frame, alarm)) != 0.0)
         if raised.size:
-            line = int(frame.index[int(raised[0])]) + FIRST_ROW
+            line = int(table.frame.index[int(raised[0])]) + FIRST_ROW
             channel = names[names.index(alarm) - 1]
             notes.append(
                 f"column '{channel}': alarm in {raised.size} scans, the first in line {line}"
@@ -96,14 +89,14 @@ def _alarmed(frame: pd.DataFrame, alarms: Collection[str]) -> tuple[str, ...]:
     return tuple(notes)
 
 
-def _scan_jumps(frame: pd.DataFrame, scan: str) -> tuple[str, ...]:
+def _note_scan_jumps(table: Table, scan: str) -> tuple[str, ...]:
     """A note where scan numbers do not go on by one."""
-    number = frame[scan].to_numpy(dtype=np.float64)
+    number = values(table.frame, scan)
     jumps = np.flatnonzero(np.diff(number) != 1.0)
     if not jumps.size:
         return ()
     row = int(jumps[0])
-    line = int(frame.index[row + 1]) + FIRST_ROW
+    line = int(table.frame.index[row + 1]) + FIRST_ROW
     return (
         (
             f"scan numbers jump at {jumps.size} places, the first from {number[row]:g} to"

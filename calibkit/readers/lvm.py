@@ -11,24 +11,19 @@ below one header, and then X values are needed. Uncertainty: X_Value to the digi
 computed time is the float64 nearest to X0 + k·Delta_X.
 """
 
-from __future__ import annotations
-
+from collections.abc import Collection, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
+import pandas as pd
 
 from calibkit import units
+from calibkit.arrays import Array, Integers
 from calibkit.errors import LogFormatError
 from calibkit.readers import delimited, encoding as encodings, tokens
 from calibkit.readers.table import FIRST_ROW, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs
 
 _END = "***End_of_Header***"
 _TIME = "X_Value"
@@ -48,8 +43,6 @@ class _Segment:
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (every column holds numbers)
     """Read a measurement file whole, or raise LogFormatError that names line and column."""
-    import pandas as pd
-
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
     lines = content.rstrip("\n").split("\n")

@@ -5,27 +5,20 @@ the columns of one log ([logs] table names the struct, or the matrix whose colum
 lists). Uncertainty: values as stored in float64; text, cells and objects are not read.
 """
 
-from __future__ import annotations
-
 import io
 import struct
 import zlib
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Mapping
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited, hdf5, optional
 from calibkit.readers.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Mapping
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from calibkit.recipe.logs import Logs
-
+from calibkit.recipe.logs import Logs
 
 HEADER_BYTES = 128
 KINDS = frozenset({1, 2, 3, 4, 5, 6, 7, 9, 12, 13, 14, 15, 16, 17, 18})

@@ -5,24 +5,19 @@ instants become seconds since their first. Uncertainty: values as stored, intege
 to float64; nulls have no value.
 """
 
-from __future__ import annotations
-
 import io
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from calibkit import units
+from calibkit.arrays import Array
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited, optional
 from calibkit.readers.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection
-    from pathlib import Path
-
-    from calibkit.arrays import Array
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  # noqa: ARG001 (the readers' shape)

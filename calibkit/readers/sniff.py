@@ -83,27 +83,25 @@ class Dialect:
         }
         return pinned | ({"widths": list(self.widths)} if self.widths else {})
 
-    def describe(self) -> tuple[str, ...]:
-        """How the log is written, one fact per text, each guess a `Guess`."""
-        renamed = "the recipe's names stand in place of the header's"
-        return (
-            *map(self.describe_key, self.recipe_keys()),
-            *([renamed] if self.renamed else []),
-            *self.describe_times(),
-        )
-
-    def describe_key(self, key: str) -> str:
-        """Value of one key of [logs.text], and whether it was guessed."""
-        text = f"{key} = {self.recipe_keys()[key]!r}"
-        return Guess(f"{text} (guessed)") if key in self.guessed else f"{text} (from the recipe)"
-
-    def describe_times(self) -> tuple[str, ...]:
-        """Formats of the columns of times, all guessed."""
-        return tuple(
+    def describe(self, keys: Sequence[str] = ()) -> tuple[str, ...]:
+        """How the log is written, one fact per text, each guess a `Guess`; with `keys`, these alone
+        and the times.
+        """
+        pins = self.recipe_keys()
+        texts = [
+            Guess(f"{key} = {pins[key]!r} (guessed)")
+            if key in self.guessed
+            else f"{key} = {pins[key]!r} (from the recipe)"
+            for key in keys or pins
+        ]
+        if self.renamed and not keys:
+            texts.append("the recipe's names stand in place of the header's")
+        texts += [
             Guess(f"column '{column.name}': time_format = '{column.time_format}' (guessed)")
             for column in self.columns
             if column.kind == "time"
-        )
+        ]
+        return tuple(texts)
 
 
 def guess_dialect(

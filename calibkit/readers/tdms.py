@@ -8,27 +8,21 @@ channels of times become seconds since their first. Uncertainty: values as store
 float64; a file whose last segment was not finished is refused.
 """
 
-from __future__ import annotations
-
 import io
 import logging
-from typing import TYPE_CHECKING, Any
+from collections.abc import Collection, Sequence
+from pathlib import Path
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from calibkit import units
+from calibkit.arrays import Array
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited, optional
 from calibkit.readers.table import Guess, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-    from pathlib import Path
-
-    from numpy.typing import NDArray
-
-    from calibkit.arrays import Array
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs
 
 
 def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:

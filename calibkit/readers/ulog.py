@@ -7,24 +7,19 @@ behind a colon where that is not 0 (`sensor_gyro:1`). Columns are the topic's fi
 dropouts of the logger are counted and noted. A file that ends inside a message is refused.
 """
 
-from __future__ import annotations
-
 import io
 import struct
+from collections.abc import Collection, Sequence
 from contextlib import redirect_stdout
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 import numpy as np
 
 from calibkit.errors import LogFormatError
 from calibkit.readers import arrays, delimited, optional
 from calibkit.readers.table import Guess, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Collection, Sequence
-    from pathlib import Path
-
-    from calibkit.recipe.logs import Logs
+from calibkit.recipe.logs import Logs
 
 MAGIC = b"ULog\x01\x12\x35"
 HEADER_BYTES = 16

@@ -12,10 +12,9 @@ every printed result `terms_of(terms, result, …)` gives the components that st
 one in `numeric.gum.combine`.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Annotated, Any, Literal
+from typing import Annotated, Any, Literal, Self
 
 from pydantic import Field, ValidationError, field_validator, model_validator
 
@@ -25,10 +24,6 @@ from calibkit.errors import CoefficientError, RecipeError, did_you_mean
 from calibkit.frame import is_canonical
 from calibkit.numeric import gum
 from calibkit.recipe.strict import Positive, Table
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Mapping, Sequence
-
 
 RELATIVE = {"ppm": 1e-6, "%": 1e-2}
 """Units of an uncertainty that is a share of the quantity itself."""
@@ -68,7 +63,7 @@ class TypeB(Table):
         return units.ALIASES.get(unit, unit)
 
     @model_validator(mode="after")
-    def _one_statement(self) -> TypeB:
+    def _one_statement(self) -> Self:
         stated = {
             name: value
             for name in ("standard_uncertainty", "half_width", "expanded_uncertainty")
@@ -152,19 +147,10 @@ def step(source: str, target: str) -> float:
     a, b = units.TABLE[units.known(source)], units.TABLE[units.known(target)]
     if a.dimension == b.dimension:
         return a.size / b.size
-    if {a.dimension, b.dimension} == {
-        "acceleration",
-        "acceleration in SI",
-    }:  # half a percent of an uncertainty
-        return (
-            a.size
-            / b.size
-            * (
-                STANDARD_GRAVITY_MPS2
-                if a.dimension == "acceleration"
-                else 1.0 / STANDARD_GRAVITY_MPS2
-            )
-        )
+    if {a.dimension, b.dimension} == {"acceleration", "acceleration in SI"}:
+        # local gravity would change an uncertainty by half a percent
+        in_si = a.dimension == "acceleration in SI"
+        return a.size / b.size * (1.0 / STANDARD_GRAVITY_MPS2 if in_si else STANDARD_GRAVITY_MPS2)
     raise RecipeError(
         f"'{source}' is a {a.dimension}, '{target}' a {b.dimension}",
         hint="state a unit of the quantity",
