@@ -181,8 +181,9 @@ def _tabulate_curves(
         )
         for model in models
     ]
-    title = Words(f"{letter} over temperature", f"{letter} 随温度")
-    return stated.over(title, temperatures, columns)
+    return stated.over(
+        Words(f"{letter} over temperature", f"{letter} 随温度"), temperatures, columns
+    )
 
 
 def _state_curve(

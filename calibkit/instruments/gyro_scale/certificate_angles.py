@@ -146,8 +146,9 @@ def _tabulate_figures(
             if (kind, where) == (what, suffix):
                 gyro, column = ("", key.replace("_", " – ")) if "_" in key else (key[:-1], key[-1])
                 columns[column] = None
-                name = Words(title.en.lower(), title.zh)
-                rows.setdefault(gyro, []).append(stated.figure(record, figure, name, model.dof))
+                rows.setdefault(gyro, []).append(
+                    stated.figure(record, figure, Words(title.en.lower(), title.zh), model.dof)
+                )
         labels += [f"{gyro} ({_where(model)})".strip() for gyro in rows]
         cells += map(tuple, rows.values())
     heads = tuple(map(Words, columns))
@@ -197,8 +198,15 @@ def _state_pair(stated: Stated, record: Record) -> Block:
     results = (*ratios, _bounded(alpha, figures), off)
     title = Words("Orthogonality of the gyro pair", "陀螺组合正交性")
     table = ListTable(Words("Orthogonality", "正交性"), results)
-    notes = _note_pair(model, figures)
-    return Block(record.stage, ORTHOGONALITY_FILE, title, (PAIR_EQUATION,), (table,), (), notes)
+    return Block(
+        record.stage,
+        ORTHOGONALITY_FILE,
+        title,
+        (PAIR_EQUATION,),
+        (table,),
+        (),
+        _note_pair(model, figures),
+    )
 
 
 def _note_pair(model: Model, figures: Mapping[str, Figure]) -> tuple[Words, ...]:

@@ -45,8 +45,9 @@ def _result(
             Condition("latitude", latitude, "deg"),
             Condition("earth_rate_about_table_axis", vertical, "deg/s"),
         )
-    stage = file.removesuffix(".json")
-    return StageResult(stage, tuple(models), tuple(figures), tuple(flags), conditions)
+    return StageResult(
+        file.removesuffix(".json"), tuple(models), tuple(figures), tuple(flags), conditions
+    )
 
 
 def list_rate_table_results(
@@ -191,8 +192,7 @@ def _curve_model(
 def _response_model(name: str, response: rate_response.Response, run: table_runs.TableRun) -> Model:
     """Indicated rate over table rate."""
     is_sine, rate = response.form == "sine", run.plateaus.rate_dps
-    powers = range(3, response.order + 1, 2)
-    units = ["deg/s", "1", *(f"1/(deg/s)^{k - 1}" for k in powers)]
+    units = ["deg/s", "1", *(f"1/(deg/s)^{k - 1}" for k in range(3, response.order + 1, 2))]
     if is_sine:
         units.append("deg/s")
     return forms.RESPONSE.write(

@@ -90,8 +90,8 @@ def _read(spec: AnyRecipe, data: Path, known: Sequence[GyroMatrix]) -> Log:
             log = logs.read_log(spec, data, data.name, columns[:1], ())
     present = list(log.frame.columns)
     refuse([*check.find_too_few_rows(log, 1), *check.find_missing_values(log, present)])
-    thermometers = [TEMPERATURE] if TEMPERATURE in present else []
-    refuse(check.find_implausible_temperatures(log, thermometers))
+    if TEMPERATURE in present:
+        refuse(check.find_implausible_temperatures(log, [TEMPERATURE]))
     return log
 
 

@@ -214,8 +214,14 @@ def _draw_sets(ax: Axes, curves: tuple[Curve, ...]) -> None:
     """Values with bars against temperature, or side by side at one temperature."""
     ax.axhline(0.0, color=MUTED, lw=0.6)
     if not curves:
-        text = "one gyro: nothing to compare"
-        ax.text(0.5, 0.5, text, transform=ax.transAxes, ha="center", color=MUTED)
+        ax.text(
+            0.5,
+            0.5,
+            "one gyro: nothing to compare",
+            transform=ax.transAxes,
+            ha="center",
+            color=MUTED,
+        )
         return
     single = curves[0].temperature.size == 1
     for k, one in enumerate(curves):

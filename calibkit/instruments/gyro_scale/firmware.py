@@ -125,8 +125,13 @@ def _add_indication(
     fastest = MARGIN * max(abs(Fraction(limit)) for limit in matrix.model.valid[RATE])
     steepest = max(sum(map(abs, entry), Fraction(0)) for entry in row)
     largest = Fraction(ceil(fastest * steepest + sum(map(abs, bias), Fraction(0))))
-    meaning = f"indication of gyro {gyro}, counts per second"
-    draft.input(gyro_column(gyro), "1/s", meaning, (-largest, largest), "RATE_CLAMPED")
+    draft.input(
+        gyro_column(gyro),
+        "1/s",
+        f"indication of gyro {gyro}, counts per second",
+        (-largest, largest),
+        "RATE_CLAMPED",
+    )
 
 
 def _add_quotient(draft: Draft, matrix: GyroMatrix, added_dps: float) -> None:
@@ -145,8 +150,11 @@ def _add_quotient(draft: Draft, matrix: GyroMatrix, added_dps: float) -> None:
     source = f"rate_{gyro}"
     draft.steps.append(Quotient(source, f"above_{gyro}", f"scale_{gyro}"))
     if added_dps:
-        earth = draft.polynomial("earth_rate", (Fraction(added_dps),), "")
-        source = draft.sum(f"inertial_{gyro}", earth, factor(source))
+        source = draft.sum(
+            f"inertial_{gyro}",
+            draft.polynomial("earth_rate", (Fraction(added_dps),), ""),
+            factor(source),
+        )
     draft.output(matrix.outputs[0], "deg/s", source, f"rate about the axis of gyro {gyro}")
 
 
@@ -181,13 +189,21 @@ def _add_inverse(draft: Draft, S: Polynomials, gyros: Sequence[str]) -> None:
         )
     varies = len(exact.trimmed(determinant)) > 1
     if varies:
-        relative = exact.scale(determinant, 1 / middle)
-        draft.sum("determinant", draft.polynomial("determinant_of_s", relative, "u"))
+        draft.sum(
+            "determinant",
+            draft.polynomial("determinant_of_s", exact.scale(determinant, 1 / middle), "u"),
+        )
     for a, axis in enumerate(AXES):
         terms = []
         for g, gyro in enumerate(gyros):
-            entry = exact.scale(cofactors[g][a], 1 / middle)
-            terms.append(draft.polynomial(f"inverse_{axis}{gyro}", entry, "u", f"above_{gyro}"))
+            terms.append(
+                draft.polynomial(
+                    f"inverse_{axis}{gyro}",
+                    exact.scale(cofactors[g][a], 1 / middle),
+                    "u",
+                    f"above_{gyro}",
+                )
+            )
         terms.sort(
             key=lambda term: (
                 abs(draft.tables[term[0].table][0]) if term and term[0].table else Fraction(0)

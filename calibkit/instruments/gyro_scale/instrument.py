@@ -95,8 +95,14 @@ def _fit_rate_table(
         *tables.tabulate_runs(gyros, scales.figures),
         *tables.tabulate_biases(scales.figures),
     )
-    criteria = acceptance.judge_runs(scales.figures, spec.acceptance)
-    return _fitted(spec, runs, results, shown, criteria, curves.report_runs(gyros))
+    return _fitted(
+        spec,
+        runs,
+        results,
+        shown,
+        acceptance.judge_runs(scales.figures, spec.acceptance),
+        curves.report_runs(gyros),
+    )
 
 
 def _fit_pair(

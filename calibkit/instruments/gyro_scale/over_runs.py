@@ -62,8 +62,9 @@ def fit_over_runs(
         scale_factor.over_temperature(*_points(gyro, runs, name), temperature) if varies else None
         for name in ("K", "F0")
     )
-    bent = choose_response(spec, gyro, runs)
-    return GyroOverRuns(gyro, tuple(runs), at_room, K, F0, K_curve, F0_curve, bent)
+    return GyroOverRuns(
+        gyro, tuple(runs), at_room, K, F0, K_curve, F0_curve, choose_response(spec, gyro, runs)
+    )
 
 
 def _points(gyro: str, runs: Sequence[table_runs.TableRun], name: str) -> tuple[Array, Array]:
@@ -130,8 +131,14 @@ def run_figures(name: str, one: GyroOverRuns, spec: GyroRecipe) -> list[Figure]:
     )
     for standard, function in kinds:
         value, u = _propagated(function, K, spread)
-        figure = forms.FigureName("temperature_sensitivity", standard, name)
-        figures.append(Figure(figure.text, value, "ppm/degC", u))
+        figures.append(
+            Figure(
+                forms.FigureName("temperature_sensitivity", standard, name).text,
+                value,
+                "ppm/degC",
+                u,
+            )
+        )
     return figures
 
 
@@ -196,8 +203,9 @@ def flag_runs(gyros: Sequence[GyroOverRuns], spec: GyroRecipe) -> tuple[str, ...
     flags = [flag for run in runs for flag in run.flags]
     for one in gyros:
         for run in runs:
-            name = f"{forms.line_name(one.gyro)} in {run.log.file}"
-            flags += table_runs.flag_uncertain(name, run.scale(one.gyro))
+            flags += table_runs.flag_uncertain(
+                f"{forms.line_name(one.gyro)} in {run.log.file}", run.scale(one.gyro)
+            )
     for one in gyros:
         flags += _flag_other_gyro(one)
     temperature = np.array([run.temp_degc for run in runs])

@@ -74,7 +74,7 @@ class Table:
 
 
 @dataclass(frozen=True, slots=True)
-class Motion:
+class _Motion:
     """What the table does at fine steps [k]: end of step [s], nominal rate [°/s], angle [°], and
     the fine interval.
     """
@@ -115,8 +115,8 @@ def best_line(
     return float(slope), float(intercept)
 
 
-def motion(table: Table, rates_dps: Sequence[float]) -> Motion:
-    """Motion of the table through held rates, at rest before the first and after the last."""
+def motion(table: Table, rates_dps: Sequence[float]) -> _Motion:
+    """_Motion of the table through held rates, at rest before the first and after the last."""
     corners, held = [0.0, 3.0], [0.0, 0.0]
     for rate in (*rates_dps, 0.0):
         begin = corners[-1] + abs(rate - held[-1]) / table.acceleration_dps2
@@ -133,7 +133,7 @@ def motion(table: Table, rates_dps: Sequence[float]) -> Motion:
     nominal = np.radians(table.start_angle_deg + _integral(nominal_rate, step))
     uneven = table.unevenness * (np.sin(nominal) + 0.4 * np.cos(2.0 * nominal))
     angle = table.start_angle_deg + _integral(nominal_rate * (1.0 + uneven), step)
-    return Motion(np.asarray(time, dtype=np.float64), nominal_rate, angle, step)
+    return _Motion(np.asarray(time, dtype=np.float64), nominal_rate, angle, step)
 
 
 def _integral(rate: Array, step: float) -> Array:
@@ -141,7 +141,7 @@ def _integral(rate: Array, step: float) -> Array:
     return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
 
 
-def input_rate(gyro: RateGyro, table: Table, moved: Motion) -> Array:
+def input_rate(gyro: RateGyro, table: Table, moved: _Motion) -> Array:
     """Rate about the gyro's input axis [k] [°/s] over each fine step: the table's, and the earth's
     in table axes.
     """
@@ -158,7 +158,7 @@ def input_rate(gyro: RateGyro, table: Table, moved: Motion) -> Array:
 
 
 def indication(
-    gyro: RateGyro, table: Table, moved: Motion, temp_degc: Array, rng: np.random.Generator
+    gyro: RateGyro, table: Table, moved: _Motion, temp_degc: Array, rng: np.random.Generator
 ) -> Array:
     """Indication [n] [1/s], whole counts over each sampling interval divided by it, of case
     temperatures [n] [°C].

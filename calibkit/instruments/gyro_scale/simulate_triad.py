@@ -61,8 +61,14 @@ def campaign(
     for degc in (*temperatures_degc, *withheld_degc):
         folder = "" if degc in temperatures_degc else "withheld/"
         warmer = (degc - simulate_rate_table.REFERENCE_DEGC) / 100.0
-        directions = _normalise(axes + turns * (warmer * (1.0 + 0.15 * warmer)))
-        runs, truths[f"{degc:.0f}"] = _turn(gyros, directions, table, rates, degc, rng)
+        runs, truths[f"{degc:.0f}"] = _turn(
+            gyros,
+            _normalise(axes + turns * (warmer * (1.0 + 0.15 * warmer))),
+            table,
+            rates,
+            degc,
+            rng,
+        )
         logs |= {f"{folder}about_{name}_{degc:.0f}.csv": run for name, run in runs.items()}
     truth = {
         "procedure": "gyro_triad",

@@ -154,8 +154,10 @@ def _find_faults(spec: AnyRecipe, log: Log) -> tuple[list[Finding], plateau_mean
         held = _average_held_rates(spec, log)
     except FitError as error:
         advice = error.hint or "check the table's columns and [plateaus] in the recipe"
-        expected = "held rates of the table"
-        return [*found, Finding(log.file, error.message, expected, advice, name="held_rates")], None
+        return [
+            *found,
+            Finding(log.file, error.message, "held rates of the table", advice, name="held_rates"),
+        ], None
     found += [*_find_few_rates(spec, log, held), *_find_two_tables(log, held)]
     if not any(finding.refused for finding in found):
         found += _find_suspicious(spec, log)

@@ -63,8 +63,9 @@ def tabulate_curves(models: Sequence[Model]) -> tuple[Table, ...]:
         if model.form in (POLYNOMIAL.name, forms.RESPONSE.name)
         for k, c in enumerate(model.coefficients)
     )
-    heads = ("", "", "value", "standard uncertainty", "unit")
-    return _table_of("Over temperature and rate", heads, rows)
+    return _table_of(
+        "Over temperature and rate", ("", "", "value", "standard uncertainty", "unit"), rows
+    )
 
 
 def tabulate_figures(
@@ -106,8 +107,9 @@ def tabulate_runs(
         yield from tabulate_figures(figures, (name,), f"Figures of {name} over its runs")
         names = [f"{name}.{run.log.name}" for run in one.runs]
         for start in range(0, len(names), COLUMNS):
-            beside = names[start : start + COLUMNS]
-            yield from tabulate_figures(figures, beside, "Figures of single runs")
+            yield from tabulate_figures(
+                figures, names[start : start + COLUMNS], "Figures of single runs"
+            )
 
 
 def tabulate_biases(figures: Sequence[Figure]) -> tuple[Table, ...]:
@@ -122,8 +124,11 @@ def tabulate_biases(figures: Sequence[Figure]) -> tuple[Table, ...]:
         for figure in figures
         if figure.name.startswith("bias.")
     )
-    title = "Bias without the earth's rate about the table axis"
-    return _table_of(title, ("", "bias", "standard uncertainty", "unit"), rows)
+    return _table_of(
+        "Bias without the earth's rate about the table axis",
+        ("", "bias", "standard uncertainty", "unit"),
+        rows,
+    )
 
 
 def tabulate_pair(fitted: pair_fit.PairFit) -> Table:
@@ -140,8 +145,11 @@ def tabulate_pair(fitted: pair_fit.PairFit) -> Table:
         ("orthogonality error 90° - alpha", f"{found.orthogonality_error_deg:.6f}", u[3], "deg"),
         ("gamma from A about B's axis", f"{gamma:.9f}", f"{u_gamma:.1e}", "1"),
     )
-    title = f"Gyro B against gyro A: {found.side} side"
-    return Table(title, ("", "value", "standard uncertainty", "unit"), rows)
+    return Table(
+        f"Gyro B against gyro A: {found.side} side",
+        ("", "value", "standard uncertainty", "unit"),
+        rows,
+    )
 
 
 def tabulate_triad(fitted: triad_fit.AxesFit) -> tuple[Table, ...]:

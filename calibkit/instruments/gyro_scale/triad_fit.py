@@ -70,8 +70,7 @@ class AxesFit:
 
     def named(self, name: str, one: AxesSet) -> str:
         """Name of a model or figure, with the temperature of a set that is not the reference."""
-        is_reference = one is self.sets[self.reference]
-        return name if is_reference else f"{name}.at_{one.temp_degc:.0f}"
+        return name if (one is self.sets[self.reference]) else f"{name}.at_{one.temp_degc:.0f}"
 
 
 def fit_axes(spec: GyroTriadRecipe, runs: Mapping[str, tuple[table_runs.TableRun, ...]]) -> AxesFit:
@@ -161,8 +160,13 @@ def _set_of(group: Mapping[str, tuple[table_runs.TableRun, ...]], spec: GyroTria
     means = [_mean([run.scales for run in group[axis]]) for axis in forms.AXES]
     every = tuple(run for axis in forms.AXES for run in group[axis])
     bias, uncertainty = _bias(every, spec)
-    temp = float(np.mean([run.temp_degc for run in every]))
-    return AxesSet(every, temp, gyro_triad.from_runs(*means), bias, uncertainty)
+    return AxesSet(
+        every,
+        float(np.mean([run.temp_degc for run in every])),
+        gyro_triad.from_runs(*means),
+        bias,
+        uncertainty,
+    )
 
 
 def _mean(runs: Sequence[scale_factor.RunScales]) -> scale_factor.RunScales:

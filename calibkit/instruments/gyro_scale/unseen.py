@@ -81,8 +81,10 @@ def _compare_run(
     triad, but single gyros about their own axes alone.
     """
     if isinstance(spec, GyroTriadRecipe):
-        vertical = table_runs.vertical_rate_dps(spec) or 0.0
-        return known, [_compare_base(run, axis, matrix, vertical) for matrix in known]
+        return known, [
+            _compare_base(run, axis, matrix, (table_runs.vertical_rate_dps(spec) or 0.0))
+            for matrix in known
+        ]
     own = [matrix for matrix in known if spec.own_axis(matrix.gyros[0]) == axis]
     return own, [_compare_line(spec, run, matrix) for matrix in own]
 

@@ -159,8 +159,9 @@ def modulation(record: Record, parts: list[Part]) -> Modulation:
         product += columns.T @ target
     size = np.sqrt(np.diag(gram))
     # rounding of a commanded rate is no unevenness
-    largest = max(map(abs, chunks.extremes(record.rate)))
-    present = size > 1e-7 * np.sqrt(count) * np.array([1.0, 1.0, *[largest] * 3])
+    present = size > 1e-7 * np.sqrt(count) * np.array(
+        [1.0, 1.0, *[max(map(abs, chunks.extremes(record.rate)))] * 3]
+    )
     to_raw = np.where(present, 1.0 / np.where(present, size, 1.0), 0.0)
     values, vectors = np.linalg.eigh(gram * np.outer(to_raw, to_raw))
     firm = values > 1e-8 * max(float(values[-1]), np.finfo(np.float64).tiny)
@@ -257,8 +258,7 @@ def noise_of(
             "noise within plateaus is autocorrelated: variances raised up to"
             f" {ratio.max() ** 2:.1f} times"
         )
-    full = float(np.max(np.abs(values)))
-    creeping = sum(_creeps(one, full) for one in scatters)
+    creeping = sum(_creeps(one, float(np.max(np.abs(values)))) for one in scatters)
     if creeping > UNSETTLED * len(scatters):
         flags.append(
             f"{creeping} of {len(scatters)} plateaus begin off their mean: the gyro had not"

@@ -59,8 +59,12 @@ def evaluate(coefficients: Array, rate_dps: Array, *, is_sine: bool) -> Array:
     if is_sine:
         zero, slope, scale = coefficients
         return np.asarray(zero + slope * scale * np.sin(rate_dps / scale), dtype=np.float64)
-    powers = _odd_powers(coefficients.size)
-    return np.asarray(sum(c * rate_dps**k for c, k in zip(coefficients, powers, strict=True)))
+    return np.asarray(
+        sum(
+            c * rate_dps**k
+            for c, k in zip(coefficients, _odd_powers(coefficients.size), strict=True)
+        )
+    )
 
 
 def gradient(coefficients: Array, rate_dps: Array, *, is_sine: bool) -> Array:
@@ -226,5 +230,6 @@ def choose(
     if not fitted:
         raise FitError(f"{distinct} rates cannot show the shape of a response", hint="add rates")
     simplest_first = sorted(fitted, key=lambda response: response.coefficients.size)
-    errors = [response.left_out_rms for response in simplest_first]
-    return simplest_first[leave_out.choose_simplest(errors)], tuple(fitted)
+    return simplest_first[
+        leave_out.choose_simplest([response.left_out_rms for response in simplest_first])
+    ], tuple(fitted)

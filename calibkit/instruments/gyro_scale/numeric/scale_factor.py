@@ -200,8 +200,7 @@ def bias_dps(
         raise FitError("a bias needs a scale factor other than zero")
     value = (scale.F0 - scale.K * vertical_rate_dps) / divisor
     slope = -scale.F0 / divisor**2 if own_K is None else -vertical_rate_dps / divisor
-    gradient = np.array([slope, 1.0 / divisor])
-    return value, gum.standard_uncertainty(gradient, scale.covariance)
+    return value, gum.standard_uncertainty(np.array([slope, 1.0 / divisor]), scale.covariance)
 
 
 def over_temperature(
@@ -241,8 +240,9 @@ def over_temperature(
     # would tell it
     least = float(np.min(gum.variance_along(columns, larger)))
     larger[0, 0] += max(float(np.mean(standard_uncertainty**2)) - least, 0.0)
-    limits = (float(np.min(temp_degc)), float(np.max(temp_degc)))
-    return TemperaturePolynomial(raw, larger, fit.dof, fit.residual_rms, limits)
+    return TemperaturePolynomial(
+        raw, larger, fit.dof, fit.residual_rms, (float(np.min(temp_degc)), float(np.max(temp_degc)))
+    )
 
 
 def mean_of_runs(K: ArrayLike, standard_uncertainty: ArrayLike) -> tuple[float, float]:
