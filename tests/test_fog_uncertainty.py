@@ -149,7 +149,7 @@ def test_a_coefficient_that_a_term_names_gets_a_combined_uncertainty():
         "a", "gyro-scale/1", (Coefficient("K", 2.0, "1", 6e-6),), ((3.6e-11,),), 8, 0.0, "1", {}
     )
     term = TypeB(name="table", quantity="K", unit="ppm", standard_uncertainty=4.0)
-    (entry,) = budget.of_results([StageResult("gyro_scale", models=(model,))], [term])
+    (entry,) = budget.combine_results([StageResult("gyro_scale", models=(model,))], [term], ())
     assert entry["standard_uncertainty"] == pytest.approx(1e-5, rel=1e-12)
     assert entry["effective_dof"] == pytest.approx(8.0 * 5.0**4 / 3.0**4, rel=1e-12)
     assert entry["expanded_uncertainty"] == pytest.approx(2e-5, rel=1e-12)

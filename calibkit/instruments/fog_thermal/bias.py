@@ -26,11 +26,29 @@ if TYPE_CHECKING:
     from typing import Any
 
     from calibkit.instruments.fog_thermal.compensate import DriftModel
+    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
     from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
     from calibkit.instruments.fog_thermal.ramps import PreparedLog
     from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 RESULT = "bias_at_reference"
+NO_BIAS = (
+    "no rate at rest and no bias is stated: without a model on levels the drift of the logs is in"
+    " their means"
+)
+
+
+@dataclass(frozen=True, slots=True)
+class StatedBias:
+    """Bias at rest and hysteresis of a run: figures of drift_rate.json, flags, tables, combined
+    uncertainties as JSON objects, and the hysteresis by the name of what it is of.
+    """
+
+    figures: tuple[Figure, ...]
+    flags: tuple[str, ...]
+    tables: tuple[Table, ...]
+    uncertainty: tuple[dict[str, Any], ...]
+    hysteresis: tuple[tuple[str, Hysteresis], ...]
 
 
 @dataclass(frozen=True, slots=True)
@@ -54,6 +72,44 @@ class _Rest:
         return None if self.earth_dph is None else self.rate_dph - self.earth_dph
 
 
+@dataclass(frozen=True, slots=True)
+class _BothWays:
+    """Cooling less heating at the same case temperature: of the indication, and of what the model
+    leaves (where there is one).
+
+    `constant` is that of the logs' turn-on biases with its standard uncertainty: a constant part of
+    the hysteresis, or chance.
+    """
+
+    before: Hysteresis
+    after: Hysteresis | None
+    constant: tuple[float, float] | None
+
+
+def state_bias(
+    model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
+) -> StatedBias:
+    """Bias at rest at the reference temperature, and hysteresis, where the logs show them."""
+    rest, ways = _at_rest(model, logs, recipe), _compare_ways(model, logs)
+    figures: list[Figure] = []
+    tables: list[Table] = []
+    flags = [NO_BIAS]
+    uncertainty: list[dict[str, Any]] = []
+    if rest is not None:
+        figures += _rest_figures(rest)
+        tables.append(_rest_table(rest))
+        flags = _flags(rest, recipe)
+        uncertainty = _uncertainty(rest, recipe)
+    sides: list[tuple[str, Hysteresis]] = []
+    if ways is not None:
+        figures += _hysteresis_figures(ways)
+        tables.append(_hysteresis_table(ways))
+        sides.append(("indication", ways.before))
+        if ways.after is not None:
+            sides.append(("left by the model", ways.after))
+    return StatedBias(tuple(figures), tuple(flags), tuple(tables), tuple(uncertainty), tuple(sides))
+
+
 def _earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
     """Earth's rate [°/h] along the input axis and its derivative by latitude [°/h/°]; none and 0
     where it is not known.
@@ -67,7 +123,7 @@ def _earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:
     return float(earth.along_axis(*where)), float(earth.along_axis_by_latitude(*where))
 
 
-def at_rest(
+def _at_rest(
     model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
 ) -> _Rest | None:
     """Rate at rest at the reference temperature; none without a model on levels, which alone tells
@@ -83,22 +139,12 @@ def at_rest(
     return _Rest(temperature, rate, u, *_earth_rate(recipe), turn_on)
 
 
-def flags(rest: _Rest | None, recipe: FogThermalRecipe) -> list[str]:
-    """Why no rate at rest is stated, or that it is not at the temperature that was asked for."""
-    if rest is None:
-        return [
-            (
-                "no rate at rest and no bias is stated: without a model on levels the drift of"
-                " the logs is in their means"
-            )
-        ]
-    if rest.temp_degc != recipe.reference_temp_degc:
-        asked = (
-            f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted"
-            " temperatures"
-        )
-        return [f"{asked}: rate and bias are those at {rest.temp_degc:.1f} °C"]
-    return []
+def _flags(rest: _Rest, recipe: FogThermalRecipe) -> list[str]:
+    """Flag of a rate at rest that is not at the temperature that was asked for."""
+    if rest.temp_degc == recipe.reference_temp_degc:
+        return []
+    outside = f"reference_temp_degc = {recipe.reference_temp_degc:g} lies outside the fitted"
+    return [f"{outside} temperatures: rate and bias are those at {rest.temp_degc:.1f} °C"]
 
 
 def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
@@ -113,25 +159,21 @@ def conditions(recipe: FogThermalRecipe) -> tuple[Condition, ...]:
     return tuple(found)
 
 
-def figures(rest: _Rest | None) -> tuple[Figure, ...]:
-    """Figures of drift_rate.json, type A."""
-    if rest is None:
-        return ()
+def _rest_figures(rest: _Rest) -> list[Figure]:
+    """Figures at rest, type A."""
     found = [Figure("mean_rate_at_reference", rest.rate_dph, "deg/h", rest.standard_uncertainty)]
     if rest.earth_dph is not None and rest.bias_dph is not None:
         found.append(Figure("earth_rate_along_input_axis", rest.earth_dph, "deg/h", 0.0))
         found.append(Figure(RESULT, rest.bias_dph, "deg/h", rest.standard_uncertainty))
-    return (
-        *found,
-        *(Figure(f"turn_on_bias.{name}", value, "deg/h", 0.0) for name, value in rest.turn_on),
-    )
+    turn_on = (Figure(f"turn_on_bias.{name}", value, "deg/h", 0.0) for name, value in rest.turn_on)
+    return [*found, *turn_on]
 
 
-def uncertainty(rest: _Rest | None, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
+def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
     """Combined uncertainty of the bias as a JSON object, type B terms of the latitude and of the
     rate in it; none without one.
     """
-    if rest is None or rest.bias_dph is None or recipe.site.latitude_deg is None:
+    if rest.bias_dph is None or recipe.site.latitude_deg is None:
         return []
     known = {
         "latitude_deg": (recipe.site.latitude_deg, -rest.by_latitude),
@@ -144,10 +186,8 @@ def uncertainty(rest: _Rest | None, recipe: FogThermalRecipe) -> list[dict[str, 
     return [budget.combine(f"drift_rate: {RESULT}", "deg/h", [own, *parts])]
 
 
-def tables(rest: _Rest | None) -> tuple[Table, ...]:
+def _rest_table(rest: _Rest) -> Table:
     """Mean rate, the earth's part, the bias, and the turn-on bias of each log."""
-    if rest is None:
-        return ()
     u = number(rest.standard_uncertainty, 2)
     rows = [("mean rate", f"{rest.rate_dph:+.4f}", u)]
     if rest.earth_dph is None:
@@ -159,47 +199,29 @@ def tables(rest: _Rest | None) -> tuple[Table, ...]:
         rows.append(("bias", f"{rest.rate_dph - rest.earth_dph:+.4f}", u))
     rows += [(f"turn-on bias of {name}", f"{value:+.4f}", "") for name, value in rest.turn_on]
     title = f"At rest at {rest.temp_degc:g} °C [°/h]; turn-on biases of the logs against their mean"
-    return (Table(title, ("", "rate", "standard uncertainty"), tuple(rows)),)
+    return Table(title, ("", "rate", "standard uncertainty"), tuple(rows))
 
 
-@dataclass(frozen=True, slots=True)
-class BothWays:
-    """Cooling less heating at the same case temperature: of the indication, and of what the model
-    leaves (where there is one).
-
-    `constant` is that of the logs' turn-on biases with its standard uncertainty: a constant part of
-    the hysteresis, or chance.
-    """
-
-    before: Hysteresis
-    after: Hysteresis | None
-    constant: tuple[float, float] | None
-
-
-def compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> BothWays | None:
+def _compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> _BothWays | None:
     """Heating against cooling; none without ramps both ways."""
     thermal = [log.thermal for log in logs]
     try:
         before = thermal_uncertainty.hysteresis(None, thermal)
-        after = (
-            None
-            if model.thermal is None
-            else thermal_uncertainty.hysteresis(model.thermal, thermal)
-        )
     except FitError:
         return None
-    return BothWays(before, after, _constant(model, logs))
+    if model.thermal is None:
+        return _BothWays(before, None, None)
+    after = thermal_uncertainty.hysteresis(model.thermal, thermal)
+    return _BothWays(before, after, _constant(model.thermal, logs))
 
 
-def _constant(model: DriftModel, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:
+def _constant(model: ThermalModel, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:
     """Turn-on biases of cooling logs less those of heating ones; none where a log has ramps both
     ways or a side has one log.
     """
-    if model.thermal is None:
-        return None
     ways = [{ramp.rate > 0.0 for ramp in log.ramps} for log in logs]
     heating, cooling = (
-        model.thermal.turn_on[[way == {warmer} for way in ways]] for warmer in (True, False)
+        model.turn_on[[way == {warmer} for way in ways]] for warmer in (True, False)
     )
     if any(len(way) != 1 for way in ways) or min(heating.size, cooling.size) < 2:
         return None
@@ -207,14 +229,10 @@ def _constant(model: DriftModel, logs: Sequence[PreparedLog]) -> tuple[float, fl
     return float(cooling.mean() - heating.mean()), float(u)
 
 
-def hysteresis_figures(found: BothWays | None) -> tuple[Figure, ...]:
-    """Figures of drift_rate.json: rms beyond noise, and the difference at each temperature, before
-    and after.
-    """
-    if found is None:
-        return ()
+def _hysteresis_figures(ways: _BothWays) -> list[Figure]:
+    """Rms beyond noise, and the difference at each temperature, before and after."""
     figures = []
-    for name, side in (("hysteresis_before", found.before), ("hysteresis", found.after)):
+    for name, side in (("hysteresis_before", ways.before), ("hysteresis", ways.after)):
         if side is not None:
             each = zip(side.temperature, side.difference, side.standard_uncertainty, strict=True)
             figures.append(Figure(f"{name}_rms", side.rms, "deg/h", 0.0))
@@ -222,54 +240,31 @@ def hysteresis_figures(found: BothWays | None) -> tuple[Figure, ...]:
                 Figure(f"{name}_at_{degc:g}_degc", float(value), "deg/h", float(u))
                 for degc, value, u in each
             ]
-    if found.constant is not None:
+    if ways.constant is not None:
         figures.append(
-            Figure(
-                "turn_on_bias_cooling_less_heating", found.constant[0], "deg/h", found.constant[1]
-            )
+            Figure("turn_on_bias_cooling_less_heating", ways.constant[0], "deg/h", ways.constant[1])
         )
-    return tuple(figures)
+    return figures
 
 
-def hysteresis_tables(found: BothWays | None) -> tuple[Table, ...]:
+def _hysteresis_table(ways: _BothWays) -> Table:
     """Table of cooling against heating."""
-    if found is None:
-        return ()
-    after = found.after or found.before
-    left = {
-        degc: value
-        for degc, value in zip(after.temperature, after.difference, strict=True)
-        if found.after
-    }
-    each = zip(
-        found.before.temperature, found.before.difference, after.standard_uncertainty, strict=True
-    )
+    before, after, left, rms_left = ways.before, ways.before, [""] * len(ways.before.difference), ""
+    if ways.after is not None:
+        after, rms_left = ways.after, number(ways.after.rms, 2)
+        left = [f"{value:+.4f}" for value in after.difference]
     rows = [
-        (
-            f"{degc:g}",
-            f"{value:+.4f}",
-            f"{left[degc]:+.4f}" if degc in left else "",
-            number(float(u), 2),
+        (f"{degc:g}", f"{value:+.4f}", cell, number(float(u), 2))
+        for degc, value, cell, u in zip(
+            before.temperature, before.difference, left, after.standard_uncertainty, strict=True
         )
-        for degc, value, u in each
     ]
-    rows.append(
-        (
-            "rms beyond noise",
-            number(found.before.rms, 2),
-            number(found.after.rms, 2) if found.after else "",
-            "",
-        )
-    )
-    if found.constant is not None:
-        rows.append(
-            ("turn-on biases", "", f"{found.constant[0]:+.4f}", number(found.constant[1], 2))
-        )
-    title = "Hysteresis: cooling less heating at a case temperature [°/h], each log about its mean"
-    return (
-        Table(
-            title,
-            ("case [°C]", "indication", "left by the model", "standard uncertainty"),
-            tuple(rows),
-        ),
+    rows.append(("rms beyond noise", number(before.rms, 2), rms_left, ""))
+    if ways.constant is not None:
+        difference, u = ways.constant
+        rows.append(("turn-on biases", "", f"{difference:+.4f}", number(u, 2)))
+    return Table(
+        "Hysteresis: cooling less heating at a case temperature [°/h], each log about its mean",
+        ("case [°C]", "indication", "left by the model", "standard uncertainty"),
+        tuple(rows),
     )

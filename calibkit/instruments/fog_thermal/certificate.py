@@ -27,6 +27,7 @@ from calibkit.certificate.stated import (
 )
 from calibkit.certificate.words import Words
 from calibkit.instruments.fog_thermal import equations, forms
+from calibkit.instruments.fog_thermal.bias import RESULT as BIAS
 from calibkit.numeric import earth, gum
 
 if TYPE_CHECKING:
@@ -43,7 +44,6 @@ values.
 """
 COEFFICIENT_RATES = (-10.0, -8.0, -5.0, -3.0, -1.0, 1.0, 3.0, 5.0, 8.0, 10.0)
 """Temperature rates [°C/min] that the coefficients of the published scheme are stated at."""
-BIAS = "bias_at_reference"
 AT_REST = Words("at rest", "稳态")
 MODEL_ERROR = Words("model error on ramps left out", "留出温变的模型误差")
 

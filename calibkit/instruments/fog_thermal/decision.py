@@ -8,7 +8,7 @@ from dataclasses import dataclass
 import numpy as np
 
 from calibkit.coefficients import Figure, StageResult
-from calibkit.instruments.fog_thermal import forms, gradient_file
+from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures
 from calibkit.instruments.fog_thermal.gradient_file import SideChoice
 from calibkit.instruments.fog_thermal.numeric import choice, compensation
@@ -29,12 +29,12 @@ class Export:
     flags: tuple[str, ...]
 
 
-def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice | None:
-    """Test the models on levels by leaving out each ramp; none where the recipe asks for the
-    published scheme alone.
+def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice:
+    """Test the models on levels by leaving out each ramp; none is tested where the recipe asks for
+    the published scheme alone.
     """
     if spec.model == "gradient_rate" or (spec.model == "auto" and spec.order != "auto"):
-        return None
+        return ThermalChoice((), (), None, None, "")
     return choice.choose(
         [log.thermal for log in logs],
         [one for one in choice.CANDIDATES if spec.model in ("auto", one.form)],
@@ -43,17 +43,18 @@ def choose_on_levels(logs: Sequence[PreparedLog], spec: Drift) -> ThermalChoice 
 
 
 def decide(
-    choices: Sequence[SideChoice], levels: ThermalChoice | None, recipe: FogThermalRecipe
+    choices: Sequence[SideChoice], levels: ThermalChoice, recipe: FogThermalRecipe
 ) -> Export:
     """Export the scheme that leaves withheld ramps the smallest share of their raw drift; none
     where none helps.
     """
-    spec = recipe.drift
+    spec, thermal = recipe.drift, levels.model
     rates = tuple(choice.chosen for choice in choices if choice.chosen is not None)
-    thermal = levels.model if levels is not None else None
+    share_rates, share_levels = _share_of_rates(choices), None
+    if levels.chosen is not None:
+        share_levels = levels.chosen.pooled / levels.chosen.pooled_raw
     if spec.model in ("level", "lagged"):
         rates = ()
-    share_rates, share_levels = _share_of_rates(choices), _share_of_levels(levels)
     if rates and thermal is not None:
         if share_rates is not None and share_levels is not None and share_rates < share_levels:
             thermal = None
@@ -62,7 +63,7 @@ def decide(
     model = DriftModel(
         rates, thermal, spec.interval_s, spec.compensation, recipe.reference_temp_degc
     )
-    if thermal is not None and levels is not None and levels.chosen is not None:
+    if thermal is not None and levels.chosen is not None:
         flags = [*thermal.flags, f"exported: {levels.reason}"]
         if thermal.entangled:
             flags.append(
@@ -70,11 +71,11 @@ def decide(
                 " covariance, not singly"
             )
         return Export(model, levels.chosen.candidate.name, share_levels, tuple(flags))
-    if rates:
-        pinned = tuple(flag for choice in choices for flag in choice.flags)
-        return Export(model, "gradient_rate", share_rates, pinned)
     reasons = [flag for choice in choices for flag in choice.flags]
-    reasons += [levels.reason] if levels is not None else []
+    if rates:
+        return Export(model, "gradient_rate", share_rates, tuple(reasons))
+    if levels.reason:
+        reasons.append(levels.reason)
     return Export(model, "none", None, (f"no drift term exported: {'; '.join(reasons)}",))
 
 
@@ -90,31 +91,15 @@ def _share_of_rates(choices: Sequence[SideChoice]) -> float | None:
     return float(np.sqrt(np.sum(left**2) / np.sum(raw**2)))
 
 
-def _share_of_levels(levels: ThermalChoice | None) -> float | None:
-    """Share of the raw drift that the chosen model on levels leaves on left-out ramps."""
-    return (
-        None
-        if levels is None or levels.chosen is None
-        else levels.chosen.pooled / levels.chosen.pooled_raw
-    )
-
-
 def result(
     export: Export,
     choices: Sequence[SideChoice],
-    levels: ThermalChoice | None,
+    levels: ThermalChoice,
     logs: Sequence[LogFigures],
     recipe: FogThermalRecipe,
 ) -> StageResult:
     """drift_rate.json: the exported model and every drift figure with its rate gain beside it."""
-    figures = gradient_file.left_out_figures(choices)
-    tested = levels.tested if levels is not None else ()
-    if tested:
-        figures.append(Figure("raw_drift_rms.ramps", tested[0].pooled_raw, "deg/h", 0.0))
-    figures += [
-        Figure(f"leave_one_ramp_out_rms.{one.candidate.name}", one.pooled, "deg/h", 0.0)
-        for one in tested
-    ]
+    figures = _left_out_figures(choices, levels)
     for log in logs:
         figures += [
             Figure(f"drift_rms_before.{log.name}", log.before, "deg/h", 0.0),
@@ -125,7 +110,7 @@ def result(
         ]
     flags = [
         *export.flags,
-        *(f"not tested: {reason}" for reason in (levels.refused if levels is not None else ())),
+        *(f"not tested: {reason}" for reason in levels.refused),
     ]
     if recipe.drift.compensation == "one_step":
         flags.append(
@@ -140,3 +125,21 @@ def result(
     return StageResult(
         "drift_rate", models=tuple(models), figures=tuple(figures), flags=tuple(flags)
     )
+
+
+def _left_out_figures(choices: Sequence[SideChoice], levels: ThermalChoice) -> list[Figure]:
+    """Drift rms on left-out rates of every tested order, and on left-out ramps of every tested
+    candidate, raw beside them.
+    """
+    found = []
+    for side in choices:
+        if side.tested:
+            found.append((f"raw_drift_rms.{side.side}", side.tested[0].pooled_raw))
+        found += [
+            (f"leave_one_rate_out_rms.{side.side}.order_{result.order}", result.pooled)
+            for result in side.tested
+        ]
+    if levels.tested:
+        found.append(("raw_drift_rms.ramps", levels.tested[0].pooled_raw))
+    found += [(f"leave_one_ramp_out_rms.{one.candidate.name}", one.pooled) for one in levels.tested]
+    return [Figure(name, value, "deg/h", 0.0) for name, value in found]

@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.instruments.fog_thermal.numeric import gradient
 from calibkit.report.figures import ALERT, DENOISED, GOOD, INK, MUTED, RAW, SIDES, page
 
 if TYPE_CHECKING:
@@ -16,6 +17,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
+    from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
 
 
 COEFFICIENTS = ("a0 [°/h]", "a1 [°/h/K]", "a2 [°/h/K²]")
@@ -36,27 +38,6 @@ class DriftLog:
 
 
 @dataclass(frozen=True, slots=True)
-class RampCoefficients:
-    """a0, a1, a2 of a ramp per interval with their standard uncertainties, at its rate [°C/min]."""
-
-    rate: float
-    a: Array
-    standard_uncertainty: Array
-
-
-@dataclass(frozen=True, slots=True)
-class RateCurve:
-    """a_j over the fitted rates of a side: rate [n, °C/min], a [n, 3]; whether it is what the run
-    exports.
-    """
-
-    side: str
-    exported: bool
-    rate: Array
-    a: Array
-
-
-@dataclass(frozen=True, slots=True)
 class Tested:
     """What one model leaves of the drift on ramps that were left out of its fit, and the raw drift
     [°/h].
@@ -74,43 +55,32 @@ class Tested:
 
 
 @dataclass(frozen=True, slots=True)
-class HysteresisView:
-    """Cooling less heating [m, °/h] of something, over case temperature [m, °C], with standard
-    uncertainties [m].
-    """
-
-    name: str
-    temperature: Array
-    difference: Array
-    standard_uncertainty: Array
-
-
-@dataclass(frozen=True, slots=True)
 class DriftReport:
     """All that the figures show."""
 
     title: str
     interval_s: float
     logs: tuple[DriftLog, ...]
-    ramps: tuple[RampCoefficients, ...]
-    curves: tuple[RateCurve, ...]
+    ramps: tuple[gradient.RampFit, ...]
+    polynomials: tuple[gradient.RatePolynomial, ...]
     tested: tuple[Tested, ...]
-    hysteresis: tuple[HysteresisView, ...] = ()
+    polynomials_exported: bool = False
+    hysteresis: tuple[tuple[str, Hysteresis], ...] = ()
+    """With the name of what it is of."""
 
 
 def pages(report: DriftReport) -> list[Figure]:
-    """Pages of the report: logs, coefficients over rate, residuals."""
-    return [*_log_pages(report), _coefficients_page(report), _residual_page(report)]
-
-
-def _log_pages(report: DriftReport) -> list[Figure]:
-    """Raw, denoised and compensated indication of every log, six panels a page."""
-    chunks = [report.logs[start : start + 6] for start in range(0, len(report.logs), 6)]
-    return [logs_page(report, chunk) for chunk in chunks]
+    """Pages of the report: logs (six per page), coefficients over rate, residuals."""
+    starts = range(0, len(report.logs), 6)
+    return [
+        *(logs_page(report, report.logs[start : start + 6]) for start in starts),
+        _coefficients_page(report),
+        _residual_page(report),
+    ]
 
 
 def logs_page(report: DriftReport, logs: Sequence[DriftLog]) -> Figure:
-    """Raw, denoised and compensated indication over time, one panel a log, all to one scale."""
+    """Raw, denoised and compensated indication over time, one panel per log, all to one scale."""
     rows = max(1, -(-len(logs) // 2))
     figure, axes = page(
         rows,
@@ -150,21 +120,18 @@ def _coefficients_page(report: DriftReport) -> Figure:
             colour = SIDES["heating" if ramp.rate > 0.0 else "cooling"]
             ax.errorbar(
                 ramp.rate,
-                ramp.a[j],
+                ramp.coefficients[j],
                 2.0 * ramp.standard_uncertainty[j],
                 fmt="o",
                 ms=4,
                 capsize=3,
                 color=colour,
             )
-        for curve in report.curves:
-            ax.plot(
-                curve.rate,
-                curve.a[:, j],
-                color=SIDES[curve.side],
-                ls="-" if curve.exported else "--",
-            )
-            ax.axvspan(curve.rate[0], curve.rate[-1], color=SIDES[curve.side], alpha=0.06, lw=0)
+        for polynomial in report.polynomials:
+            rate, colour = np.linspace(*polynomial.rates, 101), SIDES[polynomial.side]
+            a = gradient.evaluate(polynomial, rate)
+            ax.plot(rate, a[:, j], color=colour, ls="-" if report.polynomials_exported else "--")
+            ax.axvspan(*polynomial.rates, color=colour, alpha=0.06, lw=0)
         ax.axhline(0.0, color=MUTED, lw=0.6)
         ax.set(
             xlabel="temperature rate [°C/min]",
@@ -229,19 +196,18 @@ def _residual_page(report: DriftReport) -> Figure:
     return figure
 
 
-def _hysteresis(ax: Axes, views: Sequence[HysteresisView]) -> None:
+def _hysteresis(ax: Axes, sides: Sequence[tuple[str, Hysteresis]]) -> None:
     """Cooling less heating at the same case temperature, with error bars (k = 2)."""
-    for view, colour in zip(views, (RAW, DENOISED), strict=False):
-        bars = 2.0 * view.standard_uncertainty
+    for (name, side), colour in zip(sides, (RAW, DENOISED), strict=False):
         ax.errorbar(
-            view.temperature,
-            view.difference,
-            bars,
+            side.temperature,
+            side.difference,
+            2.0 * side.standard_uncertainty,
             fmt="o",
             ms=4,
             capsize=3,
             color=colour,
-            label=view.name,
+            label=name,
         )
     ax.legend(loc="best")
     ax.axhline(0.0, color=MUTED, lw=0.6)

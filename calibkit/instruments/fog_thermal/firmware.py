@@ -54,14 +54,7 @@ def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the drift term that a run exports, with the trials of its self-test; OutputError
     where it has none, or one that removes the true rate.
     """
-    found = _chain(spec, records)
-    return replace(found, trials=firmware_updates.thermal_history(found))
-
-
-def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
-    """Chain of the drift term."""
     models = required_record(records, FILE, spec).models
-    reference_degc, window_s = spec.reference_temp_degc, spec.segments.slope_window_s
     if not models:
         raise OutputError(
             "the run has no drift term: no tested model was better than none",
@@ -73,8 +66,10 @@ def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
                 "compensation 'one_step' removes the true rate (rate gain 0)",
                 hint="fit with drift.compensation = 'recursive'",
             )
-        return _recursive(models, window_s)
-    return _on_levels(models[0], reference_degc)
+        found = _recursive(models, spec.segments.slope_window_s)
+    else:
+        found = _on_levels(models[0], spec.reference_temp_degc)
+    return replace(found, trials=firmware_updates.thermal_history(found))
 
 
 def _output(draft: Draft, source: str) -> None:

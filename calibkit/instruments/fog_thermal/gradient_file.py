@@ -7,7 +7,7 @@ from __future__ import annotations
 from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING
 
-from calibkit.coefficients import Figure, StageResult
+from calibkit.coefficients import StageResult
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.numeric import compensation, gradient, gradient_order
@@ -30,7 +30,7 @@ class FittedRamp:
 
 @dataclass(frozen=True, slots=True)
 class SideChoice:
-    """What leave-one-rate-out said of each order on one side, and the polynomial that is exported
+    """Results of leave-one-rate-out for each order on one side, and the polynomial that is exported
     (or none).
     """
 
@@ -86,15 +86,11 @@ def _whole_cycle(choices: list[SideChoice]) -> list[SideChoice]:
         return choices
     withdrawn = []
     for choice in choices:
-        flags = choice.flags
-        if choice.chosen is not None:
-            flags = (
-                *flags,
-                (
-                    f"gradient_rate {choice.side}: not exported: alone it would leave a bias after"
-                    " a thermal cycle"
-                ),
-            )
+        reason = (
+            f"gradient_rate {choice.side}: not exported: alone it would leave a bias after a"
+            " thermal cycle"
+        )
+        flags = choice.flags if choice.chosen is None else (*choice.flags, reason)
         withdrawn.append(replace(choice, chosen=None, flags=flags))
     return withdrawn
 
@@ -138,8 +134,8 @@ def _pinned(
     pinned: int,
     side: str,
 ) -> SideChoice:
-    """The order that the recipe pins, exported whatever leave-one-rate-out says, and flagged for
-    what it is.
+    """The order that the recipe pins, exported whatever leave-one-rate-out shows, with flags for
+    what is missing or worse.
     """
     polynomial = gradient.fit_over_rates(fits, pinned, side)
     flags = []
@@ -155,23 +151,3 @@ def _pinned(
             f"against {match.pooled_raw:.3g} deg/h raw, or makes a ramp worse"
         )
     return SideChoice(side, tuple(tested), polynomial, tuple(flags))
-
-
-def left_out_figures(choices: Sequence[SideChoice]) -> list[Figure]:
-    """Leave-one-rate-out figures of every tested order, raw beside them."""
-    figures = []
-    for choice in choices:
-        if choice.tested:
-            figures.append(
-                Figure(f"raw_drift_rms.{choice.side}", choice.tested[0].pooled_raw, "deg/h", 0.0)
-            )
-        figures += [
-            Figure(
-                f"leave_one_rate_out_rms.{choice.side}.order_{result.order}",
-                result.pooled,
-                "deg/h",
-                0.0,
-            )
-            for result in choice.tested
-        ]
-    return figures

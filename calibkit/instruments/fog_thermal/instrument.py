@@ -11,7 +11,7 @@ from calibkit.certificate.results import Block
 from calibkit.certificate.stated import Stated
 from calibkit.check import copies, flag_bridged_gaps, magnitude, thermometers
 from calibkit.coefficients import Criterion, Record, at_least, at_most
-from calibkit.frame import Examined, Finding, Log, refuse, values
+from calibkit.frame import Finding, Log, refuse, values
 from calibkit.ingest import logs as ingest, write_back
 from calibkit.ingest.logs import Reader
 from calibkit.ingest.proposal import Choice, Evidence
@@ -24,7 +24,6 @@ from calibkit.instruments.fog_thermal import (
     figures,
     forms,
     gradient_file,
-    noise,
     ramps,
     tables,
     uncertainty,
@@ -48,32 +47,28 @@ def _fit(
     export = decision.decide(choices, levels, spec)
     model = export.model
     compensated = [compensate.summarize_log(log.name, log.raw, model) for log in logs]
-    rest, ways = bias.at_rest(model, logs, spec), bias.compare_ways(model, logs)
+    at_rest = bias.state_bias(model, logs, spec)
     exported = decision.result(export, choices, levels, compensated, spec)
     results = (
         ramps.denoise_result(logs),
         gradient_file.drift_result(fitted, spec.drift),
         replace(
             exported,
-            figures=(*exported.figures, *bias.figures(rest), *bias.hysteresis_figures(ways)),
+            figures=(*exported.figures, *at_rest.figures),
             conditions=bias.conditions(spec),
-            flags=(*exported.flags, *bias.flags(rest, spec)),
+            flags=(*exported.flags, *at_rest.flags),
         ),
     )
     stated = uncertainty.state_along_logs(model, logs, spec.type_b)
     tested = tables.list_tested(choices, levels, export)
     summary = Summary(
         spec.title,
-        (
-            *tables.fit_tables(fitted, tested, compensated, stated),
-            *bias.tables(rest),
-            *bias.hysteresis_tables(ways),
-        ),
+        (*tables.fit_tables(fitted, tested, compensated, stated), *at_rest.tables),
         tuple(dict.fromkeys([*(f for r in results[1:] for f in r.flags), *_flags(spec, logs)])),
         _fit_criteria(spec, export, compensated),
     )
-    drawing = tables.drift_report(spec, logs, fitted, choices, tested, model, ways)
-    uncertainties = (*(one.to_object() for one in stated), *bias.uncertainty(rest, spec))
+    drawing = tables.drift_report(spec, logs, fitted, choices, tested, model, at_rest.hysteresis)
+    uncertainties = (*(one.to_object() for one in stated), *at_rest.uncertainty)
     return Fitted(results, tuple(log.source for log in logs), summary, drawing, uncertainties)
 
 
@@ -148,11 +143,6 @@ def _common_criteria(
     return tuple(criteria)
 
 
-def _examine(spec: FogThermalRecipe, log: Log) -> Examined:
-    """Find what is wrong with one log, all that would stop a fit, and its soaks and ramps."""
-    return ramps.examine(log, spec)
-
-
 def _apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Compensate every row of a log; the indication keeps the log's own unit and sign."""
     model = compensate.read_model(records, spec)
@@ -185,7 +175,7 @@ def _validate(
         entries.append(
             tables.validation_entry(log, found, model)
             | {"uncertainty": uncertainty.check_coverage(model, blocks, spec.type_b)}
-            | {"allan_deviation": noise.residual(time, gyro, output)}
+            | {"allan_deviation": tables.allan_deviations(time, gyro, output)}
         )
     flags = tuple(flag for log in compensated for flag in log.flags)
     flags += model.thermal.flags if model.thermal is not None else ()
@@ -273,7 +263,7 @@ def _propose(evidence: Evidence) -> Choice | None:
 INSTRUMENT = Instrument(
     recipe=FogThermalRecipe,
     read=_read,
-    examine=_examine,
+    examine=ramps.examine,
     fit=_fit,
     draw=_draw,
     validate=_validate,

@@ -263,7 +263,7 @@ def _found(log: Log, recipe: FogThermalRecipe) -> tuple[list[segments.Segment], 
     return first
 
 
-def examine(log: Log, recipe: FogThermalRecipe) -> Examined:
+def examine(recipe: FogThermalRecipe, log: Log) -> Examined:
     """Findings of a log, all that would stop a fit, and its soaks and ramps."""
     found = find_faults(log, recipe)
     if any(finding.refused for finding in found):
@@ -378,13 +378,11 @@ def denoise_result(logs: Sequence[PreparedLog]) -> StageResult:
     """denoise.json: noise and threshold of every level of every denoised segment (named
     log.segment).
     """
-    figures = []
-    for log in logs:
-        for name, noise, thresholds in log.noise:
-            for level, (sigma, threshold) in enumerate(
-                zip(noise, thresholds, strict=True), start=1
-            ):
-                figures.append(Figure(f"{name}.noise_{level}", sigma, "deg/h", 0.0))
-                figures.append(Figure(f"{name}.threshold_{level}", threshold, "deg/h", 0.0))
-    flags = () if figures else ("denoising is off",)
-    return StageResult("denoise", figures=tuple(figures), flags=flags)
+    figures = tuple(
+        Figure(f"{name}.{kind}_{level}", value, "deg/h", 0.0)
+        for log in logs
+        for name, noise, thresholds in log.noise
+        for level, both in enumerate(zip(noise, thresholds, strict=True), start=1)
+        for kind, value in zip(("noise", "threshold"), both, strict=True)
+    )
+    return StageResult("denoise", figures=figures, flags=() if figures else ("denoising is off",))

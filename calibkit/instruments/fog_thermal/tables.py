@@ -5,26 +5,25 @@ from typing import Any
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.frame import Log
-from calibkit.instruments.fog_thermal.bias import BothWays
 from calibkit.instruments.fog_thermal.compensate import DriftModel, LogFigures, drift_along
 from calibkit.instruments.fog_thermal.decision import Export
-from calibkit.instruments.fog_thermal.figures import (
-    DriftLog,
-    DriftReport,
-    HysteresisView,
-    RampCoefficients,
-    RateCurve,
-    Tested,
-)
+from calibkit.instruments.fog_thermal.figures import DriftLog, DriftReport, Tested
 from calibkit.instruments.fog_thermal.gradient_file import FittedRamp, SideChoice
-from calibkit.instruments.fog_thermal.numeric import gradient
 from calibkit.instruments.fog_thermal.numeric.choice import ThermalChoice
+from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
 from calibkit.instruments.fog_thermal.ramps import PreparedLog
 from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.instruments.fog_thermal.uncertainty import Statement, tabulate_statements
+from calibkit.numeric.noise import allan
 from calibkit.report.summary import number
 from calibkit.report.table import Table
+
+UNEVEN = 0.05
+"""Deviation of a sampling step from the usual one, relative to it, from which a log is not evenly
+sampled.
+"""
 
 
 def drift_report(
@@ -34,33 +33,18 @@ def drift_report(
     choices: Sequence[SideChoice],
     tested: Sequence[Tested],
     model: DriftModel,
-    ways: BothWays | None,
+    hysteresis: tuple[tuple[str, Hysteresis], ...],
 ) -> DriftReport:
     """Everything that the figures of a fit show."""
-    points = tuple(
-        RampCoefficients(
-            item.fit.rate, item.fit.coefficients, np.sqrt(np.diag(item.fit.covariance))
-        )
-        for item in ramps
-    )
-    curves = []
-    for polynomial in (choice.chosen for choice in choices if choice.chosen is not None):
-        rate = np.linspace(*polynomial.rates, 101)
-        a = gradient.evaluate(polynomial, rate)
-        curves.append(RateCurve(polynomial.side, bool(model.polynomials), rate, a))
-    sides = () if ways is None else (("indication", ways.before), ("left by the model", ways.after))
     return DriftReport(
         recipe.title or recipe.procedure,
         model.interval_s,
         tuple(log_view(log, model) for log in logs),
-        points,
-        tuple(curves),
+        tuple(item.fit for item in ramps),
+        tuple(choice.chosen for choice in choices if choice.chosen is not None),
         tuple(tested),
-        tuple(
-            HysteresisView(name, side.temperature, side.difference, side.standard_uncertainty)
-            for name, side in sides
-            if side is not None
-        ),
+        bool(model.polynomials),
+        hysteresis,
     )
 
 
@@ -77,7 +61,7 @@ def log_view(log: PreparedLog, model: DriftModel) -> DriftLog:
 
 
 def list_tested(
-    choices: Sequence[SideChoice], levels: ThermalChoice | None, export: Export
+    choices: Sequence[SideChoice], levels: ThermalChoice, export: Export
 ) -> tuple[Tested, ...]:
     """Every model that was tested on withheld ramps, the orders of the published scheme side by
     side.
@@ -94,8 +78,6 @@ def list_tested(
         for choice in choices
         for result in choice.tested
     )
-    if levels is None:
-        return orders
     return orders + tuple(
         Tested(
             result.candidate.name,
@@ -118,11 +100,8 @@ def fit_tables(
     """
     coefficients = []
     for item in ramps:
-        u = np.sqrt(np.diag(item.fit.covariance))
-        cells = [
-            f"{value:.3e} ± {error:.0e}"
-            for value, error in zip(item.fit.coefficients, u, strict=True)
-        ]
+        each = zip(item.fit.coefficients, item.fit.standard_uncertainty, strict=True)
+        cells = [f"{value:.3e} ± {u:.0e}" for value, u in each]
         coefficients.append((item.ramp.name, f"{item.fit.rate:+.2f}", *cells))
     shares = tuple(
         (
@@ -172,8 +151,8 @@ def before_after_table(figures: Sequence[LogFigures]) -> Table:
 
 
 def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
-    """How uncertain the compensated rate of each validated log is said to be, and whether its 100 s
-    means are as near.
+    """Stated uncertainty of the compensated rate of each validated log, and the share of its 100 s
+    means that it covers.
     """
     rows = []
     for log in logs:
@@ -196,6 +175,29 @@ def coverage_tables(logs: Sequence[Mapping[str, Any]]) -> tuple[Table, ...]:
         " log's mean (95 % expected)"
     )
     return (Table(title, ("log", "u, mean", "U, largest", "means", "within"), tuple(rows)),)
+
+
+def allan_deviations(time: Array, before: Array, after: Array) -> dict[str, object]:
+    """JSON object: overlapping Allan deviations [°/h] of the indication and of the compensated rate
+    [n], or why there are none.
+
+    Nothing is denoised or resampled: an Allan deviation of either would be that of the filter.
+    """
+    step = np.diff(time)
+    usual = float(np.median(step))
+    if np.abs(step - usual).max() > UNEVEN * usual:
+        return {"not_available": "the log is not evenly sampled"}
+    raw, left = (allan.overlapping(rate, usual) for rate in (before, after))
+    return {
+        "estimator": "overlapping Allan deviation",
+        "unit": "deg/h",
+        "tau_s": left.tau_s.tolist(),
+        "before": raw.deviation_dph.tolist(),
+        "after": left.deviation_dph.tolist(),
+        "after_lower": left.lower_dph.tolist(),
+        "after_upper": left.upper_dph.tolist(),
+        "probability": left.probability,
+    }
 
 
 def validation_entry(log: Log, figures: LogFigures, model: DriftModel) -> dict[str, object]:
