@@ -86,7 +86,7 @@ def picture(run: store.Run, out: Path) -> None:
     """Draw four logs of the sample gyro, two of them withheld."""
     spec = pipeline.run_recipe(run, ())
     data = ROOT / "datasets" / "fog_thermal"
-    model = compensate.read_model(run.records, spec)
+    model = compensate.DriftModel.read(run.records, spec)
     read = [ingest.read_log(spec, data / file, file, ramps.COLUMNS) for file in SHOWN]
     logs = tuple(
         tables.log_view(ramps.prepare(log, spec, ramps.find_faults(log, spec)), model)

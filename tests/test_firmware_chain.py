@@ -202,7 +202,7 @@ def test_the_recursive_gradient_form_sums_the_float64_increments(number, runs):
         np.zeros_like(time),
         stored["temp_env_rate_degc_min"],
     )
-    model = compensate.read_model(this.run.records, this.spec)
+    model = compensate.DriftModel.read(this.run.records, this.spec)
     expected = np.cumsum(compensate.drift_along(model, blocks).delta)
     error = np.abs(along(quantised, inputs) - expected)
     assert np.abs(expected).max() > 0.2  # °/h

@@ -67,6 +67,38 @@ class DriftModel:
         """Whether there is a drift term at all."""
         return bool(self.polynomials) or self.thermal is not None
 
+    @classmethod
+    def read(cls, records: Mapping[str, Record], recipe: FogThermalRecipe) -> "DriftModel":
+        """Drift model of a run's files.
+
+        Raises CoefficientError for a run of another procedure, FitError where the recipe now asks
+        for another interval.
+        """
+        if FILE not in records:
+            raise CoefficientError(
+                f"the run holds no {FILE}", hint="it is not a run of fog_thermal"
+            )
+        models, interval_s = records[FILE].models, recipe.drift.interval_s
+        for model in models:
+            if model.value("interval") != interval_s:
+                raise FitError(
+                    f"drift.interval_s = {interval_s:g}, the coefficients are per"
+                    f" {model.value('interval'):g} s",
+                    hint="fit again with that interval",
+                )
+        return cls(
+            tuple(
+                forms.read_rates(model) for model in models if model.form == forms.OVER_RATES.name
+            ),
+            next(
+                (forms.read_thermal(model) for model in models if model.form in forms.ON_LEVELS),
+                None,
+            ),
+            interval_s,
+            recipe.drift.compensation,
+            recipe.reference_temp_degc,
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class LogFigures:
@@ -86,33 +118,6 @@ class LogFigures:
     def reduction(self) -> float:
         """Before divided by after."""
         return self.before / self.after if self.after > 0.0 else float("inf")
-
-
-def read_model(records: Mapping[str, Record], recipe: FogThermalRecipe) -> DriftModel:
-    """Drift model of a run's files.
-
-    Raises CoefficientError for a run of another procedure, FitError where the recipe now asks for
-    another interval.
-    """
-    if FILE not in records:
-        raise CoefficientError(f"the run holds no {FILE}", hint="it is not a run of fog_thermal")
-    models, interval_s = records[FILE].models, recipe.drift.interval_s
-    for model in models:
-        if model.value("interval") != interval_s:
-            raise FitError(
-                f"drift.interval_s = {interval_s:g}, the coefficients are per"
-                f" {model.value('interval'):g} s",
-                hint="fit again with that interval",
-            )
-    return DriftModel(
-        tuple(forms.read_rates(model) for model in models if model.form == forms.OVER_RATES.name),
-        next(
-            (forms.read_thermal(model) for model in models if model.form in forms.ON_LEVELS), None
-        ),
-        interval_s,
-        recipe.drift.compensation,
-        recipe.reference_temp_degc,
-    )
 
 
 def drift_along(model: DriftModel, blocks: Blocks) -> _Drift:

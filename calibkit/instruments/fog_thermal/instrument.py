@@ -145,7 +145,7 @@ def _common_criteria(
 
 def _apply(spec: FogThermalRecipe, records: Mapping[str, Record], data: Path) -> Applied:
     """Compensate every row of a log; the indication keeps the log's own unit and sign."""
-    model = compensate.read_model(records, spec)
+    model = compensate.DriftModel.read(records, spec)
     log = ingest.read_log(spec, data, data.name, ramps.COLUMNS)
     refuse(ramps.find_unusable(log))
     output, flags = compensate.compensate_log(log, model, spec)
@@ -163,7 +163,7 @@ def _validate(
     spec: FogThermalRecipe, records: Mapping[str, Record], logs: Iterable[Log]
 ) -> tuple[dict[str, Any], Summary]:
     """Drift rms before and after, and the rate gain, of logs that were not fitted."""
-    model = compensate.read_model(records, spec)
+    model = compensate.DriftModel.read(records, spec)
     compensated, entries = [], []
     for log in logs:
         refuse(ramps.find_unusable(log))
