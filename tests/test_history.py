@@ -315,7 +315,7 @@ def test_a_rejected_run_is_never_in_force_and_a_later_one_of_the_same_day_replac
         keep(tmp_path, values, date=date, accepted=accepted)
     assert store.find("S-1", tmp_path, "2024-01-01").name == "r002"
     found = timeline.read_timeline("S-1", tmp_path, FORMS)
-    assert [found.holds[n].since for n in (1, 2, 3)] == ["", "2022-01-01", ""]
+    assert [found.in_force[n].since for n in (1, 2, 3)] == ["", "2022-01-01", ""]
     assert "S-1@r003 was not accepted: it is never in force by date" in found.flags
 
 
@@ -335,7 +335,7 @@ def test_a_whole_chain_is_sound(three_years):
     """Three fits in a row supersede each other, and each holds until the next."""
     found = timeline.read_timeline("S-1", three_years, FORMS)
     assert found.sound
-    assert [(found.holds[n].since, found.holds[n].until) for n in (1, 2, 3)] == [
+    assert [(found.in_force[n].since, found.in_force[n].until) for n in (1, 2, 3)] == [
         ("2022-01-01", "2023-01-01"),
         ("2023-01-01", "2024-01-01"),
         ("2024-01-01", ""),
@@ -490,7 +490,7 @@ def test_a_serial_whose_runs_were_all_rejected_has_a_history(tmp_path):
     keep(tmp_path, model({"K": (1.0, "1", 0.1)}), accepted=False)
     found = timeline.read_timeline("S-1", tmp_path, FORMS)
     assert found.sound
-    assert found.holds[1].since == ""
+    assert found.in_force[1].since == ""
     with pytest.raises(UsageError, match="none was accepted"):
         store.find("S-1", tmp_path, "2030-01-01")
 

@@ -76,7 +76,7 @@ def certify(
 
 
 def _beside(out: Path) -> Path:
-    """Name of the DCC beside a certificate; neither of the two is there yet."""
+    """Path of the DCC beside a certificate; OutputError where one of the two files exists."""
     if out.suffix.lower() != ".pdf" or out.is_dir():
         raise UsageError(
             f"--out {str(out)!r} is no name of a PDF",

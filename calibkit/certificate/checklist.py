@@ -1,5 +1,5 @@
-"""What a calibration certificate must hold (ISO/IEC 17025:2017, 7.8.2 and 7.8.4), and what is
-missing of it.
+"""What a calibration certificate must state (ISO/IEC 17025:2017, 7.8.2 and 7.8.4), and which of
+that is missing.
 """
 
 import datetime as dt
@@ -65,7 +65,7 @@ def character_code(character: str) -> str:
 
 
 def missing_glyphs(characters: Iterable[str]) -> Missing:
-    """A font with these characters."""
+    """What is missing where no font has these characters."""
     listed = " ".join(map(character_code, characters))
     return Missing(
         FONTS, Words(f"characters that no font has: {listed}", f"字体中没有的字符：{listed}")

@@ -41,7 +41,7 @@ LayoutOf: TypeAlias = "Callable[[Mapping[str, Any]], Layout]"
 
 @dataclass(frozen=True, slots=True)
 class Attachment:
-    """A file inside the certificate, with what it is to it (PDF/A-3 AFRelationship) and its
+    """A file inside the certificate, with its relationship to it (PDF/A-3 AFRelationship) and its
     digest.
     """
 

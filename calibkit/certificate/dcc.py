@@ -65,8 +65,7 @@ def attach_dcc(certificate: Certificate, lang: Lang, schema_dir: Path | None = N
 def render(certificate: Certificate, lang: Lang) -> bytes:
     """XML of a certificate, the same bytes for the same certificate."""
     gravity = (c.value for c in certificate.run.conditions if c.name == "local_gravity")
-    known = next(gravity, certificate.profile.conditions.local_gravity_mps2)
-    notation = Notation(lang, known)
+    notation = Notation(lang, next(gravity, certificate.profile.conditions.local_gravity_mps2))
     root = node(
         "dcc:digitalCalibrationCertificate",
         _administrative(certificate, notation),

@@ -85,11 +85,11 @@ def parse(document: bytes) -> _Element:
 
 def _faults(root: _Element) -> Iterator[str]:
     """Everything that is wrong with a document."""
-    yield from _needed(root)
+    yield from _missing_elements(root)
     for element in root.iter(f"{{{xml.SI}}}*"):
-        yield from _formatted(element)
+        yield from _format_faults(element)
     for values in root.iter(f"{{{xml.SI}}}realListXMLList"):
-        yield from _lists(values)
+        yield from _list_faults(values)
     for data in root.iter(f"{{{xml.DCC}}}dataBase64"):
         try:
             base64.b64decode(data.text or "", validate=True)
@@ -97,8 +97,8 @@ def _faults(root: _Element) -> Iterator[str]:
             yield "data that are no base 64"
 
 
-def _needed(root: _Element) -> Iterator[str]:
-    """What is not there."""
+def _missing_elements(root: _Element) -> Iterator[str]:
+    """Elements that every certificate has and this one lacks."""
     if root.tag != f"{{{xml.DCC}}}digitalCalibrationCertificate" or not root.get("schemaVersion"):
         yield f"root element {root.tag!r}"
     for path in NEEDED:
@@ -110,8 +110,8 @@ def _needed(root: _Element) -> Iterator[str]:
             yield "measurement result without name or results"
 
 
-def _formatted(element: _Element) -> Iterator[str]:
-    """Items of a D-SI element that do not look like what they are."""
+def _format_faults(element: _Element) -> Iterator[str]:
+    """Items of a D-SI element that are not written as the schema asks."""
     name = str(element.tag).rpartition("}")[2]
     if name in FORMATS:
         items = (element.text or "").split() or [""]
@@ -120,8 +120,8 @@ def _formatted(element: _Element) -> Iterator[str]:
             yield f"{name} '{wrong}'"
 
 
-def _lists(values: _Element) -> Iterator[str]:
-    """A list whose parts differ in length, or whose covariance is no square of it or not
+def _list_faults(values: _Element) -> Iterator[str]:
+    """Faults of a list: parts that differ in length, a covariance of another size or not
     symmetric.
     """
     stated = values.findall("si:valueXMLList", xml.NAMES)
@@ -143,7 +143,7 @@ def _lists(values: _Element) -> Iterator[str]:
 
 
 def _alike(matrix: list[list[float]], i: int, j: int) -> bool:
-    """Whether the two entries of a pair are one covariance but for its last digits."""
+    """Whether entries (i, j) and (j, i) are equal but for their last digits."""
     scale = math.sqrt(abs(matrix[i][i] * matrix[j][j]))
     return math.isclose(matrix[i][j], matrix[j][i], rel_tol=1e-9, abs_tol=1e-9 * scale)
 

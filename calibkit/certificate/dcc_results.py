@@ -40,7 +40,9 @@ RATIO = Words(
 
 
 def tabulate_results(shown: ListTable | GridTable, notation: Notation) -> _Element | None:
-    """A table as one result: a list of quantities, a column of one unit as one list of values."""
+    """A table as one result: single quantities, and a column of one unit as one list of values;
+    None for an empty table.
+    """
     if isinstance(shown, ListTable):
         heads, columns = [shown.title], [shown.results]
     else:

@@ -71,9 +71,9 @@ class Unit:
     gravity: Fraction = Fraction(0)
 
     def __mul__(self, other: Unit) -> Unit:
-        names = dict.fromkeys((*self.powers, *other.powers))
         powers = {
-            n: self.powers.get(n, Fraction(0)) + other.powers.get(n, Fraction(0)) for n in names
+            n: self.powers.get(n, Fraction(0)) + other.powers.get(n, Fraction(0))
+            for n in dict.fromkeys((*self.powers, *other.powers))
         }
         kept = {name: power for name, power in powers.items() if power}
         return Unit(kept, self.factor * other.factor, self.gravity + other.gravity)
@@ -83,7 +83,7 @@ class Unit:
         return Unit(powers, self.factor ** float(power), self.gravity * power)
 
     def with_gravity(self, gravity_mps2: float | None) -> Unit:
-        """The unit with g as so many m/s², or where that is not known as the ratio that it is."""
+        """The unit with g as the given m/s²; unknown, g stays a ratio to local gravity."""
         if not self.gravity or gravity_mps2 is None:
             return Unit(self.powers, self.factor)
         meters = Unit({r"\metre": Fraction(1), r"\second": Fraction(-2)}, gravity_mps2)
@@ -112,7 +112,7 @@ def dsi(unit: str) -> Unit:
 
 
 def _product(tokens: list[str], whole: str) -> tuple[Unit, list[str]]:
-    """Product of the factors up to a closing bracket, and what stands behind it."""
+    """Product of the factors up to a closing bracket, and the tokens behind it."""
     made, sign = Unit(), Fraction(1)
     while tokens and tokens[0] != ")":
         head, *tokens = tokens

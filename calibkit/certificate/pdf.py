@@ -23,7 +23,7 @@ TEMPLATE = Path(__file__).with_name("certificate.typ")
 LONGEST_WORD = 36
 """Characters without a space, behind which a line may break."""
 JOINERS = "\u00ad\u200b\u200c\u200d\u200e\u200f\u2060"
-"""Invisible characters that text may hold: hyphenation, joiners, and marks of direction that
+"""Invisible characters that text may contain: hyphenation, joiners, and marks of direction that
 reorder nothing.
 """
 FIRST_CJK = 0x2E80
@@ -105,8 +105,8 @@ def _chinese() -> set[str]:
 
 
 def _families(fonts: Sequence[Path], folder: Path) -> list[str]:
-    """Families of the named font files, copied where nothing else lies, so that no other font is
-    ever taken.
+    """Families of the named font files, copied into an empty folder, so that no other font is
+    ever used.
     """
     if not fonts:
         return []

@@ -1,5 +1,5 @@
-"""The laboratory profile: what a certificate states that no log gives. Strict TOML; what is absent
-makes a DRAFT.
+"""The laboratory profile: what a certificate states that no log contains. Strict TOML; what is
+absent makes a DRAFT.
 
 The same file may serve many certificates: what changes from one to the next is given with --set
 table.key=value.
@@ -109,8 +109,8 @@ class _Dates(Table):
 
 
 class _Method(Table):
-    """The procedure with its revision; deviations and external providers are answered, if only with
-    "none".
+    """The procedure with its revision; deviations and external providers have to be stated, if
+    only as "none".
     """
 
     name: str = ""
@@ -158,7 +158,7 @@ class _Person(Table):
 
 
 class _Adjustment(Table):
-    """What is said of adjustments where no validation gives as-found and as-left results."""
+    """Statement on adjustments, where no validation gives as-found and as-left results."""
 
     statement: str = ""
 
@@ -173,7 +173,7 @@ class _Results(Table):
 
 
 class Specification(Table):
-    """A limit that results are held against; `result` is a result's key, with * for any part of
+    """A limit that results are judged by; `result` is a result's key, with * for any part of
     it.
     """
 
@@ -197,9 +197,7 @@ class Specification(Table):
 
 
 class Profile(Table):
-    """Everything that a laboratory says on a certificate; complete when made, empty where nothing
-    was said.
-    """
+    """Everything that a laboratory states on a certificate; a key that is absent is empty."""
 
     certificate: _Numbering = _Numbering()
     laboratory: Laboratory = Laboratory()

@@ -66,8 +66,8 @@ class Result:
     principal: bool = False
     """Whether its budget is printed in full."""
     by_definition: bool = False
-    """Whether it is what others are stated against: it has no uncertainty, and nothing can be
-    judged by it.
+    """Whether it is the reference of others: it has no uncertainty, and no statement of conformity
+    can rest on it.
     """
     condition: str = ""
     """What stands behind `@` in its key."""

@@ -96,7 +96,7 @@ def run_facts(run: RunFiles) -> RunFacts:
 
 
 def _range(entry: Mapping[str, Any]) -> str:
-    """A log, or the range of it, that was left out."""
+    """A log that was left out, or which range of it [s]."""
     ends = [
         f"{word} {entry[key]:g} s"
         for word, key in (("from", "from_s"), ("to", "to_s"))
@@ -151,7 +151,7 @@ def load_validation(path: Path, run: RunFiles) -> AsFoundAsLeft:
 
 
 def parse_validation(content: bytes, name: str, run: RunFiles) -> AsFoundAsLeft:
-    """Validation of a run from the bytes of its file; CoefficientError for what is none, or another
+    """Validation of a run from the bytes of its file; CoefficientError for another file, or another
     run's.
     """
     try:
@@ -168,11 +168,9 @@ def parse_validation(content: bytes, name: str, run: RunFiles) -> AsFoundAsLeft:
             hint=f"run calibkit validate {run.name}",
         )
     logs = document["logs"]
-    rows = (*(row for entry in logs for row in _rows(entry)), *_pair(document))
-    points = tuple(row for entry in logs for row in _stations(entry))
     return AsFoundAsLeft(
-        rows,
-        points,
+        (*(row for entry in logs for row in _rows(entry)), *_pair(document)),
+        tuple(row for entry in logs for row in _stations(entry)),
         _stated_inputs(logs),
         stated_criteria(document),
         tuple(document["flags"]),
@@ -250,7 +248,7 @@ def _stations(entry: Mapping[str, Any]) -> Iterator[BeforeAfter]:
 
 
 def _pair(document: Mapping[str, Any]) -> Iterator[BeforeAfter]:
-    """N, ε, γ, α: frozen, and found again on other runs."""
+    """Differences of N, ε, γ, α found on other runs from those of the coefficients."""
     for entry in document.get("pair", ()):
         what = Words(f"{entry['name']}: difference of the new runs", f"{entry['name']}：新测次之差")
         yield BeforeAfter(

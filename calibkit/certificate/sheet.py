@@ -194,7 +194,7 @@ def _block(block: Block, certificate: Certificate, lang: Lang) -> dict[str, Any]
 
 
 def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
-    """Rows before and after, or what the profile says instead."""
+    """Rows as found and as left, or what the profile states instead."""
     found = certificate.as_found
     statement = certificate.profile.adjustment.statement
     if found is None:
@@ -221,7 +221,7 @@ def _as_found(certificate: Certificate, lang: Lang) -> dict[str, Any]:
 
 
 def _criterion(criterion: Criterion) -> Words:
-    """An acceptance limit of the recipe, and how the result stands against it."""
+    """An acceptance limit of the recipe, and whether the result meets it."""
     name, passed = criterion.name, criterion.passed
     shown = tables.format_beside(criterion.value, criterion.limit)
     bound = f"{tables.format_exact(criterion.limit)} {unit_mark(criterion.unit)}".strip()

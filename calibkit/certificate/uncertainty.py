@@ -43,7 +43,7 @@ class Source:
         type_a: Sequence[tuple[Words, float, float]],
         sensitivities: Mapping[str, tuple[float, float]] | None = None,
     ) -> Uncertainty | None:
-        """Combined and expanded uncertainty of a result, None where nothing is known of it.
+        """Combined and expanded uncertainty of a result, None where none is known.
 
         names are those a term may call the result by; type_a holds names, standard uncertainties
         and degrees of freedom; sensitivities are those of `type_b.terms_of`. Below one degree of

@@ -29,7 +29,7 @@ from calibkit.certificate import (
     verify_text,
 )
 from calibkit.certificate.content import Attachment
-from calibkit.certificate.dcc_xml import NAMES
+from calibkit.certificate.dcc_xml import LANGUAGES, NAMES
 from calibkit.certificate.run_files import RunFiles, parse_validation
 from calibkit.certificate.sign import quiet
 from calibkit.errors import CalibkitError, CoefficientError, OutputError
@@ -54,7 +54,7 @@ printed digit.
 
 @dataclass(frozen=True, slots=True)
 class Verified:
-    """What a certificate is, and what should be known of it though nothing is wrong."""
+    """What a certificate is, and warnings where nothing is wrong with it."""
 
     what: str
     warnings: tuple[str, ...] = ()
@@ -113,7 +113,7 @@ def verify(
 
 
 def _alone(path: Path, document: bytes, schema_dir: Path | None) -> Verified:
-    """A DCC beside its PDF: structure, schema, and the coefficient files in it by their own
+    """Check a DCC beside its PDF: structure, schema, and the coefficient files in it by their own
     digests.
     """
     try:
@@ -215,8 +215,8 @@ def _remade(
     pages: Sequence[str],
     schema_dir: Path | None,
 ) -> tuple[list[str], int, bool]:
-    """What DCC and pages say otherwise than a certificate made from the attached files; how many
-    rows agree; whether a DRAFT.
+    """Where DCC and pages differ from a certificate made from the attached files; how many rows
+    agree; whether it is a DRAFT.
     """
     stated = attached[dcc.FILE]
     try:
@@ -255,7 +255,7 @@ def _facts(root: _Element) -> tuple[Lang, dt.date, str]:
 
     core = "dcc:administrativeData/dcc:coreData"
     codes = {one.text for one in root.iterfind(f"{core}/dcc:usedLangCodeISO639_1", NAMES)}
-    lang: Lang = "both" if codes == {"en", "zh"} else "zh" if codes == {"zh"} else "en"
+    lang: Lang = next((key for key, own in LANGUAGES.items() if codes == {*own}), "en")
     return (
         lang,
         dt.date.fromisoformat(root.findtext(f"{core}/dcc:issueDate", "", NAMES)),

@@ -16,9 +16,7 @@ from calibkit.errors import UsageError
 
 @dataclass(frozen=True, slots=True)
 class Signature:
-    """Who signed and when the signer says it was, what is wrong with it, and what should be known
-    of it.
-    """
+    """Who signed, the time that the signer states, faults of the signature, and warnings."""
 
     signer: str
     claimed: str
@@ -95,7 +93,7 @@ def _one_line(error: Exception) -> str:
 
 
 def _status(status: Any, *, last: bool, whole: bool) -> Iterator[str]:  # noqa: ANN401 (a class of an optional library)
-    """What pyHanko found wrong, but for trust."""
+    """Faults that pyHanko found, apart from missing trust."""
     from pyhanko.sign.diff_analysis import ModificationLevel
 
     if not status.intact:
@@ -132,7 +130,7 @@ def _container(document: bytes, embedded: Any) -> Iterator[str]:  # noqa: ANN401
 
 
 def _regular(der: bytes, signer: Any) -> bool:  # noqa: ANN401 (a class of an optional library)
-    """Whether what the signature does not cover of its own container says again what it covers (RFC
+    """Whether the parts of the signature container that are not signed repeat what is signed (RFC
     5652, 5.1 and 5.3).
     """
     from asn1crypto import cms, core

@@ -1,4 +1,4 @@
-"""Words in the two languages of a certificate, those that PDF and DCC share, and how units are
+"""Words in the two languages of a certificate, headings that PDF and DCC share, and how units are
 printed.
 """
 
@@ -12,8 +12,8 @@ Lang = Literal["en", "zh", "both"]
 
 @dataclass(frozen=True, slots=True)
 class Words:
-    """The same words in English and in Chinese; symbols and names that are alike in both are given
-    once.
+    """The same words in English and in Chinese; symbols and names that are the same in both are
+    given once.
     """
 
     en: str

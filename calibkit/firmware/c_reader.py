@@ -16,7 +16,7 @@ COMMENT = re.compile(r"/\*.*?\*/", re.DOTALL)
 LINE = re.compile(r"^ \* (\{.*\})$", re.MULTILINE)
 DEVICE = re.compile(r"^ \* device +(.*), effective", re.MULTILINE)
 LOADER = "loader of blobs"
-"""What the first line of a loader says; it has no numbers of its own."""
+"""What the first line of a loader states; it has no numbers of its own."""
 INCLUDE = re.compile(r'^#include "(\w+)\.h"$', re.MULTILINE)
 
 

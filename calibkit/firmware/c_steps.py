@@ -135,7 +135,7 @@ class Body:
         word = "if"
         for case in step.cases:
             up, down = f"({step.source} >= @p_{case.table})", f"({step.source} <= -@p_{case.table})"
-            holds = up if case.side > 0 else down if case.side < 0 else f"({up} || {down})"
+            holds = {1: up, -1: down, 0: f"({up} || {down})"}[case.side]
             value = case.value
             if self.program.format.fixed:
                 scales = self.program.scales

@@ -1,4 +1,4 @@
-"""A chain in the making: inputs, steps and outputs are added one after the other."""
+"""A correction chain while it is built: inputs, steps and outputs are added one by one."""
 
 from collections.abc import Iterable, Sequence
 from dataclasses import dataclass, field
@@ -159,14 +159,14 @@ class Draft:
 
 
 def _used(steps: Sequence[Step], wanted: Sequence[str]) -> set[str]:
-    """Names of inputs and steps that the wanted values hang on, through what is remembered too."""
+    """Names of inputs and steps that these values depend on, through remembered values too."""
     known = {step.name: step for step in steps}
-    open_, used = list(wanted), set()
-    while open_:
-        name = open_.pop()
+    remaining, used = list(wanted), set()
+    while remaining:
+        name = remaining.pop()
         if name not in used:
             used.add(name)
-            open_ += _sources(known[name]) if name in known else ()
+            remaining += _sources(known[name]) if name in known else ()
     return used
 
 

@@ -1,4 +1,4 @@
-"""Exact arithmetic of coefficients: nothing printed may hang on the last bit of a mathematics
+"""Exact arithmetic of coefficients: no printed digit may depend on the last bit of a mathematics
 library.
 """
 

@@ -50,7 +50,7 @@ follows.
 
 @dataclass(frozen=True, slots=True)
 class Identity:
-    """Whose coefficients these are and what they were made from and with."""
+    """Device and revision, the files that the export is made from, and the software."""
 
     serial: str
     revision: int

@@ -34,7 +34,7 @@ def magnitude(a: Range) -> Fraction:
 
 
 def _polynomial(c: Sequence[Fraction], over: Range) -> Range:
-    """Range of a polynomial around its constant; not sharp, never too small."""
+    """Range of a polynomial around its constant: an upper bound, not the narrowest."""
     reach = magnitude(over)
     spread = sum((abs(x) * reach**k for k, x in enumerate(c[1:], start=1)), Fraction(0))
     return c[0] - spread, c[0] + spread

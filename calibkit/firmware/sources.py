@@ -15,8 +15,8 @@ from calibkit.recipe import Recipe
 from calibkit.recipe.tables import Column
 
 UNSAFE = re.compile(r"[^ !-~]|[\\*?@{}']")
-"""What could end a comment, join its lines, or be taken for a mark of the generator; "'" stands
-around the name.
+"""Characters that could end a C comment, join its lines, or be taken for a mark of the generator;
+"'" encloses the name.
 """
 
 
@@ -43,11 +43,11 @@ def describe_sources(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> 
     taken = [entry.name for entry in chain.structure.inputs]
     return (
         *(
-            f"input         {name} [{units.column_unit(name)}] = {_made(spec, name)}"
+            f"input         {name} [{units.column_unit(name)}] = {_right_hand_side(spec, name)}"
             for name in taken
         ),
         *(
-            f"indication    {name} [{units.column_unit(name)}] = {_made(spec, name)}"
+            f"indication    {name} [{units.column_unit(name)}] = {_right_hand_side(spec, name)}"
             for name in [entry.column for entry in chain.corrections if entry.column not in taken]
         ),
         *(f"convention    {convention}" for convention in conventions),
@@ -58,8 +58,8 @@ def describe_sources(spec: Recipe, chain: Chain, conventions: Sequence[str]) -> 
     )
 
 
-def _made(spec: Recipe, name: str) -> str:
-    """Right-hand side of a canonical quantity, and what else was done to it."""
+def _right_hand_side(spec: Recipe, name: str) -> str:
+    """Right-hand side of a canonical quantity, and the certificates that correct it."""
     column, logger = spec.columns.get(name), ""
     if spec.chamber is not None and name in spec.chamber.provides:
         column, logger = spec.chamber.columns.get(name), " of the chamber's logger"
@@ -69,16 +69,16 @@ def _made(spec: Recipe, name: str) -> str:
         for entry in spec.correction
         if entry.column == name
     )
-    return f"{_mapped(spec, name, column, f'column {source}{logger}')}{certificates}"
+    return f"{_converted(spec, name, column, f'column {source}{logger}')}{certificates}"
 
 
-def _mapped(spec: Recipe, name: str, column: Column | None, source: str) -> str:
+def _converted(spec: Recipe, name: str, column: Column | None, source: str) -> str:
     """The sum sign · (scale · column + offset), as one factor and one constant where the recipe
-    tells the unit.
+    states the unit.
     """
     target = units.column_unit(name)
     sign, scale, offset = (column.sign, column.scale, column.offset) if column else (1, 1.0, 0.0)
-    told = ", ".join(
+    stated = ", ".join(
         [
             f"sign = {sign:+d}",
             *([f"scale = {scale:.12g}"] if scale != 1.0 else []),
@@ -95,19 +95,19 @@ def _mapped(spec: Recipe, name: str, column: Column | None, source: str) -> str:
             if column.interval_s is not None
             else "s since the row before"
         )
-        return f"{'-' if sign < 0 else ''}{inner}{kind}, / ({per}) (recipe: {told})"
+        return f"{'-' if sign < 0 else ''}{inner}{kind}, / ({per}) (recipe: {stated})"
     if not own:
-        at_home = f"in {target}, or in the unit that its header states"
-        return f"{'-1 * ' if sign < 0 else ''}{inner}, {at_home} (recipe: {told})"
+        unstated = f"in {target}, or in the unit that its header states"
+        return f"{'-1 * ' if sign < 0 else ''}{inner}, {unstated} (recipe: {stated})"
     try:
         ends = units.convert(
             np.array([offset, scale + offset]), own, target, gravity_mps2=spec.site.gravity_mps2
         )
     except RecipeError:  # local g, which the recipe knows by latitude alone
-        return f"{'-1 * ' if sign < 0 else ''}{inner}, converted from {own} (recipe: {told})"
+        return f"{'-1 * ' if sign < 0 else ''}{inner}, converted from {own} (recipe: {stated})"
     constant, factor = sign * float(ends[0]), sign * float(ends[1] - ends[0])
     added = f" {'-' if constant < 0 else '+'} {abs(constant):.10g}" if constant else ""
-    return f"{factor:.10g} * {source} [{own}]{added} (recipe: {told})"
+    return f"{factor:.10g} * {source} [{own}]{added} (recipe: {stated})"
 
 
 def required_record(records: Mapping[str, Record], name: str, spec: Recipe) -> Record:

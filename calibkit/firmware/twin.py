@@ -180,7 +180,7 @@ class _Run:
             self.status = self.status | raised
 
     def limited(self, x: Words, low: Any, high: Any, flag: str, group: str) -> Words:  # noqa: ANN401
-        """Bring a value into a range."""
+        """Bring a value into a range; raises the flag where it was outside."""
         self.flag(flag, (x < low) | (x > high), group)
         return np.where(x < low, low, np.where(x > high, high, x))
 
@@ -204,7 +204,7 @@ class _Run:
                 return self.select(step)
 
     def map(self, step: Map) -> Words:
-        """Driver on [−1, 1]."""
+        """U = (x − middle)/half, brought into its range."""
         middle, reciprocal, low, high = self.numbers(step.table)
         u = (self.values[step.source] - middle) * reciprocal
         if self.fixed:
@@ -292,11 +292,11 @@ class _Run:
         """Value of the first side that holds."""
         source = self.values[step.source]
         total = np.zeros_like(self.values[step.cases[0].value])
-        open_ = np.ones(source.shape, dtype=bool)
+        undecided = np.ones(source.shape, dtype=bool)
         for case in step.cases:
             (threshold,) = self.numbers(case.table)
             up, down = source >= threshold, source <= -threshold
-            here = open_ & (up if case.side > 0 else down if case.side < 0 else up | down)
+            here = undecided & {1: up, -1: down, 0: up | down}[case.side]
             value = self.values[case.value]
             if self.fixed:
                 value = _rounded(
@@ -305,8 +305,8 @@ class _Run:
             total = np.where(here, value, total)
             side = self.sides.get(case.group, np.zeros_like(self.status))
             self.status = self.status | np.where(here, side, 0)
-            open_ = open_ & ~here
-        self.flag(step.flag, open_, "")
+            undecided = undecided & ~here
+        self.flag(step.flag, undecided, "")
         return total
 
     def out(self, name: str, source: str) -> Words:

@@ -32,7 +32,7 @@ def make_vectors(chain: Chain, program: Program) -> Vectors:
     """Vectors that reach both ends of every range and the clamping beyond, and in which every
     coefficient counts.
     """
-    trials = chain.trials or Trials(_apart(chain), (1,) * COUNT)
+    trials = chain.trials or Trials(_spread_inputs(chain), (1,) * COUNT)
     words = {name: twin.encode(program, name, values) for name, values in trials.inputs.items()}
     if program.format.fixed and chain.trials is None:  # the word that stands for no number
         words[program.structure.inputs[0].name][-1] = program.format.no_number
@@ -66,9 +66,9 @@ def require_recomputed(program: Program, stated: Vectors, name: str, of: str = "
         )
 
 
-def _apart(chain: Chain) -> dict[str, Array]:
-    """Inputs over their ranges, each in an order of its own so that no two run together, the last
-    ones beyond the ranges.
+def _spread_inputs(chain: Chain) -> dict[str, Array]:
+    """Inputs over their ranges, each in an order of its own so that no two are proportional, the
+    last ones beyond the ranges.
     """
     found = {}
     inside = COUNT - 4

@@ -1,4 +1,6 @@
-"""What a date does to the selection of runs by date, said when the run is made."""
+"""Flag on a new run that takes effect before an earlier revision, so that selection by date may not
+find it.
+"""
 
 import contextlib
 from dataclasses import replace
@@ -11,8 +13,8 @@ from calibkit.report.summary import Summary
 
 
 def flag_date_order(summary: Summary, runs: Path, serial: str, revision: int, date: str) -> Summary:
-    """The summary of a revision about to be saved, with a flag where it holds from before the one
-    before it did.
+    """The summary of a revision about to be saved, with a flag where it takes effect before the
+    revision before it.
 
     Only the dates of the revisions are compared; no clock is read.
     """
@@ -22,7 +24,7 @@ def flag_date_order(summary: Summary, runs: Path, serial: str, revision: int, da
     ):
         with contextlib.suppress(
             CoefficientError
-        ):  # what an old revision holds is no matter of the new one
+        ):  # a damaged old revision does not stop the new one
             earlier.append(store.own_document(runs, serial, number))
         if earlier and earlier[0]["effective_from"] <= date:
             return summary

@@ -22,8 +22,8 @@ Verdict = Literal["moved", "held", "equal", "no uncertainty", "not comparable", 
 ABSENT = Coefficient("", math.nan, "", math.nan)
 """Stands for a number that a run does not have."""
 MEASURED = {"gyro-scale/1": {"temp_case": 0.1}}
-"""Form → parameters that say where its coefficients were measured, with the difference that is
-worth saying [their unit].
+"""Form → parameters that say where its coefficients were measured, with the difference from
+which on it is noted [their unit].
 """
 
 
@@ -131,8 +131,8 @@ def compare_runs(before: Run, after: Run, forms_of: FormsOf) -> Difference:
 def _models(
     stage: str, old: Record | None, new: Record | None, forms: Mapping[str, Form]
 ) -> Iterator[ModelChange]:
-    """Models of one stage, in the order of the older run; those of one run only have nothing to be
-    held against.
+    """Models of one stage, in the order of the older run; those of one run only cannot be
+    compared.
     """
     olds, news = ({m.name: m for m in record.models} if record else {} for record in (old, new))
     for name, model in {**olds, **news}.items():

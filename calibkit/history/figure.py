@@ -1,4 +1,4 @@
-"""Drift of a unit's coefficients over years: one panel a quantity, pages of twelve."""
+"""Drift of a device's coefficients over years: one panel per quantity, twelve per page."""
 
 from __future__ import annotations
 

@@ -1,5 +1,5 @@
-"""All revisions of one serial: which holds when, whether each supersedes the one before, how its
-numbers moved.
+"""All revisions of one serial: which is in force when, whether each supersedes the one before, how
+its numbers moved.
 """
 
 import datetime as dt
@@ -34,7 +34,7 @@ class _Refused:
 
 
 @dataclass(frozen=True, slots=True)
-class _Holds:
+class _InForce:
     """From when and, where another takes over, up to which date (exclusive) a revision is in force;
     empty: never.
     """
@@ -93,7 +93,7 @@ class Timeline:
 
     serial: str
     runs: tuple[Run, ...]
-    holds: Mapping[int, _Holds]
+    in_force: Mapping[int, _InForce]
     refused: tuple[_Refused, ...]
     breaks: tuple[str, ...]
     flags: tuple[str, ...]
@@ -139,15 +139,15 @@ def read_timeline(serial: str, runs_folder: Path, forms_of: FormsOf, pattern: st
     return Timeline(
         serial,
         tuple(runs),
-        _holds(runs),
+        _dates_in_force(runs),
         tuple(refused),
-        tuple(_chain(runs, numbers)),
+        tuple(_chain_faults(runs, numbers)),
         _flags(runs),
         series,
     )
 
 
-def _chain(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
+def _chain_faults(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
     """One line a fault of the chain: a revision that is missing, a file that does not supersede the
     one before it.
     """
@@ -166,27 +166,28 @@ def _chain(runs: Sequence[Run], numbers: Sequence[int]) -> Iterator[str]:
         for record in run.records.values():
             expected = before.get(record.stage, "")
             if record.supersedes != expected:
-                yield _break(number, record, expected)
+                yield _state_break(number, record, expected)
 
 
-def _break(number: int, record: Record, expected: str) -> str:
+def _state_break(number: int, record: Record, expected: str) -> str:
     """One file that does not supersede the one before it."""
-    said = f"{record.supersedes[:12]}…" if record.supersedes else "nothing"
-    wanted = (
+    stated = f"{record.supersedes[:12]}…" if record.supersedes else "nothing"
+    required = (
         f"{expected[:12]}… of r{number - 1:03d}"
         if expected
         else f"nothing: r{number - 1:03d} has no such stage"
     )
-    return f"r{number:03d}: {record.stage} supersedes {said}, expected {wanted}"
+    return f"r{number:03d}: {record.stage} supersedes {stated}, expected {required}"
 
 
-def _holds(runs: Sequence[Run]) -> dict[int, _Holds]:
+def _dates_in_force(runs: Sequence[Run]) -> dict[int, _InForce]:
     """Revision → dates between which it is in force."""
     winners = store.in_force([run.document for run in runs])
     until = dict(itertools.pairwise([*sorted(winners), ""]))
-    held = {revision: _Holds(date, until[date]) for date, revision in winners.items()}
+    held = {revision: _InForce(date, until[date]) for date, revision in winners.items()}
     return {
-        run.document["revision"]: held.get(run.document["revision"], _Holds("", "")) for run in runs
+        run.document["revision"]: held.get(run.document["revision"], _InForce("", ""))
+        for run in runs
     }
 
 
@@ -246,7 +247,7 @@ def _series(runs: Sequence[Run], forms_of: FormsOf) -> Iterator[Series]:
     independent = _independent(runs)
     for quantity, found in points.items():
         if len(found) > 1:
-            yield _one(quantity, tuple(found), independent)
+            yield _one_series(quantity, tuple(found), independent)
 
 
 def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[Quantity, Coefficient]]:
@@ -266,7 +267,7 @@ def _numbers(run: Run, forms: Mapping[str, Form]) -> Iterator[tuple[Quantity, Co
             yield Quantity(record.stage, "", "", "", figure.name, figure.unit), figure
 
 
-def _one(quantity: Quantity, points: tuple[Point, ...], independent: set[int]) -> Series:
+def _one_series(quantity: Quantity, points: tuple[Point, ...], independent: set[int]) -> Series:
     """A series with its change from first to last, its largest step and its straight line over
     years.
     """

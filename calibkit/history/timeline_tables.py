@@ -38,8 +38,8 @@ SERIES_COLUMNS = (
 
 
 def summarize_timeline(found: Timeline) -> Summary:
-    """Every revision with the dates on which it holds, the chain, and the coefficients of each
-    model over time.
+    """Every revision with the dates on which it is in force, the chain, and the coefficients of
+    each model over time.
     """
     revisions = tuple(_revision_row(found, run) for run in found.runs)
     blocks: dict[str, list[tuple[Cell, ...]]] = {}
@@ -69,11 +69,11 @@ def summarize_timeline(found: Timeline) -> Summary:
 def _revision_row(found: Timeline, run: Run) -> tuple[Cell, ...]:
     """One revision, and until when it is in force."""
     document = run.document
-    holds = found.holds[document["revision"]]
+    dates = found.in_force[document["revision"]]
     return (
         f"r{document['revision']:03d}",
         document["effective_from"],
-        holds.until or ("open" if holds.since else "never"),
+        dates.until or ("open" if dates.since else "never"),
         "yes" if document["accepted"] else "NO",
         document["procedure"],
         len(document["inputs"]),
@@ -106,8 +106,8 @@ def timeline_document(found: Timeline) -> dict[str, Any]:
         "revisions": [
             {
                 **identify_run(run),
-                "in_force_from": found.holds[run.document["revision"]].since,
-                "in_force_before": found.holds[run.document["revision"]].until,
+                "in_force_from": found.in_force[run.document["revision"]].since,
+                "in_force_before": found.in_force[run.document["revision"]].until,
                 "logs": len(run.document["inputs"]),
                 "recipe_sha256": run.document["recipe"]["sha256"],
             }
