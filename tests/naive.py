@@ -4,6 +4,8 @@ from __future__ import annotations
 
 import math
 
+import numpy as np
+
 
 def compensate(indication, gradient, rate, c):
     """Recursive and one-step outputs of CN102095419A step 4 for one set of polynomials c[j][m],
@@ -40,3 +42,18 @@ def newey_west(design, residuals, lag):
                 meat += weight * residuals[i] * residuals[j] * np.outer(design[i], design[j])
     bread = np.linalg.inv(design.T @ design)
     return bread @ meat @ bread * n / (n - p)
+
+
+def sensitivities(function, estimate, standard_uncertainty):
+    """Jacobian of a function by central differences of ± one standard uncertainty (JCGM 100 5.1.3
+    note 2); an input without one is stepped by a millionth of itself.
+    """
+    columns = []
+    for i, uncertainty in enumerate(standard_uncertainty):
+        step = float(uncertainty) or 1e-6 * max(abs(float(estimate[i])), 1.0)
+        up, down = np.array(estimate, dtype=float), np.array(estimate, dtype=float)
+        up[i] += step
+        down[i] -= step
+        difference = np.atleast_1d(np.asarray(function(up)) - np.asarray(function(down)))
+        columns.append(difference / (up[i] - down[i]))
+    return np.stack(columns, axis=1)

@@ -12,7 +12,7 @@ from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.numeric import evaluate, gradient
 from calibkit.instruments.fog_thermal.numeric.noise import Noise
 from calibkit.instruments.fog_thermal.numeric.terms import TERMS, ThermalModel, Valid
-from calibkit.numeric import gum
+from naive import sensitivities
 
 TRUE = np.array([3.0, 0.02, -3e-4, 2e-6, 0.05, -0.04, 0.003, 4e-4, 0.0])
 RATES = gradient.RatePolynomial(
@@ -139,7 +139,7 @@ def test_derivatives_of_a_model_on_levels_are_those_of_differences(model):
         moved = tuple(replace(c, value=value) for c, value in changed)
         return form.evaluate(replace(written, coefficients=moved), at)
 
-    expected = gum.sensitivities(evaluated, best, 1e-4 * np.maximum(np.abs(best), 1e-3))
+    expected = sensitivities(evaluated, best, 1e-4 * np.maximum(np.abs(best), 1e-3))
     assert form.gradient(written, at) == pytest.approx(expected, rel=1e-6, abs=1e-9)
     warmer, colder = (
         form.evaluate(written, {**at, forms.CASE: at[forms.CASE] + by}) for by in (1e-3, -1e-3)

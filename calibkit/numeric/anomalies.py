@@ -1,8 +1,8 @@
 """Faults of a sensor or its logger in a series: spikes, stuck and clipped values, jumps, start-up
 rows.
 
-The thresholds are wide on purpose: a false alarm in a healthy log costs more trust than a spike of
-six standard deviations.
+The thresholds are wide on purpose: a false alarm in a healthy log does more harm than a missed
+spike of six standard deviations.
 """
 
 from collections.abc import Callable, Iterator
@@ -55,16 +55,16 @@ START_UP = 10.0
 
 
 def sample(values: Array) -> Array:
-    """At most 65,536 rows of a series [n], in sixteen stretches of neighbours spread over it."""
+    """At most 65,536 rows of a series [n], in sixteen sections of neighbours spread over it."""
     if values.size <= SAMPLE:
         return values
     return np.concatenate(
-        [values[start : start + SAMPLE // 16] for start in _stretches(values.size)]
+        [values[start : start + SAMPLE // 16] for start in _section_starts(values.size)]
     )
 
 
-def _stretches(size: int) -> list[int]:
-    """First rows of the sixteen stretches of a sample of a series of so many rows."""
+def _section_starts(size: int) -> list[int]:
+    """First rows of the sixteen sections of a sample of a series of so many rows."""
     starts: list[int] = np.linspace(0, size - SAMPLE // 16, 16).astype(np.int64).tolist()
     return starts
 
@@ -117,8 +117,7 @@ def spikes(values: Array, *, least: float = 0.0) -> Integers:
     if values.size < 8 * WIDTH:
         return np.zeros(0, dtype=np.int64)
     floor = max(least, 5.0 * resolution(values), SMALL * _span(values))
-    # whatever stands out steps away from a neighbour: only rows after a large step are looked at
-    # closer
+    # an outlier steps away from a neighbour: only rows after a large step are tested closely
     usual = HIGH_TO_SIGMA * order_statistics.quantile(_sampled_steps(values), HIGH) / np.sqrt(2.0)
     wide = _wide_steps(values, max(SPIKE / 2.0 * usual, floor / 2.0))
     suspect = max(SPIKE / 2.0 * usual, floor)
@@ -152,7 +151,7 @@ def _sampled_steps(values: Array) -> Array:
     would choose of all.
     """
     count = values.size - 1
-    starts, length = ([0], count) if count <= SAMPLE else (_stretches(count), SAMPLE // 16)
+    starts, length = ([0], count) if count <= SAMPLE else (_section_starts(count), SAMPLE // 16)
     steps: Array = np.concatenate([np.diff(values[k : k + length + 1]) for k in starts])
     return np.abs(steps, out=steps)
 
@@ -278,7 +277,7 @@ def frozen(values: Array, least: float, runs: Integers) -> Integers:
 
 def remove_spikes(values: Array, *, room: Callable[[int], Array] = np.empty) -> Array:
     """The series [n] with its spikes replaced by the median of their seven neighbours, in an array
-    that `room` makes.
+    that `room` allocates.
     """
     rows = spikes(values)
     if not rows.size:
@@ -294,7 +293,7 @@ def remove_spikes(values: Array, *, room: Callable[[int], Array] = np.empty) -> 
 
 def clipped(values: Array) -> tuple[int, float] | None:
     """Rows at the largest or smallest value of a noisy series [n], and the value, where they pile
-    up there; else none.
+    up there; else None.
     """
     if (
         values.size < 10 * PILE

@@ -73,7 +73,7 @@ def trend(years: Array, values: Array, standard_uncertainty: Array) -> Trend | N
     zero uncertainty.
 
     The slope's uncertainty is multiplied by the Birge ratio where the values scatter more about the
-    line than their uncertainties say (Birge 1932); it is never made smaller.
+    line than their uncertainties state (Birge 1932); it is never made smaller.
     """
     if np.unique(years).size < 3 or not (standard_uncertainty > 0.0).all():
         return None

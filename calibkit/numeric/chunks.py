@@ -97,8 +97,8 @@ def _mapped_file(column: NDArray[np.generic]) -> mmap.mmap | None:
 
 
 def all_finite(values: Array) -> bool:
-    """Whether all values [n] are finite: a sum is finite only where every term is, and costs a
-    tenth of a test of each.
+    """Whether all values [n] are finite: a sum is finite only where every term is, and takes a
+    tenth of the time of testing each.
     """
     with np.errstate(all="ignore"):
         whole = sum(float(np.sum(values[a:b])) for a, b in ranges_along(values))
@@ -109,7 +109,7 @@ def all_finite(values: Array) -> bool:
 
 
 def extremes(values: Array) -> tuple[float, float]:
-    """Smallest and largest of values [n]; NaN where one of them is NaN, or where there is none."""
+    """Smallest and largest of values [n]; NaN where one of them is NaN, or for no values."""
     if not values.size:
         return float("nan"), float("nan")
     ends = [

@@ -1,4 +1,4 @@
-"""Control charts of individuals: which of many alike is not like the others."""
+"""Control charts of individuals: outliers among many values of one quantity."""
 
 import math
 from dataclasses import dataclass
@@ -9,7 +9,7 @@ from calibkit.arrays import Array
 from calibkit.numeric.dispersion import mad_sigma
 
 FEWEST = 10
-"""Values below which none is named: the MAD of fewer is too uncertain to judge one of them by."""
+"""Values from which outliers are named: the MAD of fewer is too uncertain."""
 LIMITS = (
     (10, 7.0),
     (15, 5.97),
@@ -32,7 +32,7 @@ ROUNDING = 1e-12
 
 @dataclass(frozen=True, slots=True)
 class Control:
-    """A control chart's lines, and how far from its centre each value stands."""
+    """A control chart's lines, and the distance of each value from its centre."""
 
     centre: float
     """Median."""

@@ -23,6 +23,6 @@ def mad_sigma(deviations: Array) -> float:
 
 
 def rms(values: ArrayLike) -> float:
-    """Root mean square of values [n]; NaN where there is none."""
+    """Root mean square of values [n]; NaN for no values."""
     square = np.asarray(values, dtype=np.float64) ** 2
     return float(np.sqrt(np.mean(square))) if square.size else float("nan")

@@ -158,8 +158,8 @@ def average_dwells(columns: Array, intervals: Integers) -> _Dwells:
 
 
 def _averaged(rows: Array) -> tuple[Array, Array, Array, Array]:
-    """Mean, standard deviation, standard error of the mean, and drift [c] of rows [k, c], a span of
-    them at a time.
+    """Mean, standard deviation, standard error of the mean, and drift [c] of rows [k, c], one chunk
+    at a time.
     """
     count, width = rows.shape
     mean = np.sum([rows[a:b].sum(axis=0) for a, b in chunks.ranges_along(rows)], axis=0) / count

@@ -88,7 +88,7 @@ def combine(
     """Combine components into one standard uncertainty and expand it.
 
     Each estimate times its sensitivity has the unit of the result; inputs are independent without a
-    correlation [n, n]. Raises FitError for no components, a matrix that is none of correlations,
+    correlation [n, n]. Raises FitError for no components, a matrix that is not one of correlations,
     less than one effective degree of freedom.
 
     u_c² = Σ_i Σ_j c_i c_j u_i u_j r_ij (JCGM 100 eq. 16; eq. 10 when independent); effective
@@ -178,8 +178,8 @@ def coverage_factor(effective_dof: float, *, probability: float = TWO_SIGMA) -> 
 
 
 def widening(effective_dof: float, *, probability: float = 0.95) -> float:
-    """What few degrees of freedom widen an uncertainty by: their coverage factor over that of a
-    normal distribution.
+    """Factor by which few degrees of freedom widen an uncertainty: their coverage factor over that
+    of a normal distribution.
 
     Raises FitError as `coverage_factor` does.
     """
@@ -244,25 +244,6 @@ def standard_uncertainty(gradient: Array, covariance: Array) -> float:
     inputs (JCGM 100 eq. 13).
     """
     return float(np.sqrt(max(float(gradient @ covariance @ gradient), 0.0)))
-
-
-def sensitivities(
-    function: Callable[[Array], Array], estimate: Array, standard_uncertainty: Array
-) -> Array:
-    """Jacobian [m, n] of a function from inputs [n] to results [m] (or a number), by central
-    differences of ± one u.
-
-    JCGM 100 5.1.3 note 2. An input with u = 0 is stepped by a millionth of itself.
-    """
-    columns = []
-    for i, uncertainty in enumerate(standard_uncertainty):
-        step = float(uncertainty) or 1e-6 * max(abs(float(estimate[i])), 1.0)
-        up, down = estimate.astype(np.float64), estimate.astype(np.float64)
-        up[i] += step
-        down[i] -= step
-        difference = np.atleast_1d(np.asarray(function(up)) - np.asarray(function(down)))
-        columns.append(difference / (up[i] - down[i]))
-    return np.stack(columns, axis=1)
 
 
 def monte_carlo(

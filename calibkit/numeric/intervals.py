@@ -38,7 +38,7 @@ class Intervals:
         return bool(self.enough.all()) and self.number.size == self.number[-1] + 1
 
     def groups(self) -> Iterator[tuple[slice, slice]]:
-        """Consecutive intervals whose rows make up a span, and these rows."""
+        """Consecutive intervals whose rows make up a chunk, and these rows."""
         cuts = np.unique(
             np.searchsorted(self.first, [*range(0, self.rows, chunks.ROWS), self.rows])
         )
@@ -185,5 +185,5 @@ def steps(time: Array) -> Steps:
 
 
 def _steps(time: Array) -> Iterator[Array]:
-    """Steps of a time [n], a span of rows after the other."""
+    """Steps of a time [n], one chunk of rows after the other."""
     return (np.diff(time[max(a - 1, 0) : b]) for a, b in chunks.ranges_along(time))

@@ -1,8 +1,8 @@
 """Medians and quantiles, exactly those of numpy, of columns of any length in bounded memory.
 
 A sample brackets the order statistic; one pass counts the values below the bracket and collects
-those inside, and only these are partitioned (Floyd & Rivest 1975). Where the sample has misled,
-the next bracket is within the part that holds the statistic.
+those inside, and only these are partitioned (Floyd & Rivest 1975). Where the bracket
+misses it, the next one is within the part that holds the statistic.
 """
 
 import math
@@ -24,7 +24,7 @@ MARGIN = 4.0
 bracket is looked for.
 """
 MANY = 1 << 16
-"""Magnitudes from which a sample of them is worth its while."""
+"""Magnitudes from which taking a sample of them first saves time."""
 NOT_FINITE = -1
 """What the compiled pass returns where it meets a value that is not finite."""
 
@@ -57,7 +57,7 @@ def median_of_chunks(
         return float("nan")
     if count <= COLLECTED and bracket is None:
         whole = np.concatenate(list(parts()))
-        whole.partition(count // 2)  # puts NaN behind all else
+        whole.partition(count // 2)  # puts NaN last
         return (
             float(_median_of_parted(whole, count))
             if not np.isnan(whole[count // 2 :].max())
@@ -68,8 +68,8 @@ def median_of_chunks(
 
 
 def median_magnitude(values: Array, about: float = 0.0) -> float:
-    """Median of |values − about| of values [n], exactly that of a full sort; the mean of the middle
-    two where n is even.
+    """Median of |values − about| of values [n], exactly that of a full sort; the mean of the two
+    in the middle where n is even.
 
     Parameters
     ----------

@@ -16,8 +16,8 @@ Room = Callable[[int], Array]
 """Allocates an array for so many values."""
 
 COARSE_DEGC_MIN = 0.3
-"""Rate [°C/min] that one step of a thermometer within the window may amount to: what tells a ramp
-from a soak.
+"""Rate [°C/min] that one step of a thermometer within the window may amount to: what separates a
+ramp from a soak.
 """
 FINEST_DEGC_MIN = 0.1
 """Rate [°C/min] that one step of a coarse thermometer amounts to in the longest window."""
@@ -51,12 +51,12 @@ def causal_slope(
 
     Only samples at or before an instant enter its slope; where less than half a window has passed,
     the slope is 0. A window of tens of seconds keeps the steps of a quantised thermometer out of
-    the rate. `room` makes the array of a result.
+    the rate. `room` allocates the result.
     """
     slope = room(time.size)
     row = 0
     for start, stop in chunks.ranges_along(time, temperature, slope):
-        # windows end in this span and begin in it or before it
+        # windows end in this chunk and begin in it or before it
         row += int(
             np.searchsorted(time[row:stop], time[start] - window_s * (1.0 + 1e-9), side="left")
         )
@@ -65,7 +65,7 @@ def causal_slope(
 
 
 def _slopes(time: Array, temperature: Array, window_s: float, skipped: int) -> Array:
-    """Slopes [°C/min] at the samples behind the first `skipped` ones of a stretch [n] that holds
+    """Slopes [°C/min] at the samples after the first `skipped` ones of a section [n] that holds
     all their windows.
     """
     library = kernels()
@@ -98,13 +98,13 @@ def _slopes_of_arrays(time: Array, temperature: Array, window_s: float, skipped:
 
 
 def _first_in_window(time: Array, begins: Array, skipped: int) -> Integers | slice:
-    """First sample of a stretch [n] at or after each instant [m], that of sample skipped + k being
+    """First sample of a section [n] at or after each instant [m], that of sample skipped + k being
     the k-th.
 
     They are a slice where the clock is so steady that they follow each other.
     """
-    # samples of a steady clock lie equally many rows behind: a guess that is tested costs less than
-    # a search
+    # samples of a steady clock lie equally many rows behind: testing a guess takes less
+    # time than a search
     behind = skipped + begins.size - 1 - int(np.searchsorted(time, begins[-1], side="left"))
     steady = slice(skipped - behind, skipped - behind + begins.size)
     if steady.start > 0 and bool(
@@ -179,7 +179,7 @@ def measured_slope(
 def _coarse_slopes(
     time: Array, temperature: Array, windows: Sequence[float], step: float, skipped: int
 ) -> Array:
-    """Slopes at the samples behind the first `skipped` of a stretch, each over the first window in
+    """Slopes at the samples after the first `skipped` of a section, each over the first window in
     which the reading moved.
     """
     slope = np.zeros(time.size - skipped)
@@ -265,18 +265,18 @@ def _runs(slope: Array, ramp_min: float) -> list[tuple[int, int, float]]:
 
 
 def _merged(runs: list[tuple[int, int, float]], merge: int) -> list[tuple[int, int, float]]:
-    """Runs in motion, two of one direction joined where at most `merge` rows of standstill part
+    """Runs in motion, two of one direction merged where at most `merge` rows of standstill part
     them.
     """
-    joined: list[tuple[int, int, float]] = []
+    merged: list[tuple[int, int, float]] = []
     for start, stop, direction in runs:
         if direction == 0.0:
             continue
-        if joined and joined[-1][2] == direction and start - joined[-1][1] <= merge:
-            joined[-1] = (joined[-1][0], stop, direction)
+        if merged and merged[-1][2] == direction and start - merged[-1][1] <= merge:
+            merged[-1] = (merged[-1][0], stop, direction)
         else:
-            joined.append((start, stop, direction))
-    return joined
+            merged.append((start, stop, direction))
+    return merged
 
 
 def _with_soaks(ramps: list[Segment], slope: Array) -> list[Segment]:

@@ -1,4 +1,4 @@
-"""Linear least squares that loses no digits and says which coefficients the data cannot
+"""Linear least squares that loses no digits and names the coefficients that the data cannot
 determine.
 """
 

@@ -86,7 +86,7 @@ def linear(
     names: Sequence[str] = (),
     room: Callable[[int], Array] = np.empty,
 ) -> least_squares.LinearFit:
-    """Fit as `reduced` does, and give the residuals [n] too, in an array that `room` makes.
+    """Fit as `reduced` does, and give the residuals [n] too, in an array that `room` allocates.
 
     Raises
     ------

@@ -3,7 +3,6 @@
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
 from functools import partial
-from typing import Protocol
 
 import numpy as np
 
@@ -20,20 +19,14 @@ judge.
 """
 POLISHING_STEPS = 40
 ROUNDING = 1e-30
-"""Square of a residual that counts as none."""
+"""Square of a residual that counts as 0."""
 RANK_TOLERANCE = 1e-10
 
 
-class _Residuals(Protocol):
-    """Weighted residuals [m] and their derivatives [m, p] for a block of rows at given parameters
-    [p].
-    """
-
-    def __call__(self, parameters: Array, rows: slice) -> tuple[Array, Array]:
-        """Residuals and Jacobian of the rows; several residuals a row are stacked in any fixed
-        order.
-        """
-        ...
+_Residuals = Callable[[Array, slice], tuple[Array, Array]]
+"""Weighted residuals [m] and their derivatives [m, p] of a block of rows at parameters [p]; several
+residuals of one row are stacked in any fixed order.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -188,8 +181,8 @@ def _linearise(residuals: _Residuals, parameters: Array, rows: int, block_rows: 
 
 
 def _by_moments(residuals: _Residuals, parameters: Array, rows: int) -> _Linearised | None:
-    """The same of many rows by the Gram matrix of the Jacobian; None where its condition would cost
-    the digits.
+    """The same for many rows by the Gram matrix of the Jacobian; None where its condition number
+    would cost digits.
 
     The steps correct themselves, so that the Gram matrix bears on how soon they end, not on where.
     """
@@ -252,7 +245,7 @@ def _polished(
         if share >= 0.9 * last:
             break
         if share <= STEP_TOLERANCE and rows >= gram.TALL:
-            # another look at many rows would tell nothing new
+            # another pass over many rows would change nothing
             return here, parameters + step
         there = linearise(parameters + step)
         if not there.square <= here.square * (1.0 + 1e-9) + ROUNDING * here.count:

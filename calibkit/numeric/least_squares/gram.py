@@ -19,13 +19,13 @@ from calibkit.arrays import Array
 from calibkit.numeric import chunks
 
 TALL = 20_000
-"""Rows from which blocks are worth their while."""
+"""Rows from which normal equations over blocks are the faster way."""
 BLOCK_VALUES = 1 << 16
 """Numbers in the design of a block: half a mebibyte, so that it and what is made of it stay in a
 second-level cache.
 """
 SAMPLE_ROWS = 4096
-"""Rows, evenly spread, that tell the approximate solution."""
+"""Evenly spread rows that the approximate solution is fitted to."""
 WORST_CONDITION = 1e4
 """Condition number of the scaled columns up to which normal equations are used: a correction keeps
 eight digits.
@@ -73,7 +73,7 @@ def residuals(
     """Residuals [n] of an indication [n] from coefficients [p] and the columns [m, p] of slices of
     rows.
 
-    `room` makes their array.
+    `room` allocates their array.
     """
     left = room(len(indication))
     for part in blocks(len(indication), block_rows(coefficients.size)):
@@ -174,9 +174,9 @@ def _sums(
     """
     count, size = about.size, block_rows(about.size)
     gram, gradient, square = np.zeros((count, count)), np.zeros(count), 0.0
-    room = np.empty(min(size, len(indication)))
+    buffer = np.empty(min(size, len(indication)))
     for part in blocks(len(indication), size):
-        columns, residual = design(part), room[: part.stop - part.start]
+        columns, residual = design(part), buffer[: part.stop - part.start]
         np.matmul(columns, about, out=residual)
         np.subtract(indication[part], residual, out=residual)
         weighted, pulled = columns, residual

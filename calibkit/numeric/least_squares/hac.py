@@ -1,4 +1,4 @@
-"""Covariance of linear coefficients whose residuals are autocorrelated, in the memory of a span
+"""Covariance of linear coefficients whose residuals are autocorrelated, in the memory of a chunk
 whatever the rows and the lag.
 
 A Bartlett kernel of lag L weights the product of scores k rows apart by 1 − k/(L + 1). The same sum
@@ -18,9 +18,7 @@ Series = Callable[[int, int], Array]
 """Values [..., stop − first] of the rows first … stop − 1 of a series."""
 
 LAGS = (1 << 14, 1 << 19)
-"""Lags that are looked at together: where the first hold no answer, as many at a time as a block
-has room for.
-"""
+"""Lags that are computed together: first few, then as many at a time as a block has memory for."""
 LONGEST_MEMORY = 0.97
 """Of the autoregression that whitens the scores."""
 
@@ -170,7 +168,7 @@ def _bandwidth(residuals: Array, memory: float) -> int:
 
 def _first_below(series: Series, count: int, most: int, limit: float) -> int:
     """First lag at which the sum of products of a series with itself is below a limit; `most` where
-    none before it is.
+    no lag before it is.
     """
     for size in LAGS:
         length = min(size, 1 << count.bit_length())

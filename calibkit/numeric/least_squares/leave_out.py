@@ -1,5 +1,5 @@
-"""What a linear fit says of rows that it leaves out: their errors, the jackknife, and the choice of
-a model by them.
+"""Errors of a linear fit at rows that it leaves out, the jackknife, and the choice of a model by
+these errors.
 """
 
 from collections.abc import Sequence

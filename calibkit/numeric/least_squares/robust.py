@@ -59,7 +59,7 @@ class _RobustFit:
 
     fit: least_squares.LinearFit
     """Residuals of all rows; covariance, residual rms, dof and condition of the rows that were
-    believed.
+    kept.
     """
     row_weights: Array
     """[n], Tukey's weight: near 1 for a row that is kept, 0 for one that is left out."""
@@ -92,7 +92,7 @@ def linear(
     Returns
     -------
     RobustFit, whose covariance is Huber's for M-estimates (1981, eq. 7.6.6) over the rows that were
-    believed.
+    kept.
 
     Raises
     ------
@@ -122,15 +122,15 @@ def linear(
         basis, target, solution, row_weights, scale=scale, biweight=True
     )
     studentised = _studentised(basis, target, solution, row_weights) / scale
-    believed = np.abs(studentised) < TUKEY
+    kept = np.abs(studentised) < TUKEY
     final = least_squares.linear(
-        design[believed],
-        indication[believed],
-        weights=(root * np.sqrt(row_weights))[believed] ** 2,
+        design[kept],
+        indication[kept],
+        weights=(root * np.sqrt(row_weights))[kept] ** 2,
         names=names,
     )
-    balance = _balanced(basis, row_weights)[believed]
-    covariance = _m_covariance(weighted[believed], balance, studentised[believed], scale)
+    balance = _balanced(basis, row_weights)[kept]
+    covariance = _m_covariance(weighted[kept], balance, studentised[kept], scale)
     residuals = indication - design @ final.coefficients
     good = np.abs(studentised) <= SUSPECT
     rms = float(np.sqrt(np.sum((root * residuals)[good] ** 2) / np.sum(root[good] ** 2)))
@@ -323,8 +323,8 @@ def _studentised(basis: Array, target: Array, solution: Array, row_weights: Arra
 
 
 def _m_covariance(design: Array, balance: Array, studentised: Array, scale: float) -> Array:
-    """Huber's covariance [p, p] of an M-estimate from the believed rows [m, p], their balance and
-    studentised residuals.
+    """Huber's covariance [p, p] of an M-estimate from the rows [m, p] that were kept, their
+    balance and studentised residuals.
     """
     rows, columns = design.shape
     ratio = (studentised / TUKEY) ** 2

@@ -129,9 +129,7 @@ def _averaging_factors(samples: int, *, spacing: Spacing = "octave", points: int
 
 
 def _whole_runs(rate: Array) -> Integers:
-    """Lengths [g] of the stretches of rate [n] that hold no gap; a single zero when there is
-    none.
-    """
+    """Lengths [g] of the runs of rate [n] that hold no gap; a single 0 when there is none."""
     runs = chunks.find_runs(rate.size, lambda a, b: ~np.isnan(rate[a:b]))
     return np.array([stop - start for start, stop in runs] or [0], dtype=np.int64)
 

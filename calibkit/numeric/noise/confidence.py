@@ -13,7 +13,7 @@ LAGS = 200
 evenly.
 """
 ENOUGH_MEANS = 30
-"""Block means below which their lag-1 autocorrelation no longer tells noise types apart (Riley &
+"""Block means below which their lag-1 autocorrelation no longer separates noise types (Riley &
 Greenhall 2004).
 """
 MOST_MEANS = 1 << 16
@@ -76,7 +76,7 @@ def equivalent_dof(factor: int, runs: Integers, noise: str) -> float:
     Parameters
     ----------
     factor : samples in an average.
-    runs : [g], lengths of the stretches without a gap; pairs of different stretches count as
+    runs : [g], lengths of the runs without a gap; pairs of different runs count as
         independent.
     noise : which of the types of `Noise` the record has at this averaging time.
 

@@ -40,7 +40,7 @@ class Denoised:
     """A denoised signal [n], in its own unit, with what was taken for noise.
 
     noise and thresholds [levels] are of the details, finest level first, in the unit of the signal;
-    what stands beyond the ends cannot reach samples inner[0] … inner[1] − 1.
+    the extension does not touch samples inner[0] … inner[1] − 1.
     """
 
     signal: Array
@@ -51,7 +51,7 @@ class Denoised:
 
     @property
     def edge(self) -> Mask:
-        """Samples [n] that what stands beyond the ends can reach."""
+        """Samples [n] that the extension touches."""
         at = np.arange(self.signal.size)
         return (at < self.inner[0]) | (at >= self.inner[1])
 

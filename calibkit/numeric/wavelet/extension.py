@@ -1,4 +1,4 @@
-"""What stands beyond the ends of a signal when a filter reaches over them."""
+"""How a signal is extended beyond its ends where a filter reaches over them."""
 
 import math
 from dataclasses import dataclass
@@ -13,7 +13,7 @@ Extension = Literal["symmetric", "antisymmetric", "trend", "constant", "periodic
 EXTENSIONS: tuple[Extension, ...] = get_args(Extension)
 
 STRETCH = 16
-"""Samples of the shortest straight line fitted to an end."""
+"""Samples of the shortest section that a straight line is fitted to at an end."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -84,12 +84,12 @@ def _folded(signal: Array, at: Integers, beyond: Continuation) -> Array:
 
 
 def _end_value(end: Array, window: int) -> float:
-    """Value at sample 0 of the straight line through the longest stretch from there that still
-    looks straight.
+    """Value at sample 0 of the straight line through the longest section from there that is still
+    straight.
 
-    Stretches grow by halves up to the window for as long as the values fitted to all of them agree
+    Sections grow by halves up to the window for as long as the values fitted to all of them agree
     within two standard errors, each 2 σ/√size (intersection of confidence intervals, Goldenshluger
-    & Nemirovski 1997), with σ told from the differences of neighbouring samples.
+    & Nemirovski 1997), with σ estimated from the differences of neighbouring samples.
     """
     limit = min(max(window, 2), end.size)
     if limit < 3:

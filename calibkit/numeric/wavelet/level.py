@@ -84,7 +84,7 @@ def synthesise_level(
     """One level back: the values of the given indices, from coefficients whose element 0 has the
     index `first`.
 
-    `shrink` is what makes the details to be used of those given, and the level that it is told;
+    `shrink` is what makes the details to be used of those given, and the level that it is given;
     None takes them as they are.
     """
     plans, library = _encoded(scheme), kernels_for(*channels, out)
@@ -150,20 +150,20 @@ def _analyse_arrays(
 ) -> None:
     """As `analyse_level`, block by block, where there are no compiled steps."""
     plan, _ = passes(scheme)
-    room, scratch = _buffers(plan, span)
+    buffers, scratch = _buffers(plan, span)
     for block in cut_span(span, BLOCK):
         starts = (block[0] + plan.reach[0][0], block[0] + plan.reach[1][0])
         for c in (0, 1):
             size = block[1] + plan.reach[c][1] - starts[c]
             at = 2 * starts[c] + scheme.parity + c - first
-            room[c][:size] = continue_signal(values, at, at + 2 * size - 1, beyond)[::2]
-        _lift(room, starts, plan.moves, block, scratch)
+            buffers[c][:size] = continue_signal(values, at, at + 2 * size - 1, beyond)[::2]
+        _lift(buffers, starts, plan.moves, block, scratch)
         for c, (out, origin) in enumerate(outputs):
             low, high = max(block[0], origin), min(block[1], origin + out.size)
             if high > low:
                 at = low + scheme.shifts[c] - starts[c]
                 np.multiply(
-                    room[c][at : at + high - low],
+                    buffers[c][at : at + high - low],
                     scheme.gains[c],
                     out=out[low - origin : high - origin],
                 )
@@ -181,7 +181,7 @@ def _synthesise_arrays(
     treat, level = shrink
     _, plan = passes(scheme)
     whole = covering_pairs(scheme, span)
-    room, scratch = _buffers(plan, whole)
+    buffers, scratch = _buffers(plan, whole)
     for block in cut_span(whole, BLOCK):
         starts = (block[0] + plan.reach[0][0], block[0] + plan.reach[1][0])
         for c, coefficients in enumerate(channels):
@@ -190,14 +190,14 @@ def _synthesise_arrays(
             inputs = coefficients[at : at + size]
             if c == 1 and treat is not None:
                 inputs = treat(level, inputs)
-            np.multiply(inputs, 1.0 / scheme.gains[c], out=room[c][:size])
-        _lift(room, starts, plan.moves, block, scratch)
+            np.multiply(inputs, 1.0 / scheme.gains[c], out=buffers[c][:size])
+        _lift(buffers, starts, plan.moves, block, scratch)
         for c in (0, 1):
             # the first and the last pair may reach beyond the span by a sample
             origin = scheme.parity + c - span[0]
             low = max(block[0], -(origin // 2))
             high = min(block[1], (out.size - 1 - origin) // 2 + 1)
-            made = room[c][low - starts[c] : high - starts[c]]
+            made = buffers[c][low - starts[c] : high - starts[c]]
             out[2 * low + origin : 2 * high + origin : 2] = made
 
 

@@ -137,8 +137,8 @@ def allocate_shared(scheme: Scheme, length: int, room: Room) -> tuple[Array, Roo
     """Array [length] for the signal that `inverse` makes, and what allocates the details: the
     finest in its second half.
 
-    They lie behind the signal by so much that every one of them is read before the signal is
-    written over it.
+    They lie so far after the signal that each of them is read before the signal is written over
+    it.
     """
     _, (low, high) = reach.coefficients_of(scheme, (0, length), 1)
     whole = room(max(reach.shared_length(scheme, length), length, high - low))
@@ -156,7 +156,7 @@ def inverse(
     """Signal [n] from its wavelet coefficients, thresholded or not, put into an array [n] or one
     that `room` allocates.
 
-    `shrink` makes of any stretch of the details of a level, 0 the finest, those to be used; it is
+    `shrink` makes of any part of the details of a level, 0 the finest, those to be used; it is
     called block by block while they are in the cache, for some of them twice, and must treat each
     detail by itself.
 
