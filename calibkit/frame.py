@@ -50,7 +50,7 @@ PATTERNS = (
 
 
 COMPARED_ROWS = 1000
-"""Rows of a log by which it is held against others."""
+"""Rows of a log by which it is compared with others."""
 KEPT_ROWS, KEPT_DIGITS = 64, 12
 """Rows that a fingerprint holds, and hexadecimal digits of each."""
 
@@ -157,12 +157,12 @@ class Held:
     level: float
     unit: str
     pinned: bool = False
-    """Whether the recipe says so, rather than the log."""
+    """Whether the recipe states it, rather than the log."""
 
 
 @dataclass(frozen=True, slots=True)
 class Examined:
-    """What a procedure says of a log before anything is fitted to it: the findings and the held
+    """What a procedure finds in a log before anything is fitted to it: the findings and the held
     conditions.
     """
 
@@ -171,7 +171,7 @@ class Examined:
 
 
 Severity = Literal["refuse", "warn", "note"]
-"""What a finding does to a fit: stops it, is carried along as a flag, or is only told by `check`.
+"""What a finding does to a fit: stops it, is carried along as a flag, or only `check` prints it.
 """
 
 
@@ -204,7 +204,7 @@ class Finding:
 
     @property
     def flagged(self) -> bool:
-        """Whether a fit goes on and says so."""
+        """Whether a fit goes on with a flag."""
         return self.severity == "warn"
 
     @classmethod
@@ -214,7 +214,7 @@ class Finding:
         expected: str = "a log that can be fitted",
         name: str = "unusable",
     ) -> Finding:
-        """Finding that says what an error says, whose message begins with its place."""
+        """Finding that states what an error does, whose message begins with its place."""
         place, _, found = error.message.partition(": ")
         return cls(place, found, expected, error.hint, name=name)
 

@@ -286,7 +286,7 @@ _BRACKETED = re.compile(r"[(（\[<{]\s*([^()（）\[\]<>{}]*(?:\(°\)[^()]*)?)\s
 _BEHIND = re.compile(r".*?(?:\s*[,，:：]\s*|\s+/\s+|\s+in\s+)(\S.*)$")
 
 
-def of_text(text: str) -> str:
+def parse_unit(text: str) -> str:
     """Unit of a text that is nothing but a unit, with or without brackets, or "" where it is none
     of the table's.
     """
@@ -299,7 +299,7 @@ def of_text(text: str) -> str:
     return ""
 
 
-def of_header(name: str) -> str:
+def unit_in_header(name: str) -> str:
     """Unit that a column's header states behind its name, or "" where it states none of the
     table's.
 
@@ -308,11 +308,11 @@ def of_header(name: str) -> str:
     """
     name = name.strip()
     if bracketed := _BRACKETED.search(name):
-        return of_text(bracketed.group(1))
+        return parse_unit(bracketed.group(1))
     if behind := _BEHIND.match(name):
-        return of_text(behind.group(1))
+        return parse_unit(behind.group(1))
     last = name.rsplit(None, 1)[-1] if " " in name else ""
-    return of_text(last) if any(mark in last for mark in "°℃℉/") else ""
+    return parse_unit(last) if any(mark in last for mark in "°℃℉/") else ""
 
 
 def name_without_unit(name: str) -> str:

@@ -51,10 +51,10 @@ def test_an_excerpt_is_a_copy_and_another_measurement_is_none(seed, count, data)
     excerpt = measured[left:]
     if len(excerpt) >= copies.FEWEST:
         assert copies._find_fitted_copy(frozenset(excerpt), [entry(measured)]) == "x.csv"
-        assert copies._alike(fingerprint(excerpt), fingerprint(measured))
+        assert copies._are_fingerprints_alike(fingerprint(excerpt), fingerprint(measured))
     other = rows(seed + 1, count)
     assert copies._find_fitted_copy(frozenset(other), [entry(measured)]) == ""
-    assert not copies._alike(fingerprint(other), fingerprint(measured))
+    assert not copies._are_fingerprints_alike(fingerprint(other), fingerprint(measured))
 
 
 def test_a_quarter_of_a_log_is_told_from_its_fingerprint():

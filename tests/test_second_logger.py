@@ -10,7 +10,7 @@ import pytest
 
 import calibkit as calibkit_api
 from calibkit import coefficients, instruments, recipe
-from calibkit.fleet import unit
+from calibkit.fleet import device
 from calibkit.instruments.fog_thermal import simulate
 
 OFFSET_S = 17.3
@@ -152,15 +152,15 @@ def test_a_fleet_fits_again_when_a_chamber_log_has_changed(tmp_path, columns, lo
     write(tmp_path / "units" / "S", columns, log_writer)
     source = recipe.Source("r.toml", text(ESTIMATE))
     (tmp_path / "runs").mkdir()
-    plan = unit.Plan(source, tmp_path / "units", tmp_path / "runs", "2026-11-21")
-    assert unit.outcome(plan, "S").before is False
-    assert unit.outcome(plan, "S").before is True
+    plan = device.Plan(source, tmp_path / "units", tmp_path / "runs", "2026-11-21")
+    assert device.fit_device(plan, "S").before is False
+    assert device.fit_device(plan, "S").before is True
     (tmp_path / "units" / "S" / f"chamber_{LOG}.csv").unlink()
     write(tmp_path / "again", columns, log_writer, keep=slice(None, None, 10))
     (tmp_path / "again" / f"chamber_{LOG}.csv").rename(
         tmp_path / "units" / "S" / f"chamber_{LOG}.csv"
     )
-    assert unit.outcome(plan, "S").run == "r002"
+    assert device.fit_device(plan, "S").run == "r002"
 
 
 def test_a_gap_of_the_chamber_log_stays_a_gap(tmp_path, columns, log_writer):

@@ -148,7 +148,7 @@ def test_every_alias_is_a_unit_of_the_table(alias):
     """An alias leads to a unit, is none itself, and is understood in brackets."""
     assert units.ALIASES[alias] in units.TABLE
     assert alias not in units.TABLE
-    assert units.of_text(f"[{alias}]") == units.ALIASES[alias]
+    assert units.parse_unit(f"[{alias}]") == units.ALIASES[alias]
 
 
 @pytest.mark.parametrize(
@@ -180,7 +180,7 @@ def test_a_header_states_its_unit(header, unit):
     """Brackets, commas, lone slashes and last words that can be nothing else; anything else states
     none.
     """
-    assert units.of_header(header) == unit
+    assert units.unit_in_header(header) == unit
 
 
 def test_a_decimal_scale_means_its_digits():

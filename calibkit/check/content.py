@@ -128,16 +128,16 @@ def find_gaps(log: Log, limit_s: float) -> list[Finding]:
     """
     if not log.steps.shortest > 0.0:
         return []
-    before, step = _gaps(log)
+    before, step = _locate_gaps(log)
     long = step > limit_s
     refused = [
-        _long_gap(log, int(k), float(length), limit_s)
+        _refuse_gap(log, int(k), float(length), limit_s)
         for k, length in zip(before[long], step[long], strict=True)
     ]
-    return [*refused, *_short_gaps(log, before[~long], step[~long])]
+    return [*refused, *_warn_of_gaps(log, before[~long], step[~long])]
 
 
-def _gaps(log: Log) -> tuple[Integers, Array]:
+def _locate_gaps(log: Log) -> tuple[Integers, Array]:
     """Rows [m] before a gap in time, and the gaps [m, s]."""
     limit = GAP * log.steps.usual
     if not log.steps.longest > limit:
@@ -147,7 +147,7 @@ def _gaps(log: Log) -> tuple[Integers, Array]:
     return before, time[before + 1] - time[before]
 
 
-def _long_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
+def _refuse_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
     """A gap that is refused."""
     found = f"a gap of {step:g} s at {float(log.frame['time_s'].iloc[k]):g} s"
     advice = "split the log at the gap, or raise max_gap_s in the recipe"
@@ -163,7 +163,7 @@ def _long_gap(log: Log, k: int, step: float, limit_s: float) -> Finding:
     )
 
 
-def _short_gaps(log: Log, before: Integers, step: Array) -> list[Finding]:
+def _warn_of_gaps(log: Log, before: Integers, step: Array) -> list[Finding]:
     """One finding for all gaps that are allowed, at the first."""
     if not before.size:
         return []
@@ -190,7 +190,7 @@ def flag_bridged_gaps(log: Log) -> list[str]:
 
     What happened in them it does not know, and what it remembers from before them may be over.
     """
-    before, step = _gaps(log)
+    before, step = _locate_gaps(log)
     if not before.size:
         return []
     k = int(before[np.argmax(step)])

@@ -1,6 +1,6 @@
 """Copies: logs that came in twice under two names, and logs that a run was already fitted to.
 
-A copy would vouch for the other when it is left out, or be compared with its own fit. The same
+A copy would confirm the other when that is left out, or be compared with its own fit. The same
 bytes are a copy, and so are the same values written otherwise: other line ends, other separators, a
 row less. Of logs that are at hand the first rows are compared, of a run's logs the fingerprints
 that its run.json keeps of them.
@@ -24,7 +24,7 @@ SHARED = 0.9
 measurements differ.
 """
 FEWEST = 3
-"""Different rows below which nothing tells a copy from a log that stands still."""
+"""Different rows below which a copy cannot be distinguished from a log that stands still."""
 FINGERPRINT = "fingerprint"
 """Key of a log in run.json that holds the fingerprint of its values."""
 KEEP_ONE = "keep one of the two logs"
@@ -74,11 +74,11 @@ def _are_copies(shared: int, fewer: int) -> bool:
     return fewer >= FEWEST and shared >= SHARED * fewer
 
 
-def _alike(one: str, other: str) -> bool:
+def _are_fingerprints_alike(one: str, other: str) -> bool:
     """Whether two fingerprints are of copies: their rows up to the digest that both samples
     reach.
     """
-    samples = [_digests(one), _digests(other)]
+    samples = [_split_fingerprint(one), _split_fingerprint(other)]
     if samples[0].isdisjoint(samples[1]):
         return False
     ends = [max(sample) for sample in samples if len(sample) >= KEPT_ROWS]
@@ -87,7 +87,7 @@ def _alike(one: str, other: str) -> bool:
 
 
 @functools.lru_cache(maxsize=4096)
-def _digests(text: str) -> frozenset[str]:
+def _split_fingerprint(text: str) -> frozenset[str]:
     """Digests of the rows that a fingerprint holds."""
     return frozenset(text[k : k + KEPT_DIGITS] for k in range(0, len(text), KEPT_DIGITS))
 
@@ -103,7 +103,7 @@ def _are_same_log(one: Mapping[str, object], other: Mapping[str, object]) -> boo
     fingerprint only by their bytes.
     """
     marks = str(one.get(FINGERPRINT, "")), str(other.get(FINGERPRINT, ""))
-    return one["sha256"] == other["sha256"] or (all(marks) and _alike(*marks))
+    return one["sha256"] == other["sha256"] or (all(marks) and _are_fingerprints_alike(*marks))
 
 
 def describe_input(log: Input) -> dict[str, object]:
@@ -123,7 +123,7 @@ def digests_of_input(one: Mapping[str, object]) -> frozenset[str]:
     """Digests of a log, as run.json lists it, and of its rows: a copy has at least one of them
     too.
     """
-    return _digests(str(one.get(FINGERPRINT, ""))) | {str(one["sha256"])}
+    return _split_fingerprint(str(one.get(FINGERPRINT, ""))) | {str(one["sha256"])}
 
 
 def shared_logs(

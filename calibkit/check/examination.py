@@ -81,7 +81,7 @@ def examine_log(
     if in_chunks:
         rest = (finding for finding in findings if finding.name not in chunked.FOUND_IN_CHUNKS)
         findings, whole = (*in_chunks[0].findings, *rest), in_chunks[0].facts
-    held = tuple(_condition(log, part) for part in examined.held)
+    held = tuple(_describe_held(log, part) for part in examined.held)
     report = LogReport(file, log.sha256, log.reading, log.notes, whole, held, findings)
     slope = None
     if not report.refused and {"gyro_dph", "temp_case_degc", "temp_env_degc"} <= set(
@@ -89,7 +89,7 @@ def examine_log(
     ):
         case, indication = values(log.frame, "temp_case_degc"), values(log.frame, "gyro_dph")
         slope = magnitude.fit_drift_slope(case, indication)
-    return _Examination(report, _figure(log, held, findings), slope, log.first_rows())
+    return _Examination(report, _draw_log(log, held, findings), slope, log.first_rows())
 
 
 def segment_numbers(
@@ -135,7 +135,7 @@ def compare_logs(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
 
 
 def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
-    """Logs that came in twice under two names, with the finding of each: one would vouch for the
+    """Logs that came in twice under two names, with the finding of each: one would confirm the
     other.
     """
     logs = [
@@ -149,7 +149,7 @@ def _copies(outcomes: Sequence[_Examination]) -> list[tuple[str, Finding]]:
     ]
 
 
-def _condition(log: Log, held: Held) -> HeldCondition:
+def _describe_held(log: Log, held: Held) -> HeldCondition:
     """A held condition by its time."""
     along = _abscissa(log)
     return HeldCondition(
@@ -169,7 +169,7 @@ def _abscissa(log: Log) -> Array:
     return values(frame, "time_s") if "time_s" in frame.columns else np.arange(float(len(frame)))
 
 
-def _figure(log: Log, held: Sequence[HeldCondition], findings: Sequence[Finding]) -> LogFigure:
+def _draw_log(log: Log, held: Sequence[HeldCondition], findings: Sequence[Finding]) -> LogFigure:
     """Curves of every column over time or row, thinned to their envelope."""
     along, described = _abscissa(log), facts.describe_log(log)
     return LogFigure(

@@ -60,9 +60,9 @@ def describe_log(log: Log) -> Facts:
     """Facts of a log that was read."""
     frame = log.frame
     names = [name for name in frame.columns if name not in ("run", "time_s")]
-    columns = tuple(_column(name, values(frame, name)) for name in names)
+    columns = tuple(_describe_column(name, values(frame, name)) for name in names)
     temperature = next((name for name in names if name.endswith("_degc")), "")
-    occupancy = _occupancy(values(frame, temperature)) if temperature else ()
+    occupancy = _count_occupancy(values(frame, temperature)) if temperature else ()
     if "time_s" not in frame.columns or len(frame) < 2:
         return Facts(len(frame), 0.0, 0.0, 0.0, 0, columns, occupancy)
     time = values(frame, "time_s")
@@ -80,7 +80,7 @@ def describe_log(log: Log) -> Facts:
     )
 
 
-def _column(name: str, data: Array) -> _ColumnFacts:
+def _describe_column(name: str, data: Array) -> _ColumnFacts:
     """Facts of a column."""
     good = data[np.isfinite(data)]
     unit = units.column_unit(name)
@@ -97,7 +97,7 @@ def _column(name: str, data: Array) -> _ColumnFacts:
     )
 
 
-def _occupancy(temperature: Array) -> tuple[_Occupancy, ...]:
+def _count_occupancy(temperature: Array) -> tuple[_Occupancy, ...]:
     """Occupancy of a temperature [n, °C] in bins of ten degrees, from the coldest to the
     hottest.
     """

@@ -27,7 +27,7 @@ SLOWEST_SAMPLING_S = 100.0
 FASTEST_DPH = 36_000.0
 """Bias [°/h] that no gyro at rest has: 10 °/s."""
 SPAN_DEGC = 5.0
-"""Change of temperature from which rates and slopes tell units apart."""
+"""Change of temperature from which rates and slopes distinguish units."""
 SLOWEST_DEGC_MIN, FASTEST_DEGC_MIN = 0.03, 30.0
 """Rates at which chambers do not change."""
 G_OF_UNIT = {"m/s^2": STANDARD_GRAVITY_MPS2, "mg": 1000.0, "ug": 1e6}
@@ -76,7 +76,7 @@ def check_noise_unit(log: Log, column: str) -> list[Finding]:
     """A gyro in a record of noise whose indication is too small or too large for °/h; what is
     missing is left out.
 
-    Its noise alone may be that of a quiet gyro: the span tells °/s only where the whole indication
+    Its noise alone may be that of a quiet gyro: the span shows °/s only where the whole indication
     is that small too.
     """
     data = values(log.frame, column)
@@ -210,8 +210,8 @@ def check_gyro_sign(log: Log, column: str, rate: str) -> list[Finding]:
 
 
 def find_compensated_names(log: Log, recipe: Recipe, columns: Sequence[str]) -> list[Finding]:
-    """Indications whose own name in the log says that they were corrected before: never compensate
-    twice.
+    """Indications whose own name in the log states that they were corrected before: never
+    compensate twice.
     """
     found = []
     for column in columns:

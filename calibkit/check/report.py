@@ -1,6 +1,4 @@
-"""What `calibkit check` says of the logs of a folder: as a document for scripts, and as lines for
-people.
-"""
+"""Reports of `calibkit check` on the logs of a folder: a document for scripts, lines for people."""
 
 from collections.abc import Sequence
 from dataclasses import asdict, dataclass
@@ -61,7 +59,7 @@ def report_document(reports: Sequence[LogReport]) -> dict[str, Any]:
     """JSON document of a check: `ok` where a fit would go on, else the first thing that stops it,
     then each log.
     """
-    logs = [_entry(report) for report in reports]
+    logs = [_log_entry(report) for report in reports]
     refused = [finding for report in reports for finding in report.findings if finding.refused]
     if not refused:
         return {"ok": True, "logs": logs}
@@ -72,7 +70,7 @@ def report_document(reports: Sequence[LogReport]) -> dict[str, Any]:
     return {"ok": False, "error": error, "logs": logs}
 
 
-def _entry(report: LogReport) -> dict[str, Any]:
+def _log_entry(report: LogReport) -> dict[str, Any]:
     """JSON object of one log."""
     return {
         "log": report.file,

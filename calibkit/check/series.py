@@ -42,13 +42,13 @@ def check_indication(log: Log, column: str, unit: str) -> list[Finding]:
     """
     data = values(log.frame, column)
     stuck = anomalies.stuck(data)
-    steps = _coarse(log, column, data, unit)
+    steps = _check_resolution(log, column, data, unit)
     return [
-        *_start_up(log, column, data, unit),
-        *_spikes(log, column, data, unit),
-        *_stuck_runs(log, column, data, stuck, unit),
-        *(() if len(stuck) else _clipped(log, column, data, unit)),
-        *(() if steps else _jumps(log, column, anomalies.remove_spikes(data), unit)),
+        *_check_start_up(log, column, data, unit),
+        *_check_spikes(log, column, data, unit),
+        *_report_stuck(log, column, data, stuck, unit),
+        *(() if len(stuck) else _check_clipping(log, column, data, unit)),
+        *(() if steps else _check_jumps(log, column, anomalies.remove_spikes(data), unit)),
         *steps,
     ]
 
@@ -58,20 +58,20 @@ def check_case_and_air(log: Log, case: str, air: str) -> list[Finding]:
     found = []
     of_case, of_air = values(log.frame, case), values(log.frame, air)
     for column, data in ((case, of_case), (air, of_air)):
-        found += _spikes(log, column, data, "°C", least=SPIKE_DEGC)
+        found += _check_spikes(log, column, data, "°C", least=SPIKE_DEGC)
     moved = max(LEAD_DEGC, 5.0 * anomalies.resolution(of_case))
     runs = anomalies.equal_runs(of_case, anomalies.SHORTEST_RUN)
     frozen = _merge_runs(
         anomalies.stuck_against(of_air, moved, runs), anomalies.frozen(of_case, SPIKE_DEGC, runs)
     )
-    found += _stuck_runs(log, case, of_case, frozen, "°C")
+    found += _report_stuck(log, case, of_case, frozen, "°C")
     # a case comes to meet the air that stands still; a case that leaves it was driven by air that
     # the log does not show
     runs = anomalies.equal_runs(of_air, anomalies.SHORTEST_RUN)
     first, last = runs[:, 0], runs[:, 1] - 1
     left = np.abs(of_case[last] - of_air[last]) - np.abs(of_case[first] - of_air[first]) > moved
     frozen = _merge_runs(runs[left], anomalies.frozen(of_air, SPIKE_DEGC, runs))
-    return [*found, *_stuck_runs(log, air, of_air, frozen, "°C")]
+    return [*found, *_report_stuck(log, air, of_air, frozen, "°C")]
 
 
 def _merge_runs(one: Integers, other: Integers) -> Integers:
@@ -81,7 +81,7 @@ def _merge_runs(one: Integers, other: Integers) -> Integers:
 
 def check_temperature(log: Log, column: str) -> list[Finding]:
     """Spikes of one thermometer."""
-    return _spikes(log, column, values(log.frame, column), "°C", least=SPIKE_DEGC)
+    return _check_spikes(log, column, values(log.frame, column), "°C", least=SPIKE_DEGC)
 
 
 def find_turn_back(log: Log, column: str) -> list[Finding]:
@@ -144,12 +144,12 @@ def check_driven_indication(
     # called clipped then
     at_end = np.isin(data[noisy[:, 0]], log.extremes(column))
     return [
-        *_stuck_runs(log, column, data, _merge_runs(runs, noisy[at_end]), unit),
-        *_held_spikes(log, column, data, cause, unit, UNEVEN * full_span),
+        *_report_stuck(log, column, data, _merge_runs(runs, noisy[at_end]), unit),
+        *_check_held_spikes(log, column, data, cause, unit, UNEVEN * full_span),
     ]
 
 
-def _held_spikes(
+def _check_held_spikes(
     log: Log, column: str, data: Array, cause: Array, unit: str, least: float
 ) -> list[Finding]:
     """Spikes of an indication while what drives it is held, each hold by its own scatter: an
@@ -170,7 +170,9 @@ def _held_spikes(
     return _report_spikes(log, column, data, np.concatenate(found), unit) if found else []
 
 
-def _spikes(log: Log, column: str, data: Array, unit: str, *, least: float = 0.0) -> list[Finding]:
+def _check_spikes(
+    log: Log, column: str, data: Array, unit: str, *, least: float = 0.0
+) -> list[Finding]:
     """Single rows far from their neighbours, looked for in chunks of CHUNK rows."""
     found = [
         anomalies.spikes(data[start:stop], least=least) + start
@@ -207,7 +209,7 @@ def _report_spikes(log: Log, column: str, data: Array, found: Integers, unit: st
     ]
 
 
-def _stuck_runs(log: Log, column: str, data: Array, runs: Integers, unit: str) -> list[Finding]:
+def _report_stuck(log: Log, column: str, data: Array, runs: Integers, unit: str) -> list[Finding]:
     """Values that stand still: saturated where they stand at the column's extreme, else stuck."""
     if not len(runs):
         return []
@@ -241,7 +243,7 @@ def _format_times(log: Log, first: int, stop: int) -> str:
     return f"{time[first]:g} s to {time[stop - 1]:g} s"
 
 
-def _clipped(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+def _check_clipping(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """Values that pile up at the largest or smallest."""
     pile = anomalies.clipped(data)
     if pile is None:
@@ -262,7 +264,7 @@ def _clipped(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     ]
 
 
-def _jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+def _check_jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """One finding for the sudden changes of the bias that stay, at the largest."""
     rows, change = anomalies.jumps(data, int(np.clip(data.size // 50, 20, 2000)))
     if not rows.size:
@@ -287,7 +289,7 @@ def _jumps(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     ]
 
 
-def _start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+def _check_start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """Rows at the head of a log that were written before the instrument ran."""
     count = anomalies.start_up(data)
     if not count:
@@ -312,7 +314,7 @@ def _start_up(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     ]
 
 
-def _coarse(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
+def _check_resolution(log: Log, column: str, data: Array, unit: str) -> list[Finding]:
     """An indication whose steps hide its noise."""
     step = anomalies.resolution(data)
     if data.size < 100 or step == 0.0 or np.unique(anomalies.sample(data)).size > LEVELS:

@@ -13,10 +13,9 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.check.content import finding_of_column
+from calibkit.check.magnitude import SPAN_DEGC
 from calibkit.frame import Finding, Log, values
 
-SPAN_DEGC = 5.0
-"""Change of temperature from which rates and slopes tell units apart."""
 APART_DEGC = 20.0
 """Difference [°C] of case and air that no self-heating keeps up in a soak."""
 STILL_DEGC = 0.3
@@ -73,7 +72,7 @@ def fit_lead(time: Array, follower: Array, driver: Array) -> Lead:
     count = min(BLOCKS, time.size // 3)
     if count < 10:
         return Lead(1.0, 0.0, 0.0, 0.0, 0.0)
-    t, f, d = (_blocks(series, count) for series in (time, follower, driver))
+    t, f, d = (_block_means(series, count) for series in (time, follower, driver))
     scale = (float(np.ptp(f)) or 1.0) / (float(np.ptp(d)) or 1.0)
     rate = np.gradient(0.5 * (f / scale + d), t)
     others = np.column_stack([np.ones(count), d])
@@ -87,7 +86,7 @@ def fit_lead(time: Array, follower: Array, driver: Array) -> Lead:
     return Lead(gain, offset, lag, together, abs(lag) * float(np.ptp(rate)))
 
 
-def _blocks(series: Array, count: int) -> Array:
+def _block_means(series: Array, count: int) -> Array:
     """Means of `count` blocks."""
     edges = np.linspace(0, series.size, count + 1).astype(np.int64)
     sums: Array = np.add.reduceat(series, edges[:-1])
@@ -149,7 +148,7 @@ def _find_unit(log: Log, case: str, air: str, lead: Lead) -> list[Finding]:
 
 def _find_apart(log: Log, case: str, air: str, a: Array, b: Array) -> list[Finding]:
     """A case that does not come to the air's temperature in a soak."""
-    for of_case, of_air in _soaked(a, b):
+    for of_case, of_air in _soak_means(a, b):
         if abs(of_case - of_air) > APART_DEGC:
             finding = finding_of_column(
                 log,
@@ -183,15 +182,19 @@ def _find_exchange(log: Log, case: str, air: str, lead: Lead) -> list[Finding]:
     ]
 
 
-def _soaked(case: Array, air: Array) -> list[tuple[float, float]]:
+def _soak_means(case: Array, air: Array) -> list[tuple[float, float]]:
     """Means of case and air at the ends of a log where both stand still."""
     rows = max(20, case.size // 50)
     ends = (slice(0, rows), slice(case.size - rows, None))
-    still = [end for end in ends if max(abs(_creep(case[end])), abs(_creep(air[end]))) < STILL_DEGC]
+    still = [
+        end
+        for end in ends
+        if max(abs(_change_of_mean(case[end])), abs(_change_of_mean(air[end]))) < STILL_DEGC
+    ]
     return [(float(case[end].mean()), float(air[end].mean())) for end in still]
 
 
-def _creep(values: Array) -> float:
+def _change_of_mean(values: Array) -> float:
     """Change of the mean from the first to the second half."""
     half = values.size // 2
     return float(values[half:].mean() - values[:half].mean())
@@ -245,7 +248,7 @@ def check_rates_in_names(measured: Mapping[str, float]) -> list[tuple[str, Findi
 
 def _find_fahrenheit(rates: Mapping[str, tuple[float, float]]) -> list[tuple[str, Finding]]:
     """Logs whose chamber changed 9/5 times as fast as was ordered: all temperatures are in °F,
-    which no other check can tell.
+    which no other check can show.
 
     `rates` holds log file → (ordered, measured) rate [°C/min]; at least two different ones must
     agree.

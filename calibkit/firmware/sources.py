@@ -85,7 +85,7 @@ def _converted(spec: Recipe, name: str, column: Column | None, source: str) -> s
             *([f"offset = {offset:.12g}"] if offset else []),
         ]
     )
-    own = (column.unit or units.of_header(column.source)) if column else ""
+    own = (column.unit or units.unit_in_header(column.source)) if column else ""
     inner = f"{scale:.12g} * {source}" if scale != 1.0 else source
     inner = f"({inner} {'-' if offset < 0 else '+'} {abs(offset):.12g})" if offset else inner
     if column and (column.accumulated or own == "1/sample"):

@@ -144,7 +144,7 @@ def estimate_clock(
             f"the best clock offset lies at the end of the search, {theta[0]:+.1f} s",
             hint="widen search_s, or state it",
         )
-    return _with_covariance(theta, t, x, time_b, b, middle)
+    return _estimate_covariance(theta, t, x, time_b, b, middle)
 
 
 def _search_offset(
@@ -187,12 +187,12 @@ def _unexplained(x: Array, y: Array) -> float:
     return float(1.0 - np.corrcoef(x[good], y[good])[0, 1] ** 2)
 
 
-def _noise(values: Array) -> float:
+def _sensor_noise(values: Array) -> float:
     """Standard deviation of a sensor's noise, at least that of its resolution."""
     return max(anomalies.scatter(values), anomalies.resolution(values) / float(np.sqrt(12.0)))
 
 
-def _b_at(theta: Array, t: Array, time_b: Array, b: Array, middle: float) -> Array:
+def _resample_b(theta: Array, t: Array, time_b: Array, b: Array, middle: float) -> Array:
     """Values of B at the times [n, s] of A; NaN where B has none."""
     skew = float(theta[1]) if theta.size > 1 else 0.0
     return resample(time_b, b, (t - theta[0] + skew * middle) / (1.0 + skew))
@@ -200,7 +200,7 @@ def _b_at(theta: Array, t: Array, time_b: Array, b: Array, middle: float) -> Arr
 
 def _residuals(theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: float) -> Array:
     """Residuals of A [n] after a straight line in B; 0 where B has no value."""
-    y = _b_at(theta, t, time_b, b, middle)
+    y = _resample_b(theta, t, time_b, b, middle)
     good = np.isfinite(y)
     if good.sum() < _LEAST:
         return np.full(t.size, float(np.std(x)))
@@ -233,12 +233,12 @@ def _slopes(theta: Array, t: Array, time_b: Array, b: Array, middle: float, gain
     for k in range(theta.size):
         step = np.zeros(theta.size)
         step[k] = apart if k == 0 else apart / (0.5 * float(time_b[-1] - time_b[0]))
-        ends = [_b_at(theta + sign * step, t, time_b, b, middle) for sign in (1.0, -1.0)]
+        ends = [_resample_b(theta + sign * step, t, time_b, b, middle) for sign in (1.0, -1.0)]
         slopes.append(gain * (ends[0] - ends[1]) / (2.0 * step[k]))
     return np.column_stack(slopes)
 
 
-def _with_covariance(
+def _estimate_covariance(
     theta: Array, t: Array, x: Array, time_b: Array, b: Array, middle: float
 ) -> Clocks:
     """The estimate with its covariance, from the slopes of the whole model at the solution.
@@ -246,7 +246,7 @@ def _with_covariance(
     Raises FitError where the rows in common are too few, the sensors show two quantities, or an
     offset cannot be separated from a level.
     """
-    y = _b_at(theta, t, time_b, b, middle)
+    y = _resample_b(theta, t, time_b, b, middle)
     good = np.isfinite(y)
     linear = np.column_stack((y[good] - y[good].mean(), np.ones(int(good.sum()))))
     gain, _ = np.linalg.lstsq(linear, x[good], rcond=None)[0].tolist()
@@ -261,7 +261,7 @@ def _with_covariance(
     )
     size = np.linalg.norm(design, axis=0)
     left = _residuals(theta, t, x, time_b, b, middle)[sound]
-    noise = np.hypot(_noise(x), abs(gain) * _noise(b))
+    noise = np.hypot(_sensor_noise(x), abs(gain) * _sensor_noise(b))
     rms = dispersion.rms(left)
     if rms > _UNLIKE * noise:
         raise FitError(

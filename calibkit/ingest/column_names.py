@@ -74,7 +74,7 @@ class LogColumn:
         name; or "".
         """
         last = self.plain.rsplit("_", 1)[-1] if "_" in self.plain else ""
-        return self.unit or units.of_header(self.name) or LAST_WORDS.get(last, "")
+        return self.unit or units.unit_in_header(self.name) or LAST_WORDS.get(last, "")
 
     @property
     def dimension(self) -> str:
@@ -114,10 +114,10 @@ def guess_canonical(column: LogColumn) -> str:
     for meant, words in _WORDS:
         if re.search(words, name):
             return meant
-    return _indication(column)
+    return _guess_indication(column)
 
 
-def _indication(column: LogColumn) -> str:
+def _guess_indication(column: LogColumn) -> str:
     """Canonical column of a gyro or an accelerometer, by name, else by unit; or ""."""
     name = column.plain
     axis = "".join(_AXES.findall(name)[-1:]).lower()

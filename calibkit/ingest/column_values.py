@@ -120,14 +120,14 @@ def _time_format(raw: pd.Series, file: str, source: str) -> str:
     )
 
 
-def _unit_of(table: Table, source: str, column: Column, name: str) -> str:
+def _resolve_unit(table: Table, source: str, column: Column, name: str) -> str:
     """Unit of the log's column: the recipe's, else what the log's header states, else the canonical
     one.
 
     Raises FrameError where the recipe and the log contradict each other.
     """
     target = units.column_unit(name)
-    header = table.units.get(source) or units.of_header(source)
+    header = table.units.get(source) or units.unit_in_header(source)
     pinned = column.unit
     if column.accumulated:
         # differences of a counter are counts per sample, whether the log, the recipe or neither
@@ -180,8 +180,8 @@ def read_values(
     """
     column = recipe.columns.get(name) or Column(source=source)
     raw = table.frame[source].to_numpy(dtype=np.float64)
-    unit, target = _unit_of(table, source, column, name), units.column_unit(name)
-    raw, notes = _without_sentinels(raw, recipe, unit, source, table)
+    unit, target = _resolve_unit(table, source, column, name), units.column_unit(name)
+    raw, notes = _blank_sentinels(raw, recipe, unit, source, table)
     reading: tuple[str, ...] = ()
     if column.wraps_at is not None:
         raw, reading = _unwrap(raw, column.wraps_at, source)
@@ -190,7 +190,7 @@ def read_values(
     values = units.scaled(raw, column.scale, offset=column.offset)
     per_sample = unit == "1/sample"
     if per_sample:
-        values = values / _interval(column, seconds, name, table)
+        values = values / _counting_interval(column, seconds, name, table)
         notes += _note_on_spacing(column, seconds, name)
         unit = "1/s"
     try:
@@ -207,7 +207,9 @@ def read_values(
     return MappedColumn(values if column.sign == 1 else -values, notes, reading, first_lost)
 
 
-def _interval(column: Column, seconds: Array | None, name: str, table: Table) -> Array | float:
+def _counting_interval(
+    column: Column, seconds: Array | None, name: str, table: Table
+) -> Array | float:
     """Time [s] over which each row's counts were counted: the recipe's, or since the row before."""
     if column.interval_s is not None:
         return column.interval_s
@@ -247,7 +249,7 @@ def _unwrap(raw: Array, modulus: float, source: str) -> tuple[Array, tuple[str, 
     return continuous, (text,) if count else ()
 
 
-def _without_sentinels(
+def _blank_sentinels(
     raw: Array, recipe: Recipe, unit: str, source: str, table: Table
 ) -> tuple[Array, tuple[str, ...]]:
     """Values with NaN for those that mean "no value", and a note on how many, the first, its

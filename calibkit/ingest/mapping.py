@@ -91,7 +91,7 @@ def _map_columns(
     recipe: Recipe, table: Table, needed: Sequence[str], optional: Sequence[str]
 ) -> dict[str, MappedColumn]:
     """Canonical name → column of the log, the time first: counts per sample need it."""
-    own = _own_names(recipe, table, needed, optional)
+    own = _find_columns(recipe, table, needed, optional)
     mapped: dict[str, MappedColumn] = {}
     if "time_s" in own:
         mapped["time_s"] = column_values.read_time(table, own["time_s"], recipe)
@@ -110,7 +110,7 @@ def _map_columns(
     return mapped
 
 
-def _own_names(
+def _find_columns(
     recipe: Recipe, table: Table, needed: Sequence[str], optional: Sequence[str]
 ) -> dict[str, str]:
     """Canonical name → the log's own name of every column that is there.
@@ -182,7 +182,7 @@ def drop_excluded_rows(
         ):
             continue
         require(file, frame.columns, ["time_s"])
-        out = frame["time_s"].between(*_range_of(exclude))
+        out = frame["time_s"].between(*_excluded_range(exclude))
         taken[number] = int(out.sum())
         frame = frame[~out] if taken[number] else frame
     return frame, taken
@@ -195,7 +195,7 @@ def note_exclusions(
     notes = []
     for number, rows in taken.items():
         exclude = excludes[number]
-        low, high = _range_of(exclude)
+        low, high = _excluded_range(exclude)
         if not rows:
             raise RecipeError(
                 f"[[exclude]] of {file}: no row between {low:g} s and {high:g} s",
@@ -209,7 +209,7 @@ def note_exclusions(
     return tuple(notes)
 
 
-def _range_of(exclude: Exclude) -> tuple[float, float]:
+def _excluded_range(exclude: Exclude) -> tuple[float, float]:
     """Times [s] from and to which an exclusion goes."""
     return (
         -np.inf if exclude.from_s is None else exclude.from_s,

@@ -42,7 +42,8 @@ def propose(folder: Path, parse: Parse, proposers: Sequence[Proposer]) -> Propos
     choices = [
         (chosen, group)
         for group in groups
-        if (chosen := _choose(Evidence.of(folder, group, groups, parse), proposers)) is not None
+        if (chosen := _choose_recipe(Evidence.of(folder, group, groups, parse), proposers))
+        is not None
     ]
     if not choices:
         columns = "; ".join(
@@ -56,7 +57,7 @@ def propose(folder: Path, parse: Parse, proposers: Sequence[Proposer]) -> Propos
     # the procedure that more of the logs are for
     chosen, group = max(choices, key=lambda choice: len(choice[1].files))
     rest = [other for other in groups if other is not group]
-    return Proposal(_write_recipe(folder, chosen, group, rest, parse), _unit_note(chosen))
+    return Proposal(_write_recipe(folder, chosen, group, rest, parse), _note_missing_units(chosen))
 
 
 def _mapping_advice(columns: Sequence[LogColumn]) -> str:
@@ -82,7 +83,7 @@ def _lacks_unit(column: LogColumn) -> bool:
     return not column.stated and not column.is_time
 
 
-def _unit_note(choice: Choice) -> str:
+def _note_missing_units(choice: Choice) -> str:
     """Note on the mapped columns without a unit in the log, with the unit that each would be taken
     in; "" where every unit is stated.
     """
@@ -180,7 +181,7 @@ Proposer: TypeAlias = Callable[[Evidence], Choice | None]
 """Recognises the logs of one instrument."""
 
 
-def _choose(evidence: Evidence, proposers: Sequence[Proposer]) -> Choice | None:
+def _choose_recipe(evidence: Evidence, proposers: Sequence[Proposer]) -> Choice | None:
     """Shipped recipe that maps columns of just these names, else that of the first instrument that
     recognises the logs.
     """
@@ -217,10 +218,15 @@ def _write_recipe(
     text = re.sub(
         r"(?m)^files = .*$", lambda found: "\n".join((found.group(), *below)), text, count=1
     )
-    return _header(choice, group, rest) + text.rstrip("\n") + "\n" + _mapping(choice, group)
+    return (
+        _write_header(choice, group, rest)
+        + text.rstrip("\n")
+        + "\n"
+        + _write_mapping(choice, group)
+    )
 
 
-def _mapping(choice: Choice, group: Group) -> str:
+def _write_mapping(choice: Choice, group: Group) -> str:
     """Tables [logs.text] and [columns] of a recipe, and comments on columns that are not used."""
     lines = [""]
     if group.text:
@@ -231,7 +237,7 @@ def _mapping(choice: Choice, group: Group) -> str:
     for name, column in choice.mapping.items():
         if column.name == name and not column.is_time:
             continue
-        by_reader = column.unit or units.of_header(column.name)
+        by_reader = column.unit or units.unit_in_header(column.name)
         unit = units.column_unit(name)
         taken = "" if unit == "1" else f' in the log: taken in {unit}, or state unit = "…"'
         remark = f"the log states {column.stated}" if column.stated else f"no unit{taken}"
@@ -256,10 +262,10 @@ def _mapping(choice: Choice, group: Group) -> str:
     return "\n".join(lines).rstrip("\n") + "\n" if len(lines) > 1 else ""
 
 
-def _header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
+def _write_header(choice: Choice, group: Group, rest: Sequence[Group]) -> str:
     """Comment at the head of a recipe: for which logs it is, and which logs it does not read."""
     several = len(group.files) > 1
-    note = _unit_note(choice)
+    note = _note_missing_units(choice)
     remarks = (
         (
             f"# Proposed for {len(group.files)} log{'s' * several} of {len(group.columns)} columns"

@@ -48,8 +48,8 @@ def read_joined(
     """Read one log with the columns of its second logger; raises FitError where the two clocks
     cannot be related, otherwise as `mapping.read_file`.
     """
-    names = _files(chamber, path, file)
-    if not names and (alone := _complete(recipe, path, file, needed, optional)) is not None:
+    names = _find_files(chamber, path, file)
+    if not names and (alone := _read_complete(recipe, path, file, needed, optional)) is not None:
         return alone
     if len(names) != 1:
         there = f"{len(names)} files ({', '.join(names[:4])})" if names else "no file"
@@ -130,7 +130,7 @@ def _read_first(
     return mapping.read_file(probed, path, file, [*own, probe], extra), probe
 
 
-def _files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
+def _find_files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
     """Files of the second logger that belong to a log."""
     log = mapping.log_name(PurePosixPath(file).name)
     patterns = [PurePosixPath(pattern.replace("{log}", log)).name for pattern in chamber.files]
@@ -141,7 +141,7 @@ def _files(chamber: SecondLogger, path: Path, file: str) -> list[str]:
     )
 
 
-def _complete(
+def _read_complete(
     recipe: Recipe, path: Path, file: str, needed: Sequence[str], optional: Sequence[str]
 ) -> Log | None:
     """Read a log that has every column itself, as one from the place of use may; None for

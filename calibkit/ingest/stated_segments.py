@@ -13,7 +13,7 @@ from calibkit.recipe.tables import Pin
 
 def stated_kinds(log: Log, spec: Recipe) -> list[str]:
     """Kinds of the segments that the recipe states of a log, in the order of `stated_rows`."""
-    return [segment.kind for segment in _segments(log, spec)]
+    return [segment.kind for segment in _segments_of_log(log, spec)]
 
 
 def stated_rows(log: Log, spec: Recipe, kinds: Sequence[str]) -> Integers | None:
@@ -22,7 +22,7 @@ def stated_rows(log: Log, spec: Recipe, kinds: Sequence[str]) -> Integers | None
 
     Raises FrameError for a segment of another kind, or one that holds fewer than two rows.
     """
-    segments = _segments(log, spec)
+    segments = _segments_of_log(log, spec)
     if not segments:
         return None
     time = values(log.frame, "time_s")
@@ -45,7 +45,7 @@ def stated_rows(log: Log, spec: Recipe, kinds: Sequence[str]) -> Integers | None
     return np.array(found, dtype=np.int64)
 
 
-def _segments(log: Log, spec: Recipe) -> list[Pin]:
+def _segments_of_log(log: Log, spec: Recipe) -> list[Pin]:
     """Segments that the recipe states of a log, in order of time."""
     own = (segment for segment in spec.segment if segment.log in (log.file, log.name))
     return sorted(own, key=lambda segment: segment.from_s)

@@ -53,9 +53,9 @@ def rewrite_log(
     Raises FrameError or LogFormatError before the first part for what the log lacks, and
     LogFormatError in between where the log changes meanwhile.
     """
-    log = _clean(recipe, path) or _fields(recipe, path)
+    log = _scan_clean(recipe, path) or _read_fields(recipe, path)
     added = derived or {}
-    own = {name: _source(recipe, name, log, path) for name in columns}
+    own = {name: _find_source(recipe, name, log, path) for name in columns}
     for values in (*columns.values(), *added.values()):
         if len(values) != log.count:
             raise FrameError(
@@ -78,7 +78,7 @@ def _rewrite_blocks(
     canonical name), and added ones behind.
     """
     names = (f"reference_{name}" if name in added else name for name in log.header)
-    yield _written([[name] for name in (*names, *added)], quotes=log.quotes)
+    yield _format_csv([[name] for name in (*names, *added)], quotes=log.quotes)
     row = 0
     for block in log.blocks():
         stop, fields = row + len(block[0]), list(block)
@@ -88,10 +88,10 @@ def _rewrite_blocks(
             mapped = recipe.columns.get(name) or Column(source=source)
             stated = log.units.get(source, "")
             values = unmap_values(columns[name][row:stop], mapped, name, recipe, stated)
-            fields[log.header.index(source)] = _texts(values)
-        fields += [_texts(values[row:stop]) for values in added.values()]
+            fields[log.header.index(source)] = _format_numbers(values)
+        fields += [_format_numbers(values[row:stop]) for values in added.values()]
         chunks.release(*columns.values(), *added.values())
-        yield _written(fields, quotes=log.quotes)
+        yield _format_csv(fields, quotes=log.quotes)
         row = stop
     if row != log.count:
         raise clean.changed(file)
@@ -140,20 +140,24 @@ class _Fields:
     quotes: bool
 
 
-def _clean(recipe: Recipe, path: Path) -> _Fields | None:
+def _scan_clean(recipe: Recipe, path: Path) -> _Fields | None:
     """Fields of clean CSV as they are in the file, which is read block by block; None of any other
     log.
     """
     scan = clean.scan_file(path, path.name) if recipe.logs.format in _CSV else None
     if scan is None:
         return None
-    stated = {name: units.of_header(name) for name in scan.header}
+    stated = {name: units.unit_in_header(name) for name in scan.header}
     return _Fields(
-        list(scan.header), stated, scan.rows, lambda: _blocks(path, len(scan.header)), quotes=False
+        list(scan.header),
+        stated,
+        scan.rows,
+        lambda: _read_blocks(path, len(scan.header)),
+        quotes=False,
     )
 
 
-def _blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
+def _read_blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
     """Fields of each column of clean CSV, one block of lines after the other; raises LogFormatError
     where it cannot be read.
     """
@@ -167,7 +171,7 @@ def _blocks(path: Path, width: int) -> Iterator[list[list[str]]]:
             yield [fields[number::width] for number in range(width)]
 
 
-def _fields(recipe: Recipe, path: Path) -> _Fields:
+def _read_fields(recipe: Recipe, path: Path) -> _Fields:
     """Fields of a log: of CSV as they are, of any other dialect or format by its reader."""
     data, _ = delimited.read_bytes(path, path.name)
     if recipe.logs.format in _CSV and delimited.looks_clean(data):
@@ -180,10 +184,10 @@ def _fields(recipe: Recipe, path: Path) -> _Fields:
         else:
             rows = [line.split(",") for line in body.decode().rstrip("\n").split("\n")]
             columns = list(map(list, zip(*rows, strict=True)))
-            stated = {name: units.of_header(name) for name in header}
+            stated = {name: units.unit_in_header(name) for name in header}
             return _Fields(header, stated, len(rows), lambda: [columns], quotes=False)
     table = registry.read(path, path.name, recipe.logs, ())
-    columns = [_characters(table.frame[name], table.decimal) for name in table.frame.columns]
+    columns = [_format_column(table.frame[name], table.decimal) for name in table.frame.columns]
     return _Fields(
         list(map(str, table.frame.columns)),
         table.units,
@@ -193,10 +197,10 @@ def _fields(recipe: Recipe, path: Path) -> _Fields:
     )
 
 
-def _characters(column: pd.Series, decimal: str) -> list[str]:
+def _format_column(column: pd.Series, decimal: str) -> list[str]:
     """A column's own characters with decimal points, or its numbers."""
     if column.dtype.kind == "f":
-        return _texts(column.to_numpy(dtype=np.float64))
+        return _format_numbers(column.to_numpy(dtype=np.float64))
     texts = map(str, column.fillna(""))
     if decimal == ".":
         return list(texts)
@@ -205,7 +209,7 @@ def _characters(column: pd.Series, decimal: str) -> list[str]:
     ]
 
 
-def _written(columns: list[list[str]], *, quotes: bool) -> bytes:
+def _format_csv(columns: list[list[str]], *, quotes: bool) -> bytes:
     """Comma-separated UTF-8."""
     if not quotes:
         return ("\n".join(map(",".join, zip(*columns, strict=True))) + "\n").encode()
@@ -214,7 +218,7 @@ def _written(columns: list[list[str]], *, quotes: bool) -> bytes:
     return stream.getvalue().encode()
 
 
-def _source(recipe: Recipe, name: str, log: _Fields, path: Path) -> str:
+def _find_source(recipe: Recipe, name: str, log: _Fields, path: Path) -> str:
     """Name that a canonical column has in the log, with or without the unit behind it."""
     source = recipe.columns[name].source if name in recipe.columns else name
     if source in log.header:
@@ -225,7 +229,7 @@ def _source(recipe: Recipe, name: str, log: _Fields, path: Path) -> str:
     return found[0]
 
 
-def _texts(values: Array) -> list[str]:
+def _format_numbers(values: Array) -> list[str]:
     """Shortest texts that read back to the same numbers; a missing value is an empty field."""
     texts = list(map(repr, values.tolist()))
     for row in np.flatnonzero(np.isnan(values)).tolist():

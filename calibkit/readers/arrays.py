@@ -33,10 +33,10 @@ def select_columns(
     }
     if len(inside) == 1 and matrices:
         ((name, matrix),) = matrices.items()
-        return _matrix(matrix, name or logs.table, file, logs), how
+        return _split_matrix(matrix, name or logs.table, file, logs), how
     if matrices and not flat:
         raise LogFormatError(
-            f"{file}: {len(matrices)} matrices: {_listed(matrices)}",
+            f"{file}: {len(matrices)} matrices: {_list_names(matrices)}",
             hint="name one in [logs] table of the recipe",
         )
     return join_vectors(flat, file, needed), how
@@ -61,23 +61,23 @@ def _find_group(
         }
         if not chosen:
             raise LogFormatError(
-                f"{file}: no numeric array '{table}'", hint=f"there are: {_listed(numeric)}"
+                f"{file}: no numeric array '{table}'", hint=f"there are: {_list_names(numeric)}"
             )
         return {name.removeprefix(table).lstrip("/"): array for name, array in chosen.items()}, ()
     groups = {name.rpartition("/")[0] for name in numeric}
     if len(groups) > 1:
         raise LogFormatError(
-            f"{file}: arrays in {len(groups)} groups: {_listed(numeric)}",
+            f"{file}: arrays in {len(groups)} groups: {_list_names(numeric)}",
             hint="name one in [logs] table of the recipe",
         )
     if not numeric:
-        raise LogFormatError(f"{file}: no numeric arrays", hint=f"there are: {_listed(arrays)}")
+        raise LogFormatError(f"{file}: no numeric arrays", hint=f"there are: {_list_names(arrays)}")
     (group,) = groups
     inside = {name.removeprefix(group).lstrip("/"): array for name, array in numeric.items()}
     return inside, ((Guess(f"table = '{group}' (guessed)"),) if group else ())
 
 
-def _matrix(matrix: NDArray[np.generic], name: str, file: str, logs: Logs) -> pd.DataFrame:
+def _split_matrix(matrix: NDArray[np.generic], name: str, file: str, logs: Logs) -> pd.DataFrame:
     """Columns of a matrix by the recipe's names."""
     if len(logs.names) not in matrix.shape:
         raise LogFormatError(
@@ -119,6 +119,6 @@ def make_frame(columns: Mapping[str, NDArray[np.generic]]) -> pd.DataFrame:
     return frame
 
 
-def _listed(names: Collection[str]) -> str:
+def _list_names(names: Collection[str]) -> str:
     """The first twelve names, as one text."""
     return ", ".join(sorted(names)[:12]) + (" …" if len(names) > 12 else "") or "none"

@@ -48,7 +48,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
         sha256,
         arrays.make_frame(columns),
         reading=(f"binary records of {layout.itemsize} bytes, {len(records)} rows",),
-        units={field.name: units.of_text(field.unit) for field in kept if field.unit},
+        units={field.name: units.parse_unit(field.unit) for field in kept if field.unit},
     )
 
 

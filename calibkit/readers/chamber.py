@@ -2,7 +2,7 @@
 MINCON controllers).
 
 Format: one line per reply: a time written by the recording program (any form of `times`, or
-seconds), then, with or without the echo `$01I`, 12 or 14 fields of `%06.1f` parted by blanks
+seconds), then, with or without the echo `$01I`, 12 or 14 fields of `%06.1f` between blanks
 (`0023.0 -040.1`), then 16 or 32 digits 0 and 1 of digital channels, which are not kept. The fields
 go in pairs of set value and actual value; the first pair is the temperature [°C], the second, in
 climatic chambers, the relative humidity [%]. No header; replies come every 5 to 136 s as the

@@ -46,8 +46,8 @@ def read(path: Path, file: str) -> Table | None:
     with delimited.open_log(path, file) as stream:
         before = path.stat()
         first = stream.readline(_LARGEST_HEADER)
-        header, sha256 = _header(first, file), hashlib.sha256(first)
-        columns = _columns(stream, sha256, len(header), before.st_size) if header else None
+        header, sha256 = _read_header(first, file), hashlib.sha256(first)
+        columns = _parse_columns(stream, sha256, len(header), before.st_size) if header else None
         after = path.stat()
     if (before.st_size, before.st_mtime_ns) != (after.st_size, after.st_mtime_ns):
         raise changed(file)
@@ -57,23 +57,23 @@ def read(path: Path, file: str) -> Table | None:
     return Table(file, sha256.hexdigest(), frame)
 
 
-def _columns(
+def _parse_columns(
     stream: BinaryIO, sha256: "hashlib._Hash", fields: int, size: int
 ) -> list[Array] | None:
     """Columns [rows] of what follows the header in a file of `size` bytes, whose digest goes on; or
     None where a block is not clean.
     """
-    store = _allocate(fields, 0)
+    store = _allocate_columns(fields, 0)
     rows = seen = 0
     under_way: deque[tuple[Future[bool], Future[None]]] = deque()
     # digests go block after block, in one thread; each block is parsed into its own rows of the
     # columns
     with ThreadPoolExecutor(WORKERS) as beside, ThreadPoolExecutor(1) as hashing:
-        for block in _blocks(stream):
-            lines = _line_ends(block)
+        for block in _read_blocks(stream):
+            lines = _count_line_ends(block)
             seen += len(block)
             if rows + lines > store[0].size:
-                if not _wait(under_way):
+                if not _await_blocks(under_way):
                     return None
                 more = int(1.02 * (rows + lines) * size / seen) + 1 - rows
                 store = [np.append(column[:rows], np.empty(more)) for column in store]
@@ -82,14 +82,14 @@ def _columns(
                 (beside.submit(_parse, block, own), hashing.submit(sha256.update, block))
             )
             rows += lines
-            if not _wait(under_way, but=WORKERS):
+            if not _await_blocks(under_way, but=WORKERS):
                 return None
-        if not _wait(under_way):
+        if not _await_blocks(under_way):
             return None
     return [column[:rows] for column in store] if rows else None
 
 
-def _wait(under_way: deque[tuple[Future[bool], Future[None]]], but: int = 0) -> bool:
+def _await_blocks(under_way: deque[tuple[Future[bool], Future[None]]], but: int = 0) -> bool:
     """Wait until only so many blocks are under way; whether those that ended were clean."""
     clean = True
     while len(under_way) > but:
@@ -114,12 +114,12 @@ def scan_file(path: Path, file: str) -> Scan | None:
     """
     with delimited.open_log(path, file) as stream:
         first = stream.readline(_LARGEST_HEADER)
-        header, sha256, rows = _header(first, file), hashlib.sha256(first), 0
+        header, sha256, rows = _read_header(first, file), hashlib.sha256(first), 0
         if header is None:
             return None
-        for block in _blocks(stream):
+        for block in _read_blocks(stream):
             sha256.update(block)
-            clean = _clean_rows(block, len(header))
+            clean = _count_clean_rows(block, len(header))
             if not clean:
                 return None
             rows += clean
@@ -133,11 +133,11 @@ def read_chunks(path: Path, file: str, scan: Scan, rows: int) -> Iterator[Table]
     was scanned.
     """
     fields, count, filled = len(scan.header), 0, 0
-    chunk = _allocate(fields, rows)
+    chunk = _allocate_columns(fields, rows)
     with delimited.open_log(path, file) as stream:
         stream.readline(_LARGEST_HEADER)
-        for block in _blocks(stream):
-            numbers = _allocate(fields, _line_ends(block))
+        for block in _read_blocks(stream):
+            numbers = _allocate_columns(fields, _count_line_ends(block))
             if not _parse(block, numbers):
                 raise _first_fault(file, block, count + filled, fields)
             taken = 0
@@ -148,7 +148,7 @@ def read_chunks(path: Path, file: str, scan: Scan, rows: int) -> Iterator[Table]
                 taken, filled = taken + more, filled + more
                 if filled == rows:
                     yield _chunk_table(file, scan, chunk, count)
-                    chunk, count, filled = _allocate(fields, rows), count + rows, 0
+                    chunk, count, filled = _allocate_columns(fields, rows), count + rows, 0
     if filled:
         yield _chunk_table(file, scan, [column[:filled] for column in chunk], count)
     if count + filled != scan.rows:
@@ -175,7 +175,9 @@ def _first_fault(file: str, block: bytes, rows: int, fields: int) -> LogFormatEr
     numbers.
     """
     lines = block.splitlines(keepends=True)
-    odd = next((k for k, line in enumerate(lines) if not _parse(line, _allocate(fields, 1))), 0)
+    odd = next(
+        (k for k, line in enumerate(lines) if not _parse(line, _allocate_columns(fields, 1))), 0
+    )
     return LogFormatError(
         f"{file}:{rows + odd + 2}: found"
         f" {lines[odd].decode('ascii', 'backslashreplace').strip()!r}, expected {fields} numbers",
@@ -183,12 +185,12 @@ def _first_fault(file: str, block: bytes, rows: int, fields: int) -> LogFormatEr
     )
 
 
-def _allocate(fields: int, rows: int) -> list[Array]:
+def _allocate_columns(fields: int, rows: int) -> list[Array]:
     """Columns [rows] to put numbers in."""
     return [np.empty(rows) for _ in range(fields)]
 
 
-def _header(first: bytes, file: str) -> list[str] | None:
+def _read_header(first: bytes, file: str) -> list[str] | None:
     """Names in a first line, or None where it is not the header of a clean file."""
     try:
         return delimited.split_header(first + b"0\n", file)[0] if first.endswith(b"\n") else None
@@ -196,18 +198,18 @@ def _header(first: bytes, file: str) -> list[str] | None:
         return None
 
 
-def _blocks(stream: BinaryIO) -> Iterator[bytes]:
+def _read_blocks(stream: BinaryIO) -> Iterator[bytes]:
     """Whole lines of the rest of a file, about BLOCK bytes at a time; the last may lack its end."""
     while block := stream.read(BLOCK):
         yield block if block.endswith(b"\n") else block + stream.readline(_LARGEST_LINE)
 
 
-def _line_ends(block: bytes) -> int:
+def _count_line_ends(block: bytes) -> int:
     """Number of line ends in a block, by comparing all bytes: five times as fast as a search."""
     return int(np.count_nonzero(np.frombuffer(block, np.uint8) == ord("\n")))
 
 
-def _clean_rows(block: bytes, fields: int) -> int:
+def _count_clean_rows(block: bytes, fields: int) -> int:
     """Number of rows of a block of whole lines of so many numbers; 0 where it is anything else."""
     if not block.endswith(b"\n") or (b"\r" in block and block.count(b"\r") != block.count(b"\r\n")):
         return 0
@@ -236,7 +238,7 @@ def _parse_by_pandas(block: bytes, columns: list[Array]) -> bool:
     import pandas as pd
 
     fields = len(columns)
-    rows = _clean_rows(block, fields)
+    rows = _count_clean_rows(block, fields)
     if not rows or rows != columns[0].size:
         return False
     try:

@@ -35,9 +35,9 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
         )
     marked = next(((mark, name) for mark, name in MARKS if data.startswith(mark)), None)
     if pinned == "auto":
-        encoding = marked[1] if marked else _unmarked(data, file)
+        encoding = marked[1] if marked else _guess_encoding(data, file)
     else:
-        encoding = _pinned(pinned, marked[1] if marked else "", file)
+        encoding = _pinned_encoding(pinned, marked[1] if marked else "", file)
     body = data.removeprefix(marked[0]) if marked and marked[1] == encoding else data
     try:
         text = body.decode(encoding)
@@ -61,7 +61,7 @@ def decode(data: bytes, file: str, pinned: str = "auto") -> tuple[str, str]:
     return text.replace("\r\n", "\n").replace("\r", "\n"), encoding
 
 
-def _pinned(pinned: str, marked: str, file: str) -> str:
+def _pinned_encoding(pinned: str, marked: str, file: str) -> str:
     """The encoding that the recipe names; LogFormatError where the byte-order mark is another's."""
     encoding = (marked or "utf-16-le") if pinned == "utf-16" else pinned
     if marked and marked != encoding:
@@ -72,7 +72,7 @@ def _pinned(pinned: str, marked: str, file: str) -> str:
     return encoding
 
 
-def _unmarked(data: bytes, file: str) -> str:
+def _guess_encoding(data: bytes, file: str) -> str:
     """The first encoding that fits bytes without a byte-order mark."""
     head = data[:4096]
     for offset, name in ((1, "utf-16-le"), (0, "utf-16-be")):
@@ -88,7 +88,7 @@ def _unmarked(data: bytes, file: str) -> str:
         _refuse_damaged(data, error, file)
     else:
         return "utf-8"
-    if _western(data):
+    if _is_western(data):
         return "cp1252"
     try:
         data.decode("gb18030")
@@ -121,7 +121,7 @@ def _refuse_damaged(data: bytes, error: UnicodeDecodeError, file: str) -> None:
         )
 
 
-def _western(data: bytes) -> bool:
+def _is_western(data: bytes) -> bool:
     """Whether every byte above 0x7f is one that western instruments write, none in pairs but of
     letters.
     """

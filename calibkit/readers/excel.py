@@ -31,8 +31,8 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             name: book.get_sheet_by_name(name).to_python(skip_empty_area=False)
             for name in book.sheet_names
         }
-    name, how = _sheet(sheets, file, logs.table)
-    content = "".join("\t".join(map(_text, row)) + "\n" for row in sheets[name])
+    name, how = _find_sheet(sheets, file, logs.table)
+    content = "".join("\t".join(map(_format_cell, row)) + "\n" for row in sheets[name])
     spec = TextSpec(
         delimiter="\t",
         decimal=".",
@@ -52,7 +52,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     return replace(table, reading=(f"sheet '{name}'", *how, *described))
 
 
-def _sheet(
+def _find_sheet(
     sheets: dict[str, list[list[Any]]], file: str, table: str
 ) -> tuple[str, tuple[str, ...]]:
     """Name of the sheet that the recipe names, or of the only one that holds cells, and how it was
@@ -77,7 +77,7 @@ def _sheet(
     return filled[0], (Guess(f"table = '{filled[0]}' (guessed)"),)
 
 
-def _text(cell: Any) -> str:  # noqa: ANN401 (a cell holds a number, a text, an instant or nothing)
+def _format_cell(cell: Any) -> str:  # noqa: ANN401 (a cell holds a number, a text, an instant or nothing)
     """A cell as the characters that read back to it."""
     if isinstance(cell, bool):
         return str(int(cell))

@@ -35,7 +35,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         if numeric and (not logs.table or f"{name}/".startswith(f"{logs.table}/")):
             _require_own_values(name, node, file)
         text = node.attrs.get("units", node.attrs.get("unit", ""))
-        unit = units.of_text(
+        unit = units.parse_unit(
             text.decode(errors="replace") if isinstance(text, bytes) else str(text)
         )
         if node.dtype.names:
@@ -63,8 +63,8 @@ def _require_own_values(name: str, node: Any, file: str) -> None:  # noqa: ANN40
     if node.chunks is None:
         whole = not node.size or node.id.get_storage_size() > 0
     else:
-        pieces = zip(node.shape, node.chunks, strict=True)
-        whole = node.id.get_num_chunks() >= math.prod(-(-length // size) for length, size in pieces)
+        counts = (-(-n // size) for n, size in zip(node.shape, node.chunks, strict=True))
+        whole = node.id.get_num_chunks() >= math.prod(counts)
     if not whole:
         raise LogFormatError(
             f"{file}: '{name}' was not written to its end: what is missing would read as zeros",

@@ -28,39 +28,41 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     try:
         # whole numbers of any length as float64 too
         document = json.loads(
-            text, parse_int=float, object_pairs_hook=lambda pairs: _members(pairs, file)
+            text,
+            parse_int=float,
+            object_pairs_hook=lambda pairs: _require_unique_names(pairs, file),
         )
     except (json.JSONDecodeError, RecursionError) as error:
         place = f"{file}:{error.lineno}" if isinstance(error, json.JSONDecodeError) else file
         raise LogFormatError(
             f"{place}: not JSON: {error}", hint="the file is cut off or damaged"
         ) from None
-    frame, how = arrays.select_columns(_arrays(document, "", file), file, logs, needed)
+    frame, how = arrays.select_columns(_collect_arrays(document, "", file), file, logs, needed)
     return Table(file, sha256, frame, reading=(f"JSON, {len(frame)} rows", *how))
 
 
-def _members(pairs: list[tuple[str, Any]], file: str) -> dict[str, Any]:
+def _require_unique_names(pairs: list[tuple[str, Any]], file: str) -> dict[str, Any]:
     """Members of an object; LogFormatError where two have one name."""
     members = dict(pairs)
     if len(members) < len(pairs):
         names = [name for name, _ in pairs]
-        raise _twice(file, next(name for name in names if names.count(name) > 1))
+        raise _repeated_name(file, next(name for name in names if names.count(name) > 1))
     return members
 
 
-def _twice(file: str, name: str) -> LogFormatError:
+def _repeated_name(file: str, name: str) -> LogFormatError:
     """The error of two members of one name."""
     return LogFormatError(f"{file}: '{name}' stands twice", hint="give each member its own name")
 
 
-def _arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # noqa: ANN401 (any JSON value)
+def _collect_arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # noqa: ANN401 (any JSON value)
     """Arrays of a JSON value by their paths."""
     if isinstance(value, dict):
-        return _arrays_of_members(value.items(), path, file)
+        return _collect_members(value.items(), path, file)
     if not isinstance(value, list) or not value:
         return {}
     if isinstance(value[0], dict):
-        return _records(value, path, file)
+        return _collect_records(value, path, file)
     try:
         array = np.array(value)
         if array.dtype.kind == "U" or (
@@ -72,24 +74,22 @@ def _arrays(value: Any, path: str, file: str) -> dict[str, Array]:  # noqa: ANN4
         return {}  # rows of several lengths: no numbers that could be meant as columns
 
 
-def _arrays_of_members(
-    members: Iterable[tuple[str, Any]], path: str, file: str
-) -> dict[str, Array]:
+def _collect_members(members: Iterable[tuple[str, Any]], path: str, file: str) -> dict[str, Array]:
     """Arrays of several members by their paths."""
     merged: dict[str, Array] = {}
     for name, member in members:
-        found = _arrays(member, f"{path}/{name}".lstrip("/"), file)
+        found = _collect_arrays(member, f"{path}/{name}".lstrip("/"), file)
         if both := merged.keys() & found.keys():
-            raise _twice(file, min(both))
+            raise _repeated_name(file, min(both))
         merged |= found
     return merged
 
 
-def _records(rows: list[Any], path: str, file: str) -> dict[str, Array]:
+def _collect_records(rows: list[Any], path: str, file: str) -> dict[str, Array]:
     """Columns of a list of objects."""
     for number, row in enumerate(rows, start=1):
         if not isinstance(row, dict) or row.keys() != rows[0].keys():
             raise LogFormatError(
                 f"{file}: record {number} has other keys than the first", hint="repair the log"
             )
-    return _arrays_of_members(((key, [row[key] for row in rows]) for key in rows[0]), path, file)
+    return _collect_members(((key, [row[key] for row in rows]) for key in rows[0]), path, file)

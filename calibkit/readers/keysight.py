@@ -34,7 +34,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a scan log whole, or raise LogFormatError that names the line."""
     data, sha256 = delimited.read_bytes(path, file)
     content, encoding = encodings.decode(data, file, logs.text.encoding)
-    line, delimiter = _header(content, file)
+    line, delimiter = _find_header(content, file)
     spec = logs.text.model_copy(
         update={"skip_lines": line, "header_lines": 1, "delimiter": delimiter}
     )
@@ -46,13 +46,17 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         file,
         found,
         logs,
-        {*needed, scan, *_alarms(found)},
+        {*needed, scan, *_alarm_columns(found)},
     )
-    notes = (*table.notes, *_note_alarms(table, _alarms(found)), *_note_scan_jumps(table, scan))
+    notes = (
+        *table.notes,
+        *_note_alarms(table, _alarm_columns(found)),
+        *_note_scan_jumps(table, scan),
+    )
     return replace(table, notes=notes)
 
 
-def _header(content: str, file: str) -> tuple[int, str]:
+def _find_header(content: str, file: str) -> tuple[int, str]:
     """Lines above the header, and the delimiter."""
     for number, line in enumerate(content.split("\n", _MOST_LINES)[:_MOST_LINES]):
         for delimiter in (",", ";", "\t"):
@@ -69,7 +73,7 @@ def _header(content: str, file: str) -> tuple[int, str]:
     )
 
 
-def _alarms(found: Dialect) -> tuple[str, ...]:
+def _alarm_columns(found: Dialect) -> tuple[str, ...]:
     """Names of the alarm columns."""
     return tuple(name for name in found.names if name.lower().startswith("alarm"))
 

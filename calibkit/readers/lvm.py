@@ -48,9 +48,9 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     lines = content.rstrip("\n").split("\n")
     if not lines[0].startswith("LabVIEW Measurement"):
         raise LogFormatError(f"{file}:1: no 'LabVIEW Measurement'", hint="the log is no .lvm file")
-    separator = {"tab": "\t", "comma": ","}.get(_value(lines, "Separator", "Tab").lower(), "\t")
-    decimal = _value(lines, "Decimal_Separator", ".")[:1] or "."
-    segments = list(_segments(lines, separator, decimal, file))
+    separator = {"tab": "\t", "comma": ","}.get(_read_key(lines, "Separator", "Tab").lower(), "\t")
+    decimal = _read_key(lines, "Decimal_Separator", ".")[:1] or "."
+    segments = list(_read_segments(lines, separator, decimal, file))
     first = segments[0]
     for segment in segments[1:]:
         if segment.names != first.names:
@@ -72,7 +72,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
     return Table(file, sha256, frame, (), (how,), first.units)
 
 
-def _value(lines: Sequence[str], key: str, default: str) -> str:
+def _read_key(lines: Sequence[str], key: str, default: str) -> str:
     """Value of a key of the file's header."""
     for line in lines:
         if line.startswith(_END):
@@ -82,7 +82,7 @@ def _value(lines: Sequence[str], key: str, default: str) -> str:
     return default
 
 
-def _segments(lines: Sequence[str], separator: str, decimal: str, file: str) -> list[_Segment]:
+def _read_segments(lines: Sequence[str], separator: str, decimal: str, file: str) -> list[_Segment]:
     """Segments of a file in order."""
     ends = [number for number, line in enumerate(lines) if line.startswith(_END)]
     if len(ends) < 2:
@@ -99,11 +99,11 @@ def _segments(lines: Sequence[str], separator: str, decimal: str, file: str) -> 
             stop = next(
                 (n for n in range(end, ends[k + 2]) if lines[n].startswith("Channels")), ends[k + 2]
             )
-        segments.append(_segment(lines, start, end, stop, separator, decimal, file))
+        segments.append(_read_segment(lines, start, end, stop, separator, decimal, file))
     return segments
 
 
-def _segment(
+def _read_segment(
     lines: Sequence[str], start: int, end: int, stop: int, separator: str, decimal: str, file: str
 ) -> _Segment:
     """One segment: header lines start … end − 1, names at end + 1, rows to stop − 1."""
@@ -128,27 +128,27 @@ def _segment(
         raise LogFormatError(
             f"{file}:{end + 2}: names but no rows", hint="remove the segment or copy the file again"
         )
-    rows = np.array([_row(lines[n], names, separator, decimal, n + 1, file) for n in numbers])
+    rows = np.array([_parse_row(lines[n], names, separator, decimal, n + 1, file) for n in numbers])
     _require_samples(
-        _samples(header, 0),
+        _stated_samples(header, 0),
         len(numbers),
         numbers[-1] + 1,
         file,
-        packets=_value(lines, "Multi_Headings", "Yes").lower() == "no",
+        packets=_read_key(lines, "Multi_Headings", "Yes").lower() == "no",
     )
     channels = [name for name in names if name != _TIME]
     stated = {
         name: unit
         for name, label in zip(channels, header.get("Y_Unit_Label", []), strict=False)
-        if (unit := units.of_text(label))
+        if (unit := units.parse_unit(label))
     }
-    timed, names = _with_time(rows, names, header, file, numbers[0] + 1)
+    timed, names = _join_times(rows, names, header, file, numbers[0] + 1)
     return _Segment(
         tuple(names), {_TIME: "s", **stated}, np.array(numbers, dtype=np.int64) + 1, timed
     )
 
 
-def _row(
+def _parse_row(
     line: str, names: Sequence[str], separator: str, decimal: str, number: int, file: str
 ) -> list[float]:
     """Numbers of a line; a comment may stand behind them."""
@@ -173,7 +173,7 @@ def _row(
     return numbers
 
 
-def _samples(header: Mapping[str, Sequence[str]], default: int) -> int:
+def _stated_samples(header: Mapping[str, Sequence[str]], default: int) -> int:
     """Largest number of samples that a segment's header states, or the default."""
     entries = header.get("Samples", [])
     return max((int(entry) for entry in entries if entry.strip().isdigit()), default=default)
@@ -190,7 +190,7 @@ def _require_samples(stated: int, rows: int, line: int, file: str, *, packets: b
         )
 
 
-def _with_time(
+def _join_times(
     rows: Array,
     names: Sequence[str],
     header: dict[str, list[str]],
@@ -213,7 +213,7 @@ def _with_time(
         starts, steps = (
             _header_numbers(header.get(key, []), key, file, line) for key in ("X0", "Delta_X")
         )
-        samples = _samples(header, len(rows))
+        samples = _stated_samples(header, len(rows))
         if len(set(starts)) != 1 or len(set(steps)) != 1 or len(rows) > samples:
             raise LogFormatError(
                 f"{file}:{line}: no X column, and no single X0 and Delta_X for all rows",

@@ -44,7 +44,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         _require_nested(data, HEADER_BYTES, len(data), "<" if data[126:128] == b"IM" else ">", file)
     with optional.refuse_damaged(file, "MATLAB"):
         variables = scipy_io.loadmat(io.BytesIO(data), simplify_cells=True)  # type: ignore[arg-type] # files are read too
-    frame, how = arrays.select_columns(_flat(variables), file, logs, needed)
+    frame, how = arrays.select_columns(_flatten_structs(variables), file, logs, needed)
     return Table(file, sha256, frame, (), (f"MATLAB, {len(frame)} rows", *how))
 
 
@@ -57,14 +57,14 @@ def _require_nested(
     position = start
     while position < stop:
         if position + 8 > stop or depth > DEEPEST:
-            raise _broken(file, position)
+            raise _nesting_error(file, position)
         word, size = struct.unpack_from(order + "II", data, position)
         kind, begin = word, position + 8
         if word >> 16:  # a small element: its size and bytes stand in the tag
             kind, size, begin = word & 0xFFFF, word >> 16, position + 4
         end = begin + size
         if kind not in KINDS or end > stop or (word >> 16 and size > 4):
-            raise _broken(file, position)
+            raise _nesting_error(file, position)
         if kind == COMPRESSED:
             with optional.refuse_damaged(file, "MATLAB"):
                 inner = zlib.decompress(data[begin:end])
@@ -73,10 +73,10 @@ def _require_nested(
             _require_nested(data, begin, end, order, file, depth + 1)
         position = end if kind == COMPRESSED else position + 8 if word >> 16 else end + -size % 8
     if position != stop:
-        raise _broken(file, position)
+        raise _nesting_error(file, position)
 
 
-def _broken(file: str, position: int) -> LogFormatError:
+def _nesting_error(file: str, position: int) -> LogFormatError:
     """The error of elements that do not nest."""
     return LogFormatError(
         f"{file}: not a whole MATLAB file: broken at byte {position}",
@@ -84,14 +84,16 @@ def _broken(file: str, position: int) -> LogFormatError:
     )
 
 
-def _flat(variables: Mapping[str, Any], above: str = "") -> dict[str, NDArray[np.generic]]:
+def _flatten_structs(
+    variables: Mapping[str, Any], above: str = ""
+) -> dict[str, NDArray[np.generic]]:
     """Arrays of all variables and of the fields of all structs, by their paths."""
     found: dict[str, NDArray[np.generic]] = {}
     for name, value in variables.items():
         if name.startswith("__"):
             continue
         if isinstance(value, dict):
-            found |= _flat(value, f"{above}{name}/")
+            found |= _flatten_structs(value, f"{above}{name}/")
         elif isinstance(value, np.ndarray):
             found[f"{above}{name}"] = value
     return found

@@ -33,17 +33,17 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:  
                 f"{file}: a column stands twice", hint="give each column its own name"
             )
         for field in table.schema:
-            column = _numbers(table.column(field.name), field.type, pyarrow)
+            column = _to_numbers(table.column(field.name), field.type, pyarrow)
             if column is not None:
                 columns[field.name] = column
             about = {key.decode(): value.decode() for key, value in (field.metadata or {}).items()}
-            if unit := units.of_text(about.get("units", about.get("unit", ""))):
+            if unit := units.parse_unit(about.get("units", about.get("unit", ""))):
                 stated[field.name] = unit
     frame = arrays.join_vectors(columns, file, needed)
     return Table(file, sha256, frame, (), (f"Parquet, {len(frame)} rows",), stated)
 
 
-def _numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: ANN401 (pyarrow ships no types)
+def _to_numbers(column: Any, kind: Any, pyarrow: Any) -> Array | None:  # noqa: ANN401 (pyarrow ships no types)
     """A column as float64, instants as seconds since the first, nulls as NaN; None for text."""
     types = pyarrow.types
     if types.is_timestamp(kind):

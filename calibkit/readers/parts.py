@@ -98,7 +98,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
         frame=pd.concat(frames),
         notes=(
             *(f"{table.file}: {note}" for table in tables for note in table.notes),
-            *_scan_jumps(tables),
+            *_note_scan_jumps(tables),
         ),
         reading=(
             f"{len(parts)} parts, {parts[0]} to {parts[-1]}",
@@ -108,7 +108,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     )
 
 
-def _scan_jumps(tables: Sequence[Table]) -> tuple[str, ...]:
+def _note_scan_jumps(tables: Sequence[Table]) -> tuple[str, ...]:
     """A note where scan numbers do not go on from one part to the next."""
     notes = []
     for before, after in itertools.pairwise(tables):

@@ -25,7 +25,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     LogFormatError.
     """
     if logs.format == AUTO:
-        return _recognised(path, file, logs, needed)
+        return _read_recognised(path, file, logs, needed)
     if logs.format == "csv":
         return clean.read(path, file) or delimited.read(path, file, needed)
     return _read_as(logs.format, path, file, logs, needed)
@@ -96,7 +96,7 @@ def recognise_plugin(head: bytes) -> str:
     return ""
 
 
-def _recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
+def _read_recognised(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read a log whose format the recipe leaves open: as clean CSV, in the format that its first
     bytes show, as text, or by a plugin, in this order.
     """

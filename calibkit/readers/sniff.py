@@ -125,7 +125,7 @@ def guess_dialect(
 def recognise_dialect(
     text: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str] = ()
 ) -> Dialect:
-    """Dialect of a decoded log: what the recipe pins as it says, the rest guessed."""
+    """Dialect of a decoded log: what the recipe pins is taken, the rest is guessed."""
     lines = text.split("\n", _HEAD_LINES + _MOST_PREAMBLE)[: _HEAD_LINES + _MOST_PREAMBLE]
     while lines and not lines[-1].strip():
         lines.pop()
@@ -142,7 +142,7 @@ def recognise_dialect(
                 " header_lines"
             ),
         )
-    return _dialect(best, _decimal(best, spec, file), encoding, file, spec, names)
+    return _build_dialect(best, _guess_decimal(best, spec, file), encoding, file, spec, names)
 
 
 @dataclass(frozen=True, slots=True)
@@ -169,7 +169,7 @@ def _cut_at(
     if spec.skip_lines != "auto" and spec.header_lines != "auto":
         first: int | None = spec.skip_lines + spec.header_lines
     else:
-        first = _first_row(cut, width)
+        first = _find_first_row(cut, width)
     rows = tuple(fields for fields in cut[first:] if fields != ("",))
     if first is None or not rows:
         return None
@@ -179,7 +179,7 @@ def _cut_at(
         float(width > 1),
         round(len(whole) / len(rows), 3),
         float(
-            _header_fits(cut, first, width, delimiter, lines)
+            _is_header_above(cut, first, width, delimiter, lines)
             or (len(names) == width and first == 0)
         ),
         sum(known) / max(len(known), 1),
@@ -194,7 +194,7 @@ def _usual_width(rows: Sequence[Sequence[str]]) -> int:
     return max(set(counts), key=counts.count)
 
 
-def _first_row(cut: Sequence[Sequence[str]], width: int) -> int | None:
+def _find_first_row(cut: Sequence[Sequence[str]], width: int) -> int | None:
     """Line, from 0, of the first row: one of `width` fields, with numbers, times or words for
     missing values in most of the columns that hold numbers or times in the last rows.
     """
@@ -216,7 +216,7 @@ def _first_row(cut: Sequence[Sequence[str]], width: int) -> int | None:
     return None
 
 
-def _header_fits(
+def _is_header_above(
     cut: Sequence[Sequence[str]], first: int, width: int, delimiter: str, lines: Sequence[str]
 ) -> bool:
     """Whether the line above the first row names as many columns as the rows have."""
@@ -227,7 +227,7 @@ def _header_fits(
 
 
 def _column_names(line: str, delimiter: str, width: int, fields: Sequence[str]) -> tuple[str, ...]:
-    """Fields of a header line. In a log of columns parted by blanks, a single blank may stand
+    """Fields of a header line. Where blanks separate columns, a single blank may stand
     inside a name where two or more part the names.
     """
     if delimiter == "space" and len(fields) != width:
@@ -238,7 +238,7 @@ def _column_names(line: str, delimiter: str, width: int, fields: Sequence[str]) 
     return tuple(fields)
 
 
-def _decimal(layout: _Layout, spec: TextSpec, file: str) -> str:
+def _guess_decimal(layout: _Layout, spec: TextSpec, file: str) -> str:
     """Decimal mark of the rows; LogFormatError where a comma could also part thousands."""
     if spec.decimal != "auto":
         return spec.decimal
@@ -261,7 +261,7 @@ def _decimal(layout: _Layout, spec: TextSpec, file: str) -> str:
     return "," if commas else "."
 
 
-def _dialect(
+def _build_dialect(
     layout: _Layout, decimal: str, encoding: str, file: str, spec: TextSpec, names: Sequence[str]
 ) -> Dialect:
     """Dialect of a layout: its header lines, and name, unit and kind of each column."""
@@ -283,7 +283,7 @@ def _dialect(
         skip,
         header,
         columns=tuple(
-            TextColumn(name, unit, *_kind([row[k] for row in rows], decimal))
+            TextColumn(name, unit, *_classify_column([row[k] for row in rows], decimal))
             for k, (name, unit) in enumerate(stated)
         ),
         guessed=tuple(key for key, value in spec if value == "auto"),
@@ -302,7 +302,7 @@ def _read_header(
         )
         for line in layout.above[-2:]
     ]
-    lines = _header_lines(above, width) if spec.header_lines == "auto" else spec.header_lines
+    lines = _count_header_lines(above, width) if spec.header_lines == "auto" else spec.header_lines
     stated = len(above[-lines]) if lines and len(above) >= lines else 0
     if lines and stated != width:
         raise LogFormatError(
@@ -329,7 +329,7 @@ def _read_header(
     return lines, _names_and_units(above, lines, names)
 
 
-def _header_lines(above: Sequence[Sequence[str]], width: int) -> int:
+def _count_header_lines(above: Sequence[Sequence[str]], width: int) -> int:
     """0, 1 or 2 header lines: names, or names with a line of units below."""
     if (
         not above
@@ -337,7 +337,7 @@ def _header_lines(above: Sequence[Sequence[str]], width: int) -> int:
         or any(tokens.NUMBER["."].fullmatch(field) for field in above[-1])
     ):
         return 0
-    unit_row = sum(units.of_text(field) != "" for field in above[-1])
+    unit_row = sum(units.parse_unit(field) != "" for field in above[-1])
     filled = sum(bool(field.strip(" -[]()")) for field in above[-1])
     if len(above) == 2 and len(above[-2]) == width and unit_row and 2 * unit_row >= filled:
         return 2
@@ -349,9 +349,9 @@ def _names_and_units(
 ) -> list[tuple[str, str]]:
     """Name and unit of every column, as the log states them or as the recipe names them."""
     if not lines:
-        return [(name, units.of_header(name)) for name in names]
+        return [(name, units.unit_in_header(name)) for name in names]
     header = [field.strip() for field in above[-lines]]
-    stated = map(units.of_text, above[-1]) if lines == 2 else map(units.of_header, header)
+    stated = map(units.parse_unit, above[-1]) if lines == 2 else map(units.unit_in_header, header)
     return list(zip(names or _unique_names(header), stated, strict=True))
 
 
@@ -377,7 +377,7 @@ def _refuse_rows_above(
             )
 
 
-def _kind(fields: Sequence[str], decimal: str) -> tuple[str, str]:
+def _classify_column(fields: Sequence[str], decimal: str) -> tuple[str, str]:
     """Kind of most of a column's fields (see `TextColumn`), and the format of its times."""
     filled = [field for field in fields if field.strip()]
     if not filled:

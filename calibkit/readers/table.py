@@ -19,7 +19,7 @@ counts from there.
 
 
 class Guess(str):
-    """A sentence on how a log was read that states what was guessed, not what a recipe says."""
+    """A sentence on how a log was read that states what was guessed, not taken from a recipe."""
 
     __slots__ = ()
 

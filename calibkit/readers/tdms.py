@@ -36,25 +36,25 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
             raise LogFormatError(
                 f"{file}: the last segment is not finished", hint="the recording was cut off"
             )
-        group, how = _group(opened.groups(), file, logs.table)
+        group, how = _find_group(opened.groups(), file, logs.table)
         channels = {channel.name: channel for channel in group.channels() if len(channel)}
-        columns = {name: _numbers(channel[:]) for name, channel in channels.items()}
+        columns = {name: _to_numbers(channel[:]) for name, channel in channels.items()}
         stated = {
             name: unit
             for name, channel in channels.items()
-            if (unit := units.of_text(str(channel.properties.get("unit_string", ""))))
+            if (unit := units.parse_unit(str(channel.properties.get("unit_string", ""))))
         }
-        increments = {_increment(channel) for channel in channels.values()}
+        increments = {_waveform_increment(channel) for channel in channels.values()}
     kept = {name: column for name, column in columns.items() if column is not None}
     lengths = {len(column) for column in kept.values()}
     if len(lengths) == 1 and len(increments) == 1 and "time_s" not in kept:
-        kept |= _time(next(iter(increments)), next(iter(lengths)))
+        kept |= _waveform_time(next(iter(increments)), next(iter(lengths)))
     frame = arrays.join_vectors(kept, file, needed)
     how = (f"TDMS, group '{group.name}', {len(frame)} rows", *how)
     return Table(file, sha256, frame, (), how, stated)
 
 
-def _group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
+def _find_group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
     """The group that the recipe names, or the only one that holds channels."""
     filled = [group for group in groups if any(len(channel) for channel in group.channels())]
     named = [group for group in filled if group.name == table] if table else filled
@@ -68,14 +68,14 @@ def _group(groups: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str
     return named[0], (() if table else (Guess(f"table = '{named[0].name}' (guessed)"),))
 
 
-def _numbers(values: NDArray[Any]) -> Array | None:
+def _to_numbers(values: NDArray[Any]) -> Array | None:
     """A channel as float64; times as seconds since the first; None for text."""
     if values.dtype.kind == "M":
         return np.asarray((values - values[0]) / np.timedelta64(1, "us"), dtype=np.float64) / 1e6
     return np.asarray(values, dtype=np.float64) if values.dtype.kind in "fiub" else None
 
 
-def _increment(channel: Any) -> tuple[float, float] | None:  # noqa: ANN401 (npTDMS ships no types)
+def _waveform_increment(channel: Any) -> tuple[float, float] | None:  # noqa: ANN401 (npTDMS ships no types)
     """Offset and increment [s] of a waveform channel, None where it is none."""
     step = channel.properties.get("wf_increment")
     return (
@@ -83,7 +83,7 @@ def _increment(channel: Any) -> tuple[float, float] | None:  # noqa: ANN401 (npT
     )
 
 
-def _time(increment: tuple[float, float] | None, rows: int) -> dict[str, Array]:
+def _waveform_time(increment: tuple[float, float] | None, rows: int) -> dict[str, Array]:
     """Time [s] of a waveform's samples, none where there is no increment."""
     if increment is None:
         return {}

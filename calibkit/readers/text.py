@@ -2,7 +2,7 @@
 
 Format: text in UTF-8, UTF-16, GB18030 or Windows-1252; lines above the header; a line of names,
 with or without a line of units below it, or none where the recipe lists the columns; then one row a
-line, fields parted by commas, semicolons, tabs, bars, blanks, or of fixed widths; decimal points or
+line, fields between commas, semicolons, tabs, bars, blanks, or of fixed widths; decimal points or
 commas; quotes around fields; a blank after a sign; words for missing values (`OVLD`, `LLLL`,
 `----`, `#N/A`). What the recipe's [logs.text] does not pin is guessed from the first lines
 (`sniff`) and recorded; the whole file is then compared with it. Every line is accounted for:
@@ -52,8 +52,8 @@ def parse_text(
     text: str, sha256: str, file: str, found: Dialect, logs: Logs, needed: Collection[str]
 ) -> Table:
     """The table of a log's characters in a known dialect."""
-    rows, accounts = _rows(text, file, found, logs.text.footer_lines)
-    body, separator = _cut(rows, found)
+    rows, accounts = _find_rows(text, file, found, logs.text.footer_lines)
+    body, separator = _separate_fields(rows, found)
     body += b"" if text.endswith(rows) else b"\n"  # whether the last row has a line end of its own
     first = found.first_line
     delimited.require_fields(body, len(found.columns), file, separator.encode(), first)
@@ -66,7 +66,7 @@ def parse_text(
     missing = tokens.SENTINELS | {
         word.strip().lower() for word in logs.sentinels if isinstance(word, str)
     }
-    frame, notes = _numbers(body, kinds, found, file, separator, missing)
+    frame, notes = _parse_numbers(body, kinds, found, file, separator, missing)
     frame.columns = list(found.names)
     frame.index = frame.index + first - FIRST_ROW
     lines = rows.count("\n") + 1
@@ -88,7 +88,7 @@ def parse_text(
     )
 
 
-def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple[str, ...]]:
+def _find_rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple[str, ...]]:
     """Text of the rows, and texts on how many lines are rows, header and anything else."""
     start = 0
     for _ in range(found.first_line - 1):
@@ -116,7 +116,7 @@ def _rows(text: str, file: str, found: Dialect, footer: int) -> tuple[str, tuple
     return body, tuple(filter(None, accounts))
 
 
-def _cut(body: str, found: Dialect) -> tuple[bytes, str]:
+def _separate_fields(body: str, found: Dialect) -> tuple[bytes, str]:
     """Rows as bytes with a single separator between fields, and that separator."""
     if found.delimiter == "fixed" or ('"' in body and found.delimiter != "space"):
         cut = (tokens.split_line(line, found.delimiter, found.widths) for line in body.split("\n"))
@@ -141,7 +141,7 @@ def _cut(body: str, found: Dialect) -> tuple[bytes, str]:
     return data, found.delimiter
 
 
-def _numbers(
+def _parse_numbers(
     body: bytes,
     kinds: dict[int, str],
     found: Dialect,
@@ -161,12 +161,12 @@ def _numbers(
         frame = parse_rows(dict.fromkeys(kinds, "str"))
     notes: tuple[str, ...] = ()
     for number in (number for number, kind in kinds.items() if kind == "float64"):
-        frame[number], noted = _column(frame[number], found, number, file, words)
+        frame[number], noted = _parse_column(frame[number], found, number, file, words)
         notes += noted
     return frame, notes
 
 
-def _column(
+def _parse_column(
     texts: pd.Series, found: Dialect, number: int, file: str, words: Collection[str]
 ) -> tuple[pd.Series, tuple[str, ...]]:
     """Numbers of a column in which words stand, and a note on the words: how many, the first one,

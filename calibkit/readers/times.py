@@ -85,7 +85,7 @@ class _Fields:
 
 def looks_like_time(field: str) -> bool:
     """Whether a field is a date, a time of day, or both."""
-    return any(mark in field for mark in ":-/.年") and bool(_form(field.strip()))
+    return any(mark in field for mark in ":-/.年") and bool(_recognise_field(field.strip()))
 
 
 def is_decimal(field: str) -> bool:
@@ -95,7 +95,7 @@ def is_decimal(field: str) -> bool:
 
 def recognise_format(fields: Sequence[str]) -> str:
     """Format that most of some fields have, or "" where they are no times."""
-    forms = [form for form in (_form(field.strip()) for field in fields) if form]
+    forms = [form for form in (_recognise_field(field.strip()) for field in fields) if form]
     if 2 * len(forms) <= len(fields):
         return ""
     with_fraction = [form for form in forms if "%f" in form]
@@ -106,7 +106,7 @@ def recognise_format(fields: Sequence[str]) -> str:
     return usual
 
 
-def _form(field: str) -> str:
+def _recognise_field(field: str) -> str:
     """Format of one field, or "" where it is no time."""
     for pattern, form in _DATES:
         found = pattern.match(field)
@@ -115,12 +115,12 @@ def _form(field: str) -> str:
             if not rest:
                 return date
             joint = re.match(r"[ T]+", rest)
-            time = _time_form(rest[joint.end() :]) if joint else ""
+            time = _recognise_time_of_day(rest[joint.end() :]) if joint else ""
             return date + (joint.group() if joint else "") + time if time else ""
-    return _time_form(field) if ":" in field else ""
+    return _recognise_time_of_day(field) if ":" in field else ""
 
 
-def _time_form(field: str) -> str:
+def _recognise_time_of_day(field: str) -> str:
     """Format of a time of day, or "" where it is none."""
     found = _TIME.fullmatch(field)
     if not found:
@@ -142,15 +142,15 @@ def to_seconds(raw: pd.Series, form: str, file: str, column: str) -> _TimeColumn
     missing = (raw.isna() | texts.isin(["", "nan", "NaN", "None"])).to_numpy()
     fields = _Fields(texts, missing, file, column)
     if form == DECIMAL:
-        return _since_first(_decimal(fields), missing)
+        return _subtract_first(_parse_decimal(fields), missing)
     if form == ELAPSED:
-        return _TimeColumn(_elapsed(fields), ())
+        return _TimeColumn(_parse_elapsed(fields), ())
     if EITHER in form:
-        return _day_or_month(fields, form)
-    nanoseconds = _instants(fields, form)
+        return _parse_either_order(fields, form)
+    nanoseconds = _parse_instants(fields, form)
     if re.search(r"%[dYymj]", form):
-        return _since_first(nanoseconds, missing)
-    return _since_first(*_past_midnight(nanoseconds, missing))
+        return _subtract_first(nanoseconds, missing)
+    return _subtract_first(*_add_midnights(nanoseconds, missing))
 
 
 def spreadsheet_to_seconds(days: Array) -> Array:
@@ -160,10 +160,12 @@ def spreadsheet_to_seconds(days: Array) -> Array:
     finite = np.isfinite(days) & (np.abs(days) < SPREADSHEET_DAYS)
     microseconds = np.zeros(days.shape, dtype=np.int64)
     microseconds[finite] = np.round(days[finite] * 86400e6).astype(np.int64)
-    return _since_first(microseconds * 1000, ~finite).seconds
+    return _subtract_first(microseconds * 1000, ~finite).seconds
 
 
-def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...] = ()) -> _TimeColumn:
+def _subtract_first(
+    nanoseconds: Integers, missing: Mask, notes: tuple[str, ...] = ()
+) -> _TimeColumn:
     """Seconds since the first time that is there; each the float64 nearest to the written
     digits.
     """
@@ -177,7 +179,7 @@ def _since_first(nanoseconds: Integers, missing: Mask, notes: tuple[str, ...] = 
     return _TimeColumn(np.where(missing, np.nan, seconds), notes)
 
 
-def _instants(fields: _Fields, form: str) -> Integers:
+def _parse_instants(fields: _Fields, form: str) -> Integers:
     """Nanoseconds of each field since some fixed instant; raises LogFormatError at the first that
     does not fit.
     """
@@ -223,7 +225,7 @@ def _require_three_digits(fields: _Fields) -> None:
         )
 
 
-def _day_or_month(fields: _Fields, form: str) -> _TimeColumn:
+def _parse_either_order(fields: _Fields, form: str) -> _TimeColumn:
     """Seconds where day and month could be either: the order that can be, and that runs
     forwards.
     """
@@ -235,12 +237,12 @@ def _day_or_month(fields: _Fields, form: str) -> _TimeColumn:
     clocks: list[_TimeColumn] = []
     for order, written in forms.items():
         try:
-            nanoseconds = _instants(fields, written)
+            nanoseconds = _parse_instants(fields, written)
         except LogFormatError as error:
             refused = error
             continue
         guess = Guess(f"dates read {order} (time_format guessed)")
-        clocks.append(_since_first(nanoseconds, fields.missing, (guess,)))
+        clocks.append(_subtract_first(nanoseconds, fields.missing, (guess,)))
     if not clocks:
         raise refused
     forwards = [clock for clock in clocks if np.all(np.diff(clock.seconds[there]) > 0.0)]
@@ -269,7 +271,7 @@ def _without_leaps(clocks: list[_TimeColumn], there: Mask) -> list[_TimeColumn]:
     return clocks
 
 
-def _past_midnight(nanoseconds: Integers, missing: Mask) -> tuple[Integers, Mask, tuple[str, ...]]:
+def _add_midnights(nanoseconds: Integers, missing: Mask) -> tuple[Integers, Mask, tuple[str, ...]]:
     """Times of day with a day added at each midnight (a step back by more than half a day), those
     that are missing, and a note on the midnights.
     """
@@ -283,7 +285,7 @@ def _past_midnight(nanoseconds: Integers, missing: Mask) -> tuple[Integers, Mask
     return nanoseconds + added * day, missing, notes
 
 
-def _elapsed(fields: _Fields) -> Array:
+def _parse_elapsed(fields: _Fields) -> Array:
     """Seconds of elapsed h:m:s."""
     seconds = np.full(fields.missing.size, np.nan)
     for row, text in enumerate(fields.texts):
@@ -305,7 +307,7 @@ def _elapsed(fields: _Fields) -> Array:
     return seconds
 
 
-def _decimal(fields: _Fields) -> Integers:
+def _parse_decimal(fields: _Fields) -> Integers:
     """Nanoseconds of decimal seconds of any length, counted from the first."""
     nanoseconds = np.zeros(fields.missing.size, dtype=np.int64)
     first: Decimal | None = None

@@ -32,12 +32,12 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     """Read one topic of a ULog file, or raise LogFormatError."""
     pyulog = optional.import_library("pyulog", "ulog", file)
     data, sha256 = delimited.read_bytes(path, file)
-    counted = _messages(data, file)
+    counted = _count_messages(data, file)
     with optional.refuse_damaged(file, "ULog"):
         printed = io.StringIO()
         with redirect_stdout(printed):  # pyulog prints what it finds wrong
             log = pyulog.ULog(io.BytesIO(data))
-        topic, how = _topic(log.data_list, file, logs.table)
+        topic, how = _find_topic(log.data_list, file, logs.table)
         columns = {
             name: np.asarray(values, dtype=np.float64) for name, values in topic.data.items()
         }
@@ -66,7 +66,7 @@ def read(path: Path, file: str, logs: Logs, needed: Collection[str]) -> Table:
     )
 
 
-def _messages(data: bytes, file: str) -> dict[int, int]:
+def _count_messages(data: bytes, file: str) -> dict[int, int]:
     """Message number of a topic → messages of data; refuses a file whose messages do not end where
     it ends.
     """
@@ -94,7 +94,7 @@ def _messages(data: bytes, file: str) -> dict[int, int]:
     return counted
 
 
-def _topic(topics: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
+def _find_topic(topics: Sequence[Any], file: str, table: str) -> tuple[Any, tuple[str, ...]]:
     """The topic that the recipe names, or the only one."""
     name, _, instance = table.partition(":")
     named = (

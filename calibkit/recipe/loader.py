@@ -90,16 +90,16 @@ def parse(source: Source, kinds: Mapping[str, _Kind]) -> Recipe:
     """Turn a recipe's text into its frozen record, or raise RecipeError with every fault, one a
     line; `kinds` are the known procedures.
     """
-    data, lines = _tables(source)
+    data, lines = _read_tables(source)
     procedure = data.get("procedure")
     if not isinstance(procedure, str) or procedure not in kinds:
         found = "missing" if procedure is None else repr(procedure)
         raise RecipeError(
-            f"{_place(source, ('procedure',), lines)}: procedure: found {found}, expected one of"
-            f" {', '.join(sorted(kinds))}",
+            f"{_format_place(source, ('procedure',), lines)}: procedure: found {found}, expected"
+            f" one of {', '.join(sorted(kinds))}",
             hint=did_you_mean(str(procedure), kinds, "name one of them"),
         )
-    recipe = _validated(source, kinds[procedure].recipe, data, lines)
+    recipe = _validate(source, kinds[procedure].recipe, data, lines)
     _require_known_columns(source, recipe, lines)
     return recipe
 
@@ -108,10 +108,10 @@ def table(source: Source, model: type[AnyTable]) -> AnyTable:
     """Turn a TOML text into any strict record, or raise RecipeError with every fault, one a
     line.
     """
-    return _validated(source, model, *_tables(source))
+    return _validate(source, model, *_read_tables(source))
 
 
-def _tables(source: Source) -> tuple[dict[str, Any], dict[Location, str]]:
+def _read_tables(source: Source) -> tuple[dict[str, Any], dict[Location, str]]:
     """Tables of a TOML text with the command line's overrides, and where each key stands."""
     try:
         data: dict[str, Any] = tomllib.loads(source.text)
@@ -123,18 +123,18 @@ def _tables(source: Source) -> tuple[dict[str, Any], dict[Location, str]]:
         ) from None
     lines = _key_lines(source.text)
     for override in source.overrides:
-        lines |= _override(data, override)
+        lines |= _apply_override(data, override)
     return data, lines
 
 
-def _validated(
+def _validate(
     source: Source, model: type[AnyTable], data: dict[str, Any], lines: Mapping[Location, str]
 ) -> AnyTable:
     """Record of the tables, or RecipeError."""
     try:
         return model.model_validate(data)
     except ValidationError as error:
-        raise RecipeError("\n".join(_faults(source, error, lines, model))) from None
+        raise RecipeError("\n".join(_describe_faults(source, error, lines, model))) from None
 
 
 def _require_known_columns(source: Source, recipe: Recipe, lines: Mapping[Location, str]) -> None:
@@ -144,8 +144,8 @@ def _require_known_columns(source: Source, recipe: Recipe, lines: Mapping[Locati
     own = recipe.own_columns()
     allowed = [*CANONICAL, "gyro_x_dph", "gyro_x_lsb", "accel_x_g", "accel_x_lsb", *own]
     faults = [
-        f"{_place(source, ('columns', name), lines)}: columns.{name}: not a canonical column;"
-        f" {did_you_mean(name, allowed, _CHANGE)}"
+        f"{_format_place(source, ('columns', name), lines)}: columns.{name}: not a canonical"
+        f" column; {did_you_mean(name, allowed, _CHANGE)}"
         for name in recipe.columns
         if not is_canonical(name) and name not in own
     ]
@@ -157,8 +157,10 @@ def located(source: Source, error: RecipeError) -> RecipeError:
     """The same error with file and line of the key that is at fault, where it names one."""
     if not error.at:
         return error
-    _, lines = _tables(source)
-    return RecipeError(f"{_place(source, error.at, lines)}: {error.message}", hint=error.hint)
+    _, lines = _read_tables(source)
+    return RecipeError(
+        f"{_format_place(source, error.at, lines)}: {error.message}", hint=error.hint
+    )
 
 
 def _key_lines(text: str) -> dict[Location, str]:
@@ -168,7 +170,7 @@ def _key_lines(text: str) -> dict[Location, str]:
     counts: dict[Location, int] = {}
     for number, line in enumerate(text.splitlines(), start=1):
         if header := _HEADER.match(line):
-            path = _split(header.group(2))
+            path = _split_key(header.group(2))
             if header.group(1) == "[[":
                 index = counts.get(path, 0)
                 counts[path] = index + 1
@@ -178,20 +180,20 @@ def _key_lines(text: str) -> dict[Location, str]:
             lines.setdefault(path, str(number))
             lines.setdefault(table, str(number))
         elif key := _KEY.match(line):
-            lines.setdefault((*table, *_split(key.group(1))), str(number))
+            lines.setdefault((*table, *_split_key(key.group(1))), str(number))
     return lines
 
 
-def _split(dotted: str) -> Location:
+def _split_key(dotted: str) -> Location:
     """Parts of a dotted TOML key, without their quotes."""
     parts = re.findall(r"\"([^\"]*)\"|'([^']*)'|([A-Za-z0-9_-]+)", dotted)
     return tuple(map("".join, parts))
 
 
-def _override(data: dict[str, Any], override: str) -> dict[Location, str]:
+def _apply_override(data: dict[str, Any], override: str) -> dict[Location, str]:
     """Apply one `table.key=value` of the command line and say where a fault in it is."""
     key, separator, value = override.partition("=")
-    path = _split(key.strip())
+    path = _split_key(key.strip())
     if not separator or not path:
         raise UsageError(
             f"--set {override}: expected table.key=value", hint="for example --set drift.order=2"
@@ -212,7 +214,7 @@ def _override(data: dict[str, Any], override: str) -> dict[Location, str]:
     return {path: f"--set {override}"}
 
 
-def _place(source: Source, location: Location, lines: Mapping[Location, str]) -> str:
+def _format_place(source: Source, location: Location, lines: Mapping[Location, str]) -> str:
     """file:line of the closest place that is written, or the command line's own words."""
     for end in range(len(location), 0, -1):
         if (line := lines.get(location[:end])) is not None:
@@ -220,7 +222,7 @@ def _place(source: Source, location: Location, lines: Mapping[Location, str]) ->
     return source.name
 
 
-def _faults(
+def _describe_faults(
     source: Source, error: ValidationError, lines: Mapping[Location, str], model: type[BaseModel]
 ) -> list[str]:
     """One line for each place that has a fault; the alternatives that a place allows are joined."""
@@ -235,19 +237,19 @@ def _faults(
         )
         grouped.setdefault(location, []).append(dict(fault))
     return [
-        _fault(_place(source, location, lines), location, faults, model)
+        _describe_fault(_format_place(source, location, lines), location, faults, model)
         for location, faults in grouped.items()
     ]
 
 
-def _fault(
+def _describe_fault(
     place: str, location: Location, faults: list[dict[str, Any]], model: type[BaseModel]
 ) -> str:
     """One line for one place: where, what was found, what was expected, what to do."""
     dotted = ".".join(str(part) for part in location)
     kind, value = faults[0]["type"], faults[0]["input"]
     if kind == "extra_forbidden":
-        allowed = _keys(model, location[:-1])
+        allowed = _allowed_keys(model, location[:-1])
         return (
             f"{place}: unknown key '{dotted}' = {value!r}, allowed: {', '.join(allowed)};"
             f" {did_you_mean(str(location[-1]), allowed, _CHANGE)}"
@@ -256,7 +258,7 @@ def _fault(
         return f"{place}: missing key '{dotted}'; add it"
     if kind == "value_error":
         return f"{place}: {dotted or 'table'}: {faults[0]['msg'].removeprefix('Value error, ')}"
-    expected = " or ".join(dict.fromkeys(_in_words_of_toml(fault["msg"]) for fault in faults))
+    expected = " or ".join(dict.fromkeys(_plain_expectation(fault["msg"]) for fault in faults))
     advice = "change it"
     if isinstance(value, str):
         advice = did_you_mean(value, re.findall(r"'([^']+)'", expected), _CHANGE)
@@ -278,7 +280,7 @@ _PLAIN = (
 """What the validator expected, in its words → in words of TOML."""
 
 
-def _in_words_of_toml(message: str) -> str:
+def _plain_expectation(message: str) -> str:
     """What was expected, in words of TOML."""
     expected = message.removeprefix("Input should be ")
     for pattern, words in _PLAIN:
@@ -287,17 +289,17 @@ def _in_words_of_toml(message: str) -> str:
     return expected
 
 
-def _keys(model: type[BaseModel], location: Location) -> list[str]:
+def _allowed_keys(model: type[BaseModel], location: Location) -> list[str]:
     """Keys that the table at a location may hold."""
     current: Any = model
     for part in location:
-        current = _table(_member(current, part))
+        current = _table_type(_member_type(current, part))
     if isinstance(current, type) and issubclass(current, BaseModel):
         return [field.alias or name for name, field in current.model_fields.items()]
     return []
 
 
-def _table(annotation: Any) -> Any:  # noqa: ANN401 (as below)
+def _table_type(annotation: Any) -> Any:  # noqa: ANN401 (as below)
     """Type of a table that may be absent: what stands beside None."""
     tables = [
         kind
@@ -307,7 +309,7 @@ def _table(annotation: Any) -> Any:  # noqa: ANN401 (as below)
     return tables[0] if len(tables) == 1 and type(None) in get_args(annotation) else annotation
 
 
-def _member(annotation: Any, part: str | int) -> Any:  # noqa: ANN401 (walks type annotations, which have no common type)
+def _member_type(annotation: Any, part: str | int) -> Any:  # noqa: ANN401 (walks type annotations, which have no common type)
     """Type of the member `part` of a table, an array of tables, or a table of tables."""
     if isinstance(annotation, type) and issubclass(annotation, BaseModel):
         field = next(

@@ -105,7 +105,7 @@ class BinarySpec(Table):
     @classmethod
     def _known_units(cls, fields: tuple[FieldSpec, ...]) -> tuple[FieldSpec, ...]:
         for field in fields:
-            if field.unit and not units.of_text(field.unit):
+            if field.unit and not units.parse_unit(field.unit):
                 raise ValueError(f"field '{field.name}': unknown unit '{field.unit}'")
         return fields
 

@@ -184,7 +184,7 @@ class Pin(Table):
 
 
 class Recipe(Table):
-    """What every recipe says, whatever the procedure."""
+    """What every recipe states, whatever the procedure."""
 
     along_chunks: ClassVar[bool] = False
     """Whether fits work along chunks of a log: then large logs are kept on disk."""
@@ -204,7 +204,7 @@ class Recipe(Table):
 
     @field_validator("columns")
     @classmethod
-    def _said_where_it_means_something(cls, columns: dict[str, Column]) -> dict[str, Column]:
+    def _keys_belong_to_column(cls, columns: dict[str, Column]) -> dict[str, Column]:
         for name, column in columns.items():
             if name != "time_s" and (column.time_format or column.date):
                 raise ValueError(f"{name}: time_format and date belong to time_s")
@@ -240,7 +240,7 @@ class Recipe(Table):
 
     @field_validator("segment")
     @classmethod
-    def _apart(cls, pins: tuple[Pin, ...]) -> tuple[Pin, ...]:
+    def _segments_do_not_overlap(cls, pins: tuple[Pin, ...]) -> tuple[Pin, ...]:
         for k, pin in enumerate(pins):
             for other in pins[:k]:
                 if pin.log == other.log and pin.from_s < other.to_s and other.from_s < pin.to_s:

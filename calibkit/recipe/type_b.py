@@ -121,7 +121,7 @@ class TypeB(Table):
         if self.unit in RELATIVE:
             return self.u * RELATIVE[self.unit] * abs(estimate)
         target = quantity_unit(self.quantity)
-        return self.u if target is None else self.u * step(self.unit, target)
+        return self.u if target is None else self.u * difference_factor(self.unit, target)
 
     def component(self, estimate: float, sensitivity: float) -> gum.Component:
         """Component of a combination: the quantity's estimate in its base unit, sensitivity of the
@@ -140,7 +140,7 @@ def quantity_unit(quantity: str) -> str | None:
     return SITE.get(quantity) or (units.column_unit(quantity) if is_canonical(quantity) else None)
 
 
-def step(source: str, target: str) -> float:
+def difference_factor(source: str, target: str) -> float:
     """Factor from a difference in one unit to one in another; of temperatures the scales' zeros do
     not matter.
     """
@@ -163,7 +163,7 @@ def _require_unit(term: TypeB) -> None:
     if target is None or term.unit in RELATIVE:
         return
     try:
-        step(term.unit, target)
+        difference_factor(term.unit, target)
     except RecipeError as error:
         raise ValueError(f"'{term.name}': {error}") from None
 
