@@ -1,6 +1,4 @@
-"""Files that are there whole or not at all: synced writes, renames that replace nothing, a lock
-between processes.
-"""
+"""Files that are on the disk when they are there, and a lock between processes."""
 
 import contextlib
 import errno
@@ -16,10 +14,6 @@ _WAIT_S = 120.0
 meanwhile.
 """
 _PAUSE_S = 0.05
-_SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
-"""Pauses before a rename is tried again: on Windows a virus scanner may hold a file that was just
-written.
-"""
 _BUSY = (errno.EAGAIN, errno.EACCES, errno.EDEADLK)
 """Errors of a lock that another process holds; any other means that the file system has no locks.
 """
@@ -59,34 +53,6 @@ def make_folder(folder: Path) -> None:
         sync_folder(path.parent)
 
 
-def rename_folder(temporary: Path, target: Path) -> None:
-    """Rename a folder to a name that nothing has; raises OSError. A scanner that holds it is waited
-    for.
-    """
-    for pause in _SCANNER_PAUSES_S:
-        try:
-            temporary.rename(target)
-        except PermissionError:
-            time.sleep(pause)
-        else:
-            return
-    temporary.rename(target)
-
-
-def rename_new(temporary: Path, path: Path) -> None:
-    """Give a file a name that nothing has: a hard link fails where the name was taken meanwhile.
-    Raises OSError.
-    """
-    try:
-        os.link(temporary, path)
-    except FileExistsError:
-        raise
-    except OSError:  # a file system without hard links; what took the name is still not replaced
-        if path.exists():
-            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
-        temporary.rename(path)
-
-
 @contextlib.contextmanager
 def locked(path: Path, what: str, wait_s: float = _WAIT_S) -> Iterator[None]:
     """Hold a lock file against other processes and threads; the system releases it when the process
@@ -116,8 +82,10 @@ def _acquire(path: Path, what: str, attempts: int) -> int:
         try:
             handle = os.open(path, os.O_RDWR | os.O_CREAT, 0o666)
         except OSError as error:
-            hint = "free space or give another --out"
-            raise OutputError(f"{what}: cannot be written: {error.strerror}", hint=hint) from None
+            raise OutputError(
+                f"{what}: cannot be written: {error.strerror}",
+                hint="free space or give another --out",
+            ) from None
         try:
             if _take(handle) and (not _REMOVABLE or _has_name(path, handle)):
                 return handle

@@ -4,6 +4,7 @@ Nothing is overwritten, and nothing is added to a run folder.
 """
 
 import contextlib
+import errno
 import os
 import tempfile
 from collections.abc import Iterable, Iterator, Mapping
@@ -80,7 +81,7 @@ def write_all(files: Mapping[Path, bytes | Iterable[bytes]], *, dry_run: bool = 
         for path, temporary in ready.items():
             with output_errors(path, "give another place"):
                 try:
-                    atomic.rename_new(temporary, path)
+                    _rename_new(temporary, path)
                 except FileExistsError:
                     raise OutputError(
                         f"{path}: exists already", hint="nothing is overwritten; give another name"
@@ -103,6 +104,20 @@ def _write_beside(
         atomic.write_synced(Path(name), content)
         Path(name).chmod(0o644)
         return Path(name)
+
+
+def _rename_new(temporary: Path, path: Path) -> None:
+    """Give a file a name that nothing has: a hard link fails where the name was taken meanwhile.
+    Raises OSError.
+    """
+    try:
+        os.link(temporary, path)
+    except FileExistsError:
+        raise
+    except OSError:  # a file system without hard links; what took the name is still not replaced
+        if path.exists():
+            raise FileExistsError(errno.EEXIST, os.strerror(errno.EEXIST), str(path)) from None
+        temporary.rename(path)
 
 
 def _remove(path: Path) -> None:

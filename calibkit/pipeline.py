@@ -66,17 +66,17 @@ def fit(
     spec = instruments.parse_recipe(source)
     serial = store.check_serial(serial or spec.serial)
     with _placed(source):
-        files = ingest.find_logs(spec, data)
-        ingest.require_named_logs(spec, files)
-        fitted = instruments.find(spec.procedure).fit(spec, data, files, progress)
+        logs = ingest.find_logs(spec, data)
+        ingest.require_named_logs(spec, logs)
+        fitted = instruments.find(spec.procedure).fit(spec, data, logs, progress)
     type_b.require_known(spec.type_b, (*budget.name_results(fitted.results), *spec.own_columns()))
     with store.next_revision(out, serial, dry_run=dry_run) as (revision, superseded):
         summary = dates.flag_date_order(fitted.summary, out, serial, revision, date)
-        content = run_content.build_run(
+        document, records, files = run_content.build_run(
             source, spec, replace(fitted, summary=summary), serial, revision, date, superseded
         )
-        folder = store.save(out, serial, revision, content.files, dry_run=dry_run)
-    run = store.Run(folder, content.document, content.records)
+        folder = store.save(out, serial, revision, files, dry_run=dry_run)
+    run = store.Run(folder, document, records)
     summary = replace(summary, title=f"{run.name}: {spec.title or spec.procedure}")
     return _FitOutcome(run, summary, _guesses(run.document["inputs"]))
 

@@ -8,7 +8,7 @@ import functools
 import hashlib
 import importlib.metadata
 import platform
-from dataclasses import asdict, dataclass
+from dataclasses import asdict
 from typing import TYPE_CHECKING, Any
 
 from calibkit import coefficients, instruments, new_files, store
@@ -26,18 +26,6 @@ if TYPE_CHECKING:
 _LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
 
 
-@dataclass(frozen=True, slots=True)
-class RunContent:
-    """A run before it is saved."""
-
-    document: Mapping[str, Any]
-    """As in run.json."""
-    records: Mapping[str, coefficients.Record]
-    """By file name."""
-    files: Mapping[str, bytes]
-    """Name → bytes of every file of the run folder."""
-
-
 def build_run(
     source: Source,
     spec: Recipe,
@@ -46,9 +34,11 @@ def build_run(
     revision: int,
     date: str,
     superseded: Mapping[str, str],
-) -> RunContent:
+) -> tuple[dict[str, Any], dict[str, coefficients.Record], dict[str, bytes]]:
     """Make all files of a run that holds from `date`; `superseded` is the digest of each stage's
     coefficient file in the revision before.
+
+    Returns what run.json and the coefficient files hold, and name → bytes of every file.
     """
     identity = coefficients.Identity(serial, revision, date, SOFTWARE, source.sha256, fitted.inputs)
     records = {
@@ -63,7 +53,7 @@ def build_run(
     files[documents.PAGE] = html.page(facts | {"files": list_files(files)}, records, drawn)
     text = coefficients.seal(facts | {"files": list_files(files)})
     document = coefficients.unseal(text, new_files.RUN_FILE, store.RUN_FORMATS)
-    return RunContent(document, records, {new_files.RUN_FILE: text.encode(), **files})
+    return document, records, {new_files.RUN_FILE: text.encode(), **files}
 
 
 def _run_facts(

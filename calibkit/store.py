@@ -8,6 +8,7 @@ import os
 import re
 import shutil
 import tempfile
+import time
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
@@ -28,6 +29,10 @@ _REVISION = re.compile(r"r(\d{3,})")
 _DEVICE = re.compile(r"(con|prn|aux|nul|com\d|lpt\d)(\.|$)", re.IGNORECASE)
 """Names that Windows keeps for devices, with any suffix."""
 _DATE = re.compile(r"\d{4}-\d{2}-\d{2}")
+_SCANNER_PAUSES_S = (0.05, 0.1, 0.2, 0.4)
+"""Pauses before a rename is tried again: on Windows a virus scanner may hold a file that was just
+written.
+"""
 
 
 @dataclass(frozen=True, slots=True)
@@ -111,11 +116,25 @@ def save(
                     f"{target}: exists already",
                     hint="another fit of this serial has just finished; run again",
                 )
-            atomic.rename_folder(temporary, target)
+            _rename_folder(temporary, target)
     finally:
         shutil.rmtree(temporary, ignore_errors=True)
     atomic.sync_folder(target.parent)
     return target
+
+
+def _rename_folder(temporary: Path, target: Path) -> None:
+    """Rename a folder to a name that nothing has; raises OSError. A scanner that holds it is waited
+    for.
+    """
+    for pause in _SCANNER_PAUSES_S:
+        try:
+            temporary.rename(target)
+        except PermissionError:
+            time.sleep(pause)
+        else:
+            return
+    temporary.rename(target)
 
 
 def find(name: str, runs: Path, date: str = "") -> Path:

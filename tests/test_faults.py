@@ -364,7 +364,7 @@ def test_a_scanner_that_holds_a_new_folder_is_waited_for(tmp_path, monkeypatch):
             raise refusals.pop()
         return own(path, target)
 
-    monkeypatch.setattr(atomic, "_SCANNER_PAUSES_S", (0.0, 0.0, 0.0))
+    monkeypatch.setattr(store, "_SCANNER_PAUSES_S", (0.0, 0.0, 0.0))
     monkeypatch.setattr(type(tmp_path), "rename", rename)
     assert keep(tmp_path, model({"K": (1.0, "1", 0.1)})).name == "r001"
     refusals[:] = [PermissionError(13, "Permission denied")] * 9
@@ -386,7 +386,7 @@ def test_without_hard_links_a_file_is_renamed_and_still_replaces_nothing(tmp_pat
     assert (tmp_path / "a").read_bytes() == b"one"
     (tmp_path / "t").write_bytes(b"two")
     with pytest.raises(FileExistsError):
-        atomic.rename_new(tmp_path / "t", tmp_path / "a")
+        new_files._rename_new(tmp_path / "t", tmp_path / "a")
     assert (tmp_path / "a").read_bytes() == b"one"
 
 

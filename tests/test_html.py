@@ -294,7 +294,7 @@ def test_a_number_of_numpy_stands_on_the_page_as_every_other_number():
     """A figure that a fit left as numpy's float64 was printed as "np.float64(0.3)"."""
     one = np.float64(0.1) + np.float64(0.2)
     quantity = Coefficient("drift_rms", one, "deg/h", 0.0)
-    made_of = html_tables.figures(
+    made_of = html_tables._figures(
         record(
             StageResult("drift_rate", (), (quantity,)),
             Identity("S-1", 1, "2026-11-21", "calibkit", "00", ()),

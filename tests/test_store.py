@@ -109,7 +109,7 @@ def test_files_that_belong_together_are_all_there_or_none(tmp_path, monkeypatch)
     what was there stays.
     """
     paths = [tmp_path / "deep" / name for name in ("a.c", "b.h", "c.csv")]
-    write, rename = atomic.write_synced, atomic.rename_new
+    write, rename = atomic.write_synced, new_files._rename_new
 
     def full(path, content):
         if content == b"b.h":
@@ -128,7 +128,7 @@ def test_files_that_belong_together_are_all_there_or_none(tmp_path, monkeypatch)
             new_files.write_all(files)
     assert list((tmp_path / "deep").iterdir()) == []
     with monkeypatch.context() as patch:
-        patch.setattr(atomic, "rename_new", raced)
+        patch.setattr(new_files, "_rename_new", raced)
         with pytest.raises(OutputError, match=r"b\.h: exists already"):
             new_files.write_all(files)
     assert {path.name: path.read_bytes() for path in (tmp_path / "deep").iterdir()} == {
@@ -147,7 +147,7 @@ def test_a_name_taken_between_check_and_rename_is_kept(tmp_path):
     path.write_bytes(b"one")
     temporary.write_bytes(b"two")
     with pytest.raises(FileExistsError):
-        atomic.rename_new(temporary, path)
+        new_files._rename_new(temporary, path)
     assert path.read_bytes() == b"one"
 
 

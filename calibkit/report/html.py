@@ -8,14 +8,14 @@ named by their digests.
 
 import base64
 import hashlib
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from importlib import resources
 from typing import Any
 
 from calibkit.coefficients import Record
 from calibkit.report import html_tables as tables, svg
 from calibkit.report.documents import Drawn
-from calibkit.report.markup import Markup, element, escaped, joined
+from calibkit.report.markup import Markup, element, joined
 
 SECTIONS = (
     "Verdict",
@@ -114,14 +114,14 @@ def _sections(
         "p", "The recipe states no acceptance limits: nothing was accepted or rejected."
     )
     parts = {
-        "Verdict": [tables.acceptance(limits) if limits else without],
+        "Verdict": [tables.list_limits(limits) if limits else without],
         "Flags": _flags(document),
         "Results": [tables.summary_table(shown) for shown in drawn.summary.tables],
         "Figures": _figures(drawn, rejected=not document["accepted"]),
-        "Coefficients": _coefficients(document, records),
-        "Uncertainty": _uncertainty(document),
-        "Logs": _logs(document),
-        "Origin": _origin(document, records),
+        "Coefficients": tables.list_coefficients(document, records),
+        "Uncertainty": tables.list_uncertainties(document),
+        "Logs": tables.list_logs(document),
+        "Origin": tables.list_origin(document, records),
     }
     return [
         element(
@@ -142,12 +142,7 @@ def _flags(document: Mapping[str, Any]) -> list[Markup]:
         found.append(f"{len(document['excluded'])} exclusions of logs or parts of them: see Logs")
     if document["recipe"]["overrides"]:
         found.append("the recipe was changed by --set: see Origin")
-    return [_flag_list(found) if found else element("p", "No flags.")]
-
-
-def _flag_list(flags: Sequence[str]) -> Markup:
-    """Flags, one below the other."""
-    return element("ul", joined([element("li", flag) for flag in flags]), class_="flags")
+    return [tables.list_flags(found) if found else element("p", "No flags.")]
 
 
 def _figures(drawn: Drawn, *, rejected: bool) -> list[Markup]:
@@ -175,89 +170,3 @@ def _figures(drawn: Drawn, *, rejected: bool) -> list[Markup]:
             )
         )
     return parts if drawings else [element("p", "No figures were drawn.")]
-
-
-def _coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[Markup]:
-    """Models and figures of every stage, as the coefficient files have them."""
-    parts = [
-        element(
-            "p",
-            "Values with every digit of the coefficient files. Standard uncertainties are of type A"
-            " alone and are rounded here; what instruments add stands under Uncertainty.",
-        )
-    ]
-    if not document["accepted"]:
-        parts.insert(
-            0,
-            element(
-                "p",
-                element("strong", "REJECTED: these coefficients failed the acceptance limits."),
-                class_="warn",
-            ),
-        )
-    for record in records.values():
-        own = [flag for flag in record.flags if flag not in document["flags"]]
-        parts += [element("h3", f"{record.stage}.json")]
-        parts += [_flag_list(own)] if own else []
-        parts += [tables.coefficients(record)] if record.models else []
-        parts += [tables.figures(record)] if record.figures else []
-        if not record.models and not record.figures:
-            parts.append(element("p", "This stage exports nothing."))
-    return parts
-
-
-def _uncertainty(document: Mapping[str, Any]) -> list[Markup]:
-    """Combined uncertainties and the type B terms of the recipe."""
-    stated, terms = document.get("uncertainty"), document.get("type_b")
-    none = element("p", "No combined uncertainty is stated.")
-    parts = [tables.combined(stated) if stated else none]
-    return [*parts, tables.entries("Type B terms of the recipe", terms)] if terms else parts
-
-
-def _logs(document: Mapping[str, Any]) -> list[Markup]:
-    """What was read, what of it was left out by whom and why, what was corrected."""
-    parts = [tables.logs(document["inputs"])]
-    if document["excluded"]:
-        parts.append(tables.entries("Left out", document["excluded"]))
-    if document.get("corrections"):
-        parts.append(
-            tables.entries(
-                "Corrections from certificates of reference instruments", document["corrections"]
-            )
-        )
-    return parts
-
-
-def _origin(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[Markup]:
-    """Conditions, software, recipe, and the digests by which the files are known."""
-    recipe = document["recipe"]
-    versions = ", ".join(f"{name} {version}" for name, version in document["libraries"].items())
-    pairs = [
-        ("serial", document["serial"]),
-        ("revision", str(document["revision"])),
-        ("procedure", document["procedure"]),
-        ("effective from", document["effective_from"]),
-        ("software", f"{document['software']}, Python {document['python']}, {versions}"),
-        ("recipe", recipe["name"]),
-        ("SHA-256 of the recipe", element("code", recipe["sha256"])),
-        *(("changed by --set", element("code", text)) for text in recipe["overrides"]),
-        *(
-            (f"{name} supersedes the file of sha256", element("code", record.supersedes))
-            for name, record in records.items()
-            if record.supersedes
-        ),
-    ]
-    files = [
-        (f"SHA-256 of {entry['name']}", element("code", entry["sha256"]))
-        for entry in document["files"]
-    ]
-    return [
-        tables.conditions(tuple(records.values())),
-        tables.facts("Where this comes from", pairs),
-        tables.facts("Files of the run (this page is listed in run.json)", files),
-        element(
-            "details",
-            element("summary", "The recipe as it was written"),
-            Markup(f"<pre>{escaped(recipe['text'])}</pre>"),
-        ),
-    ]

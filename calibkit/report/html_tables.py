@@ -1,12 +1,12 @@
-"""Tables of a run's record for its page: limits, coefficients and figures with units and
-uncertainties, logs, digests.
+"""What a run's page lists: limits, flags, coefficients and figures with units and uncertainties,
+logs, digests.
 """
 
 from collections.abc import Iterator, Mapping, Sequence
 from typing import Any
 
 from calibkit.coefficients import Model, Record
-from calibkit.report.markup import Content, Markup, element, joined
+from calibkit.report.markup import Content, Markup, element, escaped, joined
 from calibkit.report.run import quantity_table
 from calibkit.report.table import Cell, Column, Table
 
@@ -89,7 +89,7 @@ def summary_table(made: Table) -> Markup:
     return _folded(made.title, len(rows), _table(made.title, made.heads, [rows], numbers))
 
 
-def acceptance(criteria: Sequence[Mapping[str, Any]]) -> Markup:
+def list_limits(criteria: Sequence[Mapping[str, Any]]) -> Markup:
     """Acceptance limits and how the results stand against them; what failed is marked."""
     six = Column("", ".6g")
     rows = [
@@ -108,7 +108,7 @@ def acceptance(criteria: Sequence[Mapping[str, Any]]) -> Markup:
     return _table("Acceptance limits", heads, [rows], (1, 2))
 
 
-def coefficients(record: Record) -> Markup:
+def _coefficients(record: Record) -> Markup:
     """Every coefficient of a stage, its models below each other."""
     caption = f"Coefficients of {record.stage}.json"
     made = [
@@ -143,7 +143,7 @@ def _model_row(model: Model) -> Markup:
     return element("tr", element("th", *head, scope="rowgroup", colspan="4"), class_="model")
 
 
-def figures(record: Record) -> Markup:
+def _figures(record: Record) -> Markup:
     """Figures of merit of a stage."""
     made = quantity_table(
         f"Figures of {record.stage}.json",
@@ -155,7 +155,7 @@ def figures(record: Record) -> Markup:
     return _folded(made.title, len(made.rows), _record_table(made, (1, 2)))
 
 
-def conditions(records: Sequence[Record]) -> Markup:
+def _conditions(records: Sequence[Record]) -> Markup:
     """Conditions under which the coefficients were found, each once."""
     found = dict.fromkeys(entry for record in records for entry in record.conditions)
     if not found:
@@ -166,7 +166,7 @@ def conditions(records: Sequence[Record]) -> Markup:
     )
 
 
-def combined(entries: Sequence[Mapping[str, Any]]) -> Markup:
+def _combined(entries: Sequence[Mapping[str, Any]]) -> Markup:
     """Combined and expanded uncertainties of results, with their components."""
     rows = tuple(
         (
@@ -198,7 +198,7 @@ def _where_it_holds(entry: Mapping[str, Any]) -> Iterator[str]:
         yield f"({100.0 * entry['probability']:.4g} %)"
 
 
-def logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:
+def _logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:
     """Logs with rows, digests and how each was read."""
     rows = [
         _row(
@@ -214,7 +214,7 @@ def logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:
     return _folded("Logs", len(rows), _table("Logs", heads, [rows], (1,)))
 
 
-def entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:
+def _entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:
     """Entries of a recipe's list (exclusions, corrections, type B terms), one a row, as they were
     written.
     """
@@ -230,6 +230,91 @@ def entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:
     return _table(caption, ("", "as stated"), [rows], ())
 
 
-def facts(caption: str, pairs: Sequence[tuple[str, Content]]) -> Markup:
+def _facts(caption: str, pairs: Sequence[tuple[str, Content]]) -> Markup:
     """Names and values."""
     return _table(caption, ("", ""), [[_row(name, value) for name, value in pairs]], ())
+
+
+def list_flags(flags: Sequence[str]) -> Markup:
+    """Flags, one below the other."""
+    return element("ul", joined([element("li", flag) for flag in flags]), class_="flags")
+
+
+def list_coefficients(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[Markup]:
+    """Models and figures of every stage, as the coefficient files have them."""
+    parts = []
+    if not document["accepted"]:
+        rejected = "REJECTED: these coefficients failed the acceptance limits."
+        parts.append(element("p", element("strong", rejected), class_="warn"))
+    parts.append(
+        element(
+            "p",
+            "Values with every digit of the coefficient files. Standard uncertainties are of type A"
+            " alone and are rounded here; what instruments add stands under Uncertainty.",
+        )
+    )
+    for record in records.values():
+        own = [flag for flag in record.flags if flag not in document["flags"]]
+        parts += [element("h3", f"{record.stage}.json")]
+        parts += [list_flags(own)] if own else []
+        parts += [_coefficients(record)] if record.models else []
+        parts += [_figures(record)] if record.figures else []
+        if not record.models and not record.figures:
+            parts.append(element("p", "This stage exports nothing."))
+    return parts
+
+
+def list_uncertainties(document: Mapping[str, Any]) -> list[Markup]:
+    """Combined uncertainties and the type B terms of the recipe."""
+    stated, terms = document.get("uncertainty"), document.get("type_b")
+    parts = [_combined(stated) if stated else element("p", "No combined uncertainty is stated.")]
+    return [*parts, _entries("Type B terms of the recipe", terms)] if terms else parts
+
+
+def list_logs(document: Mapping[str, Any]) -> list[Markup]:
+    """What was read, what of it was left out by whom and why, what was corrected."""
+    parts = [_logs(document["inputs"])]
+    if document["excluded"]:
+        parts.append(_entries("Left out", document["excluded"]))
+    if document.get("corrections"):
+        parts.append(
+            _entries(
+                "Corrections from certificates of reference instruments", document["corrections"]
+            )
+        )
+    return parts
+
+
+def list_origin(document: Mapping[str, Any], records: Mapping[str, Record]) -> list[Markup]:
+    """Conditions, software, recipe, and the digests by which the files are known."""
+    recipe = document["recipe"]
+    versions = ", ".join(f"{name} {version}" for name, version in document["libraries"].items())
+    pairs = [
+        ("serial", document["serial"]),
+        ("revision", str(document["revision"])),
+        ("procedure", document["procedure"]),
+        ("effective from", document["effective_from"]),
+        ("software", f"{document['software']}, Python {document['python']}, {versions}"),
+        ("recipe", recipe["name"]),
+        ("SHA-256 of the recipe", element("code", recipe["sha256"])),
+        *(("changed by --set", element("code", text)) for text in recipe["overrides"]),
+        *(
+            (f"{name} supersedes the file of sha256", element("code", record.supersedes))
+            for name, record in records.items()
+            if record.supersedes
+        ),
+    ]
+    files = [
+        (f"SHA-256 of {entry['name']}", element("code", entry["sha256"]))
+        for entry in document["files"]
+    ]
+    return [
+        _conditions(tuple(records.values())),
+        _facts("Where this comes from", pairs),
+        _facts("Files of the run (this page is listed in run.json)", files),
+        element(
+            "details",
+            element("summary", "The recipe as it was written"),
+            Markup(f"<pre>{escaped(recipe['text'])}</pre>"),
+        ),
+    ]
