@@ -256,8 +256,10 @@ def evaluate(run: Run | AnyPath, model: str, **at: ArrayLike) -> tuple[Array, Ar
         raise CoefficientError(
             f"model '{model}': form {found[0].form} is not known", hint="use a newer calibkit"
         )
-    inputs = dict(zip(at, np.broadcast_arrays(*map(np.atleast_1d, at.values())), strict=True))
-    values = {name: np.asarray(column, dtype=np.float64) for name, column in inputs.items()}
+    columns = np.broadcast_arrays(*map(np.atleast_1d, at.values()))
+    values = {
+        name: np.asarray(column, dtype=np.float64) for name, column in zip(at, columns, strict=True)
+    }
     return form.evaluate(found[0], values), form.standard_uncertainty(found[0], values)
 
 

@@ -150,8 +150,10 @@ class Record:
         for model in self.models:
             if model.name == name:
                 return model
-        names = ", ".join(model.name for model in self.models) or "none"
-        raise CoefficientError(f"{self.stage}: no model '{name}'", hint=f"models there: {names}")
+        raise CoefficientError(
+            f"{self.stage}: no model '{name}'",
+            hint=f"models there: {', '.join(model.name for model in self.models) or 'none'}",
+        )
 
 
 @dataclass(frozen=True, slots=True)

@@ -130,10 +130,9 @@ def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tupl
             )
         with figures.styled():
             new_files.write_new(figure, figures.pdf([logs.draw_log(one) for one in shown]))
-    reports = (outcome.report for outcome in outcomes)
     return tuple(
         replace(one, findings=(*one.findings, *(found for at, found in compared if at == one.file)))
-        for one in reports
+        for one in (outcome.report for outcome in outcomes)
     )
 
 

@@ -50,11 +50,11 @@ def _exit_code(run: Callable[[], Any], *, as_json: bool) -> int:
     except click.ClickException as error:
         context = getattr(error, "ctx", None)
         hint = f"see {context.command_path if context else 'calibkit'} --help"
-        usage = UsageError(error.format_message().rstrip("."), hint=hint)
-        return _fail(usage, as_json=as_json)
+        return _fail(UsageError(error.format_message().rstrip("."), hint=hint), as_json=as_json)
     except (KeyboardInterrupt, click.Abort):
-        stopped = StoppedError("interrupted; what was not finished was not written")
-        return _fail(stopped, as_json=as_json)
+        return _fail(
+            StoppedError("interrupted; what was not finished was not written"), as_json=as_json
+        )
     except Exception as error:  # noqa: BLE001 (the last resort: a traceback helps nobody at the bench)
         return _end_unexpected(error, as_json=as_json)
     return code if isinstance(code, int) else 0
@@ -71,8 +71,10 @@ def _end_unexpected(error: Exception, *, as_json: bool) -> int:
         # of another pipe than stdout and stderr, or where the system cannot tell whose it is
         return _BROKEN_PIPE
     if isinstance(error, OSError) and full:
-        hint = "free space; what was printed is not whole"
-        unprinted = OutputError(f"stdout: cannot be written: {error.strerror}", hint=hint)
+        unprinted = OutputError(
+            f"stdout: cannot be written: {error.strerror}",
+            hint="free space; what was printed is not whole",
+        )
         return _fail(unprinted, as_json=False)
     if os.environ.get("CALIBKIT_DEBUG"):
         import traceback

@@ -79,8 +79,9 @@ class _Explained(click.Command):
     def format_help_text(self, ctx: click.Context, formatter: click.HelpFormatter) -> None:
         """The text without its examples, which stand above."""
         whole = self.help
-        paragraphs = (whole or "").split("\n\n")
-        self.help = "\n\n".join(text for text in paragraphs if not _examples(text))
+        self.help = "\n\n".join(
+            paragraph for paragraph in (whole or "").split("\n\n") if not _examples(paragraph)
+        )
         try:
             super().format_help_text(ctx, formatter)
         finally:

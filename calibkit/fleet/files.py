@@ -77,8 +77,7 @@ def _flat_table(table: FleetTable) -> Table:
             numbers.append(dict(zip(chart.serials, uncertainties, strict=True)))
     stands_out: dict[str, list[str]] = {}
     for outlier in table.outliers:
-        figures = stands_out.setdefault(outlier.serial, [])
-        figures.append(f"{outlier.figure} (z = {outlier.z:.3g})")
+        stands_out.setdefault(outlier.serial, []).append(f"{outlier.figure} (z = {outlier.z:.3g})")
     rows: tuple[tuple[Cell, ...], ...] = tuple(
         (
             entry.serial,

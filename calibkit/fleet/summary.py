@@ -25,10 +25,11 @@ def summary_lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
     A dry run names every device with what it would be fitted to.
     """
     entries = fleet.table.entries
-    counts = Counter(entry.verdict for entry in entries)
-    counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
+    counts = sorted(Counter(entry.verdict for entry in entries).items())
     before = f"; {fleet.before} were fitted before" if fleet.before else ""
-    lines = [f"{len(entries)} units: {counted}{before}"]
+    lines = [
+        f"{len(entries)} units: {', '.join(f'{count} {verdict}' for verdict, count in counts)}{before}"
+    ]
     lines += [_fitted_to(entry, fleet.recipe) for entry in entries if dry_run and entry.run]
     lines += _first_lines(
         [f"{entry.verdict}: {entry.serial}: {entry.error}" for entry in entries if entry.error]

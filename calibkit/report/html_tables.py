@@ -53,8 +53,13 @@ def _table(
     )
     parts = [element("caption", element("span", caption)), element("thead", head)]
     parts += [Markup(f"<tbody>\n{joined(rows)}\n</tbody>") for rows in bodies]
-    whole = Markup(f"<table>\n{joined(parts)}\n</table>")
-    return element("div", whole, class_="wide", tabindex="0", role="group")
+    return element(
+        "div",
+        Markup(f"<table>\n{joined(parts)}\n</table>"),
+        class_="wide",
+        tabindex="0",
+        role="group",
+    )
 
 
 def _shown(column: Column, cell: Cell) -> Content:
@@ -104,8 +109,7 @@ def list_limits(criteria: Sequence[Mapping[str, Any]]) -> Markup:
         )
         for entry in criteria
     ]
-    heads = ("limit on", "result", "limit", "unit", "")
-    return _table("Acceptance limits", heads, [rows], (1, 2))
+    return _table("Acceptance limits", ("limit on", "result", "limit", "unit", ""), [rows], (1, 2))
 
 
 def _coefficients(record: Record) -> Markup:
@@ -210,8 +214,8 @@ def _logs(inputs: Sequence[Mapping[str, Any]]) -> Markup:
         )
         for entry in inputs
     ]
-    heads = ("log", "rows", "SHA-256", "how it was read")
-    return _folded("Logs", len(rows), _table("Logs", heads, [rows], (1,)))
+    made = _table("Logs", ("log", "rows", "SHA-256", "how it was read"), [rows], (1,))
+    return _folded("Logs", len(rows), made)
 
 
 def _entries(caption: str, found: Sequence[Mapping[str, Any]]) -> Markup:

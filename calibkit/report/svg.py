@@ -104,11 +104,9 @@ def _extremes(x: Array, y: Array, most: int) -> Integers:
     """Indices, ascending, of a curve's smallest and largest x and y [n] in equal pieces, and of its
     gaps; about `most`.
     """
-    rising = bool(np.all(np.diff(x) >= 0.0))
-    sides = (y,) if rising else (x, y)
-    pieces = max(1, most // (2 * len(sides)))
+    sides = (y,) if np.all(np.diff(x) >= 0.0) else (x, y)
     kept = [np.array([0, x.size - 1])]
-    for piece in np.array_split(np.arange(x.size), pieces):
+    for piece in np.array_split(np.arange(x.size), max(1, most // (2 * len(sides)))):
         good = piece[np.isfinite(x[piece]) & np.isfinite(y[piece])]
         if good.size < piece.size:
             kept.append(piece[~np.isin(piece, good)][:1])
@@ -250,11 +248,16 @@ def _panel(ax: Axes, figure: Figure) -> dict[str, str]:
     width, height = (72.0 * size for size in figure.get_size_inches())
     box = ax.get_position()
     place = (box.x0 * width, (1.0 - box.y1) * height, box.width * width, box.height * height)
-    spans = {"data-x": _span(ax.xaxis, ax.get_xlim()), "data-y": _span(ax.yaxis, ax.get_ylim())}
-    labels = {"data-x-label": ax.get_xlabel() or "x", "data-y-label": ax.get_ylabel() or "y"}
-    name = " ".join(filter(None, (ax.get_title(loc) for loc in ("left", "center", "right"))))
-    corners = " ".join(_LONG.sub(_rounded, f"{part:.6f}") for part in place)
-    return {"class": "panel", "data-box": corners, "data-name": name} | spans | labels
+    titles = (ax.get_title(loc) for loc in ("left", "center", "right"))
+    return {
+        "class": "panel",
+        "data-box": " ".join(_LONG.sub(_rounded, f"{part:.6f}") for part in place),
+        "data-name": " ".join(filter(None, titles)),
+        "data-x": _span(ax.xaxis, ax.get_xlim()),
+        "data-y": _span(ax.yaxis, ax.get_ylim()),
+        "data-x-label": ax.get_xlabel() or "x",
+        "data-y-label": ax.get_ylabel() or "y",
+    }
 
 
 def _span(axis: Axis, limits: tuple[float, float]) -> str:

@@ -108,8 +108,11 @@ class Table:
 def tabulate(title: str, columns: Sequence[Column | str], records: Iterable[object]) -> Table:
     """Table of records, one row each: a column holds the attribute that its key names."""
     full = tuple(column if isinstance(column, Column) else Column(column) for column in columns)
-    rows = (tuple(getattr(one, column.key or column.head) for column in full) for one in records)
-    return Table(title, full, tuple(rows))
+    return Table(
+        title,
+        full,
+        tuple(tuple(getattr(one, column.key or column.head) for column in full) for one in records),
+    )
 
 
 def number_or_none(value: float | None) -> float | None:
