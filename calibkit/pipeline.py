@@ -163,20 +163,15 @@ def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
     return instruments.fitted_recipe(run.document, *overrides).model_copy(update={"exclude": ()})
 
 
-def _compensate(
-    spec: recipe.Recipe,
-    records: Mapping[str, coefficients.Record],
-    data: Path,
-    as_firmware: str | None,
+def _apply_as_firmware(
+    spec: recipe.Recipe, records: Mapping[str, coefficients.Record], data: Path, number: str
 ) -> Applied:
-    """Compensated log by an instrument's own arithmetic, or by that of a firmware number format."""
-    if as_firmware is None:
-        return instruments.find(spec.procedure).apply(spec, records, data)
+    """Log that is compensated as the firmware of a number format would."""
     from calibkit.firmware import formats, program
 
     firmware = _firmware(spec)
     chain = firmware.chain(spec, records)
-    quantised = program.quantise(chain, formats.find_format(as_firmware))
+    quantised = program.quantise(chain, formats.find_format(number))
     return firmware.apply(spec.on_site(), chain, quantised, data)
 
 
@@ -203,7 +198,11 @@ def apply(
         update={"logs": spec.logs.model_copy(update={"split": False, "missing": "refuse"})}
     )
     try:
-        content, flags = _compensate(spec, run.records, data, as_firmware)
+        content, flags = (
+            instruments.find(spec.procedure).apply(spec, run.records, data)
+            if as_firmware is None
+            else _apply_as_firmware(spec, run.records, data, as_firmware)
+        )
     except MissingColumnError as error:
         mapped = " ".join(f"--set columns.{name}.from=…" for name in error.columns)
         raise FrameError(

@@ -2,26 +2,20 @@
 run.json, which lists them.
 """
 
-from __future__ import annotations
-
 import functools
 import hashlib
 import importlib.metadata
 import platform
+from collections.abc import Mapping
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 from calibkit import coefficients, instruments, new_files, store
 from calibkit.check import copies
-from calibkit.recipe import type_b
+from calibkit.instruments import Fitted
+from calibkit.recipe import Recipe, Source, type_b
 from calibkit.report import budget, documents, figures, html
 from calibkit.version import SOFTWARE
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-
-    from calibkit.instruments import Fitted
-    from calibkit.recipe import Recipe, Source
 
 _LIBRARIES = ("numpy", "scipy", "pandas", "PyWavelets", "lmfit", "matplotlib")
 

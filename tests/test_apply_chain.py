@@ -18,7 +18,6 @@ MOST = 12
 CHAIN = [
     "cli.logs.apply",
     "pipeline.apply",
-    "pipeline._compensate",
     "instruments.fog_thermal.instrument._apply",
     "instruments.fog_thermal.compensate.compensate_log",
     "instruments.fog_thermal.compensate.drift_along",
@@ -32,7 +31,6 @@ STOPS = [
     "pipeline.run_recipe",
     "instruments.fitted_recipe",
     "instruments.parse_recipe",
-    "pipeline._compensate",
     "instruments.find",
     "instruments.fog_thermal.instrument._apply",
     "instruments.fog_thermal.forms.read_thermal",

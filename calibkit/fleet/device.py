@@ -1,24 +1,19 @@
 """One device of a fleet: its run of an earlier call, a new fit, or the reason why it has none."""
 
-from __future__ import annotations
-
 import contextlib
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from pathlib import Path
+from typing import Any
 
 from calibkit import atomic, instruments, pipeline, recipe, store
 from calibkit.check import copies
 from calibkit.errors import CalibkitError, CoefficientError
 from calibkit.fleet import keys
+from calibkit.fleet.keys import KeyFigure
 from calibkit.ingest import logs as ingest
 from calibkit.readers import parts
 from calibkit.version import SOFTWARE
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping
-    from pathlib import Path
-
-    from calibkit.fleet.keys import KeyFigure
 
 WAIT_S = 3600.0
 """How long to wait for a device that another process fits [s]."""
@@ -70,7 +65,7 @@ class Failure:
     hint: str
 
     @classmethod
-    def of(cls, serial: str, error: Exception) -> Failure:
+    def of(cls, serial: str, error: Exception) -> "Failure":
         """Failure that an error is; what calibkit did not expect is internal."""
         if isinstance(error, CalibkitError):
             return cls(serial, error.code, error.exit_code, error.message, error.hint)
@@ -79,7 +74,7 @@ class Failure:
         )
 
     @classmethod
-    def lost(cls, serial: str) -> Failure:
+    def lost(cls, serial: str) -> "Failure":
         """Failure of a device whose fit no process survived."""
         return cls(
             serial,

@@ -1,18 +1,13 @@
 """The key figures of a run: what a laboratory compares from device to device, by procedure."""
 
-from __future__ import annotations
-
 import re
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
 
 import numpy as np
 
-if TYPE_CHECKING:
-    from collections.abc import Iterator, Sequence
-
-    from calibkit.coefficients import Model, Record
-    from calibkit.store import Run
+from calibkit.coefficients import Model, Record
+from calibkit.store import Run
 
 
 @dataclass(frozen=True, slots=True)

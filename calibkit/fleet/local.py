@@ -17,14 +17,12 @@ from multiprocessing import connection as pipes
 from typing import TYPE_CHECKING, NoReturn
 
 from calibkit.fleet import server
-from calibkit.fleet.device import Failure
+from calibkit.fleet.device import Failure, Outcome, Plan
 
 if TYPE_CHECKING:
     from collections.abc import Callable, Generator, Sequence
     from multiprocessing.connection import Connection
     from multiprocessing.context import ForkServerProcess, SpawnProcess
-
-    from calibkit.fleet.device import Outcome, Plan
 
     Task = Callable[[Plan, str], Outcome]
     Process = SpawnProcess | ForkServerProcess

@@ -5,13 +5,18 @@ To import what a fit needs takes seven times as long as a small fit. Elsewhere e
 anew: copies of a process are not safe there with the libraries that numbers and figures use.
 """
 
+from __future__ import annotations
+
 import contextlib
 import os
 import signal
 import sys
-from collections.abc import Iterator
 from multiprocessing import get_context
-from multiprocessing.context import ForkServerContext, SpawnContext
+from typing import TYPE_CHECKING
+
+if TYPE_CHECKING:
+    from collections.abc import Iterator
+    from multiprocessing.context import ForkServerContext, SpawnContext  # the first not on Windows
 
 COPIES = sys.platform == "linux"
 NEEDED = (

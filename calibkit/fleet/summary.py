@@ -1,18 +1,12 @@
 """Summary of a finished fleet: lines for a person, a document for a script."""
 
-from __future__ import annotations
-
 from collections import Counter
+from collections.abc import Sequence
 from dataclasses import asdict
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
-from calibkit.fleet.table import COPIED, FAILED
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.fleet.run import Fleet
-    from calibkit.fleet.table import Entry
+from calibkit.fleet.run import Fleet
+from calibkit.fleet.table import COPIED, FAILED, Entry
 
 MOST = 20
 """Lines of one kind; the table has them all."""
@@ -25,11 +19,10 @@ def summary_lines(fleet: Fleet, *, dry_run: bool = False) -> list[str]:
     A dry run names every device with what it would be fitted to.
     """
     entries = fleet.table.entries
-    counts = sorted(Counter(entry.verdict for entry in entries).items())
+    counts = Counter(entry.verdict for entry in entries)
+    counted = ", ".join(f"{count} {verdict}" for verdict, count in sorted(counts.items()))
     before = f"; {fleet.before} were fitted before" if fleet.before else ""
-    lines = [
-        f"{len(entries)} units: {', '.join(f'{count} {verdict}' for verdict, count in counts)}{before}"
-    ]
+    lines = [f"{len(entries)} units: {counted}{before}"]
     lines += [_fitted_to(entry, fleet.recipe) for entry in entries if dry_run and entry.run]
     lines += _first_lines(
         [f"{entry.verdict}: {entry.serial}: {entry.error}" for entry in entries if entry.error]

@@ -1,26 +1,19 @@
 """The fleet's table, one row per device: the same whatever process fitted them, in any order."""
 
-from __future__ import annotations
-
 import math
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from pathlib import Path
 
 import numpy as np
 
 from calibkit.check import copies
-from calibkit.fleet.device import Failure, Row
+from calibkit.fleet.device import Failure, Outcome, Row
+from calibkit.fleet.keys import KeyFigure
 from calibkit.numeric.control import control
 from calibkit.report.control_charts import ControlChart
 
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.fleet.device import Outcome
-    from calibkit.fleet.keys import KeyFigure
-
-    Identity = tuple[str, str, str]
+_Identity = tuple[str, str, str]
 
 COPIED = "copied logs"
 FAILED = "failed"
@@ -132,9 +125,9 @@ def _same_logs(one: Row, other: Row) -> bool:
 
 
 def _chart(
-    identity: Identity,
-    identities: Sequence[Identity],
-    figures: Mapping[str, Mapping[Identity, KeyFigure]],
+    identity: _Identity,
+    identities: Sequence[_Identity],
+    figures: Mapping[str, Mapping[_Identity, KeyFigure]],
     units: int,
 ) -> ControlChart:
     """Control chart of the devices that have a key figure; its form or unit is part of its name
