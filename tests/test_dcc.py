@@ -298,7 +298,7 @@ def test_every_result_of_the_pdf_stands_in_the_dcc_with_its_uncertainty(run):
     found = {}
     for real in root.iter(f"{{{xml.SI}}}real"):
         if key := real.findtext("si:label", "", xml.NAMES):
-            found[xml._label(key)] = (
+            found[dcc_results._label(key)] = (
                 numbers(real, "value")[0],
                 numbers(real, "valueExpandedMU"),
                 numbers(real, "coverageFactor"),
@@ -311,7 +311,7 @@ def test_every_result_of_the_pdf_stands_in_the_dcc_with_its_uncertainty(run):
             found[key] = (numbers(values, "valueXMLList")[j], [U[j]], [k[j]])
     assert len(made.results) > 50
     for result in made.results:
-        value, U, k = found[xml._label(result.key)]
+        value, U, k = found[dcc_results._label(result.key)]
         factor = dsi(result.unit).factor
         assert value == pytest.approx(result.value * factor, rel=1e-15)
         if result.uncertainty is not None and result.interval is None:

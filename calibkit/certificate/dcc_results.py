@@ -12,16 +12,17 @@ from calibkit.certificate.dcc_units import dsi
 from calibkit.certificate.dcc_xml import node
 from calibkit.certificate.results import GridTable, ListTable
 from calibkit.certificate.words import AS_FOUND, AS_LEFT, HEADINGS, Words, unit_mark
+from calibkit.errors import OutputError
 from calibkit.numeric import gum
 
 if TYPE_CHECKING:
-    from collections.abc import Sequence
+    from collections.abc import Iterable, Sequence
 
     from lxml.etree import _Element
 
     from calibkit.certificate.dcc_units import Unit
     from calibkit.certificate.dcc_xml import Notation
-    from calibkit.certificate.results import Result
+    from calibkit.certificate.results import Result, Uncertainty
     from calibkit.certificate.run_files import AsFoundAsLeft, BeforeAfter
     from calibkit.coefficients import Model
 
@@ -85,9 +86,9 @@ def _quantity(result: Result, notation: Notation) -> _Element:
     if result.standard:
         name += Words(f" ({result.standard})")
     if u is not None and result.interval is not None:
-        uncertainty = xml.coverage_interval(u, result.interval, unit.factor)
+        uncertainty = _coverage_interval(u, result.interval, unit.factor)
     elif u is not None:
-        uncertainty = xml.expanded_uncertainty(
+        uncertainty = _expanded_uncertainty(
             u.expanded_uncertainty * unit.factor, u.coverage_factor, u.probability
         )
     conditions = [influence(*condition, notation) for condition in result.at]
@@ -104,7 +105,7 @@ def _quantity(result: Result, notation: Notation) -> _Element:
     return notation.named(
         "dcc:quantity",
         name,
-        xml.real(result.value, unit, result.key, uncertainty),
+        _real(result.value, unit, result.key, uncertainty),
         node("dcc:influenceConditions", *conditions) if conditions else None,
         gravity,
         refType=MEASURED,
@@ -115,9 +116,9 @@ def influence(name: str, value: float, unit: str, notation: Notation, u: float =
     """An influence condition that is a number, with its standard uncertainty."""
     found, uncertainty = notation.unit(unit), None
     if u > 0.0:
-        stated = node("si:valueStandardMU", xml.format_number(u * found.factor))
+        stated = node("si:valueStandardMU", _format_number(u * found.factor))
         uncertainty = node("si:measurementUncertaintyUnivariate", node("si:standardMU", stated))
-    shown = node("dcc:quantity", xml.real(value, found, uncertainty=uncertainty))
+    shown = node("dcc:quantity", _real(value, found, uncertainty=uncertainty))
     return notation.named(
         "dcc:influenceCondition", Words(name.replace("_", " ")), node("dcc:data", shown)
     )
@@ -132,16 +133,16 @@ def _series(column: Sequence[Result], head: Words, notation: Notation) -> _Eleme
         notation.named(
             "dcc:quantity",
             Words(condition.replace("_", " ")),
-            xml.real_list([r.at[k][1] for r in column], [notation.unit(own)] * count),
+            _real_list([r.at[k][1] for r in column], [notation.unit(own)] * count),
         )
         for k, (condition, _, own) in enumerate(first.at)
     ]
     uncertainties = [r.uncertainty for r in column if r.uncertainty is not None]
-    values = xml.real_list(
+    values = _real_list(
         [r.value for r in column],
         [unit] * count,
         [r.key for r in column],
-        xml.expanded_uncertainties(uncertainties, unit.factor),
+        _expanded_uncertainties(uncertainties, unit.factor),
     )
     name = first.name if first.name.en else head
     quantity = notation.named("dcc:quantity", name, values, refType=MEASURED)
@@ -163,7 +164,7 @@ def parameters(stage: str, model: Model, notation: Notation) -> _Element:
         "; ".join(f"{column}: {low!r} … {high!r}" for column, (low, high) in model.valid.items())
     )
     units = [notation.unit(c.unit) for c in model.coefficients]
-    values = xml.real_list(
+    values = _real_list(
         [c.value for c in model.coefficients],
         units,
         [f"{stage}.{model.name}.{c.name}" for c in model.coefficients],
@@ -187,7 +188,7 @@ def _covariance(model: Model, units: Sequence[Unit]) -> _Element:
                     "si:covarianceXMLList",
                     node(
                         "si:valueXMLList",
-                        xml.format_number(model.covariance[i][j] * first.factor * second.factor),
+                        _format_number(model.covariance[i][j] * first.factor * second.factor),
                     ),
                     node("si:unitXMLList", (first * second).text),
                 )
@@ -196,14 +197,14 @@ def _covariance(model: Model, units: Sequence[Unit]) -> _Element:
         )
         for j, second in enumerate(units)
     ]
-    factor = xml.format_factor(_region_factor(len(units), model.dof))
+    factor = _format_factor(_region_factor(len(units), model.dof))
     return node(
         "si:measurementUncertaintyMultivariateXMLList",
         node(
             "si:ellipsoidalRegionMUXMLList",
             node("si:covarianceMatrixXMLList", *columns),
             node("si:coverageFactorXMLList", factor),
-            node("si:coverageProbabilityXMLList", xml.format_probability(REGION)),
+            node("si:coverageProbabilityXMLList", _format_probability(REGION)),
         ),
     )
 
@@ -244,10 +245,114 @@ def as_found_as_left(found: AsFoundAsLeft | None, notation: Notation) -> _Elemen
 def _validated(row: BeforeAfter, value: float, U: float | None, notation: Notation) -> _Element:
     """One value of a validation, with its expanded uncertainty where it has one."""
     unit = notation.unit(row.unit)
-    uncertainty = xml.expanded_uncertainty(U * unit.factor, 2.0, gum.TWO_SIGMA) if U else None
+    uncertainty = _expanded_uncertainty(U * unit.factor, 2.0, gum.TWO_SIGMA) if U else None
     return notation.named(
         "dcc:quantity",
         (Words(f"{row.log}: ") if row.log else Words("")) + row.what,
-        xml.real(value, unit, uncertainty=uncertainty),
+        _real(value, unit, uncertainty=uncertainty),
         refType=MEASURED,
+    )
+
+
+def _format_number(value: float) -> str:
+    """A decimal number with all its digits and a decimal point."""
+    if not math.isfinite(value):
+        raise OutputError(
+            f"{value} is no number that a certificate can state", hint="this is a bug"
+        )
+    mantissa, e, exponent = repr(float(value)).partition("e")
+    return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{exponent}"
+
+
+def _format_factor(value: float) -> str:
+    """A coverage factor: at least 1, without an exponent."""
+    return f"{max(value, 1.0):.12f}".rstrip("0").ljust(3, "0")
+
+
+def _format_probability(value: float) -> str:
+    """A coverage probability: 0 to 1, without an exponent."""
+    return f"{value:.12f}".rstrip("0").ljust(3, "0")
+
+
+def _label(key: str) -> str:
+    """A key as an item of an XML list, which blanks would split."""
+    return xml.one_line(key).replace(" ", "_")
+
+
+def _real(value: float, unit: Unit, key: str = "", uncertainty: _Element | None = None) -> _Element:
+    """`si:real` of a value, converted to its D-SI unit, with its uncertainty."""
+    return node(
+        "si:real",
+        node("si:label", xml.one_line(key)) if key else None,
+        node("si:value", _format_number(value * unit.factor)),
+        node("si:unit", unit.text),
+        uncertainty,
+    )
+
+
+def _real_list(
+    values: Iterable[float],
+    units: Sequence[Unit],
+    keys: Sequence[str] = (),
+    uncertainty: _Element | None = None,
+) -> _Element:
+    """`si:realListXMLList` of values, each converted to its D-SI unit, with their uncertainty."""
+    scaled = [
+        _format_number(value * unit.factor) for value, unit in zip(values, units, strict=True)
+    ]
+    return node(
+        "si:realListXMLList",
+        node("si:labelXMLList", " ".join(map(_label, keys))) if keys else None,
+        node("si:valueXMLList", " ".join(scaled)),
+        node("si:unitXMLList", " ".join(unit.text for unit in units)),
+        uncertainty,
+    )
+
+
+def _expanded_uncertainty(U: float, coverage_factor: float, coverage: float) -> _Element:
+    """Expanded uncertainty of one value with its coverage factor and probability."""
+    return node(
+        "si:measurementUncertaintyUnivariate",
+        node(
+            "si:expandedMU",
+            node("si:valueExpandedMU", _format_number(U)),
+            node("si:coverageFactor", _format_factor(coverage_factor)),
+            node("si:coverageProbability", _format_probability(coverage)),
+        ),
+    )
+
+
+def _coverage_interval(
+    uncertainty: Uncertainty, ends: tuple[float, float], scale: float
+) -> _Element:
+    """Coverage interval of one value."""
+    return node(
+        "si:measurementUncertaintyUnivariate",
+        node(
+            "si:coverageIntervalMU",
+            node("si:valueStandardMU", _format_number(uncertainty.standard_uncertainty * scale)),
+            node("si:intervalMin", _format_number(ends[0] * scale)),
+            node("si:intervalMax", _format_number(ends[1] * scale)),
+            node("si:coverageProbability", _format_probability(uncertainty.probability)),
+        ),
+    )
+
+
+def _expanded_uncertainties(uncertainties: Sequence[Uncertainty], scale: float) -> _Element:
+    """Expanded uncertainties of a list of values."""
+    columns = {
+        "si:valueExpandedMUXMLList": [
+            _format_number(u.expanded_uncertainty * scale) for u in uncertainties
+        ],
+        "si:coverageFactorXMLList": [_format_factor(u.coverage_factor) for u in uncertainties],
+        "si:coverageProbabilityXMLList": [
+            _format_probability(u.probability) for u in uncertainties
+        ],
+    }
+    return node(
+        "si:measurementUncertaintyUnivariateXMLList",
+        node(
+            "si:expandedMUXMLList",
+            *(node(name, " ".join(column)) for name, column in columns.items()),
+        ),
     )

@@ -1,11 +1,10 @@
-"""Elements of a digital calibration certificate: names of the two schemas, texts in their
-languages, values with units and uncertainties.
+"""Elements of a digital calibration certificate: names of the two schemas, and texts in their
+languages.
 """
 
 from __future__ import annotations
 
 import base64
-import math
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -13,16 +12,14 @@ from typing import TYPE_CHECKING, Any
 from calibkit import extras
 from calibkit.certificate.checklist import character_code
 from calibkit.certificate.dcc_units import dsi
-from calibkit.errors import OutputError
 
 if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
+    from collections.abc import Iterable
 
     from lxml.etree import _Element
 
     from calibkit.certificate.content import Attachment
     from calibkit.certificate.dcc_units import Unit
-    from calibkit.certificate.results import Uncertainty
     from calibkit.certificate.words import Lang, Words
 
 DCC = "https://ptb.de/dcc"
@@ -122,104 +119,4 @@ def file_data(attachment: Attachment) -> _Element:
         node("dcc:fileName", one_line(attachment.name)),
         node("dcc:mimeType", attachment.media_type),
         node("dcc:dataBase64", base64.b64encode(attachment.content).decode()),
-    )
-
-
-def format_number(value: float) -> str:
-    """A decimal number with all its digits and a decimal point."""
-    if not math.isfinite(value):
-        raise OutputError(
-            f"{value} is no number that a certificate can state", hint="this is a bug"
-        )
-    mantissa, e, exponent = repr(float(value)).partition("e")
-    return f"{mantissa if '.' in mantissa else mantissa + '.0'}{e}{exponent}"
-
-
-def format_factor(value: float) -> str:
-    """A coverage factor: at least 1, without an exponent."""
-    return f"{max(value, 1.0):.12f}".rstrip("0").ljust(3, "0")
-
-
-def format_probability(value: float) -> str:
-    """A coverage probability: 0 to 1, without an exponent."""
-    return f"{value:.12f}".rstrip("0").ljust(3, "0")
-
-
-def _label(key: str) -> str:
-    """A key as an item of an XML list, which blanks would split."""
-    return one_line(key).replace(" ", "_")
-
-
-def real(value: float, unit: Unit, key: str = "", uncertainty: _Element | None = None) -> _Element:
-    """`si:real` of a value, converted to its D-SI unit, with its uncertainty."""
-    return node(
-        "si:real",
-        node("si:label", one_line(key)) if key else None,
-        node("si:value", format_number(value * unit.factor)),
-        node("si:unit", unit.text),
-        uncertainty,
-    )
-
-
-def real_list(
-    values: Iterable[float],
-    units: Sequence[Unit],
-    keys: Sequence[str] = (),
-    uncertainty: _Element | None = None,
-) -> _Element:
-    """`si:realListXMLList` of values, each converted to its D-SI unit, with their uncertainty."""
-    scaled = [format_number(value * unit.factor) for value, unit in zip(values, units, strict=True)]
-    return node(
-        "si:realListXMLList",
-        node("si:labelXMLList", " ".join(map(_label, keys))) if keys else None,
-        node("si:valueXMLList", " ".join(scaled)),
-        node("si:unitXMLList", " ".join(unit.text for unit in units)),
-        uncertainty,
-    )
-
-
-def expanded_uncertainty(U: float, coverage_factor: float, coverage: float) -> _Element:
-    """Expanded uncertainty of one value with its coverage factor and probability."""
-    return node(
-        "si:measurementUncertaintyUnivariate",
-        node(
-            "si:expandedMU",
-            node("si:valueExpandedMU", format_number(U)),
-            node("si:coverageFactor", format_factor(coverage_factor)),
-            node("si:coverageProbability", format_probability(coverage)),
-        ),
-    )
-
-
-def coverage_interval(
-    uncertainty: Uncertainty, ends: tuple[float, float], scale: float
-) -> _Element:
-    """Coverage interval of one value."""
-    return node(
-        "si:measurementUncertaintyUnivariate",
-        node(
-            "si:coverageIntervalMU",
-            node("si:valueStandardMU", format_number(uncertainty.standard_uncertainty * scale)),
-            node("si:intervalMin", format_number(ends[0] * scale)),
-            node("si:intervalMax", format_number(ends[1] * scale)),
-            node("si:coverageProbability", format_probability(uncertainty.probability)),
-        ),
-    )
-
-
-def expanded_uncertainties(uncertainties: Sequence[Uncertainty], scale: float) -> _Element:
-    """Expanded uncertainties of a list of values."""
-    columns = {
-        "si:valueExpandedMUXMLList": [
-            format_number(u.expanded_uncertainty * scale) for u in uncertainties
-        ],
-        "si:coverageFactorXMLList": [format_factor(u.coverage_factor) for u in uncertainties],
-        "si:coverageProbabilityXMLList": [format_probability(u.probability) for u in uncertainties],
-    }
-    return node(
-        "si:measurementUncertaintyUnivariateXMLList",
-        node(
-            "si:expandedMUXMLList",
-            *(node(name, " ".join(column)) for name, column in columns.items()),
-        ),
     )
