@@ -105,14 +105,9 @@ def campaign(seed: int, conditions: Conditions = Conditions()) -> Campaign:
     rng = np.random.default_rng(seed)
     sensors = tuple(_sensor(rng, i) for i in range(3))
     logs, truth = (_sweeps if conditions.sweep else _grid)(rng, sensors, conditions)
-    truth_of_sensors = {
-        "sensors": {f"accel_{a}": asdict(s) for a, s in zip(AXES, sensors, strict=True)}
-    }
-    return Campaign(
-        logs,
-        DECIMALS,
-        {"seed": seed, "conditions": asdict(conditions), **truth_of_sensors, **truth},
-    )
+    named = {f"accel_{a}": asdict(sensor) for a, sensor in zip(AXES, sensors, strict=True)}
+    stated = {"seed": seed, "conditions": asdict(conditions), "sensors": named}
+    return Campaign(logs, DECIMALS, stated | truth)
 
 
 def _indications(sensors: tuple[_Sensor, ...], gravity: Array, temperature: Array) -> Array:

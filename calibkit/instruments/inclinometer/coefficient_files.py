@@ -1,7 +1,6 @@
 """s(T) of each gyro ↔ inclinometer_scale.json."""
 
 from collections.abc import Iterable, Mapping
-from itertools import groupby
 
 import numpy as np
 
@@ -12,8 +11,6 @@ from calibkit.instruments.inclinometer.forms import (
     FILE,
     ScaleFit,
     ScaleModel,
-    read_scale,
-    write_scale,
 )
 from calibkit.instruments.inclinometer.numeric.published import Sensor
 from calibkit.instruments.inclinometer.recipe import InclinometerRecipe
@@ -40,7 +37,7 @@ def make_result(
         site.append(Condition("local_gravity", gravity_mps2, "m/s^2"))
     return StageResult(
         "inclinometer_scale",
-        tuple(write_scale(axis, scale) for axis, scale in fits.items()),
+        tuple(scale.write(axis) for axis, scale in fits.items()),
         _figures(fits, stations, seen, spec),
         (*notes, *_hardly_known(fits), *flag_stations(stations, seen)),
         tuple(site),
@@ -99,25 +96,21 @@ def flag_stations(stations: Stations, seen: SolvedStations) -> tuple[str, ...]:
     lines = []
     if 2 * contradicted > len(stations.names):
         lines.append(f"{contradicted} of {len(stations.names)} stations contradict s(T): {WRONG}")
-    combined = seen.combined
-    refused = [
-        (name, f"refused: {reason}")
-        for name, reason in zip(stations.names, combined.status, strict=True)
-        if reason
+    refused, flagged = [], []
+    for name, reason, flags in zip(
+        stations.names, seen.combined.status, seen.combined.flags, strict=True
+    ):
+        if reason:
+            refused.append((name, f"refused: {reason}"))
+        else:
+            flagged += [(name, flag) for flag in flags]
+    named: dict[str, list[str]] = {}
+    for name, text in (*refused, *flagged):
+        named.setdefault(text, []).append(name)
+    lines += [
+        f"station{'s' if len(names) > 1 else ''} {', '.join(names)}: {text}"
+        for text, names in named.items()
     ]
-    flagged = [
-        (name, flag)
-        for name, reason, flags in zip(stations.names, combined.status, combined.flags, strict=True)
-        if not reason
-        for flag in flags
-    ]
-    for group in (refused, flagged):
-        order = {text: k for k, text in reversed(list(enumerate(text for _, text in group)))}
-        for text, entries in groupby(
-            sorted(group, key=lambda entry: order[entry[1]]), key=lambda entry: entry[1]
-        ):
-            names = [name for name, _ in entries]
-            lines.append(f"station{'s' if len(names) > 1 else ''} {', '.join(names)}: {text}")
     return tuple(lines)
 
 
@@ -153,4 +146,4 @@ def read_models(
     """
     if FILE not in records:
         raise CoefficientError(f"the run holds no {FILE}", hint="it is not a run of inclinometer")
-    return {axis: read_scale(records[FILE].model(axis)) for axis in spec.axes}
+    return {axis: ScaleModel.read(records[FILE].model(axis)) for axis in spec.axes}

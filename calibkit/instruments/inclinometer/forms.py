@@ -4,6 +4,7 @@ of inclinometer_scale.json.
 
 from dataclasses import dataclass
 from functools import partial
+from typing import Self
 
 import numpy as np
 
@@ -45,6 +46,20 @@ class ScaleModel:
             np.where(there, at.s, middle), np.where(there, at.standard_uncertainty, spread)
         )
 
+    @classmethod
+    def read(cls, model: Model) -> Self:
+        """s(T) of one gyro from its model; raises CoefficientError for another form."""
+        return cls(
+            SCALE.read(model),
+            np.array(model.covariance),
+            model.value("scatter"),
+            model.valid.get(TEMPERATURE),
+            Noise(
+                *(model.value("accel_noise"), model.value("gyro_noise")),
+                round(model.value("noise_dof")),
+            ),
+        )
+
 
 @dataclass(frozen=True, slots=True)
 class ScaleFit:
@@ -56,6 +71,27 @@ class ScaleFit:
     used: Mask
     left_out: Prior
 
+    def write(self, axis: str) -> Model:
+        """Model of the gyro of an axis, with its scatter and the noise of its readings as
+        parameters.
+        """
+        model = self.model
+        return SCALE.write(
+            axis,
+            [(f"s{k}", value, _unit(k)) for k, value in enumerate(model.coefficients.tolist())],
+            model.covariance,
+            dof=self.dof,
+            residual_rms=self.residual_rms,
+            residual_unit="1",
+            valid={} if model.valid is None else {TEMPERATURE: model.valid},
+            parameters=(
+                Parameter("scatter", model.scatter, "1"),
+                Parameter("gyro_noise", model.noise.gyro_dph, "deg/h"),
+                Parameter("accel_noise", model.noise.accel_g, "g"),
+                Parameter("noise_dof", float(model.noise.dof), "1"),
+            ),
+        )
+
 
 def _powers(model: Model, at: Inputs) -> Array:
     """Ascending powers [n, p] of the case temperature; of a model without temperature, ones."""
@@ -65,39 +101,6 @@ def _powers(model: Model, at: Inputs) -> Array:
 
 SCALE = Form("inclinometer-scale/1", _powers)
 """s(T) = Σ s_k T^k [1], which multiplies the indicated rate; T in °C."""
-
-
-def write_scale(axis: str, scale: ScaleFit) -> Model:
-    """Model of one gyro, with its scatter and the noise of its readings as parameters."""
-    model = scale.model
-    return SCALE.write(
-        axis,
-        [(f"s{k}", value, _unit(k)) for k, value in enumerate(model.coefficients.tolist())],
-        model.covariance,
-        dof=scale.dof,
-        residual_rms=scale.residual_rms,
-        residual_unit="1",
-        valid={} if model.valid is None else {TEMPERATURE: model.valid},
-        parameters=(
-            Parameter("scatter", model.scatter, "1"),
-            Parameter("gyro_noise", model.noise.gyro_dph, "deg/h"),
-            Parameter("accel_noise", model.noise.accel_g, "g"),
-            Parameter("noise_dof", float(model.noise.dof), "1"),
-        ),
-    )
-
-
-def read_scale(model: Model) -> ScaleModel:
-    """s(T) of one gyro from its model; raises CoefficientError for another form."""
-    return ScaleModel(
-        SCALE.read(model),
-        np.array(model.covariance),
-        model.value("scatter"),
-        model.valid.get(TEMPERATURE),
-        Noise(
-            model.value("accel_noise"), model.value("gyro_noise"), round(model.value("noise_dof"))
-        ),
-    )
 
 
 def _unit(power: int) -> str:

@@ -271,10 +271,10 @@ def _require_plausible(
                 else "add stations of other inclinations and azimuths, or see [limits]"
             ),
         )
-    middle = float(np.median(first.s_root[usable]))
-    if not low <= middle <= high:
+    median = float(np.median(first.s_root[usable]))
+    if not low <= median <= high:
         raise FitError(
-            f"gyro_{axis}_dph: s is {middle:.4g} (median of {int(usable.sum())} stations), expected"
+            f"gyro_{axis}_dph: s is {median:.4g} (median of {int(usable.sum())} stations), expected"
             f" {low:g} to {high:g}",
             hint=WRONG,
         )
@@ -331,7 +331,6 @@ def _solve_stations(
 
 def _as_combined(pair: Solution) -> Combined:
     """One sensor pair's solution in the shape of two."""
-    used = np.array([[not reason] for reason in pair.status], dtype=np.bool_)
     rows = list(sensor_pairs.ANGLES)
     return sensor_pairs.Combined(
         inclination_deg=pair.inclination_deg,
@@ -339,7 +338,6 @@ def _as_combined(pair: Solution) -> Combined:
         azimuth_deg=pair.azimuth_deg,
         uncorrected_deg=pair.uncorrected_deg,
         covariance=pair.covariance[:, rows][:, :, rows],
-        used=used,
         status=pair.status,
         flags=pair.flags,
     )

@@ -27,14 +27,14 @@ def usual_square(squares: Array, dof: Integers) -> float:
         return float("nan")
     from scipy.special import gammaincinv
 
-    middle = float(np.median(dof[known]))
-    median = 2.0 * float(gammaincinv(middle / 2.0, 0.5)) / middle
+    median_dof = float(np.median(dof[known]))
+    median = 2.0 * float(gammaincinv(median_dof / 2.0, 0.5)) / median_dof
     return float(np.median(squares[known] / dof[known])) / median
 
 
 def find_outliers(squares: Array, dof: Integers, least: float) -> Mask:
-    """Which stations [n] do not close by far more than the usual variance, or the `least` that it
-    can be.
+    """Which stations [n] hold an outlier: they fail to close by far more than the usual variance, or
+    than the `least` that it can be.
     """
     found = np.zeros(squares.size, dtype=np.bool_)
     known = dof > 0

@@ -33,8 +33,6 @@ class Combined:
     """Azimuth with s = 1, combined with the same weights."""
     covariance: Array
     """[n, 3, 3] of inclination, toolface, azimuth [°]."""
-    used: Mask
-    """[n, 2]: which of the x and the y pair were used."""
     status: tuple[str, ...]
     flags: tuple[tuple[str, ...], ...]
 
@@ -58,7 +56,7 @@ def combine(x: Solution, y: Solution) -> Combined:
     angles_x, angles_y = _angles(x), _angles(y)
     difference = wrapped(angles_y - angles_x)
     # where only one pair is used the weight picks it; NaN of the other must not spread
-    joined = np.where(
+    combined = np.where(
         used[:, :1],
         np.where(used[:, 1:], angles_x + (1.0 - weight) * difference, angles_x),
         angles_y,
@@ -71,18 +69,17 @@ def combine(x: Solution, y: Solution) -> Combined:
     covariance = _covariance(x, weight, used[:, 0]) + _covariance(y, 1.0 - weight, used[:, 1])
     any_used = used[:, 0] | used[:, 1]
     covariance = np.where(any_used[:, None, None], covariance, np.nan)
-    inclination = np.where(any_used, joined[:, 0], np.fmax(x.inclination_deg, y.inclination_deg))
+    inclination = np.where(any_used, combined[:, 0], np.fmax(x.inclination_deg, y.inclination_deg))
     status = tuple(
         "" if u.any() else a if a == b else f"x: {a}; y: {b}"
         for u, a, b in zip(used, x.status, y.status, strict=True)
     )
     return Combined(
         inclination_deg=inclination,
-        toolface_deg=wrapped(joined[:, 1]),
-        azimuth_deg=full_circle(joined[:, 2], 360.0),
+        toolface_deg=wrapped(combined[:, 1]),
+        azimuth_deg=full_circle(combined[:, 2], 360.0),
         uncorrected_deg=full_circle(uncorrected, 360.0),
         covariance=covariance,
-        used=used,
         status=status,
         flags=_flags(x, y, used, difference),
     )
