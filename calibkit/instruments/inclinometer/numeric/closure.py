@@ -33,8 +33,8 @@ def usual_square(squares: Array, dof: Integers) -> float:
 
 
 def find_outliers(squares: Array, dof: Integers, least: float) -> Mask:
-    """Which stations [n] hold an outlier: they fail to close by far more than the usual variance, or
-    than the `least` that it can be.
+    """Which stations [n] hold an outlier: their squares are far above the usual variance, or above
+    the `least` that it can be.
     """
     found = np.zeros(squares.size, dtype=np.bool_)
     known = dof > 0
