@@ -78,8 +78,7 @@ def _values(stated: Stated, record: Record, model: Model, abscissa: str) -> Grid
         )
 
     title = Words(f"{model.name}: bias", f"{model.name}：零偏")
-    columns = [(Words("bias", "零偏"), unit, at)]
-    return stated.over(title, points, columns, row_head=_head(abscissa))
+    return stated.over(title, points, [(Words("bias", "零偏"), unit, at)], row_head=_head(abscissa))
 
 
 def _head(abscissa: str) -> Words:
@@ -101,5 +100,6 @@ def _plot(model: Model, table: GridTable, abscissa: str) -> Figure:
         tuple(U for _, U in points),
     )
     unit = unit_mark(units.column_unit(model.name)) or "1"
-    label = Words(f"bias [{unit}]", f"零偏 [{unit}]")
-    return Figure(table.title, _head(abscissa), label, (series,))
+    return Figure(
+        table.title, _head(abscissa), Words(f"bias [{unit}]", f"零偏 [{unit}]"), (series,)
+    )

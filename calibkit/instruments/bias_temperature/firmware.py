@@ -50,8 +50,13 @@ def _chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
                 f"{name}: the bias does not vary", hint="there is nothing to correct: leave it out"
             )
         source = draft.sum(f"bias_{name}", terms)
-        meaning = f"bias of {name}, to be subtracted from it"
-        draft.output(f"bias_{name}", units.column_unit(name), source, meaning, corrects=name)
+        draft.output(
+            f"bias_{name}",
+            units.column_unit(name),
+            source,
+            f"bias of {name}, to be subtracted from it",
+            corrects=name,
+        )
     return draft.chain(
         [model.form for model in record.models],
         "corrected = indication - bias, each channel in its unit",

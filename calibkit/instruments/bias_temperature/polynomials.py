@@ -2,36 +2,29 @@
 abscissa.
 """
 
-from __future__ import annotations
-
+from collections.abc import Callable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 
 from calibkit import units
-from calibkit.coefficients import StageResult
+from calibkit.arrays import Array
+from calibkit.coefficients import Model, Record, StageResult
 from calibkit.forms import POLYNOMIAL, power_unit
-from calibkit.frame import values
+from calibkit.frame import Log, values
 from calibkit.instruments.bias_temperature.figures import BiasCurve, bin_means
+from calibkit.instruments.bias_temperature.recipe import (
+    Bias,
+    BiasTemperatureRecipe,
+    Polynomials,
+)
 from calibkit.numeric import chunks
 from calibkit.numeric.least_squares import fold, hac, polynomial
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
 
-if TYPE_CHECKING:
-    from collections.abc import Callable, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.coefficients import Model, Record
-    from calibkit.frame import Log
-    from calibkit.instruments.bias_temperature.recipe import (
-        Bias,
-        BiasTemperatureRecipe,
-        Polynomials,
-    )
-
-    Allocate = Callable[[int], Array]
+Allocate = Callable[[int], Array]
 
 
 @dataclass(frozen=True, slots=True)
@@ -91,8 +84,9 @@ def _fit_channel(
 ) -> _BiasFit:
     """One channel's polynomial over the abscissa of that name."""
     design, to_raw = polynomial.mapped_powers(abscissa, entry.order)
-    names = [f"p{k}" for k in range(entry.order + 1)]
-    found = fold.linear(design, indication, names=names, room=allocate)
+    found = fold.linear(
+        design, indication, names=[f"p{k}" for k in range(entry.order + 1)], room=allocate
+    )
     raw, covariance = polynomial.in_raw_powers(
         found.coefficients, hac.covariance(design, found.residuals), to_raw
     )
@@ -210,5 +204,9 @@ def validation_summary(entries: Sequence[dict[str, Any]]) -> Summary:
         for entry in entries
         for c in entry["channels"]
     )
-    table = Table("Standard deviation", ("log", "channel", "before", "after", "unit"), rows)
-    return Summary("", (table,), tuple(flag for entry in entries for flag in entry["flags"]), ())
+    return Summary(
+        "",
+        (Table("Standard deviation", ("log", "channel", "before", "after", "unit"), rows),),
+        tuple(flag for entry in entries for flag in entry["flags"]),
+        (),
+    )

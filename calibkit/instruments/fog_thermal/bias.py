@@ -5,31 +5,25 @@ Beside it the turn-on bias of each log, and the hysteresis that the model leaves
 heating.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 
 from calibkit.coefficients import Condition, Figure
 from calibkit.errors import FitError
+from calibkit.instruments.fog_thermal.compensate import DriftModel
 from calibkit.instruments.fog_thermal.numeric import evaluate, uncertainty as thermal_uncertainty
+from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
+from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
+from calibkit.instruments.fog_thermal.ramps import PreparedLog
+from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 from calibkit.numeric import earth, gum
 from calibkit.recipe import type_b
 from calibkit.report import budget
 from calibkit.report.summary import number
 from calibkit.report.table import Table
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-    from typing import Any
-
-    from calibkit.instruments.fog_thermal.compensate import DriftModel
-    from calibkit.instruments.fog_thermal.numeric.terms import ThermalModel
-    from calibkit.instruments.fog_thermal.numeric.uncertainty import Hysteresis
-    from calibkit.instruments.fog_thermal.ramps import PreparedLog
-    from calibkit.instruments.fog_thermal.recipe import FogThermalRecipe
 
 RESULT = "bias_at_reference"
 NO_BIAS = (
@@ -135,8 +129,13 @@ def _at_rest(
     row = evaluate.design_at_rest(model.thermal, temperature)[0]
     rate = float(row @ model.thermal.coefficients)
     u = float(np.sqrt(row @ model.thermal.covariance[:9, :9] @ row))
-    turn_on = tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True))
-    return _Rest(temperature, rate, u, *_earth_rate(recipe), turn_on)
+    return _Rest(
+        temperature,
+        rate,
+        u,
+        *_earth_rate(recipe),
+        tuple(zip((log.name for log in logs), model.thermal.turn_on.tolist(), strict=True)),
+    )
 
 
 def _flags(rest: _Rest, recipe: FogThermalRecipe) -> list[str]:
@@ -182,8 +181,13 @@ def _uncertainty(rest: _Rest, recipe: FogThermalRecipe) -> list[dict[str, Any]]:
     parts = type_b.terms_of(recipe.type_b, RESULT, rest.bias_dph, known).components
     if not parts:
         return []
-    own = gum.Component("type A", rest.bias_dph, rest.standard_uncertainty, "A")
-    return [budget.combine(f"drift_rate: {RESULT}", "deg/h", [own, *parts])]
+    return [
+        budget.combine(
+            f"drift_rate: {RESULT}",
+            "deg/h",
+            [gum.Component("type A", rest.bias_dph, rest.standard_uncertainty, "A"), *parts],
+        )
+    ]
 
 
 def _rest_table(rest: _Rest) -> Table:
@@ -198,8 +202,11 @@ def _rest_table(rest: _Rest) -> Table:
         rows.append(("earth's rate along the input axis", f"{rest.earth_dph:+.4f}", ""))
         rows.append(("bias", f"{rest.rate_dph - rest.earth_dph:+.4f}", u))
     rows += [(f"turn-on bias of {name}", f"{value:+.4f}", "") for name, value in rest.turn_on]
-    title = f"At rest at {rest.temp_degc:g} °C [°/h]; turn-on biases of the logs against their mean"
-    return Table(title, ("", "rate", "standard uncertainty"), tuple(rows))
+    return Table(
+        f"At rest at {rest.temp_degc:g} °C [°/h]; turn-on biases of the logs against their mean",
+        ("", "rate", "standard uncertainty"),
+        tuple(rows),
+    )
 
 
 def _compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> _BothWays | None:

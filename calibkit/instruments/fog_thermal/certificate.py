@@ -2,15 +2,14 @@
 and on ramps, hysteresis.
 """
 
-from __future__ import annotations
-
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
-from typing import TYPE_CHECKING
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.certificate.results import (
     Block,
     Figure,
@@ -22,21 +21,15 @@ from calibkit.certificate.results import (
 from calibkit.certificate.stated import (
     COEFFICIENT_NOTE,
     TEMPERATURE,
+    Stated,
     range_words,
     residual_words,
 )
 from calibkit.certificate.words import Words
+from calibkit.coefficients import Model, Record
 from calibkit.instruments.fog_thermal import equations, forms
 from calibkit.instruments.fog_thermal.bias import RESULT as BIAS
 from calibkit.numeric import earth, gum
-
-if TYPE_CHECKING:
-    from collections.abc import Callable
-
-    from calibkit.arrays import Array
-    from calibkit.certificate.stated import Stated
-    from calibkit.coefficients import Model, Record
-
 
 RATES = (10.0, 5.0, 2.0, 1.0, 0.5)
 """Temperature rates [°C/min] of which the fastest that the model holds at is taken for the ramp
@@ -63,8 +56,11 @@ def _exported(stated: Stated, record: Record) -> Block:
     tables: list[ListTable | GridTable] = []
     notes: list[Words] = []
     for model in record.models:
-        title = Words(f"Coefficients of {model.name}", f"{model.name} 系数")
-        tables.append(stated.coefficients(record, model, title))
+        tables.append(
+            stated.coefficients(
+                record, model, Words(f"Coefficients of {model.name}", f"{model.name} 系数")
+            )
+        )
         if model.form in forms.ON_LEVELS:
             tables += _OnLevels(stated, record, model).tables()
         elif model.form == forms.OVER_RATES.name:
@@ -79,19 +75,22 @@ def _exported(stated: Stated, record: Record) -> Block:
                 "未给出漂移项：无模型优于原始示值。",
             )
         )
-    written = {model.form for model in record.models}
     return Block(
         record.stage,
         f"{record.stage}.json",
         Words("Thermal drift: the exported model", "热致漂移：输出模型"),
-        tuple(equation for equation in equations.EXPORTED if equation.form in written),
+        tuple(
+            equation
+            for equation in equations.EXPORTED
+            if equation.form in {model.form for model in record.models}
+        ),
         (*tables, _before_after(stated, record)),
         tuple(map(_plot, drawn)),
         tuple(notes),
     )
 
 
-_State = tuple[float, float, "Array"]
+_State = tuple[float, float, Array]
 """Indicated rate [°/h], its slope over the case temperature [°/h/°C], and its derivatives [p] by
 the coefficients.
 """
@@ -185,8 +184,14 @@ class _OnLevels:
         and attitude of the input axis.
         """
         state = self._state(self.reference)
-        words = Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）")
-        bias = self._result("bias", words, self.reference, state, symbol="B", principal=True)
+        bias = self._result(
+            "bias",
+            Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）"),
+            self.reference,
+            state,
+            symbol="B",
+            principal=True,
+        )
         figures = {figure.name: figure for figure in self.record.figures}
         where = {condition.name: condition.value for condition in self.record.conditions}
         if BIAS not in figures or not {"latitude", "input_axis_elevation"} <= where.keys():
@@ -256,8 +261,9 @@ class _OnLevels:
                 return None
             heating, cooling = self._state(t, rate), self._state(t, -rate)
             state = (heating[0] - cooling[0], heating[1] - cooling[1], heating[2] - cooling[2])
-            words = Words("hysteresis", "滞回")
-            return self._result(f"hysteresis_{rate:g}", words, t, state, rate=rate)
+            return self._result(
+                f"hysteresis_{rate:g}", Words("hysteresis", "滞回"), t, state, rate=rate
+            )
 
         return [
             (
@@ -293,8 +299,12 @@ def _plot(table: GridTable) -> Figure:
         series.append(
             Series(head, tuple(r.at[0][1] for r in points), tuple(r.value for r in points), U)
         )
-    label = Words("drift [°/h]", "漂移 [°/h]")
-    return Figure(table.title, Words("case temperature [°C]", "壳温 [°C]"), label, tuple(series))
+    return Figure(
+        table.title,
+        Words("case temperature [°C]", "壳温 [°C]"),
+        Words("drift [°/h]", "漂移 [°/h]"),
+        tuple(series),
+    )
 
 
 def _rate_values(stated: Stated, record: Record, model: Model) -> GridTable:
@@ -304,8 +314,9 @@ def _rate_values(stated: Stated, record: Record, model: Model) -> GridTable:
     order = len(model.coefficients) // 3 - 1
 
     def at(j: int, rate: float) -> Result:
-        inputs = {forms.GRADIENT: np.ones(1), forms.RATE: np.array([rate])}
-        weights = forms.OVER_RATES.gradient(model, inputs).reshape(3, -1)[j]
+        weights = forms.OVER_RATES.gradient(
+            model, {forms.GRADIENT: np.ones(1), forms.RATE: np.array([rate])}
+        ).reshape(3, -1)[j]
         return stated.linear(
             record,
             model,
@@ -370,8 +381,15 @@ def _ramps(stated: Stated, record: Record) -> Block:
     )
     labels = tuple(f"{m.name} ({m.value('rate'):+.2f} °C/min)" for m in record.models)
     heads = (Words("a₀"), Words("a₁"), Words("a₂"))
-    title = Words("Drift coefficients of each ramp, per interval", "各温变的漂移系数（每区间）")
-    table = GridTable(title, Words("ramp", "温变"), heads, units, labels, cells, COEFFICIENT_NOTE)
+    table = GridTable(
+        Words("Drift coefficients of each ramp, per interval", "各温变的漂移系数（每区间）"),
+        Words("ramp", "温变"),
+        heads,
+        units,
+        labels,
+        cells,
+        COEFFICIENT_NOTE,
+    )
     interval = record.models[0].value("interval")
     note = Words(
         f"The coefficients are per interval of {interval:g} s.", f"系数对应区间 {interval:g} s。"

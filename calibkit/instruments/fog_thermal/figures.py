@@ -145,11 +145,10 @@ def _coefficients_page(report: DriftReport) -> Figure:
 def _tested(ax: Axes, tested: Sequence[Tested]) -> None:
     """Share of the raw drift that each model leaves on ramps it has not seen; raw is 1."""
     shown = sorted(tested, key=lambda entry: -entry.share)
-    colours = [GOOD if entry.exported else RAW for entry in shown]
     ax.barh(
         [entry.name for entry in shown],
         [min(entry.share, 3.0) for entry in shown],
-        color=colours,
+        color=[GOOD if entry.exported else RAW for entry in shown],
         height=0.7,
     )
     for row, entry in enumerate(shown):

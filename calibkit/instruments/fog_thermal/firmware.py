@@ -74,8 +74,13 @@ def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
 
 def _output(draft: Draft, source: str) -> None:
     """The drift as the only result."""
-    meaning = "drift, to be subtracted from the indication"
-    draft.output("drift_dph", "deg/h", source, meaning, corrects="gyro_dph")
+    draft.output(
+        "drift_dph",
+        "deg/h",
+        source,
+        "drift, to be subtracted from the indication",
+        corrects="gyro_dph",
+    )
 
 
 def _on_levels(model: Model, reference_degc: float) -> Chain:
@@ -128,13 +133,17 @@ def _terms(
     *powers, s_rate, s_grad, s_grad2, s_temp_rate, s_grad_rate = numbers(model, *TERMS)
     static = exact.mapped(powers, middle, half)
     at_rest = exact.value(static, (Fraction(min(max(reference_degc, low), high)) - middle) / half)
-    by_rate = exact.scale((s_rate + s_temp_rate * middle, s_temp_rate * half), r)
     return draft.sum(
         "drift",
         draft.polynomial("by_gradient_rate", (s_grad_rate * q,), "", "gradient_rate"),
         draft.polynomial("by_gradient_squared", (s_grad2 * g * g,), "", "gradient", "gradient"),
         draft.polynomial("by_gradient", (s_grad * g,), "", "gradient"),
-        draft.polynomial("by_rate", by_rate, "u", "rate"),
+        draft.polynomial(
+            "by_rate",
+            exact.scale((s_rate + s_temp_rate * middle, s_temp_rate * half), r),
+            "u",
+            "rate",
+        ),
         draft.polynomial("static", exact.add(static, (-at_rest,)), "u"),
     )
 
@@ -169,11 +178,10 @@ def _follow_coil(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
     a = exact.exp(-h / tau)
     draft.steps += [Memory("x_before", "x", "same"), Memory("lag_before", "lag", "zero")]
     draft.sum("move", factor("x"), factor("x_before", -1))
-    move = draft.polynomial("lag_move", (tau * (1 - a) / h,), "", "move")
     draft.sum(
         "lag",
         draft.polynomial("lag_decay", (1 - a,), "", "lag_before", sign=-1),
-        move,
+        draft.polynomial("lag_move", (tau * (1 - a) / h,), "", "move"),
         factor("lag_before"),
     )
     fastest = FASTEST * _largest(model, RATE) / 60 / half
@@ -183,8 +191,10 @@ def _follow_coil(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
         _follow_inner_coil(draft, model, (h, tau, a), half)
     draft.sum("coil", factor("x"), factor("lag", -1))
     _limited_temperature(draft, model, "coil")
-    per_minute = 60 * half / tau / _largest(model, RATE)
-    draft.sum("coil_rate", draft.polynomial("rate_of_lag", (per_minute,), "", "lag"))
+    draft.sum(
+        "coil_rate",
+        draft.polynomial("rate_of_lag", (60 * half / tau / _largest(model, RATE),), "", "lag"),
+    )
     _limited(draft, model, "rate", "coil_rate", RATE, "RATE_CLAMPED")
 
 
@@ -215,8 +225,10 @@ def _follow_inner_coil(
     )
     share = min(Fraction(1), tau_i / tau)
     _bound(draft, "fall", 2 * BEYOND * share, draft.usual["lag"] * share)
-    by_fall = (half / _largest(model, GRADIENT),)
-    draft.sum("coil_gradient", draft.polynomial("gradient_of_fall", by_fall, "", "fall"))
+    draft.sum(
+        "coil_gradient",
+        draft.polynomial("gradient_of_fall", (half / _largest(model, GRADIENT),), "", "fall"),
+    )
     _limited(draft, model, "gradient", "coil_gradient", GRADIENT, "GRADIENT_CLAMPED")
     if _uses(model, GRADIENT_RATE):
         scale = 60 * half / _largest(model, GRADIENT_RATE)
@@ -236,8 +248,10 @@ def _follow_case(draft: Draft, model: Model, h: Fraction, half: Fraction) -> Non
     length, least = _window(h, Fraction(model.value("window")))
 
     def slope(name: str, source: str, column: str, unit: Fraction) -> None:
-        weights = exact.scale(_weights(h, length, least), unit / _largest(model, column))
-        table = draft.table(f"case_{name}_weights", weights)
+        table = draft.table(
+            f"case_{name}_weights",
+            exact.scale(_weights(h, length, least), unit / _largest(model, column)),
+        )
         draft.steps.append(Slope(f"case_{name}", source, table, length, least, "RATE_STARTING"))
         _limited(draft, model, name, f"case_{name}", column, "RATE_CLAMPED")
 
@@ -356,8 +370,12 @@ def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
         terms.append(draft.polynomial(f"a_{name}_{i}", polynomial, f"rate_{name}", *factors))
         largest += sum(map(abs, polynomial))
     value = draft.sum(f"increment_{name}", *terms)
-    table = draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,))
-    return Case(value, 1 if low > 0 else -1 if high < 0 else 0, table, name), largest
+    return Case(
+        value,
+        1 if low > 0 else -1 if high < 0 else 0,
+        draft.table(f"moving_{name}", (Fraction(model.value("slowest_rate")) / 2,)),
+        name,
+    ), largest
 
 
 FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=firmware_updates.apply)

@@ -114,5 +114,6 @@ def thermal_history(chain: Chain) -> Trials:
         fastest = float(ranges["temp_env_rate_degc_min"][1])
         physical["temp_env_rate_degc_min"] = fastest / 4.0 * pace
         updates = np.full_like(updates, SUMMED)
-    columns = {name: vectors.coarsen(physical[name], half) for name in ranges}
-    return Trials(columns, tuple(updates.tolist()))
+    return Trials(
+        {name: vectors.coarsen(physical[name], half) for name in ranges}, tuple(updates.tolist())
+    )

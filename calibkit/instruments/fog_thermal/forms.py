@@ -69,8 +69,9 @@ def drivers_at(model: Model, at: Inputs) -> Drivers:
     """
     still = np.zeros_like(at[CASE])
     if model.form == LAGGED.name:
-        lags = LAGGED.read(model)[len(TERMS) :].tolist()
-        return coil.settled(at[CASE], at.get(RATE, still), *lags)
+        return coil.settled(
+            at[CASE], at.get(RATE, still), *LAGGED.read(model)[len(TERMS) :].tolist()
+        )
     return Drivers(*(at.get(column, still) for column in DRIVERS))
 
 

@@ -2,21 +2,15 @@
 temperature rate).
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING
 
 from calibkit.coefficients import StageResult
 from calibkit.errors import FitError
 from calibkit.instruments.fog_thermal import forms
 from calibkit.instruments.fog_thermal.numeric import compensation, gradient, gradient_order
-
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.instruments.fog_thermal.ramps import PreparedLog, Ramp
-    from calibkit.instruments.fog_thermal.recipe import Drift
+from calibkit.instruments.fog_thermal.ramps import PreparedLog, Ramp
+from calibkit.instruments.fog_thermal.recipe import Drift
 
 
 @dataclass(frozen=True, slots=True)
@@ -46,8 +40,9 @@ def fit_ramps(logs: Sequence[PreparedLog], spec: Drift) -> list[FittedRamp]:
     for log in logs:
         for ramp in log.ramps:
             try:
-                blocks = log.denoised.between(ramp.start, ramp.stop)
-                found = gradient.fit_ramp(blocks, ramp.rate, estimate=spec.estimate)
+                found = gradient.fit_ramp(
+                    log.denoised.between(ramp.start, ramp.stop), ramp.rate, estimate=spec.estimate
+                )
             except FitError as error:
                 raise FitError(f"{log.source.name}: {error.message}", hint=error.hint) from None
             fitted.append(FittedRamp(ramp, log, found))
@@ -108,8 +103,9 @@ def _choose_side(members: Sequence[FittedRamp], spec: Drift, side: str) -> SideC
         return _pinned(fits, tested, spec.order, side)
     winner = gradient_order.best(tested)
     if winner is not None:
-        polynomial = gradient.fit_over_rates(fits, winner.order, side)
-        return SideChoice(side, tuple(tested), polynomial, ())
+        return SideChoice(
+            side, tuple(tested), gradient.fit_over_rates(fits, winner.order, side), ()
+        )
     if not tested:
         reason = "one temperature rate only, so that no rate can be left out to test the model"
     else:

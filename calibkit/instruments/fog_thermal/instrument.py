@@ -68,8 +68,13 @@ def _fit(
         _fit_criteria(spec, export, compensated),
     )
     drawing = tables.drift_report(spec, logs, fitted, choices, tested, model, at_rest.hysteresis)
-    uncertainties = (*(one.to_object() for one in stated), *at_rest.uncertainty)
-    return Fitted(results, tuple(log.source for log in logs), summary, drawing, uncertainties)
+    return Fitted(
+        results,
+        tuple(log.source for log in logs),
+        summary,
+        drawing,
+        (*(one.to_object() for one in stated), *at_rest.uncertainty),
+    )
 
 
 def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[ramps.PreparedLog]:
@@ -83,8 +88,10 @@ def _prepare(spec: FogThermalRecipe, data: Path, files: Iterable[str]) -> list[r
         findings[file] = ramps.find_faults(log, spec)
         return log
 
-    logs = copies.refuse_copies(ingest.read_ahead(files, checked))
-    return [ramps.prepare(log, spec, findings[log.file]) for log in logs]
+    return [
+        ramps.prepare(log, spec, findings[log.file])
+        for log in copies.refuse_copies(ingest.read_ahead(files, checked))
+    ]
 
 
 def _flags(spec: FogThermalRecipe, logs: Sequence[ramps.PreparedLog]) -> list[str]:
@@ -120,8 +127,9 @@ def _fit_criteria(
 
 def _worst_share(logs: Sequence[compensate.LogFigures]) -> Criterion:
     """No log may come out of compensation worse than it went in."""
-    worst = max(log.after / log.before for log in logs)
-    return at_most("largest after/before of a log", worst, 1.0, "1")
+    return at_most(
+        "largest after/before of a log", max(log.after / log.before for log in logs), 1.0, "1"
+    )
 
 
 def _common_criteria(
@@ -138,8 +146,14 @@ def _common_criteria(
             at_most("largest drift rms after", worst, limits.max_drift_rms_dph, "deg/h")
         )
     if model.mode == "recursive" and model.exported:
-        off = max(abs(log.gain_recursive - 1.0) for log in logs)
-        criteria.append(at_most("rate gain off 1 by", off, limits.rate_gain_tolerance, "1"))
+        criteria.append(
+            at_most(
+                "rate gain off 1 by",
+                max(abs(log.gain_recursive - 1.0) for log in logs),
+                limits.rate_gain_tolerance,
+                "1",
+            )
+        )
     return tuple(criteria)
 
 
@@ -188,8 +202,12 @@ def _validate(
         )
     shares = _validation_criteria(spec, compensated) if model.exported else ()
     criteria = (*shares, *_covered(spec, entries), *_common_criteria(spec, compensated, model))
-    shown = (tables.before_after_table(compensated), *tables.coverage_tables(entries))
-    return {"logs": entries}, Summary("", shown, flags, criteria)
+    return {"logs": entries}, Summary(
+        "",
+        (tables.before_after_table(compensated), *tables.coverage_tables(entries)),
+        flags,
+        criteria,
+    )
 
 
 def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple[Criterion, ...]:
@@ -200,9 +218,11 @@ def _covered(spec: FogThermalRecipe, logs: Sequence[Mapping[str, Any]]) -> tuple
     stated = [log["uncertainty"] for log in logs if "means_of_100_s" in log["uncertainty"]]
     if least is None or not stated:
         return ()
-    counts = [entry["means_of_100_s"] for entry in stated]
     share = float(
-        np.average([entry["share_within_expanded_uncertainty"] for entry in stated], weights=counts)
+        np.average(
+            [entry["share_within_expanded_uncertainty"] for entry in stated],
+            weights=[entry["means_of_100_s"] for entry in stated],
+        )
     )
     return (at_least("share of 100 s means within their uncertainty", share, least, "1"),)
 
@@ -216,8 +236,7 @@ def _validation_criteria(
     if least is not None:
         before = rms([log.before for log in logs])
         after = rms([log.after for log in logs])
-        reduction = float(before / after)
-        criteria.append(at_least("drift reduction", reduction, least, "1"))
+        criteria.append(at_least("drift reduction", float(before / after), least, "1"))
     return tuple(criteria)
 
 

@@ -122,11 +122,10 @@ def find_unusable(log: Log, min_rows: int = 3) -> list[Finding]:
     early = [*check.find_too_few_rows(log, min_rows), *check.find_missing_values(log, COLUMNS)]
     if any(finding.refused for finding in early):
         return early
-    temperatures = check.find_implausible_temperatures(log, ["temp_case_degc", "temp_env_degc"])
     return [
         *early,
         *check.find_unordered_times(log),
-        *temperatures,
+        *check.find_implausible_temperatures(log, ["temp_case_degc", "temp_env_degc"]),
         *check.find_implausible_rates(log, "gyro_dph"),
     ]
 

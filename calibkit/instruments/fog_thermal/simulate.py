@@ -1,12 +1,13 @@
 """Logs of a simulated fibre-optic gyro on temperature ramps in a chamber, with the truth."""
 
-from __future__ import annotations
-
+from collections.abc import Mapping, Sequence
 from dataclasses import asdict, dataclass, replace
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
+from calibkit.arrays import Array
 from calibkit.instruments.fog_thermal.simulate_gyro import (
     CASE_RESOLUTION_DEGC,
     COLD_DEGC,
@@ -30,13 +31,6 @@ from calibkit.simulate.chamber import (
     set_points,
     staircase,
 )
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-
-    from numpy.typing import NDArray
-
-    from calibkit.arrays import Array
 
 TRUTH_EVERY = 60
 """Samples between two rows of truth."""

@@ -6,21 +6,17 @@ Optics 19:654) of the coil's temperature rate and of the rate of the gradient ac
 hysteresis of play operators: physics, of which every fitted model is an approximation.
 """
 
-from __future__ import annotations
-
 import math
 from dataclasses import dataclass, replace
-from typing import TYPE_CHECKING, TypeVar
+from typing import TypeVar
 
 import numpy as np
 from numpy.polynomial import chebyshev, polynomial
 
+from calibkit.arrays import Array
 from calibkit.constants import EARTH_RATE_DPH, SECONDS_PER_MINUTE
 
-if TYPE_CHECKING:
-    from calibkit.arrays import Array
-
-    Triple = tuple[float, float, float]
+Triple = tuple[float, float, float]
 
 Value = TypeVar("Value", float, "Array")
 
@@ -218,10 +214,11 @@ def heat_flow(device: FogGyro, air_degc: Array, rest_degc: float) -> Heat:
     for supplied in zip(before, middle, after, strict=True):
         nodes.append(_runge_kutta(device, supplied, nodes[-1]))
     coarse = np.array(nodes)
-    slopes = np.column_stack(_flows(device, padded[::STEP], *coarse.T))
-    smooth = CubicHermiteSpline(np.arange(len(nodes)) * float(STEP), coarse, slopes)(
-        np.arange(count)
-    )
+    smooth = CubicHermiteSpline(
+        np.arange(len(nodes)) * float(STEP),
+        coarse,
+        np.column_stack(_flows(device, padded[::STEP], *coarse.T)),
+    )(np.arange(count))
     case, outer, inner = smooth.T
     _, outer_rate, inner_rate = _flows(device, air_degc, case, outer, inner)
     return Heat(case, outer, inner, outer_rate, inner_rate)

@@ -160,9 +160,13 @@ def _along_blocks(model: DriftModel, blocks: Blocks, terms: Sequence[TypeB]) -> 
             " rate can be stated",
             hint="set it to false, or fit with drift.model = 'auto'",
         )
-    env = blocks.case - blocks.gradient
     return _propagate(
-        model.thermal, blocks.time, blocks.case, env, terms, model.reference_temp_degc
+        model.thermal,
+        blocks.time,
+        blocks.case,
+        blocks.case - blocks.gradient,
+        terms,
+        model.reference_temp_degc,
     )
 
 

@@ -58,9 +58,11 @@ def blocks(stated: Stated) -> tuple[Block, ...]:
         return ()
     points = {found: f for f in record.figures if (found := read_deviation(f.name)) is not None}
     terms = [figure for figure in record.figures if read_deviation(figure.name) is None]
-    results = tuple(_state(stated, record, figure) for figure in terms)
     tables: list[ListTable | GridTable] = [
-        ListTable(Words("Noise and bias stability", "噪声与零偏稳定性"), results)
+        ListTable(
+            Words("Noise and bias stability", "噪声与零偏稳定性"),
+            tuple(_state(stated, record, figure) for figure in terms),
+        )
     ]
     figures = []
     for name in dict.fromkeys(point.record for point in points):

@@ -170,15 +170,9 @@ def estimate_noise(record: _Record, recipe: GyroNoiseRecipe) -> NoiseFigures:
         f"{record.name}: {term.name} ({term.symbol}) not observable: {term.reason}"
         for term in terms.not_observable
     ]
+    mean = float(np.nanmean(record.rate))
     return NoiseFigures(
-        record,
-        curve,
-        wavelet,
-        terms,
-        tuple(stability),
-        float(np.nanmean(record.rate)),
-        missing,
-        tuple(flags),
+        record, curve, wavelet, terms, tuple(stability), mean, missing, tuple(flags)
     )
 
 

@@ -55,11 +55,10 @@ def record_page(title: str, view: NoiseView) -> Figure:
 
 def _deviations(ax: Axes, view: NoiseView) -> None:
     """Allan and wavelet deviation over averaging time."""
-    bars = np.stack([view.deviation - view.lower, view.upper - view.deviation])
     ax.errorbar(
         view.tau,
         view.deviation,
-        bars,
+        np.stack([view.deviation - view.lower, view.upper - view.deviation]),
         fmt="o",
         ms=4,
         capsize=3,

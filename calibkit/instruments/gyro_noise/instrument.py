@@ -81,16 +81,21 @@ def _fit(
         figures += found
         flags += noted
     result = deviations.result(figures, flags)
-    summary = _summarize(spec, spec.title, figures, flags)
-    return Fitted((result,), tuple(inputs), summary, tuple(map(tables.view, figures)))
+    return Fitted(
+        (result,),
+        tuple(inputs),
+        _summarize(spec, spec.title, figures, flags),
+        tuple(map(tables.view, figures)),
+    )
 
 
 def _summarize(
     spec: GyroNoiseRecipe, title: str, figures: Sequence[NoiseFigures], flags: Sequence[str]
 ) -> Summary:
     """Tables, flags and tested limits of records."""
-    criteria = tables.criteria(figures, spec.acceptance)
-    return Summary(title, tables.tables(figures), tuple(flags), criteria)
+    return Summary(
+        title, tables.tables(figures), tuple(flags), tables.criteria(figures, spec.acceptance)
+    )
 
 
 def _apply(

@@ -72,9 +72,13 @@ def tables(found: Sequence[NoiseFigures]) -> tuple[Table, ...]:
             )
             for s in one.stability
         ]
-    title = "Noise (IEEE Std 952) and bias stability (GJB 2426A: standard deviation of block means)"
     return (
-        Table(title, ("record", "figure", "value", "standard uncertainty", "unit"), tuple(rows)),
+        Table(
+            "Noise (IEEE Std 952) and bias stability (GJB 2426A: standard deviation of block"
+            " means)",
+            ("record", "figure", "value", "standard uncertainty", "unit"),
+            tuple(rows),
+        ),
         *(_curve_table(one) for one in found),
     )
 

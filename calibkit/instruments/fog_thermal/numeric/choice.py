@@ -146,10 +146,11 @@ def choose(
     solution = solutions[best].solution
     finish = lagged.finish if solution.form == "lagged" else pooled_fit.finish
     model = finish(solution, stacked)
-    explained = uncertainty.explained(model, stacked.logs, figure_blocks)
     model = replace(
         model,
-        model_error=uncertainty.model_error(tested[best].errors, explained),
+        model_error=uncertainty.model_error(
+            tested[best].errors, uncertainty.explained(model, stacked.logs, figure_blocks)
+        ),
         model_error_dof=float(len(stacked.ramps) - 1),
     )
     return ThermalChoice(tested, refused, tested[best], model, _why(tested[best]))

@@ -37,8 +37,9 @@ def _drivers(model: ThermalModel, time: Array, case: Array, env: Array) -> Drive
     """
     if model.form == "level":
         return level.drivers(time, case, env, model.window_s)
-    along = coil.path([(time, case)])
-    return coil.drivers(along, model.lags[0], model.lags[1] if len(model.lags) > 1 else None)
+    return coil.drivers(
+        coil.path([(time, case)]), model.lags[0], model.lags[1] if len(model.lags) > 1 else None
+    )
 
 
 def evaluate(
@@ -116,8 +117,9 @@ def _by_lag(
     with it.
     """
     step = model.lags[k] * RELATIVE_STEP
-    lags = tuple(lag + step * (j == k) for j, lag in enumerate(model.lags))
-    moved = _drivers(replace(model, lags=lags), *log)
+    moved = _drivers(
+        replace(model, lags=tuple(lag + step * (j == k) for j, lag in enumerate(model.lags))), *log
+    )
     held = Drivers(
         *(
             np.where(values == limited, after, limited)

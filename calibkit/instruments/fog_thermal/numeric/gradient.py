@@ -7,23 +7,17 @@ Source: CN102095419A (Shen & Chen, 2010). Per ramp, with G = T_case − T_env at
     ω_k − ω_{k−1} = a0 + a1 G_{k−1} + a2 G²_{k−1},        a_j(r) = Σ_m c_jm r^m.
 """
 
-from __future__ import annotations
-
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 
+from calibkit.arrays import Array
 from calibkit.errors import FitError
 from calibkit.numeric.dispersion import rms
+from calibkit.numeric.intervals import Intervals
 from calibkit.numeric.least_squares import fit, hac
-
-if TYPE_CHECKING:
-    from collections.abc import Iterable, Sequence
-
-    from calibkit.arrays import Array
-    from calibkit.numeric.intervals import Intervals
-
 
 TERMS = ("a0", "a1", "a2")
 
@@ -39,7 +33,7 @@ class Blocks(NamedTuple):
     indication: Array
     rate: Array
 
-    def between(self, start: int, stop: int) -> Blocks:
+    def between(self, start: int, stop: int) -> "Blocks":
         """Intervals start … stop − 1."""
         return Blocks(*(values[start:stop] for values in self))
 
@@ -126,11 +120,10 @@ def fit_ramp(blocks: Blocks, rate: float, *, estimate: str = "levels") -> RampFi
         target, names = blocks.indication, ["start", *TERMS]
     found = fit.linear(design, target, names=names)
     covariance = hac.covariance(lambda part: design[part], found.residuals)
-    factor = np.linalg.qr(design)[1]
     return RampFit(
         found.coefficients[-3:],
         covariance[-3:, -3:],
-        np.asarray(factor[-3:, -3:] / np.sqrt(design.shape[0])),
+        np.asarray(np.linalg.qr(design)[1][-3:, -3:] / np.sqrt(design.shape[0])),
         found.dof,
         found.residual_rms,
         rate,
@@ -167,11 +160,10 @@ def fit_over_rates(ramps: Sequence[RampFit], order: int, side: str) -> RatePolyn
         part @ ramp.covariance @ part.T
         for part, ramp in zip(np.hsplit(solver, len(ramps)), ramps, strict=True)
     )
-    inflation = _inflation(deviations, ramps, 3 * (order + 1))
     return RatePolynomial(
         side,
         c,
-        propagated * inflation / np.outer(powers, powers),
+        propagated * _inflation(deviations, ramps, 3 * (order + 1)) / np.outer(powers, powers),
         len(ramps) - order - 1,
         rms(deviations[:, 0]),
         (float(rates.min()), float(rates.max())),
@@ -190,8 +182,7 @@ def _solver(basis: Array, ramps: Sequence[RampFit]) -> Array:
     weighted = np.concatenate(
         [ramp.information @ np.kron(np.eye(3), row) for ramp, row in zip(ramps, basis, strict=True)]
     )
-    left = np.linalg.pinv(weighted, rcond=1e-12)
-    parts = np.hsplit(left, len(ramps))
+    parts = np.hsplit(np.linalg.pinv(weighted, rcond=1e-12), len(ramps))
     return np.hstack([part @ ramp.information for part, ramp in zip(parts, ramps, strict=True)])
 
 
@@ -214,7 +205,8 @@ def _inflation(deviations: Array, ramps: Sequence[RampFit], fitted: int) -> floa
 
 def evaluate(polynomial: RatePolynomial, rate: Array) -> Array:
     """a_j(r) [n, 3] at temperature rates [n, °C/min], which are clamped to the fitted range."""
-    r = np.clip(rate, *polynomial.rates)
     return np.asarray(
-        np.vander(r, polynomial.order + 1, increasing=True) @ polynomial.c.T, dtype=np.float64
+        np.vander(np.clip(rate, *polynomial.rates), polynomial.order + 1, increasing=True)
+        @ polynomial.c.T,
+        dtype=np.float64,
     )

@@ -71,8 +71,9 @@ def _leave_one_rate_out(
     compensated = np.zeros(len(ramps))
     groups = _rate_groups(ramps)
     for left in groups:
-        kept = [ramps[i] for other in groups if other is not left for i in other]
-        polynomial = gradient.fit_over_rates(kept, order, side)
+        polynomial = gradient.fit_over_rates(
+            [ramps[i] for other in groups if other is not left for i in other], order, side
+        )
         for i in left:
             compensated[i] = _left(polynomial, logs[i], group)
     whole = gradient.fit_over_rates(ramps, order, side)
@@ -93,8 +94,10 @@ def candidates(
     """Leave-one-rate-out results of every order that the rates of a side can test: four rates never
     test the cubic.
     """
-    rates = len(_rate_groups(ramps))
-    return [_leave_one_rate_out(ramps, logs, order, side, group) for order in range(rates - 1)]
+    return [
+        _leave_one_rate_out(ramps, logs, order, side, group)
+        for order in range(len(_rate_groups(ramps)) - 1)
+    ]
 
 
 def best(results: Sequence[LeftOutRates]) -> LeftOutRates | None:

@@ -121,8 +121,11 @@ class Problem:
         return None if found is None else _Lags(log_lags, *found)
 
     def _solved(self, design: Array) -> tuple[Array, float] | None:
-        matrix = pooled_fit.moments(design, self.weights, self.survey.stacked)
-        pooled = pooled_fit.pool_moments(matrix, self.survey.stacked, self.left_out)
+        pooled = pooled_fit.pool_moments(
+            pooled_fit.moments(design, self.weights, self.survey.stacked),
+            self.survey.stacked,
+            self.left_out,
+        )
         return pooled_fit.solve_moments(pooled)
 
     def sensitivities(self, here: _Lags, design: Array) -> Array:
@@ -193,8 +196,9 @@ def tangent_moments(problem: Problem, log_lags: Array) -> Array:
         (problem.design(log_lags + step) - design) / step.sum()
         for step in np.diag(_shifts(log_lags))
     ]
-    whole = np.concatenate([design, *moved], axis=1)
-    return pooled_fit.moments(whole, problem.weights, problem.survey.stacked)
+    return pooled_fit.moments(
+        np.concatenate([design, *moved], axis=1), problem.weights, problem.survey.stacked
+    )
 
 
 def leave_out(everything: Problem, log_lags: Array, moments: Array, ramp: int) -> Array:
@@ -239,8 +243,7 @@ def _polished(problem: Problem, here: _Lags) -> _Lags:
     """
     last = np.inf
     for _ in range(ITERATIONS):
-        design = problem.design(here.log_lags)
-        step = problem.direction(here, design)
+        step = problem.direction(here, problem.design(here.log_lags))
         if step is None:
             break
         moved = np.clip(here.log_lags + step, *np.log(BOUNDS_S))
@@ -296,8 +299,9 @@ def _starts(surveyed: Survey, chosen: Integers, count: int) -> list[Array]:
     if not np.isfinite(squares).any():
         raise _undetermined()
     grid = squares.reshape(len(STARTS_S), -1)[:, : None if count > 1 else 1]
-    padded = np.pad(grid, 1, constant_values=np.inf)
-    around = np.lib.stride_tricks.sliding_window_view(padded, (3, 3)).min(axis=(2, 3))
+    around = np.lib.stride_tricks.sliding_window_view(
+        np.pad(grid, 1, constant_values=np.inf), (3, 3)
+    ).min(axis=(2, 3))
     rows, places = np.nonzero((grid <= around) & np.isfinite(grid))
     best = np.argsort(grid[rows, places], kind="stable")[:MOST_STARTS]
     return [surveyed.grid[rows[k] * len(STARTS_S) + places[k]] for k in best]

@@ -126,8 +126,9 @@ def basis(stacked: Stack) -> _Basis:
     found = Drivers(*map(np.concatenate, zip(*parts, strict=True)))
     scales = scales_of(valid_of(found))
     design = scaled_design(found, scales)
-    robust = pooled_fit.robust_weights(design[:, 1:], stacked)
-    return _Basis(stacked, window_s, found, scales, design, robust)
+    return _Basis(
+        stacked, window_s, found, scales, design, pooled_fit.robust_weights(design[:, 1:], stacked)
+    )
 
 
 def solve(prepared: _Basis, terms: Sequence[str]) -> Solution:

@@ -88,8 +88,9 @@ def flicker_kernel(count: int) -> Array:
     """
     fine = count * FINER
     lags = np.arange(1, fine)
-    response = np.concatenate(([1.0], np.cumprod((lags - 0.5) / lags)))
-    summed = np.concatenate(([0.0], np.cumsum(response)))
+    summed = np.concatenate(
+        ([0.0], np.cumsum(np.concatenate(([1.0], np.cumprod((lags - 0.5) / lags)))))
+    )
     passed = (np.arange(count)[:, None] + 1) * FINER - np.arange(fine)
     means = (summed[np.maximum(passed, 0)] - summed[np.maximum(passed - FINER, 0)]) / FINER
     return np.asarray(means @ means.T, dtype=np.float64)

@@ -76,8 +76,16 @@ def thermal_blocks(
     """
     time, case, env = means
     rate = occupancy.means(indication, held, without=occupancy.spikes(indication, held))
-    ramp = np.searchsorted(np.asarray(begins, dtype=np.int64), held.first, side="right")
-    return ThermalLog(name, time, case, env, rate, ramp.astype(np.int64))
+    return ThermalLog(
+        name,
+        time,
+        case,
+        env,
+        rate,
+        np.searchsorted(np.asarray(begins, dtype=np.int64), held.first, side="right").astype(
+            np.int64
+        ),
+    )
 
 
 @dataclass(frozen=True, slots=True)
@@ -181,8 +189,7 @@ def _residuals(
     offsets = np.array(
         [np.average(residual[rows], weights=weights[rows]) for rows in stacked.log_rows]
     )
-    sizes = [log.time.size for log in stacked.logs]
-    return residual - np.repeat(offsets, sizes), offsets
+    return residual - np.repeat(offsets, [log.time.size for log in stacked.logs]), offsets
 
 
 def _centre(columns: Array, weights: Array, stacked: Stack) -> Array:
@@ -200,8 +207,9 @@ def _isolated(residual: Array, stacked: Stack) -> Array:
     apart = np.empty_like(residual)
     half = NEIGHBOURS // 2
     for rows in stacked.log_rows:
-        padded = np.pad(residual[rows], half, mode="reflect")
-        around = np.lib.stride_tricks.sliding_window_view(padded, NEIGHBOURS)
+        around = np.lib.stride_tricks.sliding_window_view(
+            np.pad(residual[rows], half, mode="reflect"), NEIGHBOURS
+        )
         apart[rows] = residual[rows] - np.median(around, axis=1)
     return apart
 
@@ -222,8 +230,9 @@ def coefficients(columns: Array, weights: Array, stacked: Stack, names: Sequence
     found = solve_moments(pool_moments(moments(columns, weights, stacked), stacked))
     if found is not None:
         return found[0]
-    centred = _centre(columns, weights, stacked)
-    loose = fit.undetermined(centred * np.sqrt(weights)[:, None], names) or list(names)
+    loose = fit.undetermined(
+        _centre(columns, weights, stacked) * np.sqrt(weights)[:, None], names
+    ) or list(names)
     raise FitError(
         f"the logs cannot determine {', '.join(loose)}",
         hint="vary temperature, rate and gradient, or drop these terms",
@@ -239,8 +248,12 @@ def robust_weights(columns: Array, stacked: Stack) -> Array:
     weights = np.ones(stacked.indication.size)
     for biweight in (False, True):
         for _ in range(ITERATIONS):
-            apart = _isolated(_projected_out(columns, weights, stacked), stacked)
-            moved, weights = weights, _loss_weights(apart, biweight=biweight)
+            moved, weights = (
+                weights,
+                _loss_weights(
+                    _isolated(_projected_out(columns, weights, stacked), stacked), biweight=biweight
+                ),
+            )
             if float(np.max(np.abs(moved - weights))) < SETTLED:
                 break
     return weights
@@ -273,15 +286,17 @@ def balanced_weights(columns: Array, robust: Array, stacked: Stack, names: Seque
     """Weights [n] of the rows: their robust weights [n], shared out over the temperatures by their
     occupancy.
     """
-    found = coefficients(columns, robust, stacked, names)
-    residual, _ = _residuals(columns, found, robust, stacked)
+    residual, _ = _residuals(
+        columns, coefficients(columns, robust, stacked, names), robust, stacked
+    )
     noise = mad_sigma(_isolated(residual, stacked))
     lasting = [
         occupancy.misfit(residual[rows], robust[rows], _lasting(log))
         for rows, log in zip(stacked.log_rows, stacked.logs, strict=True)
     ]
-    case = np.concatenate([log.case for log in stacked.logs])
-    return robust * occupancy.weights(occupancy.counts(case), noise, rms(lasting))
+    return robust * occupancy.weights(
+        occupancy.counts(np.concatenate([log.case for log in stacked.logs])), noise, rms(lasting)
+    )
 
 
 @dataclass(frozen=True, slots=True)

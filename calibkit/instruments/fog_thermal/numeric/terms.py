@@ -9,23 +9,18 @@ to third order and the products that a coil's conduction and Shupe effect bring.
 for is the matter of `level` and `lagged`.
 """
 
-from __future__ import annotations
-
+from collections.abc import Sequence
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Literal, NamedTuple
+from typing import Literal, NamedTuple
 
 import numpy as np
 
+from calibkit.arrays import Array, Integers
 from calibkit.errors import FitError
+from calibkit.instruments.fog_thermal.numeric.noise import Noise
 from calibkit.numeric.least_squares import polynomial
 
-if TYPE_CHECKING:
-    from collections.abc import Sequence
-
-    from calibkit.arrays import Array, Integers
-    from calibkit.instruments.fog_thermal.numeric.noise import Noise
-
-    Span = tuple[float, float]
+Span = tuple[float, float]
 
 TERMS = ("b0", "b1", "b2", "b3", "s_rate", "s_grad", "s_grad2", "s_temp_rate", "s_grad_rate")
 UNITS = (

@@ -108,11 +108,10 @@ def contributions(
     """
     type_a = gum.uncertainty_along(evaluation.sensitivities, model.covariance)
     missed = np.full(type_a.size, model.model_error)
-    beyond = np.abs(evaluation.beyond) / np.sqrt(3.0)
     return [
         ("coefficients", "A", type_a, np.inf),
         ("model error on ramps left out", "A", missed, model.model_error_dof),
-        ("beyond the fitted ranges", "B", beyond, np.inf),
+        ("beyond the fitted ranges", "B", np.abs(evaluation.beyond) / np.sqrt(3.0), np.inf),
     ]
 
 
@@ -157,8 +156,9 @@ def hysteresis(model: ThermalModel | None, logs: Sequence[ThermalLog]) -> Hyster
         down, up = (left[(number == k) & (direction == way)] for way in (-1.0, 1.0))
         if min(down.size, up.size) >= LEAST_BLOCKS:
             variance = np.var(down, ddof=1) / down.size + np.var(up, ddof=1) / up.size
-            temperature = (k + 0.5) * HYSTERESIS_BIN_DEGC
-            both.append((temperature, down.mean() - up.mean(), np.sqrt(variance)))
+            both.append(
+                ((k + 0.5) * HYSTERESIS_BIN_DEGC, down.mean() - up.mean(), np.sqrt(variance))
+            )
     if not both:
         raise FitError(
             "no temperature was passed heating and cooling", hint="hysteresis needs ramps both ways"
