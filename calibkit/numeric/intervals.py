@@ -50,11 +50,7 @@ class Intervals:
 
     def means(self, values: Array) -> Array:
         """Mean [m] of values [rows] over each interval."""
-        means = np.empty(self.first.size)
-        for held, rows in self.groups():
-            means[held] = np.add.reduceat(values[rows], self.first[held] - rows.start)
-            chunks.release(values)
-        return means / self.count
+        return self.means_of_parts(values[rows] for _, rows in self.groups())
 
     def means_of_parts(self, parts: Iterable[Array]) -> Array:
         """Mean [m] over each interval of values [rows] that come in consecutive parts: that of
@@ -65,9 +61,8 @@ class Intervals:
         row = done = 0
         begun: list[Array] = []
         for part in parts:
-            if (
-                begun and ends[done] <= row + part.size
-            ):  # an interval that began in a part before ends in this one
+            # an interval that began in a part before ends in this one
+            if begun and ends[done] <= row + part.size:
                 whole = np.concatenate([*begun, part[: ends[done] - row]])
                 sums[done], begun, done = np.add.reduceat(whole, [0])[0], [], done + 1
             last = int(np.searchsorted(ends, row + part.size, side="right"))

@@ -30,7 +30,7 @@ residuals of one row are stacked in any fixed order.
 
 
 @dataclass(frozen=True, slots=True)
-class NonlinearFit:
+class _NonlinearFit:
     """A finished nonlinear fit."""
 
     parameters: Array
@@ -72,7 +72,7 @@ def fit(
     names: Sequence[str] = (),
     block_rows: int = fold.BLOCK_ROWS,
     weakest: float = RANK_TOLERANCE,
-) -> NonlinearFit:
+) -> _NonlinearFit:
     """Minimise a sum of squares by Gauss-Newton steps; memory does not grow with the number of
     rows.
 
@@ -258,7 +258,7 @@ def _polished(
 
 def _finished(
     here: _Linearised, parameters: Array, names: Sequence[str], weakest: float
-) -> NonlinearFit:
+) -> _NonlinearFit:
     """Inverse normal matrix at the solution, or a refusal that names what the data leave
     undetermined.
     """
@@ -275,7 +275,7 @@ def _finished(
             hint="add different attitudes or temperatures, or fix them",
         )
     inverse = np.linalg.inv(scaled) / scale[:, None]
-    return NonlinearFit(
+    return _NonlinearFit(
         parameters=parameters,
         normal_inverse=inverse @ inverse.T,
         square=here.square,

@@ -32,7 +32,7 @@ beyond its ends.
 
 
 @dataclass(frozen=True, slots=True)
-class Decomposition:
+class _Decomposition:
     """A signal's wavelet coefficients, in the signal's unit, with what is needed to go back.
 
     Coefficient k of details[j] has index first[j] + k at level j + 1, index 0 lying at sample 0;
@@ -77,7 +77,7 @@ def find_scheme(name: str) -> Scheme:
 
 def forward(
     signal: Array, scheme: Scheme, levels: int, *, extension: Extension, room: Room = np.empty
-) -> Decomposition:
+) -> _Decomposition:
     """Wavelet coefficients of a signal [n], any n ≥ 1, over a number of levels.
 
     Parameters
@@ -130,7 +130,7 @@ def forward(
     (_, *clean), _ = reach.untouched(scheme, samples.size, levels)
     interior = tuple(map(reach.slice_within, clean, wanted[1:]))
     starts = tuple(low for low, _ in wanted[1:])
-    return Decomposition(scheme, samples.size, values, details, starts, interior)
+    return _Decomposition(scheme, samples.size, values, details, starts, interior)
 
 
 def allocate_shared(scheme: Scheme, length: int, room: Room) -> tuple[Array, Room]:
@@ -147,7 +147,7 @@ def allocate_shared(scheme: Scheme, length: int, room: Room) -> tuple[Array, Roo
 
 
 def inverse(
-    decomposition: Decomposition,
+    decomposition: _Decomposition,
     shrink: Callable[[int, Array], Array] | None = None,
     *,
     room: Room = np.empty,

@@ -87,7 +87,7 @@ def _interleaved(even: Laurent, odd: Laurent) -> Array:
     return taps
 
 
-def universal(_details: Array, noise: float, count: int) -> float:
+def _universal(_details: Array, noise: float, count: int) -> float:
     """Threshold σ √(2 ln N) that the noise of N samples hardly ever exceeds (Donoho & Johnstone
     1994).
 
@@ -175,7 +175,7 @@ def _firm(details: Array, threshold: float) -> Array:
 
 
 THRESHOLDS: Mapping[Threshold, Callable[[Array, float, int], float]] = {
-    "universal": universal,
+    "universal": _universal,
     "sure": _sure,
     "bayes": _bayes,
     "minimax": _minimax,
