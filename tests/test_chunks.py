@@ -186,7 +186,7 @@ def test_figures_of_long_columns_are_those_of_numpy(monkeypatch):
         == np.flatnonzero(np.diff(one) > 0.5).tolist()
     )
     assert np.array_equal(chunks.take_slice(one, slice(5, 90, 4)), one[5:90:4])
-    mapped = logs_on_disk.allocate_column(100)
+    mapped = logs_on_disk._allocate_column(100)
     mapped[:] = one
     rows = np.array([[2, 3, 4], [5, 6, 7], [6, 7, 8], [90, 91, 92]])
     assert np.array_equal(chunks.take_rows(mapped, rows), one[rows])

@@ -137,7 +137,7 @@ def test_a_fault_in_a_log_on_disk_stops_the_fit(folder, on_disk, calibkit, tmp_p
 def test_a_full_disk_is_an_error_that_says_where(monkeypatch):
     """More scratch than any disk has is refused before anything is written."""
     with pytest.raises(OutputError, match="no room for"):
-        logs_on_disk.allocate_column(1 << 52)
+        logs_on_disk._allocate_column(1 << 52)
 
 
 def test_a_setting_that_is_no_number_is_refused(folder, monkeypatch):
@@ -202,17 +202,17 @@ def test_equal_runs_are_those_of_a_loop(values, shortest, rows):
 
 def test_mapped_arrays_let_go_of_their_pages_and_keep_their_values():
     """Released pages are read again from the file: nothing written is lost."""
-    column = logs_on_disk.allocate_column(300_000)
+    column = logs_on_disk._allocate_column(300_000)
     column[:] = np.arange(300_000.0)
     chunks.release(column, column[1000:2000], np.zeros(3))
     assert column.sum() == 299_999 * 150_000
     held = intervals.find_intervals(np.arange(300_000.0), 10.0)
     assert held.means(column)[-1] == 299_994.5
     assert occupancy.spikes(column, held).size == 0
-    noisy = logs_on_disk.allocate_column(40_000)
+    noisy = logs_on_disk._allocate_column(40_000)
     noisy[:] = RNG.normal(0.0, 1.0, 40_000)
-    kept = denoise.denoise(noisy, room=logs_on_disk.allocate_column)
+    kept = denoise.denoise(noisy, room=logs_on_disk._allocate_column)
     assert np.array_equal(kept.signal, denoise.denoise(np.array(noisy)).signal)
     time = np.arange(300_000.0)
-    slope = segments.causal_slope(time, column, 60.0, room=logs_on_disk.allocate_column)
+    slope = segments.causal_slope(time, column, 60.0, room=logs_on_disk._allocate_column)
     assert np.array_equal(slope, segments.causal_slope(time, np.array(column), 60.0))

@@ -33,13 +33,13 @@ def test_a_lag_is_found_and_changes_its_sign_with_the_columns(rate, lag):
     """
     time, case, air = lagged(rate, lag)
     found, exchanged = (
-        thermometers.fit_lead(time, case, air),
-        thermometers.fit_lead(time, air, case),
+        thermometers._fit_lead(time, case, air),
+        thermometers._fit_lead(time, air, case),
     )
     assert found.lag_s == pytest.approx(lag, rel=0.35)
     assert found.correlation > 0.7
     assert exchanged.correlation < -0.7
-    in_minutes = thermometers.fit_lead(time / 60.0, case, air)
+    in_minutes = thermometers._fit_lead(time / 60.0, case, air)
     assert in_minutes.lag_s == pytest.approx(found.lag_s / 60.0, rel=1e-9)
     assert in_minutes.swing == pytest.approx(found.swing, rel=1e-9)
 

@@ -15,7 +15,8 @@ from typing import TypeAlias
 from calibkit.coefficients import Input
 from calibkit.errors import FrameError
 from calibkit.frame import KEPT_DIGITS, KEPT_ROWS, Log, fingerprint
-from calibkit.ingest import logs as ingest, mapping
+from calibkit.ingest import mapping
+from calibkit.readers import parts
 from calibkit.readers.table import Guess
 from calibkit.recipe import Exclude, Recipe
 
@@ -147,7 +148,9 @@ def read_unseen(
     `read` reads a log; `excluded` is what the run left out of its logs: a copy is compared as it
     was fitted too. Raises as reading does.
     """
-    if ingest.digest_log(spec, data, file) in {entry["sha256"] for entry in inputs}:
+    if parts.digest_log(data / file, file, split=spec.logs.split) in {
+        entry["sha256"] for entry in inputs
+    }:
         return f"{file} was fitted by this run and is left out"
     log = read(spec, data, file)
     name = _find_fitted_copy(log.first_rows(), inputs)

@@ -28,7 +28,7 @@ if TYPE_CHECKING:
     from calibkit.recipe import Recipe
 
 
-class Examiner(Protocol):
+class _Examiner(Protocol):
     """The part of a procedure that looks at logs."""
 
     def read(self, spec: Any, data: Path, file: str, reader: Reader = ...) -> Log:  # noqa: ANN401 (each procedure has its own recipe)
@@ -52,7 +52,7 @@ class _Examination:
 
 
 def examine_log(
-    procedure: Examiner, spec: object, data: Path, file: str, *, largest: int = chunked.LARGEST
+    procedure: _Examiner, spec: object, data: Path, file: str, *, largest: int = chunked.LARGEST
 ) -> _Examination:
     """Read and examine one log, in chunks where its file is larger; one that cannot be read or used
     is a refused finding.
@@ -93,7 +93,7 @@ def examine_log(
 
 
 def segment_numbers(
-    procedure: Examiner, spec: object, data: Path, file: str
+    procedure: _Examiner, spec: object, data: Path, file: str
 ) -> pd.Series[float] | None:
     """Number of the held condition of each row of a log, from 1 in order of time, NaN between them;
     index as the log's.

@@ -29,7 +29,7 @@ On 400 simulated ramps of 1 to 10 °C/min in one unit the gain is 0.91 to 1 (air
 1.05): a lag of more than one node is no pure delay.
 """
 LEAST_LEAD_DEGC = 2.0
-"""Lead of the case over the air [°C] that noisy thermometers do not show."""
+"""_Lead of the case over the air [°C] that noisy thermometers do not show."""
 SURE = 0.5
 """Correlation of the lead with the rate from which it is one; on the same ramps, exchanged, it is
 0.8 and more.
@@ -46,7 +46,7 @@ BLOCKS = 600
 
 
 @dataclass(frozen=True, slots=True)
-class Lead:
+class _Lead:
     """The follower f and its driver d: f = offset + gain · d − lag · rate, by least squares."""
 
     gain: float
@@ -62,7 +62,7 @@ class Lead:
     """Range of the deficit that the rates make [unit]."""
 
 
-def fit_lead(time: Array, follower: Array, driver: Array) -> Lead:
+def _fit_lead(time: Array, follower: Array, driver: Array) -> _Lead:
     """Gain, offset and lag of a follower [n] to its driver [n] over time [n, s].
 
     The rate is that of the mean of both, by central differences of block means: an exchange of the
@@ -71,7 +71,7 @@ def fit_lead(time: Array, follower: Array, driver: Array) -> Lead:
     """
     count = min(BLOCKS, time.size // 3)
     if count < 10:
-        return Lead(1.0, 0.0, 0.0, 0.0, 0.0)
+        return _Lead(1.0, 0.0, 0.0, 0.0, 0.0)
     t, f, d = (_block_means(series, count) for series in (time, follower, driver))
     scale = (float(np.ptp(f)) or 1.0) / (float(np.ptp(d)) or 1.0)
     rate = np.gradient(0.5 * (f / scale + d), t)
@@ -83,7 +83,7 @@ def fit_lead(time: Array, follower: Array, driver: Array) -> Lead:
     )
     power = float(np.sqrt((left_rate @ left_rate) * (left @ left)))
     together = float(left_rate @ left) / power if power > 0.0 else 0.0
-    return Lead(gain, offset, lag, together, abs(lag) * float(np.ptp(rate)))
+    return _Lead(gain, offset, lag, together, abs(lag) * float(np.ptp(rate)))
 
 
 def _block_means(series: Array, count: int) -> Array:
@@ -118,7 +118,7 @@ def check_pair(log: Log, case: str, air: str) -> list[Finding]:
                 figure=together,
             )
         ]
-    lead = fit_lead(values(log.frame, "time_s"), a, b)
+    lead = _fit_lead(values(log.frame, "time_s"), a, b)
     return (
         _find_unit(log, case, air, lead)
         or _find_apart(log, case, air, a, b)
@@ -126,7 +126,7 @@ def check_pair(log: Log, case: str, air: str) -> list[Finding]:
     )
 
 
-def _find_unit(log: Log, case: str, air: str, lead: Lead) -> list[Finding]:
+def _find_unit(log: Log, case: str, air: str, lead: _Lead) -> list[Finding]:
     """One of the two in °F: gain and zero point of the straight line between them."""
     of_case = lead.gain, lead.offset
     of_air = 1.0 / lead.gain, -lead.offset / lead.gain
@@ -163,7 +163,7 @@ def _find_apart(log: Log, case: str, air: str, a: Array, b: Array) -> list[Findi
     return []
 
 
-def _find_exchange(log: Log, case: str, air: str, lead: Lead) -> list[Finding]:
+def _find_exchange(log: Log, case: str, air: str, lead: _Lead) -> list[Finding]:
     """A case that runs ahead of the air that drives it."""
     if lead.correlation > -SURE or lead.swing < LEAST_LEAD_DEGC:
         return []

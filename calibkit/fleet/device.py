@@ -147,7 +147,7 @@ def _already(plan: Plan, serial: str, spec: recipe.Recipe) -> store.Run | None:
     if not candidates:
         return None
     logs = {
-        file: ingest.digest_log(spec, plan.data / serial, file)
+        file: parts.digest_log(plan.data / serial / file, file, split=spec.logs.split)
         for file in ingest.find_logs(spec, plan.data / serial)
     }
     beside = _second_loggers(plan.data / serial, spec)

@@ -149,8 +149,3 @@ class Reader(Protocol):
     ) -> Log:
         """Read one log in canonical columns."""
         ...
-
-
-def digest_log(recipe: Recipe, data: Path, file: str) -> str:
-    """SHA-256 of a log's bytes, of all its parts where it is split."""
-    return parts.digest_log(data / file, file, split=recipe.logs.split)

@@ -62,14 +62,14 @@ def read_to_disk(
         return None
     whole = recipe.model_copy(update={"exclude": ()})
     kept: dict[str, Array] = {}
-    lines, row = allocate_column(scan.rows), 0
+    lines, row = _allocate_column(scan.rows), 0
     taken: dict[int, int] = {}
     notes: dict[str, None] = {}
     part: Log | None = None
     for table in clean.read_chunks(path, file, scan, ROWS):
         part = mapping.map_log(whole, table, needed, optional)
         frame, out = mapping.drop_excluded_rows(part.frame, recipe.exclude, file)
-        kept = kept or {str(name): allocate_column(scan.rows) for name in frame.columns}
+        kept = kept or {str(name): _allocate_column(scan.rows) for name in frame.columns}
         for name, column in (*kept.items(), ("", lines)):
             column[row : row + len(frame)] = values(frame, name) if name else frame.index.to_numpy()
             release(column)
@@ -88,7 +88,7 @@ def read_to_disk(
         ),
         notes=(*notes, *mapping.note_exclusions(recipe.exclude, taken, file)),
         excluded_rows=sum(taken.values()),
-        room=allocate_column,
+        room=_allocate_column,
     )
 
 
@@ -112,7 +112,7 @@ def scan_large_log(recipe: Recipe, path: Path, file: str, largest: float) -> cle
     return clean.scan_file(path, file) if large else None
 
 
-def allocate_column(rows: int) -> Array:
+def _allocate_column(rows: int) -> Array:
     """Allocate an array [rows], not initialised, in a file of the system's folder for temporary
     files (TMPDIR).
 

@@ -2,27 +2,20 @@
 logs.
 """
 
-from __future__ import annotations
-
 import json
 import re
-from collections.abc import Callable
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from fnmatch import fnmatchcase
-from typing import TYPE_CHECKING, TypeAlias
+from pathlib import Path
+from typing import Self, TypeAlias
 
 from calibkit import recipe, units
 from calibkit.errors import FrameError
 from calibkit.ingest import column_names
-from calibkit.ingest.log_groups import file_patterns, group_logs
-
-if TYPE_CHECKING:
-    from collections.abc import Mapping, Sequence
-    from pathlib import Path
-
-    from calibkit.ingest.column_names import LogColumn
-    from calibkit.ingest.log_groups import Group
-    from calibkit.recipe import Recipe
+from calibkit.ingest.column_names import LogColumn
+from calibkit.ingest.log_groups import Group, file_patterns, group_logs
+from calibkit.recipe import Recipe
 
 
 @dataclass(frozen=True, slots=True)
@@ -31,6 +24,85 @@ class Proposal:
 
     text: str
     note: str
+
+
+@dataclass(frozen=True, slots=True)
+class Choice:
+    """A shipped recipe for logs, and the mapping of canonical columns to columns of the logs."""
+
+    recipe: str
+    mapping: Mapping[str, LogColumn]
+    others: tuple[tuple[str, LogColumn], ...]
+    keys: Mapping[str, str]
+    """Keys of the shipped recipe with other values, as TOML."""
+    beside_files: str = ""
+    """Comment under the names of the logs."""
+    remark: str = ""
+    """Comment at the head of the recipe."""
+
+    def with_others(self, more: Sequence[tuple[str, LogColumn]]) -> Self:
+        """The choice with more columns that could be canonical ones too."""
+        return replace(self, others=(*self.others, *more))
+
+
+Parse: TypeAlias = Callable[[recipe.Source], Recipe]
+"""Turns the text of a recipe into its record."""
+
+
+@dataclass(frozen=True, slots=True)
+class Evidence:
+    """What an instrument knows of logs when it decides whether they are its own."""
+
+    folder: Path
+    group: Group
+    second_logger: bool
+    """Whether other logs of the folder look like those of a chamber's logger."""
+    columns: Mapping[str, LogColumn]
+    """Canonical column → column of the logs."""
+    others: tuple[tuple[str, LogColumn], ...]
+    """Columns that could be canonical ones too."""
+    parse: Parse
+
+    @classmethod
+    def of(cls, folder: Path, group: Group, groups: Sequence[Group], parse: Parse) -> Self:
+        """Evidence of a group among all groups of a folder."""
+        columns, others = column_names.assign_columns(group.columns)
+        second_logger = any(other.second_logger for other in groups)
+        return cls(folder, group, second_logger, columns, tuple(others), parse)
+
+    def gyros(self, units: str = "lsb|dph") -> dict[str, LogColumn]:
+        """Indications of gyros, in counts per second or as rates."""
+        pattern = rf"gyro(_[a-z0-9]+)?_({units})"
+        return {name: one for name, one in self.columns.items() if re.fullmatch(pattern, name)}
+
+    def choose(
+        self,
+        name: str,
+        wanted: Sequence[str],
+        columns: Mapping[str, LogColumn] | None = None,
+        keys: Mapping[str, str] | None = None,
+    ) -> Choice:
+        """Choice of a shipped recipe that reads the wanted columns; the rest could be canonical
+        columns too.
+        """
+        taken = self.columns if columns is None else columns
+        rest = [(name, column) for name, column in taken.items() if name not in wanted]
+        mapping = {name: taken[name] for name in wanted if name in taken}
+        return Choice(name, mapping, (*self.others, *rest), keys or {})
+
+    def recipe(self, choice: Choice) -> Recipe:
+        """Recipe that a choice gives."""
+        text = _write_recipe(self.folder, choice, self.group, (), self.parse)
+        return self.parse(recipe.Source("proposed recipe", text))
+
+
+_CHECK_FIRST = (
+    "Check every unit, sign and column below before you trust a number: calibkit check RECIPE"
+    " --data DIR"
+)
+_GUESSED = "how these logs are written, as guessed from their first lines; correct what is wrong"
+Proposer: TypeAlias = Callable[[Evidence], Choice | None]
+"""Recognises the logs of one instrument."""
 
 
 def propose(folder: Path, parse: Parse, proposers: Sequence[Proposer]) -> Proposal:
@@ -100,85 +172,6 @@ def _note_missing_units(choice: Choice) -> str:
     )
     keys = ", ".join(f"[columns.{name}]" for name in silent)
     return f'No unit in the logs: {", ".join(taken)} would be taken; state unit = "…" in {keys}'
-
-
-@dataclass(frozen=True, slots=True)
-class Choice:
-    """A shipped recipe for logs, and the mapping of canonical columns to columns of the logs."""
-
-    recipe: str
-    mapping: Mapping[str, LogColumn]
-    others: tuple[tuple[str, LogColumn], ...]
-    keys: Mapping[str, str]
-    """Keys of the shipped recipe with other values, as TOML."""
-    beside_files: str = ""
-    """Comment under the names of the logs."""
-    remark: str = ""
-    """Comment at the head of the recipe."""
-
-    def with_others(self, more: Sequence[tuple[str, LogColumn]]) -> Choice:
-        """The choice with more columns that could be canonical ones too."""
-        return replace(self, others=(*self.others, *more))
-
-
-Parse: TypeAlias = "Callable[[recipe.Source], Recipe]"
-"""Turns the text of a recipe into its record."""
-
-
-@dataclass(frozen=True, slots=True)
-class Evidence:
-    """What an instrument knows of logs when it decides whether they are its own."""
-
-    folder: Path
-    group: Group
-    second_logger: bool
-    """Whether other logs of the folder look like those of a chamber's logger."""
-    columns: Mapping[str, LogColumn]
-    """Canonical column → column of the logs."""
-    others: tuple[tuple[str, LogColumn], ...]
-    """Columns that could be canonical ones too."""
-    parse: Parse
-
-    @classmethod
-    def of(cls, folder: Path, group: Group, groups: Sequence[Group], parse: Parse) -> Evidence:
-        """Evidence of a group among all groups of a folder."""
-        columns, others = column_names.assign_columns(group.columns)
-        second_logger = any(other.second_logger for other in groups)
-        return cls(folder, group, second_logger, columns, tuple(others), parse)
-
-    def gyros(self, units: str = "lsb|dph") -> dict[str, LogColumn]:
-        """Indications of gyros, in counts per second or as rates."""
-        pattern = rf"gyro(_[a-z0-9]+)?_({units})"
-        return {name: one for name, one in self.columns.items() if re.fullmatch(pattern, name)}
-
-    def choose(
-        self,
-        name: str,
-        wanted: Sequence[str],
-        columns: Mapping[str, LogColumn] | None = None,
-        keys: Mapping[str, str] | None = None,
-    ) -> Choice:
-        """Choice of a shipped recipe that reads the wanted columns; the rest could be canonical
-        columns too.
-        """
-        taken = self.columns if columns is None else columns
-        rest = [(name, column) for name, column in taken.items() if name not in wanted]
-        mapping = {name: taken[name] for name in wanted if name in taken}
-        return Choice(name, mapping, (*self.others, *rest), keys or {})
-
-    def recipe(self, choice: Choice) -> Recipe:
-        """Recipe that a choice gives."""
-        text = _write_recipe(self.folder, choice, self.group, (), self.parse)
-        return self.parse(recipe.Source("proposed recipe", text))
-
-
-_CHECK_FIRST = (
-    "Check every unit, sign and column below before you trust a number: calibkit check RECIPE"
-    " --data DIR"
-)
-_GUESSED = "how these logs are written, as guessed from their first lines; correct what is wrong"
-Proposer: TypeAlias = Callable[[Evidence], Choice | None]
-"""Recognises the logs of one instrument."""
 
 
 def _choose_recipe(evidence: Evidence, proposers: Sequence[Proposer]) -> Choice | None:

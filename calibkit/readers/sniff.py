@@ -28,7 +28,7 @@ _PIN_HEADER = "pin skip_lines and header_lines in [logs.text], or list the colum
 
 
 @dataclass(frozen=True, slots=True)
-class TextColumn:
+class _TextColumn:
     """One column of a text log: name and unit as the log writes them (unit "" where it states
     none), and what its fields are.
     """
@@ -51,7 +51,7 @@ class Dialect:
     decimal: str
     skip_lines: int
     header_lines: int
-    columns: tuple[TextColumn, ...]
+    columns: tuple[_TextColumn, ...]
     guessed: tuple[str, ...] = ()
     widths: tuple[int, ...] = ()
     renamed: bool = False
@@ -174,7 +174,11 @@ def _cut_at(
     if first is None or not rows:
         return None
     whole = [fields for fields in rows if len(fields) == width]
-    known = [tokens.is_recognised(field) for fields in whole[:100] for field in fields]
+    known = [
+        not field or tokens.is_measured(field) or tokens.is_sentinel(field)
+        for fields in whole[:100]
+        for field in fields
+    ]
     score = (
         float(width > 1),
         round(len(whole) / len(rows), 3),
@@ -283,7 +287,7 @@ def _build_dialect(
         skip,
         header,
         columns=tuple(
-            TextColumn(name, unit, *_classify_column([row[k] for row in rows], decimal))
+            _TextColumn(name, unit, *_classify_column([row[k] for row in rows], decimal))
             for k, (name, unit) in enumerate(stated)
         ),
         guessed=tuple(key for key, value in spec if value == "auto"),
@@ -378,7 +382,7 @@ def _refuse_rows_above(
 
 
 def _classify_column(fields: Sequence[str], decimal: str) -> tuple[str, str]:
-    """Kind of most of a column's fields (see `TextColumn`), and the format of its times."""
+    """Kind of most of a column's fields (see `_TextColumn`), and the format of its times."""
     filled = [field for field in fields if field.strip()]
     if not filled:
         return "empty", ""

@@ -79,8 +79,3 @@ def is_measured(field: str) -> bool:
     return any(pattern.fullmatch(field) for pattern in NUMBER.values()) or times.looks_like_time(
         field
     )
-
-
-def is_recognised(field: str) -> bool:
-    """Whether a field is a number, a time, a word for a missing value, or empty."""
-    return not field.strip() or is_measured(field) or is_sentinel(field)

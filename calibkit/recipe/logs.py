@@ -77,7 +77,7 @@ class TextSpec(Table):
         return self
 
 
-class FieldSpec(Table):
+class _FieldSpec(Table):
     """One field of a binary record: canonical meaning comes from [columns]; value = scale · stored
     + offset.
     """
@@ -98,12 +98,12 @@ class BinarySpec(Table):
 
     byte_order: Literal["little", "big"]
     header_bytes: Count = 0
-    fields: Annotated[tuple[FieldSpec, ...], Field(min_length=1, strict=False)]
+    fields: Annotated[tuple[_FieldSpec, ...], Field(min_length=1, strict=False)]
     sync: str = ""
 
     @field_validator("fields")
     @classmethod
-    def _known_units(cls, fields: tuple[FieldSpec, ...]) -> tuple[FieldSpec, ...]:
+    def _known_units(cls, fields: tuple[_FieldSpec, ...]) -> tuple[_FieldSpec, ...]:
         for field in fields:
             if field.unit and not units.parse_unit(field.unit):
                 raise ValueError(f"field '{field.name}': unknown unit '{field.unit}'")
