@@ -124,8 +124,8 @@ def fit(
 
     Returns
     -------
-    Run: folder, records (one a stage) and document (run.json), whose "accepted" says whether the
-    acceptance limits held.
+    Run: folder, records (one per stage) and document (run.json), whose "accepted" states whether
+    the acceptance limits held.
 
     Raises
     ------

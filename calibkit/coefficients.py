@@ -233,7 +233,7 @@ def _digest(document: Mapping[str, Any]) -> str:
 
 
 def seal(document: Mapping[str, Any]) -> str:
-    """Text of a JSON document with its own digest beside it, one line a scalar, keys in order,
+    """Text of a JSON document with its own digest beside it, one line per scalar, keys in order,
     ending in a newline.
     """
     plain: dict[str, Any] = json.loads(json.dumps(document, allow_nan=True))
@@ -243,7 +243,7 @@ def seal(document: Mapping[str, Any]) -> str:
 
 
 def unseal(text: str, name: str, formats: tuple[str, ...] = FORMATS) -> dict[str, Any]:
-    """Document of a sealed JSON text, or CoefficientError that says why it cannot be trusted."""
+    """Document of a sealed JSON text, or CoefficientError that states why it cannot be trusted."""
     try:
         document = json.loads(text, object_pairs_hook=_distinct)
     except (ValueError, RecursionError) as error:
@@ -365,7 +365,7 @@ _Made = TypeVar("_Made")
 
 
 def _typed(kind: type[_Made], values: Mapping[str, Any]) -> _Made:
-    """A record whose plain fields hold what their annotations say; TypeError for another type, a
+    """A record whose plain fields hold what their annotations state; TypeError for another type, a
     key too many or too few.
     """
     kinds = {field.name: str(field.type) for field in fields(kind)}  # type: ignore[arg-type]

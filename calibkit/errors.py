@@ -86,7 +86,7 @@ class OutputError(CalibkitError):
 
 
 class StoppedError(CalibkitError):
-    """Someone stopped the command; what it had finished is said."""
+    """Someone stopped the command; the message states what it had finished."""
 
     exit_code = 130
     code = "interrupted"

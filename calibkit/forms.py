@@ -33,7 +33,7 @@ class Form:
     meaning: tuple[str, ...] = ()
     """Parameters without which the coefficients are other quantities."""
     measured: Mapping[str, float] = field(default_factory=dict)
-    """Parameters that say where the coefficients were measured, with the difference [their unit]
+    """Parameters that state where the coefficients were measured, with the difference [their unit]
     that matters.
     """
     per_log: bool = False

@@ -1,4 +1,4 @@
-"""One command a function, read top to bottom: logs → stages → coefficient files → run folder."""
+"""One function per command, read top to bottom: logs → stages → coefficient files → run folder."""
 
 from __future__ import annotations
 
@@ -107,7 +107,7 @@ def _guesses(inputs: Sequence[Mapping[str, Any]]) -> tuple[str, ...]:
 def check(source: recipe.Source, data: Path, figure: Path | None = None) -> tuple[LogReport, ...]:
     """What each log that a recipe would read holds and what is wrong with it; nothing is fitted.
 
-    A figure (PDF, one page a log) is written where a path for it is given.
+    A figure (PDF, one page per log) is written where a path for it is given.
     """
     from calibkit.check import examination
 
@@ -148,17 +148,17 @@ def init(folder: Path) -> Proposal:
     instrument, file = instruments.find(spec.procedure), ingest.find_logs(spec, folder)[0]
     try:
         report = examination.examine_log(instrument, spec, folder, file).report
-    except RecipeError as error:  # something that the logs cannot say, like the site's gravity
-        said = [str(error)]
+    except RecipeError as error:  # something that is not in the logs, like the site's gravity
+        found = [str(error)]
     else:
-        said = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
-    lines = [f"# check of {file}: {line}" for part in said for line in part.splitlines()]
+        found = [*report.reading, *map(str, report.findings)] or ["nothing is wrong with it"]
+    lines = [f"# check of {file}: {line}" for part in found for line in part.splitlines()]
     return replace(proposed, text="\n".join([*lines, proposed.text]))
 
 
 def run_recipe(run: store.Run, overrides: tuple[str, ...]) -> recipe.Recipe:
-    """Recipe of a run as it was fitted, changed by what is said of the place of use; nothing is
-    excluded from now on.
+    """Recipe of a run as it was fitted, with overrides for the place of use; nothing is excluded
+    from now on.
     """
     return instruments.fitted_recipe(run.document, *overrides).model_copy(update={"exclude": ()})
 

@@ -22,9 +22,9 @@ def tune_memory() -> None:
     libraries.
 
     Python's own thresholds make it look for cycles among all that was imported dozens of times, and
-    find next to none: a tenth of a small fit. glibc, left alone, holds columns in its heaps once
-    one of their size was let go, several logs of them; told where columns begin, it would give back
-    the top of a heap after every smaller array without the other bound.
+    find next to none: a tenth of a small fit. glibc by itself keeps columns in its heaps, several
+    logs of them, once one of their size was released. Its two bounds are set together: with the
+    size of columns alone it would give back the top of a heap after every smaller array.
     """
     gc.set_threshold(*_COLLECTED)
     if sys.platform != "linux":

@@ -1,4 +1,4 @@
-"""Control charts of a fleet: a page a key figure, one point a unit, with centre line, limits and
+"""Control charts of a fleet: one page per key figure, one point per device, centre line, limits and
 named outliers.
 """
 
@@ -58,7 +58,7 @@ class ControlChart:
 
 
 def pages(title: str, charts: Sequence[ControlChart]) -> list[Figure]:
-    """One page a chart."""
+    """One page per chart."""
     figures = []
     for chart in charts:
         figure, (axes,) = page(1, 1, title=title, height=5.5)
@@ -199,7 +199,7 @@ def _short(serial: str) -> str:
 
 
 def _explanation(chart: ControlChart) -> str:
-    """What the lines are, or why there are none."""
+    """What σ is, or why no limits are drawn."""
     count = f"{len(chart.serials)} of {chart.units} units"
     if chart.control.sigma == 0.0:
         return (

@@ -89,8 +89,8 @@ def page(rows: int, columns: int, *, title: str, height: float = 8.0) -> tuple[F
 
 
 def literal(figure: Figure) -> None:
-    """Take a '$' in names of logs and columns for what it is, and Chinese letters from a font that
-    has them.
+    """Print a '$' in names of logs and columns as it is, and Chinese letters in a font that has
+    them.
 
     Formulas stand in tick labels alone.
     """

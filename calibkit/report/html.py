@@ -28,7 +28,7 @@ SECTIONS = (
     "Origin",
 )
 REJECTED = '@media print{@page{@top-center{content:"REJECTED";color:#b00020;font-weight:bold}}}'
-"""What a rejected run's page says on every sheet of paper."""
+"""What a rejected run's page prints on every sheet of paper."""
 HOW = (
     "Zoom: Ctrl + wheel, or the wheel alone once a figure is clicked; drag to move; double-click a"
     " panel to fill the figure with it, again for the whole; two fingers on a touch screen; the"

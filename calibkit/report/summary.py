@@ -14,15 +14,14 @@ if TYPE_CHECKING:
 
 @dataclass(frozen=True, slots=True)
 class Summary:
-    """Everything that a person is told at the end of a command."""
+    """Everything that a command prints for a person at its end."""
 
     title: str
     tables: tuple[Table, ...]
     flags: tuple[str, ...]
     criteria: tuple[Criterion, ...]
     conclusion: str = ""
-    """What is said at the end instead of the acceptance limits, where there is nothing to accept.
-    """
+    """Last line instead of the verdict on acceptance limits, where there is nothing to accept."""
 
     @property
     def accepted(self) -> bool:
@@ -31,7 +30,7 @@ class Summary:
 
     @property
     def verdict(self) -> str:
-        """One sentence on the acceptance limits; without limits nothing is said to be accepted."""
+        """One sentence on the acceptance limits; without limits nothing is called accepted."""
         if self.conclusion:
             return self.conclusion
         if not self.criteria:

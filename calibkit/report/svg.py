@@ -59,7 +59,7 @@ _ATTRIBUTES = frozenset(
         "text-anchor",
     }
 )
-"""What a style may say as attributes, which need no permission of a content security policy; the
+"""Properties that may be attributes, which need no permission of a content security policy; the
 rest is the page's.
 """
 
@@ -222,7 +222,7 @@ def _rounded(match: re.Match[str]) -> str:
 
 
 def _hoist(group: Element) -> None:
-    """Let a group of equal markers say once what they look like."""
+    """State the look of equal markers once, on their group."""
     if len(group) < 2 or any(child.tag != "use" for child in group):
         return
     looks = [
