@@ -16,7 +16,7 @@ CASES = json.loads((AUTHORITIES / "gyro_orthogonality.json").read_text(encoding=
 def case_pair(case, **options):
     """Pair of a worked example with independent scale factors."""
     covariance = np.diag([case["u_K_A"] ** 2, case["u_K_B"] ** 2, case["u_K_Ba"] ** 2])
-    return pair.pair(case["K_A"], case["K_B"], case["K_Ba"], covariance, **options)
+    return pair._pair(case["K_A"], case["K_B"], case["K_Ba"], covariance, **options)
 
 
 @pytest.mark.parametrize("case", CASES, ids=lambda case: f"alpha {case['alpha_deg']:g}")
@@ -50,7 +50,7 @@ def test_the_covariance_is_that_of_drawn_scale_factors():
     K_A, K_B, K_Ba = 10000.0, 9900.0, 7000.0
     u = np.array([2.0, 1.5, 1.0])
     covariance = np.outer(u, u) * np.array([[1.0, 0.0, 0.7], [0.0, 1.0, 0.0], [0.7, 0.0, 1.0]])
-    found = pair.pair(K_A, K_B, K_Ba, covariance)
+    found = pair._pair(K_A, K_B, K_Ba, covariance)
     a, b, ba = np.random.default_rng(1).multivariate_normal([K_A, K_B, K_Ba], covariance, 200_000).T
     drawn = np.cov(np.vstack((b / a, ba / a, ba / b, np.degrees(np.arccos(ba / b)))))
     size = found.standard_uncertainty
@@ -71,7 +71,7 @@ def test_noise_beyond_one_is_clamped_and_flagged():
     """γ of 1.00002 ± 2e-5 is clamped: α 0°, interval from 0° to about half a degree, flagged, no
     NaN.
     """
-    found = pair.pair(10000.0, 10000.0, 10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
+    found = pair._pair(10000.0, 10000.0, 10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
     assert found.clamped
     assert (found.gamma, found.alpha_deg) == (1.0, 0.0)
     assert found.gamma_indicated == pytest.approx(1.00002)
@@ -85,7 +85,7 @@ def test_noise_beyond_one_is_clamped_and_flagged():
 
 def test_noise_beyond_minus_one_is_clamped_to_the_opposite_side():
     """γ of −1.00002 gives α 180°, an interval that ends there, and the opposite side."""
-    found = pair.pair(10000.0, 10000.0, -10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
+    found = pair._pair(10000.0, 10000.0, -10000.2, np.diag([0.0, 0.14, 0.14]) ** 2)
     assert found.alpha_deg == 180.0
     assert found.alpha_interval_deg[1] == 180.0
     assert 179.4 < found.alpha_interval_deg[0] < 179.8
@@ -96,22 +96,22 @@ def test_an_excess_that_noise_cannot_explain_is_named():
     """γ of 1.0002 ± 1.4e-6 is no noise: flagged with its size; 1.06 is refused as logs of other
     axes.
     """
-    found = pair.pair(10000.0, 10000.0, 10002.0, np.diag([0.01, 0.01, 0.01]) ** 2)
+    found = pair._pair(10000.0, 10000.0, 10002.0, np.diag([0.01, 0.01, 0.01]) ** 2)
     assert any("200 ppm" in flag and "more than noise" in flag for flag in found.flags)
     with pytest.raises(FitError, match="far beyond 1"):
-        pair.pair(10000.0, 10000.0, 10600.0, np.diag([0.01, 0.01, 0.01]) ** 2)
+        pair._pair(10000.0, 10000.0, 10600.0, np.diag([0.01, 0.01, 0.01]) ** 2)
 
 
 def test_scale_factors_that_cannot_give_ratios_are_refused():
     """A zero or a NaN is refused."""
     for K_A, K_B, K_Ba in ((0.0, 1.0, 0.0), (1.0, 0.0, 0.0), (1.0, 1.0, np.nan)):
         with pytest.raises(FitError, match="cannot give ratios"):
-            pair.pair(K_A, K_B, K_Ba, np.eye(3))
+            pair._pair(K_A, K_B, K_Ba, np.eye(3))
 
 
 def test_no_uncertainty_at_all_leaves_the_limit():
     """γ of exactly one without uncertainty: α 0° and an interval of nothing."""
-    found = pair.pair(1.0, 1.0, 1.0, np.zeros((3, 3)))
+    found = pair._pair(1.0, 1.0, 1.0, np.zeros((3, 3)))
     assert found.alpha_deg == 0.0
     assert found.alpha_interval_deg == pytest.approx((0.0, 0.0), abs=1e-6)
 
@@ -126,7 +126,7 @@ def test_the_interval_of_alpha_covers_the_truth_also_near_one(alpha_deg):
     true = np.array([10000.0, 10000.0, 10000.0 * np.cos(np.radians(alpha_deg))])
     covered = []
     for _ in range(400):
-        found = pair.pair(*(true + u * rng.normal(size=3)), np.diag(u**2), draws=4000)
+        found = pair._pair(*(true + u * rng.normal(size=3)), np.diag(u**2), draws=4000)
         low, high = found.alpha_interval_deg
         covered.append(low <= alpha_deg + 1e-12 and alpha_deg - 1e-12 <= high)
     assert np.mean(covered) > 0.93
@@ -135,18 +135,18 @@ def test_the_interval_of_alpha_covers_the_truth_also_near_one(alpha_deg):
 def test_the_monte_carlo_is_repeatable():
     """The same seed gives the same interval, bit for bit."""
     args = (10000.0, 10000.0, 9999.9, np.diag([0.1, 0.1, 0.1]) ** 2)
-    assert pair.pair(*args).alpha_interval_deg == pair.pair(*args).alpha_interval_deg
+    assert pair._pair(*args).alpha_interval_deg == pair._pair(*args).alpha_interval_deg
 
 
 def test_the_second_gamma_agrees_or_is_flagged():
     """K_Ab of the same cosine passes; one that is 1e-3 off is named."""
     found = case_pair(CASES[2])
     covariance = np.diag([0.2, 0.2]) ** 2
-    gamma, u, flags = pair.cross_check(found, 10000.0, 10000.0 * CASES[2]["gamma"], covariance)
+    gamma, u, flags = pair._cross_check(found, 10000.0, 10000.0 * CASES[2]["gamma"], covariance)
     assert gamma == pytest.approx(CASES[2]["gamma"])
     assert u == pytest.approx(2e-5 * np.sqrt(1.5), rel=1e-3)
     assert flags == ()
-    assert pair.cross_check(found, 10000.0, 7081.0, covariance)[2]
+    assert pair._cross_check(found, 10000.0, 7081.0, covariance)[2]
 
 
 def run_of(log):
@@ -192,7 +192,7 @@ def test_the_runs_of_a_pair_keep_what_they_share_and_check_each_other():
     )
     found = pair.from_runs(about_a, about_b)
     full = np.array([[4.0, 0.0, 1.8], [0.0, 1.0, 0.0], [1.8, 0.0, 1.0]]) * 1e-4
-    expected = pair.pair(about_a.K[0], about_b.K[1], about_a.K[1], full)
+    expected = pair._pair(about_a.K[0], about_b.K[1], about_a.K[1], full)
     assert found.covariance == pytest.approx(expected.covariance, rel=1e-12)
     tilted = scale_factor.RunScales(about_b.gyros, about_b.K * [1.01, 1.0], shared)
     assert any("differs by" in flag for flag in pair.from_runs(about_a, tilted).flags)

@@ -48,7 +48,7 @@ def test_rates_of_one_sign_or_unequal_rates_give_the_same_scale_factor(rates):
     """Without noise K comes back to 1e-12 of itself, with the earth's rate present, whatever the
     rates.
     """
-    found = scale_factor.scale_factor(np.array(rates), line(rates))
+    found = scale_factor._scale_factor(np.array(rates), line(rates))
     assert pytest.approx(K, rel=1e-12) == found.K
     assert pytest.approx(K * 15.041067 / 3600.0 * np.sin(np.radians(34.2)), rel=1e-9) == found.F0
 
@@ -65,7 +65,7 @@ def test_a_line_through_the_origin_is_wrong_where_the_rates_are_one_sided():
         through_origin = rates @ line(rates, latitude=34.0) / (rates @ rates)
         assert (through_origin / K - 1.0) * 1e6 == pytest.approx(ppm, abs=0.5)
     with pytest.raises(FitError, match="F0"):
-        scale_factor.scale_factor(np.array([1.0, 1.0]), line([1.0, 1.0]), np.ones(2))
+        scale_factor._scale_factor(np.array([1.0, 1.0]), line([1.0, 1.0]), np.ones(2))
 
 
 @pytest.mark.parametrize("rates", UNEQUAL.values(), ids=UNEQUAL)
@@ -102,7 +102,7 @@ def test_the_stated_uncertainty_covers_the_truth():
     u = np.where(np.abs(RATES) > 30.0, 1.0, 0.3)
     inside = []
     for _ in range(600):
-        found = scale_factor.scale_factor(RATES, line(RATES) + u * rng.normal(size=RATES.size), u)
+        found = scale_factor._scale_factor(RATES, line(RATES) + u * rng.normal(size=RATES.size), u)
         error = found.coefficients - (K, line([0.0])[0])
         inside.append(np.abs(error) < 1.96 * found.standard_uncertainty)
     assert ((np.mean(inside, axis=0) > 0.935) & (np.mean(inside, axis=0) < 0.975)).all()
@@ -113,8 +113,8 @@ def test_residuals_beyond_the_noise_raise_the_uncertainty():
     uncertainty larger by it.
     """
     rippled = line(RATES) + 20.0 * np.sin(RATES)
-    found = scale_factor.scale_factor(RATES, rippled, np.ones(RATES.size))
-    quiet = scale_factor.scale_factor(RATES, line(RATES), np.ones(RATES.size))
+    found = scale_factor._scale_factor(RATES, rippled, np.ones(RATES.size))
+    quiet = scale_factor._scale_factor(RATES, line(RATES), np.ones(RATES.size))
     assert found.birge_ratio > 10.0
     assert found.standard_uncertainty / quiet.standard_uncertainty == pytest.approx(
         found.birge_ratio
@@ -127,23 +127,23 @@ def test_no_more_rates_than_coefficients_need_a_stated_noise():
     """
     rates = np.array([-10.0, 10.0])
     with pytest.raises(FitError, match="no noise"):
-        scale_factor.scale_factor(rates, line(rates))
-    found = scale_factor.scale_factor(rates, line(rates), np.full(2, 2.0))
+        scale_factor._scale_factor(rates, line(rates))
+    found = scale_factor._scale_factor(rates, line(rates), np.full(2, 2.0))
     assert found.standard_uncertainty == pytest.approx([2.0 / np.sqrt(200.0), 2.0 / np.sqrt(2.0)])
 
 
 def test_a_misaligned_gyro_loses_the_cosine():
     """One degree between input axis and table axis costs 152 ppm."""
-    found = scale_factor.scale_factor(RATES, np.cos(np.radians(1.0)) * line(RATES))
+    found = scale_factor._scale_factor(RATES, np.cos(np.radians(1.0)) * line(RATES))
     assert pytest.approx(1.0 - 152.3e-6, abs=0.1e-6) == found.K / K
 
 
 def test_the_bias_is_what_the_earth_leaves_of_the_intercept():
     """A bias of 1.5 °/h comes back to 1e-9 °/h, along the axis and for a gyro at 60° to it."""
     vertical = float(earth.vertical_rate(34.2)) / 3600.0
-    own = scale_factor.scale_factor(RATES, line(RATES, bias_dps=1.5 / 3600.0), np.ones(RATES.size))
+    own = scale_factor._scale_factor(RATES, line(RATES, bias_dps=1.5 / 3600.0), np.ones(RATES.size))
     assert scale_factor.bias_dps(own, vertical)[0] * 3600.0 == pytest.approx(1.5, abs=1e-9)
-    across = scale_factor.scale_factor(
+    across = scale_factor._scale_factor(
         RATES, 0.5 * line(RATES) + K * 1.5 / 3600.0, np.ones(RATES.size)
     )
     value, uncertainty = scale_factor.bias_dps(across, vertical, own_K=K)
@@ -197,19 +197,19 @@ def test_nonlinearity_is_the_largest_residual_over_full_scale_and_per_point():
     """
     indication = line(RATES)
     indication[3] += 20.0
-    found = scale_factor.scale_factor(RATES, indication)
+    found = scale_factor._scale_factor(RATES, indication)
     slope, intercept = np.polyfit(RATES, indication, 1)
     residuals = [f - slope * w - intercept for w, f in zip(RATES, indication, strict=True)]
     full = max(abs(r) for r in residuals) / max(abs(f) for f in indication) * 1e6
     each = [r / abs(slope * w) * 1e6 for r, w in zip(residuals, RATES, strict=True)]
-    assert gjb_figures.nonlinearity_full_scale(found) == pytest.approx(full, rel=1e-6)
+    assert gjb_figures._nonlinearity_full_scale(found) == pytest.approx(full, rel=1e-6)
     assert gjb_figures.nonlinearity_per_point(found) == pytest.approx(each, rel=1e-6)
 
 
 def test_a_plateau_at_rest_has_no_relative_deviation():
     """At rate zero the per-point deviation is not a number, and the figures leave it out."""
     rates = np.append(RATES, 0.0)
-    found = scale_factor.scale_factor(
+    found = scale_factor._scale_factor(
         rates, line(rates) + np.random.default_rng(0).normal(size=rates.size)
     )
     assert np.isnan(gjb_figures.nonlinearity_per_point(found)[-1])
@@ -223,21 +223,21 @@ def test_asymmetry_is_found_in_both_senses():
     one intercept.
     """
     indication = line(RATES) + 40e-6 * K * np.maximum(RATES, 0.0)
-    found = scale_factor.scale_factor(RATES, indication)
-    assert gjb_figures.asymmetry_gjb(found) == pytest.approx(40.0, abs=0.1)
-    assert gjb_figures.asymmetry_ieee(found) == pytest.approx(40.0, abs=0.1)
-    cubic = scale_factor.scale_factor(RATES, line(RATES) + 1e-4 * RATES**3)
-    assert gjb_figures.asymmetry_ieee(cubic) < 1e-6
+    found = scale_factor._scale_factor(RATES, indication)
+    assert gjb_figures._asymmetry_gjb(found) == pytest.approx(40.0, abs=0.1)
+    assert gjb_figures._asymmetry_ieee(found) == pytest.approx(40.0, abs=0.1)
+    cubic = scale_factor._scale_factor(RATES, line(RATES) + 1e-4 * RATES**3)
+    assert gjb_figures._asymmetry_ieee(cubic) < 1e-6
 
 
 def test_asymmetry_of_one_sided_rates_is_refused():
     """Positive rates alone cannot show asymmetry: refused, and left out of the list of figures."""
     rates = np.array(simulate_rate_table.RATES_DPS)
-    found = scale_factor.scale_factor(rates, line(rates) + np.sin(rates))
+    found = scale_factor._scale_factor(rates, line(rates) + np.sin(rates))
     with pytest.raises(FitError, match="negative"):
-        gjb_figures.asymmetry_gjb(found)
+        gjb_figures._asymmetry_gjb(found)
     with pytest.raises(FitError, match="both signs"):
-        gjb_figures.asymmetry_ieee(found)
+        gjb_figures._asymmetry_ieee(found)
     assert not any(
         "asymmetry" in figure.name for figure in gjb_figures.figures(found, np.ones(rates.size))
     )
@@ -245,7 +245,7 @@ def test_asymmetry_of_one_sided_rates_is_refused():
 
 def test_figures_are_labelled_with_their_standard_and_unit():
     """Every figure names GJB 2426A or IEEE Std 952; K and arc-seconds a pulse are reciprocal."""
-    found = scale_factor.scale_factor(RATES, line(RATES) + np.sin(RATES), np.ones(RATES.size))
+    found = scale_factor._scale_factor(RATES, line(RATES) + np.sin(RATES), np.ones(RATES.size))
     figures = {figure.name: figure for figure in gjb_figures.figures(found, np.ones(RATES.size))}
     assert {figure.standard for figure in figures.values()} == {"GJB 2426A", "IEEE Std 952"}
     pulse = figures["scale_factor_ieee"]
@@ -264,7 +264,7 @@ def test_the_uncertainty_of_an_asymmetry_is_its_scatter():
     rows = gjb_figures._slopes_of_sides(RATES)
     noise = rng.normal(size=(2000, RATES.size))
     scatter = np.std(noise @ (rows[0] - rows[1])) / K * 1e6
-    found = scale_factor.scale_factor(RATES, line(RATES) + noise[0], np.ones(RATES.size))
+    found = scale_factor._scale_factor(RATES, line(RATES) + noise[0], np.ones(RATES.size))
     stated = {
         f.name: f.standard_uncertainty for f in gjb_figures.figures(found, np.ones(RATES.size))
     }
@@ -303,11 +303,11 @@ def test_threshold_and_resolution_are_the_smallest_tested_rate_and_step_that_res
         )
     )
     dead = K * np.where(np.abs(rates) < 0.008, 0.0, rates)
-    found = scale_factor.scale_factor(rates, dead, np.full(rates.size, 0.1))
-    assert gjb_figures.threshold_dps(found, np.full(rates.size, 0.1)) == pytest.approx(0.01)
-    assert np.isnan(gjb_figures.threshold_dps(found, np.full(rates.size, 1e6)))
-    straight = scale_factor.scale_factor(rates, K * rates, np.full(rates.size, 0.1))
-    assert gjb_figures.resolution_dps(straight, np.full(rates.size, 0.1)) == pytest.approx(0.001)
+    found = scale_factor._scale_factor(rates, dead, np.full(rates.size, 0.1))
+    assert gjb_figures._threshold_dps(found, np.full(rates.size, 0.1)) == pytest.approx(0.01)
+    assert np.isnan(gjb_figures._threshold_dps(found, np.full(rates.size, 1e6)))
+    straight = scale_factor._scale_factor(rates, K * rates, np.full(rates.size, 0.1))
+    assert gjb_figures._resolution_dps(straight, np.full(rates.size, 0.1)) == pytest.approx(0.001)
 
 
 def test_the_simulated_runs_give_repeatability_and_the_scale_factor_over_temperature():
@@ -381,7 +381,7 @@ def test_any_rates_give_back_any_line(slope, offset, rates):
     rates = np.array(rates)
     if np.ptp(rates) < 1.0:
         return
-    found = scale_factor.scale_factor(rates, slope * (rates + offset), np.ones(rates.size))
+    found = scale_factor._scale_factor(rates, slope * (rates + offset), np.ones(rates.size))
     assert abs(found.K - slope) < 1e-9 * slope * max(1.0, np.abs(rates).max() / np.ptp(rates))
     assert abs(found.F0 - slope * offset) < 1e-9 * slope * np.abs(rates).max() * max(
         1.0, 300.0 / np.ptp(rates)
@@ -450,7 +450,7 @@ def test_left_out_errors_are_those_of_refits():
         design = (RATES[others, None] / 100.0) ** powers
         factors = np.linalg.lstsq(design, indication[others], rcond=None)[0]
         errors.append(indication[row] - (RATES[row] / 100.0) ** powers @ factors)
-    found = response.odd_polynomial(RATES, indication, 3)
+    found = response._odd_polynomial(RATES, indication, 3)
     assert found.left_out_rms == pytest.approx(float(np.sqrt(np.mean(np.square(errors)))), rel=1e-9)
 
 
@@ -459,6 +459,6 @@ def test_a_shape_needs_rates():
     with pytest.raises(FitError, match="shape"):
         response.choose(np.array([1.0, -1.0]), np.array([K, -K]))
     with pytest.raises(FitError, match="odd"):
-        response.odd_polynomial(RATES, K * RATES, 2)
+        response._odd_polynomial(RATES, K * RATES, 2)
     with pytest.raises(FitError, match="sine"):
-        response.sine(RATES[:3], K * RATES[:3])
+        response._sine(RATES[:3], K * RATES[:3])

@@ -23,7 +23,7 @@ def test_angles_and_magnitudes_are_those_of_the_vectors():
     """Four gyros: lengths, unit vectors and all six angles equal those of a loop over pairs, to
     1e-9°.
     """
-    found = triad.triad(SKEWED, np.eye(12))
+    found = triad._triad(SKEWED, np.eye(12))
     for g, a in enumerate(SKEWED):
         assert found.magnitude[g] == pytest.approx(np.sqrt(sum(x * x for x in a)), rel=1e-12)
         assert found.misalignment[g] == pytest.approx(a / np.linalg.norm(a), rel=1e-12)
@@ -40,7 +40,7 @@ def test_angles_and_magnitudes_are_those_of_the_vectors():
 
 def test_an_ideal_triad_has_the_identity_for_misalignment():
     """Three orthogonal gyros: identity and 90° between all."""
-    found = triad.triad(np.diag([10000.0, 9900.0, 10100.0]), np.eye(9))
+    found = triad._triad(np.diag([10000.0, 9900.0, 10100.0]), np.eye(9))
     assert (found.misalignment == np.eye(3)).all()
     assert found.angles_deg[0, 1] == pytest.approx(90.0, abs=1e-12)
 
@@ -48,7 +48,7 @@ def test_an_ideal_triad_has_the_identity_for_misalignment():
 def test_compensation_gives_back_the_rates():
     """Indications of four skewed gyros become the table's rates to 1e-9 °/s."""
     rates = np.array([3.0, -20.0, 0.01])
-    found = triad.triad(SKEWED, np.eye(12))
+    found = triad._triad(SKEWED, np.eye(12))
     assert found.compensation @ (SKEWED @ rates) == pytest.approx(rates, abs=1e-9)
 
 
@@ -59,7 +59,7 @@ def test_uncertainties_are_the_scatter_of_drawn_sensitivities():
     rng = np.random.default_rng(4)
     mixing = rng.normal(size=(12, 12))
     covariance = mixing @ mixing.T
-    found = triad.triad(SKEWED, covariance)
+    found = triad._triad(SKEWED, covariance)
     drawn = rng.multivariate_normal(SKEWED.ravel(), covariance, 20_000).reshape(-1, 4, 3)
     size = np.linalg.norm(drawn, axis=2)
     assert found.magnitude_uncertainty == pytest.approx(size.std(axis=0), rel=0.03)
@@ -74,7 +74,7 @@ def test_parallel_gyros_are_flagged():
     """Two gyros on one axis have an angle of 0° that noise alone gives, and three of them do not
     span space.
     """
-    found = triad.triad(
+    found = triad._triad(
         np.array([[10000.0, 0.0, 0.0], [9000.0, 0.0, 0.0], [0.0, 8000.0, 0.0]]), np.eye(9)
     )
     assert found.angles_deg[0, 1] == 0.0
@@ -85,7 +85,7 @@ def test_parallel_gyros_are_flagged():
 
 def run(K, covariance):
     """Run with these scale factors."""
-    scale = scale_factor.scale_factor(
+    scale = scale_factor._scale_factor(
         np.array([-1.0, 0.5, 1.0]), np.array([-1.0, 0.5, 1.0]), np.ones(3)
     )
     return scale_factor.RunScales((scale,) * len(K), np.array(K), np.array(covariance))
@@ -109,9 +109,9 @@ def test_three_runs_make_a_triad_and_keep_what_gyros_of_one_run_share():
 def test_what_cannot_be_a_triad_is_refused():
     """A gyro without sensitivity and a NaN are refused."""
     with pytest.raises(FitError, match="gyro 2 senses none"):
-        triad.triad(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), np.eye(6))
+        triad._triad(np.array([[1.0, 0.0, 0.0], [0.0, 0.0, 0.0]]), np.eye(6))
     with pytest.raises(FitError, match="not finite"):
-        triad.triad(np.array([[np.nan, 0.0, 0.0]]), np.eye(3))
+        triad._triad(np.array([[np.nan, 0.0, 0.0]]), np.eye(3))
 
 
 def test_sensitivities_over_temperature_come_back_at_any_temperature():
@@ -125,7 +125,7 @@ def test_sensitivities_over_temperature_come_back_at_any_temperature():
 
     temperature = np.array([-40.0, -10.0, 25.0, 60.0, 85.0])
     over = triad.over_temperature(
-        [triad.triad(at(t), np.eye(9)) for t in temperature], temperature, order=2
+        [triad._triad(at(t), np.eye(9)) for t in temperature], temperature, order=2
     )
     found = over.at(40.0)
     assert found.angles_deg[0, 1] == pytest.approx(90.0 - 0.04, abs=1e-6)
@@ -146,7 +146,7 @@ def test_angles_do_not_depend_on_the_axes_of_the_table(seed, count):
     rng = np.random.default_rng(seed)
     vectors = rng.normal(size=(count, 3)) * 1e4
     rotation, _ = np.linalg.qr(rng.normal(size=(3, 3)))
-    plain, turned = (triad.triad(v, np.eye(3 * count)) for v in (vectors, vectors @ rotation))
+    plain, turned = (triad._triad(v, np.eye(3 * count)) for v in (vectors, vectors @ rotation))
     assert turned.angles_deg == pytest.approx(plain.angles_deg, abs=1e-7)
     assert turned.magnitude == pytest.approx(plain.magnitude, rel=1e-12)
 

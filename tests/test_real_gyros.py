@@ -62,7 +62,7 @@ def ferraris(gyro, accel, interval_s, reference):
         turns.append(
             triad.turned(gyro[f"{axis}_rot"], offset, np.full(len(offset), interval_s), -360.0)
         )
-    return triad.triad(np.column_stack(turns), np.zeros((9, 9))), bias, sensitivity
+    return triad._triad(np.column_stack(turns), np.zeros((9, 9))), bias, sensitivity
 
 
 def check(found, bias, sensitivity, reference):

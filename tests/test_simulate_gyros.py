@@ -65,7 +65,7 @@ def test_the_table_accelerates_holds_and_turns_whole_revolutions():
     """Every rate is held for a revolution and more; between them the rate changes by 20 °/s² at
     most.
     """
-    moved = simulate_rate_table.motion(simulate_rate_table.Table(), (1.0, 50.0, -50.0))
+    moved = simulate_rate_table._motion(simulate_rate_table.Table(), (1.0, 50.0, -50.0))
     change = np.diff(moved.rate_dps) / moved.step_s
     assert np.abs(change).max() == pytest.approx(20.0, rel=1e-6)
     for rate in (1.0, 50.0, -50.0):
@@ -79,9 +79,9 @@ def test_a_gyro_across_the_axis_sees_the_earth_turn_with_the_table():
     a revolution.
     """
     table = simulate_rate_table.Table(unevenness=0.0)
-    moved = simulate_rate_table.motion(table, (5.0,))
+    moved = simulate_rate_table._motion(table, (5.0,))
     gyro = simulate_rate_table.draw(np.random.default_rng(0), axis=(1.0, 0.0, 0.0))
-    rate = simulate_rate_table.input_rate(gyro, table, moved) * 3600.0
+    rate = simulate_rate_table._input_rate(gyro, table, moved) * 3600.0
     level = 15.041067 * np.cos(np.radians(34.2))
     assert np.abs(rate).max() == pytest.approx(level, rel=1e-3)
     start = int(np.flatnonzero(moved.rate_dps == 5.0)[0])
@@ -95,7 +95,7 @@ def test_the_best_line_is_that_of_the_response_over_the_rates():
     table = simulate_rate_table.Table()
     slope, _ = simulate_rate_table.best_line(gyro, table, simulate_rate_table.both_ways(), 25.0)
     straight, intercept = simulate_rate_table.best_line(
-        simulate_pair.linear(gyro), table, simulate_rate_table.both_ways(), 25.0
+        simulate_pair._linear(gyro), table, simulate_rate_table.both_ways(), 25.0
     )
     assert straight == pytest.approx(gyro.K, rel=1e-12)
     assert abs(slope / gyro.K - 1.0) > 1e-8
@@ -109,7 +109,7 @@ def test_the_response_is_no_polynomial_the_fit_knows():
     """
     gyro = simulate_rate_table.draw(np.random.default_rng(2))
     rates = np.linspace(-100.0, 100.0, 401)
-    shape = simulate_rate_table.response(gyro, rates, 25.0)
+    shape = simulate_rate_table._response(gyro, rates, 25.0)
     residual = shape - np.polynomial.Polynomial.fit(rates, shape, 7)(rates)
     assert residual.std() > 0.3 * gyro.K * gyro.ripple_dps
 

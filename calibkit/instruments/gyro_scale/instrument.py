@@ -89,12 +89,7 @@ def _fit_rate_table(
         gyros, over_runs.flag_runs(gyros, spec), spec
     )
     (scales,) = results
-    shown = (
-        tables.tabulate_lines(scales.models),
-        *tables.tabulate_curves(scales.models),
-        *tables.tabulate_runs(gyros, scales.figures),
-        *tables.tabulate_biases(scales.figures),
-    )
+    shown = tables.summarize_rate_table(gyros, scales)
     return _fitted(
         spec,
         runs,
@@ -120,14 +115,7 @@ def _fit_pair(
     fitted = pair_fit.fit_pair(*runs["a"], *runs["b"])
     results = coefficient_files.list_pair_results(fitted, spec)
     scales = results[0]
-    own = [forms.line_name(gyro, gyro) for gyro in spec.gyros]
-    shown = (
-        tables.tabulate_lines(scales.models),
-        *tables.tabulate_curves(scales.models),
-        *tables.tabulate_figures(scales.figures, own, "Figures of each gyro about its own axis"),
-        *tables.tabulate_biases(scales.figures),
-        tables.tabulate_pair(fitted),
-    )
+    shown = tables.summarize_pair(fitted, scales, spec.gyros)
     criteria = acceptance.judge_pair(fitted, scales.figures, spec.acceptance)
     return _fitted(spec, runs, results, shown, criteria, curves.report_pair(fitted))
 
@@ -142,11 +130,7 @@ def _fit_triad(
     fitted = triad_fit.fit_axes(spec, runs)
     results = coefficient_files.list_triad_results(fitted, spec)
     scales = results[0]
-    shown = (
-        *tables.tabulate_triad(fitted),
-        *tables.tabulate_biases(scales.figures),
-        *tables.tabulate_curves(scales.models),
-    )
+    shown = tables.summarize_triad(fitted, scales)
     criteria = acceptance.judge_triad(fitted, scales.figures, spec.acceptance)
     return _fitted(spec, runs, results, shown, criteria, curves.report_triad(fitted))
 

@@ -21,14 +21,14 @@ def _refuse_doubles(gyros: tuple[str, ...]) -> None:
         raise ValueError(f"gyros = {list(gyros)}: a gyro stands twice")
 
 
-class TableSpec(Table):
+class _TableSpec(Table):
     """Rate table: which way its axis points for positive rates, and what its rate is taken from."""
 
     axis: Literal["up", "down"] = "up"
     reference: Literal["rate", "angle"] = "rate"
 
 
-class PlateauSpec(Table):
+class _PlateauSpec(Table):
     """What counts as a held rate."""
 
     shortest_s: Positive = 2.0
@@ -42,8 +42,8 @@ class PlateauSpec(Table):
 class GyroRecipe(Recipe):
     """What all procedures of the rate table share."""
 
-    table: TableSpec = TableSpec()
-    plateaus: PlateauSpec = PlateauSpec()
+    table: _TableSpec = _TableSpec()
+    plateaus: _PlateauSpec = _PlateauSpec()
     nominal_scale_factor: float | None = None
 
     @model_validator(mode="after")
@@ -76,7 +76,7 @@ class OwnAxisRecipe(GyroRecipe):
         return self
 
 
-class PairLogs(Table):
+class _PairLogs(Table):
     """Which log is of which table axis."""
 
     axis_a: str = "table_axis_a.csv"
@@ -107,7 +107,7 @@ class GyroPairRecipe(OwnAxisRecipe):
     gyros: ClassVar[tuple[str, ...]] = ("a", "b")
 
     procedure: Literal["gyro_pair"]
-    pair: PairLogs = PairLogs()
+    pair: _PairLogs = _PairLogs()
     acceptance: PairAcceptance = PairAcceptance()
 
     def own_axis(self, gyro: str) -> str:
@@ -157,7 +157,7 @@ class RateTableRecipe(OwnAxisRecipe):
         return self
 
 
-class TriadLogs(Table):
+class _TriadLogs(Table):
     """Which logs are of which table axis, by file name patterns."""
 
     x: Patterns = ("about_x*.csv",)
@@ -181,7 +181,7 @@ class GyroTriadRecipe(GyroRecipe):
 
     procedure: Literal["gyro_triad"]
     gyros: Gyros = ("x", "y", "z")
-    axes: TriadLogs = TriadLogs()
+    axes: _TriadLogs = _TriadLogs()
     acceptance: TriadAcceptance = TriadAcceptance()
 
     def list_axes(self, file: str) -> list[str]:

@@ -18,7 +18,7 @@ LARGEST_MOUNTING_ERROR_DEG = 0.02
 """Of a gyro's input axis from the table axis that is meant to be its own."""
 
 
-def linear(gyro: simulate_rate_table.RateGyro) -> simulate_rate_table.RateGyro:
+def _linear(gyro: simulate_rate_table.RateGyro) -> simulate_rate_table.RateGyro:
     """The same gyro with a straight line for a response and no temperature terms."""
     return replace(gyro, K_per_degc=0.0, ripple_dps=0.0, asymmetry=0.0, bias_dps_per_degc=0.0)
 
@@ -59,7 +59,7 @@ def campaign(
         for name, tilt, about in zip(AXES, tilts, rng.uniform(0.0, 360.0, 4), strict=True)
     }
     drawn = {name: simulate_rate_table.draw(rng, noise_lsb=noise_lsb) for name in ("a", "b")}
-    gyros = {name: linear(gyro) for name, gyro in drawn.items()} if ideal else drawn
+    gyros = {name: _linear(gyro) for name, gyro in drawn.items()} if ideal else drawn
     rates = simulate_rate_table.both_ways() if rates_dps is None else tuple(rates_dps)
     stand = table or simulate_rate_table.Table(start_angle_deg=rng.uniform(0.0, 360.0))
     logs, lines = _turn(gyros, directions, stand, rates, rng)

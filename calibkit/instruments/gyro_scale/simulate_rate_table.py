@@ -85,7 +85,7 @@ class _Motion:
     step_s: float
 
 
-def response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Array:
+def _response(gyro: RateGyro, rate_dps: Array, temp_degc: Array | float) -> Array:
     """Indication [1/s] of a gyro at rest in a rate [°/s] about its input axis, without noise."""
     warmer = np.asarray(temp_degc) - REFERENCE_DEGC
     ripple = np.sin(2.0 * np.pi * rate_dps / gyro.ripple_period_dps)
@@ -110,12 +110,12 @@ def best_line(
     # a whole revolution averages over every direction of the horizontal part; to first order that
     # is its mean, zero
     slope, intercept = np.polyfit(
-        rates, response(gyro, (rates + vertical) * gyro.axis[2], temp_degc), 1
+        rates, _response(gyro, (rates + vertical) * gyro.axis[2], temp_degc), 1
     )
     return float(slope), float(intercept)
 
 
-def motion(table: Table, rates_dps: Sequence[float]) -> _Motion:
+def _motion(table: Table, rates_dps: Sequence[float]) -> _Motion:
     """_Motion of the table through held rates, at rest before the first and after the last."""
     corners, held = [0.0, 3.0], [0.0, 0.0]
     for rate in (*rates_dps, 0.0):
@@ -141,7 +141,7 @@ def _integral(rate: Array, step: float) -> Array:
     return np.concatenate(([0.0], np.cumsum(0.5 * (rate[1:] + rate[:-1])) * step))
 
 
-def input_rate(gyro: RateGyro, table: Table, moved: _Motion) -> Array:
+def _input_rate(gyro: RateGyro, table: Table, moved: _Motion) -> Array:
     """Rate about the gyro's input axis [k] [°/s] over each fine step: the table's, and the earth's
     in table axes.
     """
@@ -157,7 +157,7 @@ def input_rate(gyro: RateGyro, table: Table, moved: _Motion) -> Array:
     )
 
 
-def indication(
+def _indication(
     gyro: RateGyro, table: Table, moved: _Motion, temp_degc: Array, rng: np.random.Generator
 ) -> Array:
     """Indication [n] [1/s], whole counts over each sampling interval divided by it, of case
@@ -165,10 +165,10 @@ def indication(
     """
     from scipy.signal import lfilter
 
-    rate = input_rate(gyro, table, moved)
+    rate = _input_rate(gyro, table, moved)
     keep = np.exp(-moved.step_s / gyro.lag_s)
     filtered = np.asarray(lfilter([1.0 - keep], [1.0, -keep], rate - rate[0])) + rate[0]
-    counted = response(gyro, filtered, np.repeat(temp_degc, FINE)).reshape(-1, FINE).mean(axis=1)
+    counted = _response(gyro, filtered, np.repeat(temp_degc, FINE)).reshape(-1, FINE).mean(axis=1)
     noisy = counted + gyro.noise_lsb * rng.normal(0.0, 1.0, counted.size)
     return noise.pulses(noisy, 1.0 / table.interval_s)
 
@@ -181,7 +181,7 @@ def run(
     rng: np.random.Generator,
 ) -> dict[str, Array]:
     """Columns of one log of the table turning through held rates [°/s], with one column a gyro."""
-    moved = motion(table, rates_dps)
+    moved = _motion(table, rates_dps)
     angle = moved.angle_deg[::FINE]
     time = moved.time_s[::FINE]
     case = start_degc + table.warming_degc * (1.0 - np.exp(-time[1:] / table.warming_s))
@@ -193,7 +193,7 @@ def run(
         "temp_case_degc": noise.reading(case, 0.01, 0.01, rng),
     }
     return columns | {
-        name: indication(gyro, table, moved, case, rng) for name, gyro in gyros.items()
+        name: _indication(gyro, table, moved, case, rng) for name, gyro in gyros.items()
     }
 
 

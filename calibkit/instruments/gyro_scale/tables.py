@@ -1,11 +1,11 @@
-"""Fits and validations of gyros on a rate table → tables of the console and the report."""
+"""Fits of gyros on a rate table → tables of the console and the report."""
 
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Iterable, Iterator, Sequence
 from typing import Any
 
 import numpy as np
 
-from calibkit.coefficients import Figure, Model
+from calibkit.coefficients import Figure, Model, StageResult
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import forms, over_runs, pair_fit, triad_fit
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import PPM
@@ -24,7 +24,7 @@ def _table_of(
     return (made,) if made.rows else ()
 
 
-def tabulate_lines(models: Sequence[Model]) -> Table:
+def _tabulate_lines(models: Sequence[Model]) -> Table:
     """K and F0 of every line."""
     rows = []
     for model in (m for m in models if m.form == forms.LINE.name):
@@ -49,7 +49,7 @@ def tabulate_lines(models: Sequence[Model]) -> Table:
     )
 
 
-def tabulate_curves(models: Sequence[Model]) -> tuple[Table, ...]:
+def _tabulate_curves(models: Sequence[Model]) -> tuple[Table, ...]:
     """Polynomials over temperature and responses over rate, where there are any."""
     rows = (
         (
@@ -68,7 +68,7 @@ def tabulate_curves(models: Sequence[Model]) -> tuple[Table, ...]:
     )
 
 
-def tabulate_figures(
+def _tabulate_figures(
     figures: Sequence[Figure], names: Sequence[str], title: str
 ) -> tuple[Table, ...]:
     """Figures in the standards' terms, one row a figure, one column a model."""
@@ -98,21 +98,21 @@ def _with_uncertainty(figure: Figure) -> str:
     return f"{value} ± {u:.0f}" if u >= 9.5 else f"{value} ± {u:.1g}"
 
 
-def tabulate_runs(
+def _tabulate_runs(
     gyros: Sequence[over_runs.GyroOverRuns], figures: Sequence[Figure]
 ) -> Iterator[Table]:
     """Figures over all runs of a gyro, then of its single runs."""
     for one in gyros:
         name = forms.line_name(one.gyro)
-        yield from tabulate_figures(figures, (name,), f"Figures of {name} over its runs")
+        yield from _tabulate_figures(figures, (name,), f"Figures of {name} over its runs")
         names = [f"{name}.{run.log.name}" for run in one.runs]
         for start in range(0, len(names), COLUMNS):
-            yield from tabulate_figures(
+            yield from _tabulate_figures(
                 figures, names[start : start + COLUMNS], "Figures of single runs"
             )
 
 
-def tabulate_biases(figures: Sequence[Figure]) -> tuple[Table, ...]:
+def _tabulate_biases(figures: Sequence[Figure]) -> tuple[Table, ...]:
     """Biases without the earth's rate, where the latitude is known."""
     rows = (
         (
@@ -131,7 +131,7 @@ def tabulate_biases(figures: Sequence[Figure]) -> tuple[Table, ...]:
     )
 
 
-def tabulate_pair(fitted: pair_fit.PairFit) -> Table:
+def _tabulate_pair(fitted: pair_fit.PairFit) -> Table:
     """N, ε, γ, α, the orthogonality error, the second γ."""
     found, u = fitted.found, [f"{u:.1e}" for u in fitted.found.standard_uncertainty]
     low, high = found.alpha_interval_deg
@@ -152,7 +152,7 @@ def tabulate_pair(fitted: pair_fit.PairFit) -> Table:
     )
 
 
-def tabulate_triad(fitted: triad_fit.AxesFit) -> tuple[Table, ...]:
+def _tabulate_triad(fitted: triad_fit.AxesFit) -> tuple[Table, ...]:
     """Sensitivities, input axes and angles of every set of runs."""
     gyros = list(enumerate(fitted.gyros))
 
@@ -202,60 +202,36 @@ def _rows_of_sets(
             yield (name if s == 0 else "", where, *cells(thing, one))
 
 
-def tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
-    """Lines of unseen runs: frozen against found, before and after."""
-    rows = []
-    for name, one in compared:
-        before, after = one["before"], one["after"]
-        u = one["scale_factor_error_standard_uncertainty_ppm"]
-        rows.append(
-            (
-                f"{name} {one['gyro']}",
-                f"{one['K']:.4f}",
-                f"{one['K_frozen']:.4f}",
-                f"{before['scale_factor_error_ppm']:+.1f}",
-                f"{after['scale_factor_error_ppm']:+.1f} ± {u:.1g}",
-                f"{before['rate_error_max_ppm_of_full_scale']:.1f}",
-                f"{after['rate_error_max_ppm_of_full_scale']:.1f}",
-                f"{one['rate_gain']:.6f}",
-            )
-        )
-    heads = ("", "K", "frozen", "K error", "after", "rate error", "after", "gain")
-    title = (
-        "Frozen coefficients on unseen runs: K error in ppm, largest rate error in ppm of full"
-        " scale"
+def summarize_rate_table(
+    gyros: Sequence[over_runs.GyroOverRuns], scales: StageResult
+) -> tuple[Table, ...]:
+    """Lines and curves, figures over the runs and of single runs, biases."""
+    return (
+        _tabulate_lines(scales.models),
+        *_tabulate_curves(scales.models),
+        *_tabulate_runs(gyros, scales.figures),
+        *_tabulate_biases(scales.figures),
     )
-    return Table(title, heads, tuple(rows))
 
 
-def tabulate_base_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
-    """Rates of unseen runs along the turned axis and across it, before and after."""
-    kinds = ("rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale")
-    rows = tuple(
-        (
-            f"{name} about {one['axis']}",
-            *(f"{one[when][kind]:.1f}" for kind in kinds for when in ("before", "after")),
-            f"{one['rate_gain']:.6f}",
-        )
-        for name, one in compared
+def summarize_pair(
+    fitted: pair_fit.PairFit, scales: StageResult, gyros: Sequence[str]
+) -> tuple[Table, ...]:
+    """Lines and curves, figures of the gyros about their own axes, biases, the angle."""
+    own = [forms.line_name(gyro, gyro) for gyro in gyros]
+    return (
+        _tabulate_lines(scales.models),
+        *_tabulate_curves(scales.models),
+        *_tabulate_figures(scales.figures, own, "Figures of each gyro about its own axis"),
+        *_tabulate_biases(scales.figures),
+        _tabulate_pair(fitted),
     )
-    title = (
-        "Compensated rates of unseen runs: largest error along and across the turned axis, ppm of"
-        " full scale"
-    )
-    return Table(title, ("", "along", "after", "across", "after", "gain"), rows)
 
 
-def tabulate_pair_again(entries: Sequence[Mapping[str, Any]]) -> Table:
-    """N, ε, γ, α of unseen runs, frozen and found."""
-    rows = tuple(
-        (
-            e["name"],
-            f"{e['frozen']:.9f}",
-            f"{e['found']:.9f}",
-            f"{e['difference']:+.1e} ± {e['standard_uncertainty']:.0e}",
-            e["unit"],
-        )
-        for e in entries
+def summarize_triad(fitted: triad_fit.AxesFit, scales: StageResult) -> tuple[Table, ...]:
+    """Sensitivities, input axes and angles, biases, curves."""
+    return (
+        *_tabulate_triad(fitted),
+        *_tabulate_biases(scales.figures),
+        *_tabulate_curves(scales.models),
     )
-    return Table("The pair again", ("", "frozen", "found", "difference", "unit"), rows)

@@ -17,7 +17,6 @@ from calibkit.instruments.gyro_scale import (
     forms,
     pair_fit,
     table_runs,
-    tables,
 )
 from calibkit.instruments.gyro_scale.numeric import gjb_figures
 from calibkit.instruments.gyro_scale.recipe import (
@@ -28,6 +27,7 @@ from calibkit.instruments.gyro_scale.recipe import (
 )
 from calibkit.numeric.dispersion import rms
 from calibkit.report.summary import Summary
+from calibkit.report.table import Table
 
 OTHER_AXIS = 0.1
 """Departure of a rate gain from 1 that no drift of a scale factor makes."""
@@ -61,15 +61,15 @@ def validate(
     body: dict[str, Any] = {"logs": entries}
     errors = [one for _, one in compared]
     if isinstance(spec, GyroTriadRecipe):
-        shown = [tables.tabulate_base_errors(compared)]
+        shown = [_tabulate_base_errors(compared)]
         criteria = acceptance.judge_unseen_base(errors, spec.acceptance)
     else:
-        shown = [tables.tabulate_line_errors(compared)]
+        shown = [_tabulate_line_errors(compared)]
         criteria = acceptance.judge_unseen_lines(errors, spec.acceptance)
     if len(runs) > 1:
         again = pair_fit.fit_pair(runs["a"], runs["b"])
         body["pair"] = _compare_pair(records, again)
-        shown.append(tables.tabulate_pair_again(body["pair"]))
+        shown.append(_tabulate_pair_again(body["pair"]))
         flags += again.flags
     return body, Summary("", tuple(shown), tuple(dict.fromkeys(flags)), criteria)
 
@@ -229,3 +229,62 @@ def _compare_pair(records: Mapping[str, Record], again: pair_fit.PairFit) -> lis
             frozen.coefficients, found.values, found.standard_uncertainty.tolist(), strict=True
         )
     ]
+
+
+def _tabulate_line_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
+    """Lines of unseen runs: frozen against found, before and after."""
+    rows = []
+    for name, one in compared:
+        before, after = one["before"], one["after"]
+        u = one["scale_factor_error_standard_uncertainty_ppm"]
+        rows.append(
+            (
+                f"{name} {one['gyro']}",
+                f"{one['K']:.4f}",
+                f"{one['K_frozen']:.4f}",
+                f"{before['scale_factor_error_ppm']:+.1f}",
+                f"{after['scale_factor_error_ppm']:+.1f} ± {u:.1g}",
+                f"{before['rate_error_max_ppm_of_full_scale']:.1f}",
+                f"{after['rate_error_max_ppm_of_full_scale']:.1f}",
+                f"{one['rate_gain']:.6f}",
+            )
+        )
+    heads = ("", "K", "frozen", "K error", "after", "rate error", "after", "gain")
+    title = (
+        "Frozen coefficients on unseen runs: K error in ppm, largest rate error in ppm of full"
+        " scale"
+    )
+    return Table(title, heads, tuple(rows))
+
+
+def _tabulate_base_errors(compared: Sequence[tuple[str, Mapping[str, Any]]]) -> Table:
+    """Rates of unseen runs along the turned axis and across it, before and after."""
+    kinds = ("rate_error_max_ppm_of_full_scale", "cross_axis_max_ppm_of_full_scale")
+    rows = tuple(
+        (
+            f"{name} about {one['axis']}",
+            *(f"{one[when][kind]:.1f}" for kind in kinds for when in ("before", "after")),
+            f"{one['rate_gain']:.6f}",
+        )
+        for name, one in compared
+    )
+    title = (
+        "Compensated rates of unseen runs: largest error along and across the turned axis, ppm of"
+        " full scale"
+    )
+    return Table(title, ("", "along", "after", "across", "after", "gain"), rows)
+
+
+def _tabulate_pair_again(entries: Sequence[Mapping[str, Any]]) -> Table:
+    """N, ε, γ, α of unseen runs, frozen and found."""
+    rows = tuple(
+        (
+            e["name"],
+            f"{e['frozen']:.9f}",
+            f"{e['found']:.9f}",
+            f"{e['difference']:+.1e} ± {e['standard_uncertainty']:.0e}",
+            e["unit"],
+        )
+        for e in entries
+    )
+    return Table("The pair again", ("", "frozen", "found", "difference", "unit"), rows)

@@ -24,7 +24,7 @@ SEEN = 4.0
 
 
 @dataclass(frozen=True, slots=True)
-class Figure:
+class _Figure:
     """A value, its uncertainty (type A), its unit and the standard that defines it."""
 
     name: str
@@ -34,7 +34,7 @@ class Figure:
     standard: str
 
 
-def nonlinearity_full_scale(scale: ScaleFactor) -> float:
+def _nonlinearity_full_scale(scale: ScaleFactor) -> float:
     """Nonlinearity [ppm]: max |F_j − F̂_j| over the largest one-sided output max |F_j| (GJB
     2426A).
     """
@@ -51,7 +51,7 @@ def nonlinearity_per_point(scale: ScaleFactor) -> Array:
         return np.where(_turning(scale.rate_dps), scale.residuals / expected * PPM, np.nan)
 
 
-def asymmetry_gjb(scale: ScaleFactor) -> float:
+def _asymmetry_gjb(scale: ScaleFactor) -> float:
     """Asymmetry |K₊ − K₋|/K̄ [ppm]: a straight line of its own on each side, K̄ their mean (GJB
     2426A).
 
@@ -61,7 +61,7 @@ def asymmetry_gjb(scale: ScaleFactor) -> float:
     return abs(positive - negative) / abs((positive + negative) / 2.0) * PPM
 
 
-def asymmetry_ieee(scale: ScaleFactor) -> float:
+def _asymmetry_ieee(scale: ScaleFactor) -> float:
     """Asymmetry |K₊ − K₋|/K [ppm]: slopes on both sides of one intercept, K over the whole range
     (IEEE Std 952).
 
@@ -132,7 +132,7 @@ def temperature_sensitivity(K: Array, temp_degc: Array, room_degc: float) -> flo
     return float(np.max(relative)) * PPM
 
 
-def threshold_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
+def _threshold_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
     """Smallest tested rate [°/s] from which the output is at least half of the expected; NaN where
     noise hides it.
 
@@ -147,7 +147,7 @@ def threshold_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
     return _smallest_from_which(rates, seen & (share >= HALF))
 
 
-def resolution_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
+def _resolution_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
     """Smallest tested step of rate [°/s] from which the output changes by half of the expected; NaN
     as above.
     """
@@ -161,7 +161,7 @@ def resolution_dps(scale: ScaleFactor, standard_uncertainty: Array) -> float:
     return _smallest_from_which(step[real], seen & (share >= HALF))
 
 
-def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[Figure, ...]:
+def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[_Figure, ...]:
     """All figures that one run can show, labelled; what its rates cannot show is left out.
 
     `standard_uncertainty` [p] is of the plateau means; each figure's own is what that noise makes
@@ -171,23 +171,23 @@ def figures(scale: ScaleFactor, standard_uncertainty: Array) -> tuple[Figure, ..
     pulse = ARCSECONDS_PER_DEGREE / abs(scale.K)
     # tested rates have no uncertainty; noise may hide them
     tested = {
-        "threshold": threshold_dps(scale, standard_uncertainty),
-        "resolution": resolution_dps(scale, standard_uncertainty),
+        "threshold": _threshold_dps(scale, standard_uncertainty),
+        "resolution": _resolution_dps(scale, standard_uncertainty),
     }
     return (
-        Figure("scale_factor_gjb", scale.K, u_K, "1/deg", GJB),
-        Figure("scale_factor_ieee", pulse, pulse * u_K / abs(scale.K), "arcsec", IEEE),
+        _Figure("scale_factor_gjb", scale.K, u_K, "1/deg", GJB),
+        _Figure("scale_factor_ieee", pulse, pulse * u_K / abs(scale.K), "arcsec", IEEE),
         *_nonlinearities(scale, standard_uncertainty),
         *_asymmetries(scale, standard_uncertainty),
         *(
-            Figure(name, value, 0.0, "deg/s", GJB)
+            _Figure(name, value, 0.0, "deg/s", GJB)
             for name, value in tested.items()
             if np.isfinite(value)
         ),
     )
 
 
-def _nonlinearities(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
+def _nonlinearities(scale: ScaleFactor, standard_uncertainty: Array) -> list[_Figure]:
     """Nonlinearity over full scale and per point, with the noise of the point that decides it."""
     worst = int(np.argmax(np.abs(scale.residuals)))
     of_full = PPM / float(np.max(np.abs(scale.indication)))
@@ -203,13 +203,13 @@ def _nonlinearities(scale: ScaleFactor, standard_uncertainty: Array) -> list[Fig
         scale.K
     )
     return [
-        Figure("nonlinearity_full_scale", nonlinearity_full_scale(scale), u_full, "ppm", GJB),
-        Figure("nonlinearity_per_point", float(per_point[point]), u_point, "ppm", GJB),
-        Figure("linearity_error_rms", rms, u_rms, "deg/s", IEEE),
+        _Figure("nonlinearity_full_scale", _nonlinearity_full_scale(scale), u_full, "ppm", GJB),
+        _Figure("nonlinearity_per_point", float(per_point[point]), u_point, "ppm", GJB),
+        _Figure("linearity_error_rms", rms, u_rms, "deg/s", IEEE),
     ]
 
 
-def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure]:
+def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[_Figure]:
     """Asymmetry in both senses, where the rates can show it."""
     rate = scale.rate_dps
     if any(np.unique(np.round(side, 9)).size < 2 for side in (rate[rate > 0.0], rate[rate < 0.0])):
@@ -219,8 +219,8 @@ def _asymmetries(scale: ScaleFactor, standard_uncertainty: Array) -> list[Figure
         for rows in (_slopes_of_sides(rate), _slopes_about_intercept(rate))
     )
     return [
-        Figure("asymmetry_gjb", asymmetry_gjb(scale), gjb, "ppm", GJB),
-        Figure("asymmetry_ieee", asymmetry_ieee(scale), ieee, "ppm", IEEE),
+        _Figure("asymmetry_gjb", _asymmetry_gjb(scale), gjb, "ppm", GJB),
+        _Figure("asymmetry_ieee", _asymmetry_ieee(scale), ieee, "ppm", IEEE),
     ]
 
 

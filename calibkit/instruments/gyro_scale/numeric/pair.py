@@ -74,7 +74,7 @@ class GyroPair:
         return 90.0 - self.alpha_deg
 
 
-def pair(
+def _pair(
     K_A: float, K_B: float, K_Ba: float, covariance: Array, *, seed: int = 0, draws: int = DRAWS
 ) -> GyroPair:
     """Ratios and angle of two gyros with their full covariance.
@@ -153,11 +153,11 @@ def from_runs(about_a: RunScales, about_b: RunScales, *, seed: int = 0) -> GyroP
     covariance = np.zeros((3, 3))
     covariance[np.ix_((0, 2), (0, 2))] = about_a.covariance
     covariance[1, 1] = about_b.covariance[1, 1]
-    found = pair(
+    found = _pair(
         float(about_a.K[0]), float(about_b.K[1]), float(about_a.K[1]), covariance, seed=seed
     )
     own = np.diag([about_a.covariance[0, 0], about_b.covariance[0, 0]])
-    gamma, uncertainty, flags = cross_check(found, float(about_a.K[0]), float(about_b.K[0]), own)
+    gamma, uncertainty, flags = _cross_check(found, float(about_a.K[0]), float(about_b.K[0]), own)
     return replace(found, flags=(*found.flags, *flags), gamma_from_a=(gamma, uncertainty))
 
 
@@ -240,7 +240,7 @@ def _flags(indicated: float, u_gamma: float) -> tuple[str, ...]:
     return tuple(flags)
 
 
-def cross_check(
+def _cross_check(
     result: GyroPair, K_A: float, K_Ab: float, covariance: Array
 ) -> tuple[float, float, tuple[str, ...]]:
     """Second γ from gyro A turned about B's axis, K_Ab/K_A, which must agree with the first.

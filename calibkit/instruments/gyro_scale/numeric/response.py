@@ -97,7 +97,7 @@ def invert(curve: Callable[[Array], Array], limits: tuple[float, float], indicat
     return np.where((indicated >= bent[0]) & (indicated <= bent[-1]), inside, outside)
 
 
-def odd_polynomial(rate_dps: Array, indication: Array, order: int) -> Response:
+def _odd_polynomial(rate_dps: Array, indication: Array, order: int) -> Response:
     """Fit F = F0 + K1 Ω + K3 Ω³ + … to plateau means [p] over rates [p] [°/s], up to an odd order.
 
     Raises FitError for an even order, or rates too few or too alike for it.
@@ -122,7 +122,7 @@ def odd_polynomial(rate_dps: Array, indication: Array, order: int) -> Response:
     )
 
 
-def sine(rate_dps: Array, indication: Array) -> Response:
+def _sine(rate_dps: Array, indication: Array) -> Response:
     """Fit F = F0 + K Ω_s sin(Ω/Ω_s), the response of an open-loop gyro (Lefèvre, The Fiber-Optic
     Gyroscope, chapter 2).
 
@@ -221,12 +221,12 @@ def choose(
     """
     distinct = np.unique(np.round(rate_dps, 9)).size
     fitted = [
-        odd_polynomial(rate_dps, indication, order)
+        _odd_polynomial(rate_dps, indication, order)
         for order in orders
         if (order + 1) // 2 + 2 <= distinct
     ]
     if with_sine and distinct >= 5:
-        fitted.append(sine(rate_dps, indication))
+        fitted.append(_sine(rate_dps, indication))
     if not fitted:
         raise FitError(f"{distinct} rates cannot show the shape of a response", hint="add rates")
     simplest_first = sorted(fitted, key=lambda response: response.coefficients.size)

@@ -73,7 +73,7 @@ class RunScales:
     """Of the m scale factors [m, m]."""
 
 
-def scale_factor(
+def _scale_factor(
     rate_dps: Array, indication: Array, standard_uncertainty: Array | None = None
 ) -> ScaleFactor:
     """Fit F = K Ω + F0 to plateau means by least squares with equal weights (GJB 2426A, IEEE Std
@@ -155,8 +155,8 @@ def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") 
     table and time.
 
     The reference is the logged table rate, or the rate that the logged table angle turned by: the
-    better one where the rate is noisy or only commanded. Raises FitError as `scale_factor`, and for
-    an angle that was not logged.
+    better one where the rate is noisy or only commanded. Raises FitError as `_scale_factor`, and
+    for an angle that was not logged.
     """
     rate = plateaus.rate_dps if reference == "rate" else plateaus.angle_rate_dps
     if not np.isfinite(rate).all():
@@ -164,7 +164,7 @@ def of_run(plateaus: Plateaus, *, reference: Literal["rate", "angle"] = "rate") 
             "the table angle was not logged, it cannot be the reference", hint="use the table rate"
         )
     gyros = tuple(
-        scale_factor(rate, means, uncertainty)
+        _scale_factor(rate, means, uncertainty)
         for means, uncertainty in zip(
             plateaus.indication.T, plateaus.standard_uncertainty.T, strict=True
         )

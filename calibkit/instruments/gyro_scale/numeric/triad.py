@@ -66,7 +66,7 @@ class TriadOverTemperature:
         u = np.array([[float(u[0]) for _, u in row] for row in points])
         low, high = self.valid_degc
         flag = f"{temp_degc:g} °C is outside the fitted {low:g} to {high:g} °C: clamped"
-        return triad(
+        return _triad(
             sensitivity, np.diag(u.ravel() ** 2), flags=() if low <= temp_degc <= high else (flag,)
         )
 
@@ -84,10 +84,10 @@ def from_runs(about_x: RunScales, about_y: RunScales, about_z: RunScales) -> Tri
     for axis, run in enumerate(runs):
         # the three runs share no samples; gyros of one run do
         covariance[:, axis, :, axis] = run.covariance
-    return triad(np.column_stack([run.K for run in runs]), covariance.reshape(3 * size, 3 * size))
+    return _triad(np.column_stack([run.K for run in runs]), covariance.reshape(3 * size, 3 * size))
 
 
-def triad(sensitivity: Array, covariance: Array, *, flags: Sequence[str] = ()) -> Triad:
+def _triad(sensitivity: Array, covariance: Array, *, flags: Sequence[str] = ()) -> Triad:
     """Angles and misalignment of g gyros from their scale factors about three orthogonal table
     axes.
 
