@@ -77,8 +77,12 @@ def _values(stated: Stated, record: Record, model: Model, abscissa: str) -> Grid
             principal=x == stated.reference_degc,
         )
 
-    title = Words(f"{model.name}: bias", f"{model.name}：零偏")
-    return stated.over(title, points, [(Words("bias", "零偏"), unit, at)], row_head=_head(abscissa))
+    return stated.over(
+        Words(f"{model.name}: bias", f"{model.name}：零偏"),
+        points,
+        [(Words("bias", "零偏"), unit, at)],
+        row_head=_head(abscissa),
+    )
 
 
 def _head(abscissa: str) -> Words:

@@ -218,8 +218,11 @@ def _compare_ways(model: DriftModel, logs: Sequence[PreparedLog]) -> _BothWays |
         return None
     if model.thermal is None:
         return _BothWays(before, None, None)
-    after = thermal_uncertainty.hysteresis(model.thermal, thermal)
-    return _BothWays(before, after, _constant(model.thermal, logs))
+    return _BothWays(
+        before,
+        thermal_uncertainty.hysteresis(model.thermal, thermal),
+        _constant(model.thermal, logs),
+    )
 
 
 def _constant(model: ThermalModel, logs: Sequence[PreparedLog]) -> tuple[float, float] | None:

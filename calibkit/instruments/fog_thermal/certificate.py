@@ -231,9 +231,13 @@ class _OnLevels:
 
     def _at_rest(self, t: float, *, principal: bool) -> Result:
         """Drift at rest."""
-        words = Words("thermal drift at rest", "稳态热致漂移")
-        state = self._against_reference(self._state(t))
-        found = self._result("drift", words, t, state, principal=principal)
+        found = self._result(
+            "drift",
+            Words("thermal drift at rest", "稳态热致漂移"),
+            t,
+            self._against_reference(self._state(t)),
+            principal=principal,
+        )
         return (
             replace(found, uncertainty=None, by_definition=True) if t == self.reference else found
         )
@@ -252,9 +256,13 @@ class _OnLevels:
         def drift(t: float, way: float) -> Result | None:
             if not self._coil_fitted(t, way):
                 return None
-            words = Words("thermal drift on a ramp", "温变热致漂移")
-            state = self._against_reference(self._state(t, way))
-            return self._result(f"drift_{way:+g}", words, t, state, rate=way)
+            return self._result(
+                f"drift_{way:+g}",
+                Words("thermal drift on a ramp", "温变热致漂移"),
+                t,
+                self._against_reference(self._state(t, way)),
+                rate=way,
+            )
 
         def difference(t: float) -> Result | None:
             if not self._coil_fitted(t, rate, -rate):

@@ -141,9 +141,13 @@ def _common_criteria(
     limits = spec.acceptance
     criteria: list[Criterion] = []
     if limits.max_drift_rms_dph is not None:
-        worst = max(log.after for log in logs)
         criteria.append(
-            at_most("largest drift rms after", worst, limits.max_drift_rms_dph, "deg/h")
+            at_most(
+                "largest drift rms after",
+                max(log.after for log in logs),
+                limits.max_drift_rms_dph,
+                "deg/h",
+            )
         )
     if model.mode == "recursive" and model.exported:
         criteria.append(

@@ -321,8 +321,7 @@ def _denoised(
             yield part if found is None else found.signal
             chunks.release(gyro)
 
-    means = held.means_of_parts(parts())
-    return means, tuple(noise), flags
+    return held.means_of_parts(parts()), tuple(noise), flags
 
 
 def _of_segment(

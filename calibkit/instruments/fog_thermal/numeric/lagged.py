@@ -276,8 +276,9 @@ def solve(surveyed: Survey, terms: Sequence[str]) -> Solution:
     count = 2 if "s_grad" in names else 1
     reached = [_projected(problem, start[:count]) for start in _starts(surveyed, chosen, count)]
     rough = min(reached, key=lambda lags: lags.square)
-    design = problem.design(rough.log_lags)
-    weights = pooled_fit.balanced_weights(design, surveyed.robust, surveyed.stacked, names)
+    weights = pooled_fit.balanced_weights(
+        problem.design(rough.log_lags), surveyed.robust, surveyed.stacked, names
+    )
     problem = Problem(surveyed, chosen, weights)
     return _solution(problem, _polished(problem, _projected(problem, rough.log_lags)), names)
 
