@@ -59,10 +59,8 @@ def fleet(
     calibkit fleet my_recipe.toml --data units --cluster tcp://10.0.0.5:8786 --keep-going --json
     """
     if jobs and cluster:
-        raise UsageError(
-            "--jobs and --cluster: one or the other",
-            hint="a cluster has as many workers as it has",
-        )
+        hint = "a cluster has as many workers as it has"
+        raise UsageError("--jobs and --cluster: one or the other", hint=hint)
     if jobs != 1 and not cluster and data.is_dir():
         from calibkit.fleet.server import import_ahead
 
