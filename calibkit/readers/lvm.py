@@ -129,22 +129,18 @@ def _read_segment(
             f"{file}:{end + 2}: names but no rows", hint="remove the segment or copy the file again"
         )
     rows = np.array([_parse_row(lines[n], names, separator, decimal, n + 1, file) for n in numbers])
-    _require_samples(
-        _stated_samples(header, 0),
-        len(numbers),
-        numbers[-1] + 1,
-        file,
-        packets=_read_key(lines, "Multi_Headings", "Yes").lower() == "no",
-    )
+    packets = _read_key(lines, "Multi_Headings", "Yes").lower() == "no"
+    stated = _stated_samples(header, 0)
+    _require_samples(stated, len(numbers), numbers[-1] + 1, file, packets=packets)
     channels = [name for name in names if name != _TIME]
-    stated = {
+    known = {
         name: unit
         for name, label in zip(channels, header.get("Y_Unit_Label", []), strict=False)
         if (unit := units.parse_unit(label))
     }
     timed, names = _join_times(rows, names, header, file, numbers[0] + 1)
     return _Segment(
-        tuple(names), {_TIME: "s", **stated}, np.array(numbers, dtype=np.int64) + 1, timed
+        tuple(names), {_TIME: "s", **known}, np.array(numbers, dtype=np.int64) + 1, timed
     )
 
 
