@@ -50,13 +50,8 @@ def _chain(spec: BiasTemperatureRecipe, records: Mapping[str, Record]) -> Chain:
                 f"{name}: the bias does not vary", hint="there is nothing to correct: leave it out"
             )
         source = draft.sum(f"bias_{name}", terms)
-        draft.output(
-            f"bias_{name}",
-            units.column_unit(name),
-            source,
-            f"bias of {name}, to be subtracted from it",
-            corrects=name,
-        )
+        meaning = f"bias of {name}, to be subtracted from it"
+        draft.output(f"bias_{name}", units.column_unit(name), source, meaning, corrects=name)
     return draft.chain(
         [model.form for model in record.models],
         "corrected = indication - bias, each channel in its unit",

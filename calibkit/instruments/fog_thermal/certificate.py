@@ -184,14 +184,8 @@ class _OnLevels:
         and attitude of the input axis.
         """
         state = self._state(self.reference)
-        bias = self._result(
-            "bias",
-            Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）"),
-            self.reference,
-            state,
-            symbol="B",
-            principal=True,
-        )
+        words = Words("bias at rest, the earth's rate included", "稳态零偏（含地球自转分量）")
+        bias = self._result("bias", words, self.reference, state, symbol="B", principal=True)
         figures = {figure.name: figure for figure in self.record.figures}
         where = {condition.name: condition.value for condition in self.record.conditions}
         if BIAS not in figures or not {"latitude", "input_axis_elevation"} <= where.keys():
@@ -256,13 +250,9 @@ class _OnLevels:
         def drift(t: float, way: float) -> Result | None:
             if not self._coil_fitted(t, way):
                 return None
-            return self._result(
-                f"drift_{way:+g}",
-                Words("thermal drift on a ramp", "温变热致漂移"),
-                t,
-                self._against_reference(self._state(t, way)),
-                rate=way,
-            )
+            words = Words("thermal drift on a ramp", "温变热致漂移")
+            state = self._against_reference(self._state(t, way))
+            return self._result(f"drift_{way:+g}", words, t, state, rate=way)
 
         def difference(t: float) -> Result | None:
             if not self._coil_fitted(t, rate, -rate):

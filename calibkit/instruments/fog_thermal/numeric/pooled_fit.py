@@ -76,16 +76,8 @@ def thermal_blocks(
     """
     time, case, env = means
     rate = occupancy.means(indication, held, without=occupancy.spikes(indication, held))
-    return ThermalLog(
-        name,
-        time,
-        case,
-        env,
-        rate,
-        np.searchsorted(np.asarray(begins, dtype=np.int64), held.first, side="right").astype(
-            np.int64
-        ),
-    )
+    ramp = np.searchsorted(np.asarray(begins, dtype=np.int64), held.first, side="right")
+    return ThermalLog(name, time, case, env, rate, ramp.astype(np.int64))
 
 
 @dataclass(frozen=True, slots=True)
@@ -248,12 +240,8 @@ def robust_weights(columns: Array, stacked: Stack) -> Array:
     weights = np.ones(stacked.indication.size)
     for biweight in (False, True):
         for _ in range(ITERATIONS):
-            moved, weights = (
-                weights,
-                _loss_weights(
-                    _isolated(_projected_out(columns, weights, stacked), stacked), biweight=biweight
-                ),
-            )
+            apart = _isolated(_projected_out(columns, weights, stacked), stacked)
+            moved, weights = weights, _loss_weights(apart, biweight=biweight)
             if float(np.max(np.abs(moved - weights))) < SETTLED:
                 break
     return weights
@@ -286,9 +274,8 @@ def balanced_weights(columns: Array, robust: Array, stacked: Stack, names: Seque
     """Weights [n] of the rows: their robust weights [n], shared out over the temperatures by their
     occupancy.
     """
-    residual, _ = _residuals(
-        columns, coefficients(columns, robust, stacked, names), robust, stacked
-    )
+    found = coefficients(columns, robust, stacked, names)
+    residual, _ = _residuals(columns, found, robust, stacked)
     noise = mad_sigma(_isolated(residual, stacked))
     lasting = [
         occupancy.misfit(residual[rows], robust[rows], _lasting(log))
