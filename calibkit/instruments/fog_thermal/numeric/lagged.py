@@ -117,10 +117,11 @@ class Problem:
 
     def at(self, log_lags: Array, design: Array) -> _Lags | None:
         """Linear coefficients for given lags; None where the terms are then dependent."""
-        found = self._solved(design)
+        found = self.solve(design)
         return None if found is None else _Lags(log_lags, *found)
 
-    def _solved(self, design: Array) -> tuple[Array, float] | None:
+    def solve(self, design: Array) -> tuple[Array, float] | None:
+        """Coefficients [k] and square sum of a fit of scaled columns; None where dependent."""
         pooled = pooled_fit.pool_moments(
             pooled_fit.moments(design, self.weights, self.survey.stacked),
             self.survey.stacked,
@@ -134,15 +135,11 @@ class Problem:
         moved = [self.design(here.log_lags + step) - design for step in np.diag(shifts)]
         return np.column_stack([change @ here.coefficients for change in moved]) / shifts
 
-    def tells(self, design: Array, changes: Array) -> bool:
-        """Whether the drift changes with the lags otherwise than with the coefficients."""
-        return self._solved(np.column_stack([design, changes])) is not None
-
     def direction(self, here: _Lags, design: Array) -> Array | None:
         """Gauss-Newton step of the log lags, coefficients free to follow (Golub & Pereyra 1973,
         Kaufman 1975).
         """
-        found = self._solved(np.column_stack([design, self.sensitivities(here, design)]))
+        found = self.solve(np.column_stack([design, self.sensitivities(here, design)]))
         return (
             None
             if found is None
@@ -315,10 +312,11 @@ def _solution(problem: Problem, found: _Lags, names: tuple[str, ...]) -> Solutio
     design = problem.design(found.log_lags)
     changes = problem.sensitivities(found, design)
     low, high = np.log(BOUNDS_S)
+    # free only where the drift changes with the lags otherwise than with the coefficients
     free = (
         (found.log_lags > low + STEP)
         & (found.log_lags < high - STEP)
-        & problem.tells(design, changes)
+        & (problem.solve(np.column_stack([design, changes])) is not None)
     )
     return Solution(
         form="lagged",
