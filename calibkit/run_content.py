@@ -10,9 +10,10 @@ from collections.abc import Mapping
 from dataclasses import asdict
 from typing import Any
 
-from calibkit import coefficients, instruments, new_files, store
+from calibkit import coefficients, instruments, new_files, plugins, store
 from calibkit.check import copies
-from calibkit.instruments import Fitted
+from calibkit.instruments import SHIPPED, Fitted
+from calibkit.plugins import Plugin
 from calibkit.recipe import Recipe, Source, type_b
 from calibkit.report import budget, documents, figures, html
 from calibkit.version import SOFTWARE
@@ -54,7 +55,7 @@ def _run_facts(
     source: Source, spec: Recipe, identity: coefficients.Identity, fitted: Fitted[Any]
 ) -> dict[str, Any]:
     """run.json without its list of files: the recipe, the logs, the software, the verdict."""
-    own = instruments.installed_plugin(spec.procedure)
+    own = _installed_plugin(spec.procedure)
     readers = {plugin for log in identity.inputs for plugin in log.plugins}
     plugins = [*([own] if own else []), *sorted(readers, key=lambda plugin: plugin.name)]
     facts = {
@@ -103,3 +104,10 @@ def list_files(files: Mapping[str, bytes]) -> list[dict[str, str]]:
         {"name": name, "sha256": hashlib.sha256(content).hexdigest()}
         for name, content in sorted(files.items())
     ]
+
+
+def _installed_plugin(procedure: str) -> Plugin | None:
+    """Plugin that a procedure comes from; None for a shipped one."""
+    if procedure in SHIPPED:
+        return None
+    return plugins.identify(plugins.installed(plugins.INSTRUMENTS)[procedure])

@@ -12,6 +12,7 @@ from scipy.spatial.transform import Rotation
 from scipy.stats import t
 
 from calibkit.errors import FitError
+from calibkit.instruments.accelerometer import fit as accelerometer_fit
 from calibkit.instruments.accelerometer.numeric import affine, affine_model, k_factor, q_factor
 from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
 from calibkit.numeric import attitude
@@ -19,7 +20,7 @@ from calibkit.numeric import attitude
 AUTHORITY = json.loads((Path(__file__).parent / "authorities" / "accel_k.json").read_text())
 ROWS = np.array(AUTHORITY["rows"])
 TEMPERATURE, ANGLES, INDICATION = ROWS[:, 0], ROWS[:, 1:3], ROWS[:, 3:]
-ROTATION = attitude.tool_rotation(*ANGLES.T)
+ROTATION = accelerometer_fit._tool_rotation(*ANGLES.T)
 REFERENCE = ROTATION[:, :, 2]
 MIDDLE, HALF = 52.5, 72.5  # °C
 NOISE_G = 2e-5
@@ -75,7 +76,7 @@ def tilted_and_turned(entries, values):
     """What the triad is really exposed to when table base and fixture are crooked."""
     tilt, turn = kind(entries, values, "tilt"), kind(entries, values, "fixture")
     down = np.array([*tilt, 1.0]) / np.linalg.norm([*tilt, 1.0])
-    return (ROTATION @ down) @ affine_model.rotation(turn)
+    return (ROTATION @ down) @ affine._rotation(turn)
 
 
 def scores(fitted, truth):
@@ -146,15 +147,15 @@ def test_nuisance_rotations_are_rotations():
     is exact.
     """
     for vector in ([0.0, 0.0, 0.0], [1e-9, 0.0, 0.0], [0.3, -0.2, 0.5], [1.0, 2.0, -1.5]):
-        matrix = affine_model.rotation(np.array(vector))
+        matrix = affine._rotation(np.array(vector))
         np.testing.assert_allclose(matrix, Rotation.from_rotvec(vector).as_matrix(), atol=1e-14)
     tilt = np.array([0.2, -0.1])
     tool = ROTATION[:5]
     numeric = q_factor.differentiate(
-        lambda at: affine_model.tilted_gravity(tool, at)[0].ravel(), tilt, scale=np.ones(2)
+        lambda at: affine._tilted_gravity(tool, at)[0].ravel(), tilt, scale=np.ones(2)
     )
     np.testing.assert_allclose(
-        affine_model.tilted_gravity(tool, tilt)[1].reshape(15, 2), numeric, atol=1e-9
+        affine._tilted_gravity(tool, tilt)[1].reshape(15, 2), numeric, atol=1e-9
     )
 
 
@@ -235,7 +236,7 @@ def test_fixture_angles_come_out_however_crooked_the_triad():
     entries = affine_model.list_entries(terms, triangular=True)
     truth = drawn(entries, 4)
     truth[-3:] = [0.05, -0.12, 0.2]
-    exact = indications(entries, truth, REFERENCE @ affine_model.rotation(truth[-3:]))
+    exact = indications(entries, truth, REFERENCE @ affine._rotation(truth[-3:]))
     fitted = affine.fit(exact, TEMPERATURE, REFERENCE, terms=terms)
     np.testing.assert_allclose(fitted.coefficients[-3:], truth[-3:], atol=1e-10)
 

@@ -28,7 +28,7 @@ def vector_columns():
 
 def simulated(folder, seed, log_writer, *, sign=1.0, rows=None, **conditions):
     """Write a simulated campaign's dwells as positions.csv."""
-    columns = simulator.campaign(seed, simulator.Conditions(**conditions)).logs["positions.csv"]
+    columns = simulator.campaign(seed, simulator._Conditions(**conditions)).logs["positions.csv"]
     kept = slice(None) if rows is None else rows
     changed = {name: np.asarray(columns[name])[kept] for name in COLUMNS}
     for axis in COLUMNS[3:]:
@@ -109,7 +109,7 @@ def test_a_table_within_a_hundredth_of_a_degree_gives_the_attitude_within_the_li
     assert outcome.code == 0, outcome.err
     # the same instrument again: other dwells, exact table, so that the errors are those of the
     # coefficients
-    conditions = simulator.Conditions(
+    conditions = simulator._Conditions(
         table_noise_deg=0.0,
         inclinations_deg=(20.0, 45.0, 75.0, 110.0, 160.0),
         toolfaces=5,
@@ -181,7 +181,7 @@ def test_a_wild_dwell_is_named_with_its_line(tmp_path, calibkit, log_writer):
     """
     columns = {
         name: np.array(values)
-        for name, values in simulator.campaign(4, simulator.Conditions())
+        for name, values in simulator.campaign(4, simulator._Conditions())
         .logs["positions.csv"]
         .items()
     }

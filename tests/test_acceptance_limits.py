@@ -9,6 +9,7 @@ import pytest
 
 from calibkit.coefficients import Figure
 from calibkit.instruments.accelerometer import errors as triad_errors
+from calibkit.instruments.accelerometer.errors import AttitudeErrors
 from calibkit.instruments.accelerometer.recipe import _AccelAcceptance
 from calibkit.instruments.fog_thermal import instrument as fog
 from calibkit.instruments.fog_thermal.compensate import LogFigures
@@ -23,7 +24,6 @@ from calibkit.instruments.gyro_scale.recipe import (
 )
 from calibkit.instruments.inclinometer import errors as angle_limits
 from calibkit.instruments.inclinometer.recipe import _InclinometerAcceptance
-from calibkit.numeric.attitude import AttitudeErrors
 
 LIMIT = 0.5
 NEAR = 0.4999

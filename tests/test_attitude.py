@@ -8,6 +8,7 @@ import pytest
 from hypothesis import given, strategies as st
 
 from calibkit.errors import FitError
+from calibkit.instruments.accelerometer import errors, fit
 from calibkit.numeric import attitude, earth
 
 AUTHORITIES = Path(__file__).parent / "authorities"
@@ -30,7 +31,7 @@ def test_gravity_vector_is_the_product_of_passive_rotations(inclination, toolfac
     """R_z(φ) R_y(θ) (0, 0, 1) in the NED convention, and the tool's rotation is that product."""
     product = passive("z", toolface) @ passive("y", inclination)
     one, two = np.array([inclination]), np.array([toolface])
-    np.testing.assert_allclose(attitude.tool_rotation(one, two)[0], product, atol=1e-15)
+    np.testing.assert_allclose(fit._tool_rotation(one, two)[0], product, atol=1e-15)
     np.testing.assert_allclose(
         attitude.gravity_vector(one, two)[0], product @ [0.0, 0.0, 1.0], atol=1e-15
     )
@@ -87,7 +88,9 @@ def test_toolface_errors_stay_inside_their_inclination_range():
     vector = attitude.gravity_vector(
         inclination + 0.02, toolface + np.array([0.0, 7.0, 0.1, -0.05, 0.0])
     )
-    found = attitude.errors(vector, inclination, toolface, inclination_range_deg=(10.0, 170.0))
+    found = errors._attitude_errors(
+        vector, inclination, toolface, inclination_range_deg=(10.0, 170.0)
+    )
     np.testing.assert_allclose(found.inclination_error_deg[:4], 0.02, atol=1e-9)
     assert np.isnan(found.toolface_error_deg[[0, 1, 4]]).all()
     np.testing.assert_allclose(found.toolface_error_deg[2:4], [0.1, -0.05], atol=1e-9)
@@ -102,12 +105,14 @@ def test_toolface_errors_stay_inside_their_inclination_range():
 def test_a_range_that_reaches_the_vertical_is_refused(range_deg):
     """There is no toolface at 0° and 180°."""
     with pytest.raises(FitError, match="toolface cannot be quoted"):
-        attitude.errors(np.ones((1, 3)), np.ones(1), np.ones(1), inclination_range_deg=range_deg)
+        errors._attitude_errors(
+            np.ones((1, 3)), np.ones(1), np.ones(1), inclination_range_deg=range_deg
+        )
 
 
 def test_no_dwell_in_range_gives_no_toolface_figure():
     """With only upright dwells the toolface figures are NaN, not zero."""
-    found = attitude.errors(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.zeros(1))
+    found = errors._attitude_errors(np.array([[0.0, 0.0, 1.0]]), np.zeros(1), np.zeros(1))
     assert np.isnan(
         [found.toolface_rms_deg, found.toolface_max_deg, found.toolface_scaled_max_deg]
     ).all()
@@ -120,7 +125,7 @@ def test_propagated_uncertainty_is_that_of_many_readings(inclination):
     """
     covariance = 1e-8 * np.array([[4.0, 1.5, 0.5], [1.5, 2.0, -0.3], [0.5, -0.3, 1.0]])
     vector = attitude.gravity_vector(np.array([inclination]), np.array([25.0]))
-    u_inclination, u_toolface = attitude.standard_uncertainty(vector, covariance[None])
+    u_inclination, u_toolface = errors._attitude_uncertainty(vector, covariance[None])
     noisy = vector + np.random.default_rng(1).multivariate_normal(np.zeros(3), covariance, 20000)
     assert u_inclination[0] == pytest.approx(np.std(attitude.inclination(noisy)), rel=0.03)
     assert u_toolface[0] == pytest.approx(np.std(attitude.toolface(noisy)), rel=0.03)
@@ -130,7 +135,7 @@ def test_upright_tools_have_no_toolface_uncertainty():
     """Along the vertical the toolface is undefined, the inclination is what horizontal noise makes
     of it.
     """
-    u_inclination, u_toolface = attitude.standard_uncertainty(
+    u_inclination, u_toolface = errors._attitude_uncertainty(
         np.array([[0.0, 0.0, 1.0]]), 1e-10 * np.eye(3)[None]
     )
     assert np.isnan(u_toolface[0])

@@ -11,7 +11,15 @@ import pytest
 from hypothesis import example, given, settings, strategies as st
 from scipy import stats
 
-from calibkit.certificate import checklist, conformity, profile, stated, tables, uncertainty
+from calibkit.certificate import (
+    checklist,
+    conformity,
+    content,
+    profile,
+    stated,
+    tables,
+    uncertainty,
+)
 from calibkit.certificate.results import Result, Uncertainty, round_descriptor, round_result
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Coefficient, Model, Record
@@ -232,7 +240,7 @@ def test_terms_of_the_profile_replace_those_of_the_recipe_by_name_and_unused_one
     source = uncertainty.Source.merge([old], [new, idle])
     assert source.terms == (new, idle)
     used = at(10.0, *source.terms).uncertainty
-    assert uncertainty.name_unused_terms(source.terms, [used]) == ("table",)
+    assert content._name_unused_terms(source.terms, [used]) == ("table",)
 
 
 @pytest.mark.parametrize(("value", "u"), [(0.3, 0.5), (2.4, 0.44), (0.0, 1.0), (5.0, 0.1)])
@@ -240,9 +248,7 @@ def test_interval_of_a_magnitude_covers_what_its_folded_distribution_says(value,
     """The Monte Carlo interval holds 95.45 % of |N(value, u)|, by the exact distribution function,
     within 0.02 %.
     """
-    low, high = uncertainty.magnitude_interval(
-        value, Uncertainty((), u, math.inf, 2.0, 2 * u, 0.9545)
-    )
+    low, high = stated._magnitude_interval(value, Uncertainty((), u, math.inf, 2.0, 2 * u, 0.9545))
     folded = stats.foldnorm(abs(value) / u, scale=u)
     assert low >= 0.0
     assert folded.cdf(high) - folded.cdf(low) == pytest.approx(0.9545, abs=2e-4)
@@ -250,8 +256,8 @@ def test_interval_of_a_magnitude_covers_what_its_folded_distribution_says(value,
 
 def test_interval_of_a_magnitude_widens_with_few_degrees_of_freedom():
     """Two degrees of freedom: far wider than the normal one."""
-    few = uncertainty.magnitude_interval(1.0, Uncertainty((), 0.1, 2.0, 4.5, 0.45, 0.9545))
-    many = uncertainty.magnitude_interval(1.0, Uncertainty((), 0.1, math.inf, 2.0, 0.2, 0.9545))
+    few = stated._magnitude_interval(1.0, Uncertainty((), 0.1, 2.0, 4.5, 0.45, 0.9545))
+    many = stated._magnitude_interval(1.0, Uncertainty((), 0.1, math.inf, 2.0, 0.2, 0.9545))
     assert few[1] - few[0] > 2.0 * (many[1] - many[0])
 
 

@@ -9,8 +9,7 @@ import pytest
 from hypothesis import given, settings, strategies as st
 
 from calibkit.errors import FitError
-from calibkit.numeric.wavelet import lifting
-from calibkit.numeric.wavelet.denoise import _deepest, _shortest, denoise
+from calibkit.numeric.wavelet.denoise import _allocate_shared, _deepest, _shortest, denoise
 from calibkit.numeric.wavelet.lifting import EXTENSIONS, find_scheme, forward, inverse
 from calibkit.numeric.wavelet.shrinkage import RULES, THRESHOLDS, Shrinkage, noise_gains
 
@@ -298,7 +297,5 @@ def test_the_signal_written_over_the_finest_details_is_that_beside_them(
 def test_the_array_of_signal_and_finest_details_is_hardly_longer_than_the_signal(name):
     """One array of the signal's length and the filter's reach."""
     made = []
-    lifting.allocate_shared(
-        find_scheme(name), 4001, lambda count: made.append(count) or np.empty(count)
-    )
+    _allocate_shared(find_scheme(name), 4001, lambda count: made.append(count) or np.empty(count))
     assert 4001 <= made[0] < 4001 + 100

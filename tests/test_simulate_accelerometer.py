@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from calibkit.instruments.accelerometer import simulate
+from calibkit.instruments.accelerometer import errors, simulate
 from calibkit.instruments.accelerometer.numeric import (
     affine as accel_affine,
     affine_model,
@@ -93,7 +93,7 @@ def test_the_sensors_are_not_the_model_that_is_fitted():
     """Without any noise the K model leaves tens of µg, the affine model with turning axes a tenth
     of that.
     """
-    quiet = simulate.Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
+    quiet = simulate._Conditions(noise_g=0.0, table_noise_deg=0.0, thermometer_noise_degc=0.0)
     campaign = simulate.campaign(0, quiet)
     fitted, _ = k_corrected(campaign)
     assert max(axis.residual_rms for axis in fitted) > 1e-5  # g
@@ -139,7 +139,7 @@ def test_one_indication_is_the_sensor_written_out():
 
 def test_truth_describes_the_sensors():
     """The noise-free indications follow from the sensors and angles of the truth."""
-    campaign = simulate.campaign(5, simulate.Conditions(noise_g=0.0, thermometer_noise_degc=0.0))
+    campaign = simulate.campaign(5, simulate._Conditions(noise_g=0.0, thermometer_noise_degc=0.0))
     told = campaign.truth
     sensors = tuple(simulate._Sensor(**told["sensors"][f"accel_{axis}"]) for axis in "xyz")
     vector = attitude.gravity_vector(
@@ -156,17 +156,17 @@ def test_attitude_after_correction_beats_the_published_results(seed):
     """With 0.01° table noise inclination errs by 0.05° at most and toolface by
     0.1°/sin(inclination), everywhere.
     """
-    campaign = simulate.campaign(seed, simulate.Conditions(table_noise_deg=0.01))
+    campaign = simulate.campaign(seed, simulate._Conditions(table_noise_deg=0.01))
     indicated, _, inclination, toolface = read(campaign)
     _, corrected = k_corrected(campaign)
-    before = attitude.errors(indicated, inclination, toolface)
-    after = attitude.errors(corrected, inclination, toolface)
+    before = errors._attitude_errors(indicated, inclination, toolface)
+    after = errors._attitude_errors(corrected, inclination, toolface)
     assert before.inclination_max_deg > 0.2
     assert after.inclination_max_deg <= 0.05
     assert after.toolface_scaled_max_deg <= 0.1
     # against the true angles of the table, which the calibration has not seen, only the model's own
     # error is left
-    truth = attitude.errors(
+    truth = errors._attitude_errors(
         corrected,
         np.array(campaign.truth["inclination_deg"]),
         np.array(campaign.truth["toolface_deg"]),
@@ -179,7 +179,7 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     """A second campaign of the same triad errs within the propagated uncertainty and the dwell
     noise, 90 % of the time.
     """
-    quiet = simulate.Conditions(table_noise_deg=0.0, thermometer_noise_degc=0.0)
+    quiet = simulate._Conditions(table_noise_deg=0.0, thermometer_noise_degc=0.0)
     campaign = simulate.campaign(7, quiet)
     indicated, temperature, inclination, toolface = read(campaign)
     even = np.arange(len(temperature)) % 2 == 0
@@ -191,8 +191,8 @@ def test_stated_attitude_uncertainty_covers_the_errors_of_a_withheld_campaign():
     )
     covariance = corrected_covariance(fitted, indicated[~even], temperature[~even])
     covariance = covariance + fitted.residual_rms**2 * np.eye(3)
-    u_inclination, u_toolface = attitude.standard_uncertainty(corrected, covariance)
-    found = attitude.errors(corrected, inclination[~even], toolface[~even])
+    u_inclination, u_toolface = errors._attitude_uncertainty(corrected, covariance)
+    found = errors._attitude_errors(corrected, inclination[~even], toolface[~even])
     inside = np.isfinite(found.toolface_error_deg)
     assert (
         0.9
@@ -211,7 +211,7 @@ def test_wild_dwells_are_named():
     nothing.
     """
     clean, spoilt = (
-        simulate.campaign(6, simulate.Conditions(table_noise_deg=0.0, wild=count))
+        simulate.campaign(6, simulate._Conditions(table_noise_deg=0.0, wild=count))
         for count in (0, 3)
     )
     wild = spoilt.truth["wild_dwells"]
@@ -242,7 +242,7 @@ def test_sweeps_calibrate_as_grids_do():
     """Six attitudes swept at 1 °C/min, cut into pieces, give K whose attitude holds on the grid of
     the same triad.
     """
-    sweep = simulate.campaign(8, simulate.Conditions(sweep=True, table_noise_deg=0.0))
+    sweep = simulate.campaign(8, simulate._Conditions(sweep=True, table_noise_deg=0.0))
     assert list(sweep.logs) == [f"sweep_{k:02d}.csv" for k in range(1, 7)]
     assert all(np.all(np.diff(log["time_s"]) > 0.0) for log in sweep.logs.values())
     means = swept(sweep)
@@ -251,10 +251,10 @@ def test_sweeps_calibrate_as_grids_do():
     )
     assert all(axis.dof > 400 for axis in fitted)
     indicated, temperature, inclination, toolface = read(
-        simulate.campaign(8, simulate.Conditions(table_noise_deg=0.0))
+        simulate.campaign(8, simulate._Conditions(table_noise_deg=0.0))
     )
     corrected = k_applied(fitted, indicated, temperature)
-    assert attitude.errors(corrected, inclination, toolface).inclination_max_deg < 0.05
+    assert errors._attitude_errors(corrected, inclination, toolface).inclination_max_deg < 0.05
 
 
 def test_a_tumbled_triad_comes_back_from_the_length_of_gravity():

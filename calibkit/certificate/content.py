@@ -4,19 +4,19 @@ validation and a date.
 
 import datetime as dt
 import hashlib
-from collections.abc import Callable, Iterable, Mapping
+from collections.abc import Callable, Iterable, Mapping, Sequence
 from dataclasses import dataclass, replace
 from typing import Any, Literal, TypeAlias
 
 from calibkit.certificate import checklist, conformity, uncertainty
 from calibkit.certificate.profile import Profile
-from calibkit.certificate.results import Block, Result
+from calibkit.certificate.results import Block, Result, Uncertainty
 from calibkit.certificate.run_files import AsFoundAsLeft, RunFacts, RunFiles, run_facts
 from calibkit.certificate.stated import Stated
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
 from calibkit.new_files import RUN_FILE
-from calibkit.recipe import Recipe, type_b
+from calibkit.recipe import Recipe, TypeB, type_b
 
 TITLE = Words("Calibration certificate", "校准证书")
 Relationship = Literal["source", "data", "alternative", "supplement"]
@@ -132,7 +132,7 @@ def build(
         ),
         as_found=as_found,
         attachments=_attachments(run, as_found, profile_text),
-        unused_terms=uncertainty.name_unused_terms(terms.terms, used),
+        unused_terms=_name_unused_terms(terms.terms, used),
         missing=checklist.list_missing(profile, issued, validated=as_found is not None),
     )
 
@@ -167,3 +167,9 @@ def _attachments(
         content, what = profile_text.encode(), "laboratory profile"
         files.append(Attachment(PROFILE, content, "application/toml", "source", what))
     return tuple(files)
+
+
+def _name_unused_terms(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:
+    """Names of terms that entered no result."""
+    names = {line.name.en for one in used for line in one.contributions}
+    return tuple(term.name for term in terms if term.name not in names)

@@ -8,12 +8,15 @@ as ZZ, a date of work as 0001-01-01, and the certificate is a DRAFT.
 
 from __future__ import annotations
 
+import base64
 from typing import TYPE_CHECKING
+
+from lxml.etree import _Element
 
 from calibkit import coefficients
 from calibkit.certificate import dcc_check, dcc_results, dcc_xml as xml
 from calibkit.certificate.content import Attachment, Relationship
-from calibkit.certificate.dcc_xml import Notation, node
+from calibkit.certificate.dcc_xml import Notation, node, one_line
 from calibkit.certificate.words import CONDITIONS, HEADINGS, SENTENCES, Words, unit_mark
 from calibkit.version import __version__
 
@@ -94,9 +97,9 @@ def _administrative(certificate: Certificate, notation: Notation) -> _Element:
             node(
                 "dcc:respPerson",
                 notation.named(
-                    "dcc:person", person.name, xml.optional_node("dcc:eMail", person.email)
+                    "dcc:person", person.name, _optional_node("dcc:eMail", person.email)
                 ),
-                xml.optional_node("dcc:role", person.role),
+                _optional_node("dcc:role", person.role),
                 node("dcc:mainSigner", "true"),
             ),
         ),
@@ -123,7 +126,7 @@ def _core(certificate: Certificate, lang: Lang) -> _Element:
         *(node("dcc:usedLangCodeISO639_1", code) for code in xml.LANGUAGES[lang]),
         *(node("dcc:mandatoryLangCodeISO639_1", code) for code in xml.LANGUAGES[lang]),
         node("dcc:uniqueIdentifier", xml.one_line(profile.certificate.number)),
-        xml.optional_node("dcc:receiptDate", str(dates.received or "")),
+        _optional_node("dcc:receiptDate", str(dates.received or "")),
         node("dcc:beginPerformanceDate", performed),
         node("dcc:endPerformanceDate", str(dates.performed_until or performed)),
         node("dcc:performanceLocation", place if place in PLACES else "laboratory"),
@@ -150,7 +153,7 @@ def _item(certificate: Certificate, notation: Notation) -> _Element:
             item.type,
             notation.rich("dcc:description", [item.condition]),
             notation.named("dcc:manufacturer", item.maker) if item.maker.strip() else None,
-            xml.optional_node("dcc:model", item.model),
+            _optional_node("dcc:model", item.model),
             node("dcc:identifications", serial, other),
         ),
     )
@@ -177,11 +180,11 @@ def _party(tag: str, party: Party, notation: Notation) -> _Element:
     return notation.named(
         tag,
         party.name,
-        xml.optional_node("dcc:eMail", party.email),
-        xml.optional_node("dcc:phone", party.phone),
+        _optional_node("dcc:eMail", party.email),
+        _optional_node("dcc:phone", party.phone),
         node(
             "dcc:location",
-            xml.optional_node("dcc:countryCode", party.country),
+            _optional_node("dcc:countryCode", party.country),
             notation.rich("dcc:further", lines or [xml.NOT_STATED]),
         ),
     )
@@ -231,7 +234,7 @@ def _conformity(statement: Statement, notation: Notation) -> _Element:
         node("dcc:norm", f"decision rule: {statement.rule}"),
         node("dcc:reference", xml.one_line(statement.result.key)),
         notation.rich("dcc:declaration", [verdict]),
-        xml.optional_node("dcc:conformity", CONFORMITY.get(statement.verdict, "")),
+        _optional_node("dcc:conformity", CONFORMITY.get(statement.verdict, "")),
         refType="basic_conformity",
     )
 
@@ -352,6 +355,21 @@ def _file(attached: Attachment, notation: Notation) -> list[_Element]:
             "dcc:result",
             Words(f"Coefficient file {attached.name}", f"系数文件 {attached.name}"),
             notation.rich("dcc:description", [f"SHA-256 {attached.sha256}"]),
-            node("dcc:data", xml.file_data(attached)),
+            node("dcc:data", _file_data(attached)),
         ),
     ]
+
+
+def _optional_node(name: str, value: str) -> _Element | None:
+    """Element with a text on one line; None where the text is empty."""
+    return node(name, one_line(value)) if value.strip() else None
+
+
+def _file_data(attachment: Attachment) -> _Element:
+    """`dcc:byteData` of a file."""
+    return node(
+        "dcc:byteData",
+        node("dcc:fileName", one_line(attachment.name)),
+        node("dcc:mimeType", attachment.media_type),
+        node("dcc:dataBase64", base64.b64encode(attachment.content).decode()),
+    )

@@ -4,7 +4,6 @@ languages.
 
 from __future__ import annotations
 
-import base64
 import re
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
@@ -18,7 +17,6 @@ if TYPE_CHECKING:
 
     from lxml.etree import _Element
 
-    from calibkit.certificate.content import Attachment
     from calibkit.certificate.dcc_units import Unit
     from calibkit.certificate.words import Lang, Words
 
@@ -102,21 +100,6 @@ class Notation:
         return node(name, *parts) if parts else None
 
 
-def optional_node(name: str, value: str) -> _Element | None:
-    """Element with a text on one line; None where the text is empty."""
-    return node(name, one_line(value)) if value.strip() else None
-
-
 def non_empty(texts: Iterable[Words | str]) -> list[Words | str]:
     """Texts that are not empty."""
     return [words for words in texts if (words if isinstance(words, str) else words.en).strip()]
-
-
-def file_data(attachment: Attachment) -> _Element:
-    """`dcc:byteData` of a file."""
-    return node(
-        "dcc:byteData",
-        node("dcc:fileName", one_line(attachment.name)),
-        node("dcc:mimeType", attachment.media_type),
-        node("dcc:dataBase64", base64.b64encode(attachment.content).decode()),
-    )

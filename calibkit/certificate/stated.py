@@ -5,17 +5,21 @@ the covariance gives it.
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, replace
+from functools import lru_cache
 
 import numpy as np
 
-from calibkit.certificate.results import GridTable, ListTable, Result
-from calibkit.certificate.uncertainty import TYPE_A, Source, magnitude_interval
+from calibkit.arrays import Array
+from calibkit.certificate.results import GridTable, ListTable, Result, Uncertainty
+from calibkit.certificate.uncertainty import TYPE_A, Source
 from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Figure, Model, Record
+from calibkit.numeric import gum
+
+TRIALS = 20_000
+"""Trials of the Monte Carlo intervals, one at each of as many equal probabilities."""
 
 TEMPERATURE = "temp_case_degc"
-MOST_NOTES = 8
-"""Models up to which each has a note of its own."""
 STEPS = (1.0, 2.0, 2.5, 5.0, 10.0, 20.0, 25.0)
 MOST_TEMPERATURES = 8
 """Temperatures that values are stated at where the profile names none."""
@@ -105,7 +109,7 @@ class Stated:
         found = self.source.uncertainty(
             (plain.key, *called), value, unit, ((TYPE_A, type_a, dof), *more), sensitivities
         )
-        interval = magnitude_interval(value, found) if magnitude and found is not None else None
+        interval = _magnitude_interval(value, found) if magnitude and found is not None else None
         return replace(plain, uncertainty=found, interval=interval)
 
     def linear(
@@ -282,22 +286,6 @@ def range_words(model: Model) -> Words:
     )
 
 
-def many_residuals(models: Sequence[Model]) -> tuple[Words, ...]:
-    """What the fits left: a note a model, or one for all where there are many."""
-    if len(models) <= MOST_NOTES:
-        return tuple(map(residual_words, models))
-    rms = sorted(model.residual_rms for model in models)
-    unit, dof = unit_mark(models[0].residual_unit), min(model.dof for model in models)
-    return (
-        Words(
-            f"Residual rms of the {len(models)} fits {rms[0]:.2g} … {rms[-1]:.2g} {unit}, "
-            f"at least {dof} degrees of freedom (descriptors, not uncertainties).",
-            f"{len(models)} 次拟合的残差均方根 {rms[0]:.2g} … {rms[-1]:.2g} {unit}，"
-            f"自由度不少于 {dof}（仅为描述量，并非不确定度）。",
-        ),
-    )
-
-
 def residual_words(model: Model) -> Words:
     """What the fit left, called by its name."""
     rms, unit = f"{model.residual_rms:.2g}", unit_mark(model.residual_unit)
@@ -307,3 +295,29 @@ def residual_words(model: Model) -> Words:
         f"模型 {model.name}：拟合残差均方根 {rms} {unit}，自由度 {model.dof}（仅为描述量，"
         "并非不确定度）。",
     )
+
+
+def _magnitude_interval(value: float, uncertainty: Uncertainty) -> tuple[float, float]:
+    """95.45 % coverage interval of a quantity that cannot be negative: |value + u·t| by Monte Carlo
+    (JCGM 101).
+    """
+    dof = uncertainty.effective_dof
+    found = gum.monte_carlo(
+        lambda drawn: np.abs(value + uncertainty.standard_uncertainty * drawn[:, 0]),
+        _draws(math.floor(dof) if dof < gum.FEW_DOF else 0),
+        probability=gum.TWO_SIGMA,
+    )
+    return found.low, found.high
+
+
+@lru_cache
+def _draws(dof: int) -> Array:
+    """Equally probable draws [trials, 1] of Student's distribution, of the normal one for 0: the
+    same on every machine.
+    """
+    from scipy.special import ndtri, stdtrit
+
+    probability = (np.arange(TRIALS) + 0.5) / TRIALS
+    return np.asarray(stdtrit(dof, probability) if dof else ndtri(probability), dtype=np.float64)[
+        :, None
+    ]

@@ -2,16 +2,11 @@
 the fit (JCGM 100).
 """
 
-import math
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
-from functools import lru_cache
 from typing import Self
 
-import numpy as np
-
 from calibkit import units
-from calibkit.arrays import Array
 from calibkit.certificate.results import Contribution, Uncertainty
 from calibkit.certificate.words import Words
 from calibkit.errors import RecipeError
@@ -20,8 +15,6 @@ from calibkit.recipe import TypeB, type_b
 
 TYPE_A = Words("fit to the logs", "对数据的拟合")
 """Name of the type A contribution: the fit's covariance."""
-TRIALS = 20_000
-"""Trials of the Monte Carlo intervals, one at each of as many equal probabilities."""
 
 
 @dataclass(frozen=True, slots=True)
@@ -133,35 +126,3 @@ def _in_base(term: TypeB, result_unit: str | None) -> TypeB:
     stated = ("standard_uncertainty", "half_width", "expanded_uncertainty")
     scaled = {key: value * factor for key in stated if (value := getattr(term, key)) is not None}
     return term.model_copy(update={"unit": target, **scaled})
-
-
-def name_unused_terms(terms: Sequence[TypeB], used: Sequence[Uncertainty]) -> tuple[str, ...]:
-    """Names of terms that entered no result."""
-    names = {line.name.en for one in used for line in one.contributions}
-    return tuple(term.name for term in terms if term.name not in names)
-
-
-def magnitude_interval(value: float, uncertainty: Uncertainty) -> tuple[float, float]:
-    """95.45 % coverage interval of a quantity that cannot be negative: |value + u·t| by Monte Carlo
-    (JCGM 101).
-    """
-    dof = uncertainty.effective_dof
-    found = gum.monte_carlo(
-        lambda drawn: np.abs(value + uncertainty.standard_uncertainty * drawn[:, 0]),
-        _draws(math.floor(dof) if dof < gum.FEW_DOF else 0),
-        probability=gum.TWO_SIGMA,
-    )
-    return found.low, found.high
-
-
-@lru_cache
-def _draws(dof: int) -> Array:
-    """Equally probable draws [trials, 1] of Student's distribution, of the normal one for 0: the
-    same on every machine.
-    """
-    from scipy.special import ndtri, stdtrit
-
-    probability = (np.arange(TRIALS) + 0.5) / TRIALS
-    return np.asarray(stdtrit(dof, probability) if dof else ndtri(probability), dtype=np.float64)[
-        :, None
-    ]

@@ -26,7 +26,6 @@ if TYPE_CHECKING:
     from calibkit.ingest.logs import Reader
     from calibkit.ingest.proposal import Choice, Evidence
     from calibkit.ingest.write_back import Applied
-    from calibkit.plugins import Plugin
     from calibkit.report.documents import Drawn
     from calibkit.report.summary import Summary
     from calibkit.simulate.campaign import Campaign
@@ -179,13 +178,6 @@ def find(procedure: str) -> Instrument[Any, Any]:
             f"procedure '{procedure}' is not implemented", hint="see the shipped recipes"
         )
     return REGISTRY[procedure]
-
-
-def installed_plugin(procedure: str) -> Plugin | None:
-    """Plugin that a procedure comes from; None for a shipped one."""
-    if procedure in SHIPPED:
-        return None
-    return plugins.identify(plugins.installed(plugins.INSTRUMENTS)[procedure])
 
 
 def parse_recipe(source: recipe.Source) -> Recipe:

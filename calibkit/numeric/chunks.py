@@ -130,23 +130,6 @@ def mean(values: Array) -> float:
     return total(values) / values.size
 
 
-def standard_deviation(values: Array) -> float:
-    """Standard deviation of values [n] about their mean (divided by n)."""
-    centre = mean(values)
-    square = sum(float(np.sum((values[a:b] - centre) ** 2)) for a, b in ranges_along(values))
-    return float(np.sqrt(square / values.size))
-
-
-def correlation(one: Array, other: Array) -> float:
-    """Correlation coefficient of two series [n], neither of them constant."""
-    means = mean(one), mean(other)
-    sums = np.zeros((2, 2))
-    for a, b in ranges_along(one, other):
-        part = np.stack((one[a:b] - means[0], other[a:b] - means[1]))
-        sums += part @ part.T
-    return float(sums[0, 1] / np.sqrt(sums[0, 0] * sums[1, 1]))
-
-
 def count(values: Array, chosen: Callable[[Array], Mask]) -> int:
     """Number of values of a column [n] that are chosen."""
     return sum(int(np.count_nonzero(chosen(values[a:b]))) for a, b in ranges_along(values))

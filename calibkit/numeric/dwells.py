@@ -25,8 +25,6 @@ class _Dwells:
     """[m, 2], first row and the row after the last."""
     mean: Array
     """[m, c], unit of the column."""
-    standard_deviation: Array
-    """[m, c], of single rows."""
     standard_error: Array
     """[m, c], of the mean: from batch means where they scatter more than independent rows would."""
     drift: Array
@@ -153,14 +151,12 @@ def average_dwells(columns: Array, intervals: Integers) -> _Dwells:
             "a dwell of fewer than two rows has no noise", hint="hold every position longer"
         )
     found = [_averaged(columns[start:stop]) for start, stop in intervals.tolist()]
-    mean, deviation, error, drift = (np.array(figures) for figures in zip(*found, strict=True))
-    return _Dwells(intervals, mean, deviation, error, drift)
+    mean, error, drift = (np.array(figures) for figures in zip(*found, strict=True))
+    return _Dwells(intervals, mean, error, drift)
 
 
-def _averaged(rows: Array) -> tuple[Array, Array, Array, Array]:
-    """Mean, standard deviation, standard error of the mean, and drift [c] of rows [k, c], one chunk
-    at a time.
-    """
+def _averaged(rows: Array) -> tuple[Array, Array, Array]:
+    """Mean, standard error of the mean, and drift [c] of rows [k, c], one chunk at a time."""
     count, width = rows.shape
     mean = np.sum([rows[a:b].sum(axis=0) for a, b in chunks.ranges_along(rows)], axis=0) / count
     batch, half = count // BATCHES, count // 2
@@ -174,9 +170,8 @@ def _averaged(rows: Array) -> tuple[Array, Array, Array, Array]:
             number = np.minimum(np.arange(a, b) // batch, BATCHES)
             begins = np.flatnonzero(np.diff(number, prepend=-1))
             batches[number[begins]] += np.add.reduceat(centred, begins)
-    deviation = np.sqrt(square / (count - 1))
-    error = deviation / np.sqrt(count)
+    error = np.sqrt(square / (count - 1)) / np.sqrt(count)
     if count >= 4 * BATCHES:
         # the larger of independent rows' and of batch means'
         error = np.maximum(error, (batches[:-1] / batch).std(axis=0, ddof=1) / np.sqrt(BATCHES))
-    return mean, deviation, error, halves[1] / (count - half) - halves[0] / half
+    return mean, error, halves[1] / (count - half) - halves[0] / half

@@ -6,12 +6,39 @@ import numpy as np
 
 from calibkit.arrays import Array
 from calibkit.coefficients import Criterion, Figure, Model, at_most
+from calibkit.errors import FitError
 from calibkit.instruments.accelerometer import forms
 from calibkit.instruments.accelerometer.coefficient_files import Correction
 from calibkit.instruments.accelerometer.dwells import DwellSet
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
 from calibkit.numeric import attitude
 from calibkit.numeric.dispersion import rms
+
+TOOLFACE_RANGE_DEG = (10.0, 170.0)
+"""Inclinations between which a toolface is quoted unless the caller says otherwise [°]."""
+
+
+@dataclass(frozen=True, slots=True)
+class AttitudeErrors:
+    """Attitude errors of dwells against a reference, the toolface only where the inclination allows
+    one.
+    """
+
+    inclination_error_deg: Array
+    """[n], indicated minus reference [°]."""
+    toolface_error_deg: Array
+    """[n], indicated minus reference in (−180, 180] [°], NaN outside the inclination range."""
+    inclination_range_deg: tuple[float, float]
+    """Reference inclinations that the toolface figures hold for [°]."""
+    inclination_rms_deg: float
+    inclination_max_deg: float
+    toolface_rms_deg: float
+    """NaN when no dwell lies in the range."""
+    toolface_max_deg: float
+    toolface_scaled_max_deg: float
+    """Largest |toolface error| · sin(inclination) in the range [°]: the figure that does not depend
+    on the range.
+    """
 
 
 @dataclass(frozen=True, slots=True)
@@ -20,7 +47,7 @@ class DwellErrors:
 
     residual: Array
     """Of each component [n, 3, g], or of the length of gravity alone [n, 1, g]."""
-    angles: attitude.AttitudeErrors | None
+    angles: AttitudeErrors | None
     """Of inclination and toolface; None where the length of gravity is the reference."""
 
     @property
@@ -40,7 +67,7 @@ def compare_dwells(
         vector = correction(vector, dwells.temperature)
     if spec.reference.kind == "magnitude":
         return DwellErrors(np.linalg.norm(vector, axis=1)[:, None] - 1.0, None)
-    angles = attitude.errors(
+    angles = _attitude_errors(
         vector, dwells.inclination, dwells.toolface, inclination_range_deg=spec.toolface_range_deg
     )
     return DwellErrors(vector - dwells.reference, angles)
@@ -58,7 +85,7 @@ def propagate_uncertainty(
     vector, slopes = forms.AFFINE.evaluate(affine, at), forms.AFFINE.gradient(affine, at)
     covariance = slopes @ np.array(affine.covariance) @ np.swapaxes(slopes, 1, 2)
     covariance += affine.residual_rms**2 * np.eye(3)
-    u_inclination, u_toolface = attitude.standard_uncertainty(vector, covariance)
+    u_inclination, u_toolface = _attitude_uncertainty(vector, covariance)
     tilt = attitude.inclination(vector)
     inside = (tilt >= toolface_range_deg[0]) & (tilt <= toolface_range_deg[1])
     figures = [
@@ -94,3 +121,65 @@ def judge_improvement(before: DwellErrors, after: DwellErrors) -> Criterion:
     rms_before = before.residual_rms_g
     share = after.residual_rms_g / rms_before if rms_before > 0.0 else 1.0
     return at_most("residual rms after/before", share, 1.0, "1")
+
+
+def _attitude_errors(
+    vector: Array,
+    inclination_deg: Array,
+    toolface_deg: Array,
+    *,
+    inclination_range_deg: tuple[float, float] = TOOLFACE_RANGE_DEG,
+) -> AttitudeErrors:
+    """Inclination and toolface errors of gravity vectors [n, 3] against reference angles [n] [°].
+
+    Toolface errors grow as 1/sin(inclination): they are given between the two inclinations of the
+    range [°] and NaN elsewhere, and their largest value is also given multiplied by
+    sin(inclination).
+    """
+    low, high = inclination_range_deg
+    if not 0.0 < low < high < 180.0:
+        raise FitError(
+            f"a toolface cannot be quoted for inclinations {low:g}..{high:g}°",
+            hint=(
+                "the range lies inside 0..180°, both ends excluded: there the toolface does not"
+                " exist"
+            ),
+        )
+    tilt = attitude.inclination(vector) - inclination_deg
+    inside = (inclination_deg >= low) & (inclination_deg <= high)
+    roll = np.where(inside, attitude.wrapped(attitude.toolface(vector) - toolface_deg), np.nan)
+    scaled = (roll * np.sin(np.radians(inclination_deg)))[inside]
+    return AttitudeErrors(
+        inclination_error_deg=tilt,
+        toolface_error_deg=roll,
+        inclination_range_deg=(low, high),
+        inclination_rms_deg=rms(tilt),
+        inclination_max_deg=_largest(tilt),
+        toolface_rms_deg=rms(roll[inside]),
+        toolface_max_deg=_largest(roll[inside]),
+        toolface_scaled_max_deg=_largest(scaled),
+    )
+
+
+def _attitude_uncertainty(vector: Array, covariance: Array) -> tuple[Array, Array]:
+    """Standard uncertainties [n], [n] [°] of inclination and toolface from the covariance [n, 3, 3]
+    of vectors [n, 3].
+
+    First order (GUM 5.2.2); along the vertical the toolface has none and is NaN, and the
+    inclination is that of the horizontal components' root mean square.
+    """
+    gx, gy, gz = np.moveaxis(vector, -1, 0)
+    flat, square = np.hypot(gx, gy), np.sum(vector**2, axis=-1)
+    upright = flat == 0.0
+    radius = np.where(upright, 1.0, flat)
+    toward = np.stack([gx * gz / radius, gy * gz / radius, -flat], axis=-1) / square[..., None]
+    around = np.stack([gy, -gx, np.zeros_like(gx)], axis=-1) / (radius**2)[..., None]
+    tilt = np.einsum("...i,...ij,...j->...", toward, covariance, toward)
+    roll = np.einsum("...i,...ij,...j->...", around, covariance, around)
+    level = (covariance[..., 0, 0] + covariance[..., 1, 1]) / (2.0 * square)
+    inclination_deg = np.degrees(np.sqrt(np.where(upright, level, tilt)))
+    return inclination_deg, np.where(upright, np.nan, np.degrees(np.sqrt(roll)))
+
+
+def _largest(values: Array) -> float:
+    return float(np.max(np.abs(values))) if values.size else float("nan")

@@ -15,8 +15,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.instruments.accelerometer.dwells import DwellSet
-    from calibkit.instruments.accelerometer.errors import DwellErrors
-    from calibkit.numeric.attitude import AttitudeErrors
+    from calibkit.instruments.accelerometer.errors import AttitudeErrors, DwellErrors
 
 
 @dataclass(frozen=True, slots=True)

@@ -18,7 +18,6 @@ from calibkit.instruments.accelerometer.numeric.affine import AffineFit
 from calibkit.instruments.accelerometer.numeric.affine_model import AffineTerms
 from calibkit.instruments.accelerometer.numeric.dwell_fit import DwellFit
 from calibkit.instruments.accelerometer.recipe import AccelerometerRecipe
-from calibkit.numeric import attitude
 
 LEAST_GROUPS = 12
 """Logs below which leaving out one at a time gives no covariance: six sweeps understated it
@@ -55,9 +54,7 @@ def fit_triad(dwells: DwellSet, spec: AccelerometerRecipe) -> TriadFit:
     k, k_flags, not_fitted = _fit_k(dwells, spec) if spec.k.enabled else ((), (), ())
     if not spec.affine.enabled:
         return TriadFit(k, k_flags, not_fitted)
-    rotation = (
-        attitude.tool_rotation(dwells.inclination, dwells.toolface) if spec.affine.tilt else None
-    )
+    rotation = _tool_rotation(dwells.inclination, dwells.toolface) if spec.affine.tilt else None
     affine_fit = partial(
         affine.fit,
         dwells.indication,
@@ -248,3 +245,13 @@ def _model(
         valid=dwells.valid,
         parameters=parameters,
     )
+
+
+def _tool_rotation(inclination_deg: Array, toolface_deg: Array) -> Array:
+    """Passive rotations R_z(φ) R_y(θ) [n, 3, 3] from the table's base to the tool; the last column
+    is gravity [g].
+    """
+    theta, phi = np.radians(inclination_deg), np.radians(toolface_deg)
+    ct, st, cp, sp = np.cos(theta), np.sin(theta), np.cos(phi), np.sin(phi)
+    rows = ((ct * cp, sp, -st * cp), (-ct * sp, cp, st * sp), (st, np.zeros_like(st), ct))
+    return np.stack([np.stack(np.broadcast_arrays(*row), axis=-1) for row in rows], axis=-2)

@@ -59,7 +59,7 @@ class _Sensor:
 
 
 @dataclass(frozen=True, slots=True)
-class Conditions:
+class _Conditions:
     """How a campaign is run."""
 
     noise_g: float = 2e-5
@@ -85,7 +85,7 @@ class Conditions:
     """Time constant between the case, which is logged, and the sensors [s]."""
 
 
-def campaign(seed: int, conditions: Conditions = Conditions()) -> Campaign:
+def campaign(seed: int, conditions: _Conditions = _Conditions()) -> Campaign:
     """Log a triad at every attitude and temperature of the table, or with `sweep` at a few
     attitudes over temperature.
 
@@ -169,7 +169,7 @@ def _sensor(rng: np.random.Generator, index: int) -> _Sensor:
 
 
 def _grid(
-    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: Conditions
+    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: _Conditions
 ) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
     """Every attitude at every temperature, one row per dwell."""
     rolls = np.arange(conditions.toolfaces) * 360.0 / conditions.toolfaces
@@ -202,7 +202,7 @@ def _grid(
 
 
 def _sweeps(
-    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: Conditions
+    rng: np.random.Generator, sensors: tuple[_Sensor, ...], conditions: _Conditions
 ) -> tuple[dict[str, dict[str, Array]], dict[str, object]]:
     """One log per attitude while the chamber goes from its lowest to its highest temperature."""
     low, high = min(conditions.temperatures_degc), max(conditions.temperatures_degc)

@@ -5,18 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import TYPE_CHECKING
 
-import numpy as np
-
-from calibkit.numeric import chunks
 from calibkit.report.figures import GOOD, INK, RAW, page
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
     from calibkit.arrays import Array
-
-
-BINS = 200
 
 
 @dataclass(frozen=True, slots=True)
@@ -35,21 +29,6 @@ class BiasReport:
 
     abscissa: str
     curves: tuple[BiasCurve, ...]
-
-
-def bin_means(abscissa: Array, indication: Array) -> tuple[Array, Array]:
-    """Means of abscissa and indication [bins] over equal steps of the abscissa; empty steps are
-    left out.
-    """
-    edges = np.linspace(*chunks.extremes(abscissa), BINS + 1)
-    count, sums = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS))
-    for start, stop in chunks.ranges_along(abscissa, indication):
-        x, y = abscissa[start:stop], indication[start:stop]
-        index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
-        count += np.bincount(index, minlength=BINS)
-        sums += [np.bincount(index, weights=values, minlength=BINS) for values in (x, y)]
-    full = count > 0
-    return sums[0][full] / count[full], sums[1][full] / count[full]
 
 
 def pages(title: str, report: BiasReport) -> list[Figure]:

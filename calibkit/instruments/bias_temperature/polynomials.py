@@ -13,16 +13,19 @@ from calibkit.arrays import Array
 from calibkit.coefficients import Model, Record, StageResult
 from calibkit.forms import POLYNOMIAL, power_unit
 from calibkit.frame import Log, values
-from calibkit.instruments.bias_temperature.figures import BiasCurve, bin_means
+from calibkit.instruments.bias_temperature.figures import BiasCurve
 from calibkit.instruments.bias_temperature.recipe import (
     Bias,
     BiasTemperatureRecipe,
     Polynomials,
 )
 from calibkit.numeric import chunks
+from calibkit.numeric.chunks import mean, ranges_along
 from calibkit.numeric.least_squares import fold, hac, polynomial
 from calibkit.report.summary import Summary, number
 from calibkit.report.table import Table
+
+BINS = 200
 
 Allocate = Callable[[int], Array]
 
@@ -90,7 +93,7 @@ def _fit_channel(
     raw, covariance = polynomial.in_raw_powers(
         found.coefficients, hac.covariance(design, found.residuals), to_raw
     )
-    shown = bin_means(abscissa, indication)
+    shown = _bin_means(abscissa, indication)
     curve = np.asarray(np.polynomial.polynomial.polyval(shown[0], raw), dtype=np.float64)
     return _BiasFit(
         entry.indication,
@@ -188,8 +191,8 @@ def validation_entry(log: Log, record: Record, spec: BiasTemperatureRecipe) -> d
             {
                 "name": name,
                 "unit": units.column_unit(name),
-                "before": chunks.standard_deviation(values(log.frame, name)),
-                "after": chunks.standard_deviation(output),
+                "before": _standard_deviation(values(log.frame, name)),
+                "after": _standard_deviation(output),
             }
             for name, output in columns.items()
         ],
@@ -210,3 +213,25 @@ def validation_summary(entries: Sequence[dict[str, Any]]) -> Summary:
         tuple(flag for entry in entries for flag in entry["flags"]),
         (),
     )
+
+
+def _bin_means(abscissa: Array, indication: Array) -> tuple[Array, Array]:
+    """Means of abscissa and indication [bins] over equal steps of the abscissa; empty steps are
+    left out.
+    """
+    edges = np.linspace(*chunks.extremes(abscissa), BINS + 1)
+    count, sums = np.zeros(BINS, dtype=np.int64), np.zeros((2, BINS))
+    for start, stop in chunks.ranges_along(abscissa, indication):
+        x, y = abscissa[start:stop], indication[start:stop]
+        index = np.clip(np.digitize(x, edges) - 1, 0, BINS - 1)
+        count += np.bincount(index, minlength=BINS)
+        sums += [np.bincount(index, weights=values, minlength=BINS) for values in (x, y)]
+    full = count > 0
+    return sums[0][full] / count[full], sums[1][full] / count[full]
+
+
+def _standard_deviation(values: Array) -> float:
+    """Standard deviation of values [n] about their mean (divided by n)."""
+    centre = mean(values)
+    square = sum(float(np.sum((values[a:b] - centre) ** 2)) for a, b in ranges_along(values))
+    return float(np.sqrt(square / values.size))

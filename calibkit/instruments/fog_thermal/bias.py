@@ -33,7 +33,7 @@ NO_BIAS = (
 
 
 @dataclass(frozen=True, slots=True)
-class StatedBias:
+class _StatedBias:
     """Bias at rest and hysteresis of a run: figures of drift_rate.json, flags, tables, combined
     uncertainties as JSON objects, and the hysteresis by the name of what it is of.
     """
@@ -82,7 +82,7 @@ class _BothWays:
 
 def state_bias(
     model: DriftModel, logs: Sequence[PreparedLog], recipe: FogThermalRecipe
-) -> StatedBias:
+) -> _StatedBias:
     """Bias at rest at the reference temperature, and hysteresis, where the logs show them."""
     rest, ways = _at_rest(model, logs, recipe), _compare_ways(model, logs)
     figures: list[Figure] = []
@@ -101,7 +101,9 @@ def state_bias(
         sides.append(("indication", ways.before))
         if ways.after is not None:
             sides.append(("left by the model", ways.after))
-    return StatedBias(tuple(figures), tuple(flags), tuple(tables), tuple(uncertainty), tuple(sides))
+    return _StatedBias(
+        tuple(figures), tuple(flags), tuple(tables), tuple(uncertainty), tuple(sides)
+    )
 
 
 def _earth_rate(recipe: FogThermalRecipe) -> tuple[float | None, float]:

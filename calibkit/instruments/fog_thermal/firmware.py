@@ -50,7 +50,7 @@ RECURSIVE = (
 )
 
 
-def chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
+def _chain(spec: FogThermalRecipe, records: Mapping[str, Record]) -> Chain:
     """Chain of the drift term that a run exports, with the trials of its self-test; OutputError
     where it has none, or one that removes the true rate.
     """
@@ -378,4 +378,4 @@ def _side(draft: Draft, model: Model) -> tuple[Case, Fraction]:
     ), largest
 
 
-FIRMWARE = Firmware(files=lambda _: (FILE,), chain=chain, apply=firmware_updates.apply)
+FIRMWARE = Firmware(files=lambda _: (FILE,), chain=_chain, apply=firmware_updates.apply)

@@ -16,12 +16,15 @@ from calibkit.certificate.results import (
     Result,
     Series,
 )
-from calibkit.certificate.stated import Stated, many_residuals, powers, range_words
-from calibkit.certificate.words import Words
+from calibkit.certificate.stated import Stated, powers, range_words, residual_words
+from calibkit.certificate.words import Words, unit_mark
 from calibkit.coefficients import Model, Record
 from calibkit.forms import POLYNOMIAL
 from calibkit.instruments.gyro_scale import certificate_angles, forms
 from calibkit.instruments.gyro_scale.numeric.gjb_figures import IEEE, PPM
+
+MOST_NOTES = 8
+"""Models up to which each has a note of its own."""
 
 LINE_EQUATION = Equation(
     forms.LINE.name,
@@ -101,7 +104,7 @@ def _state_scale(stated: Stated, record: Record) -> Block:
         (LINE_EQUATION, CURVE_EQUATION) if curves else (LINE_EQUATION,),
         tuple(tables),
         tuple(figures),
-        (*many_residuals(lines), *dict.fromkeys(notes)),
+        (*_many_residuals(lines), *dict.fromkeys(notes)),
     )
 
 
@@ -121,7 +124,7 @@ def _tabulate_lines(stated: Stated, record: Record, models: Sequence[Model]) -> 
                     model.value("K"), certificate_angles.find_full_scale(model)
                 ),
                 # a gyro about its own axis, the mean of its runs
-                principal="." not in model.name and not forms.is_cross(model.name),
+                principal="." not in model.name and not _is_cross(model.name),
             ),
             stated.linear(
                 record, model, "F0", Words("zero-rate indication", "零速率示值"), {"F0": 1.0}, "1/s"
@@ -206,7 +209,7 @@ def _state_curve(
         slope=slope,
         sensitivities=certificate_angles.list_rate_influences(value) if letter == "K" else {},
         symbol=letter,
-        principal=t == stated.reference_degc and not forms.is_cross(model.name),
+        principal=t == stated.reference_degc and not _is_cross(model.name),
     )
 
 
@@ -295,3 +298,25 @@ def _find_dof(record: Record, what: str, name: str) -> float:
     if what == "repeatability":
         return max(next((p.value for p in model.parameters if p.name == "runs"), 2.0) - 1.0, 1.0)
     return float(model.dof)
+
+
+def _many_residuals(models: Sequence[Model]) -> tuple[Words, ...]:
+    """What the fits left: a note a model, or one for all where there are many."""
+    if len(models) <= MOST_NOTES:
+        return tuple(map(residual_words, models))
+    rms = sorted(model.residual_rms for model in models)
+    unit, dof = unit_mark(models[0].residual_unit), min(model.dof for model in models)
+    return (
+        Words(
+            f"Residual rms of the {len(models)} fits {rms[0]:.2g} … {rms[-1]:.2g} {unit}, "
+            f"at least {dof} degrees of freedom (descriptors, not uncertainties).",
+            f"{len(models)} 次拟合的残差均方根 {rms[0]:.2g} … {rms[-1]:.2g} {unit}，"
+            f"自由度不少于 {dof}（仅为描述量，并非不确定度）。",
+        ),
+    )
+
+
+def _is_cross(name: str) -> bool:
+    """Whether a line or a curve of one is of a gyro about another's axis."""
+    gyro, about, axis = name.partition(".")[0].partition("_about_")
+    return bool(about) and gyro != axis

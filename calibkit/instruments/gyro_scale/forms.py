@@ -58,12 +58,6 @@ def curve_name(line: str, letter: str) -> str:
     return f"{line}.{letter}_over_temperature"
 
 
-def is_cross(name: str) -> bool:
-    """Whether a line or a curve of one is of a gyro about another's axis."""
-    gyro, about, axis = name.partition(".")[0].partition("_about_")
-    return bool(about) and gyro != axis
-
-
 def response_name(line: str) -> str:
     """Name of the response over rate that belongs to a line."""
     return f"{line}.response"

@@ -10,13 +10,15 @@ import numpy as np
 from calibkit.arrays import Array, Mask
 from calibkit.errors import FitError
 from calibkit.numeric.chunks import all_finite, release
+from calibkit.numeric.wavelet import reach
 from calibkit.numeric.wavelet.extension import Extension
+from calibkit.numeric.wavelet.factor import Scheme
 from calibkit.numeric.wavelet.lifting import (
     Room,
-    allocate_shared,
     find_scheme,
     forward,
     inverse,
+    shared_length,
 )
 from calibkit.numeric.wavelet.reach import untouched
 from calibkit.numeric.wavelet.shrinkage import (
@@ -101,7 +103,7 @@ def denoise(
             hint="use fewer levels, a shorter wavelet or a longer segment",
         )
     _require_known(threshold, rule)
-    out, details_room = allocate_shared(scheme, samples.size, room)
+    out, details_room = _allocate_shared(scheme, samples.size, room)
     parts = forward(samples, scheme, depth, extension=extension, room=details_room)
     gains = noise_gains(scheme, depth)
     noise, thresholds = np.zeros(depth), np.zeros(depth)
@@ -176,3 +178,16 @@ def _require_known(threshold: str, rule: str) -> None:
                 f"unknown {kind} {name!r}",
                 hint=f"did you mean {near[0]}?" if near else f"use one of {', '.join(known)}",
             )
+
+
+def _allocate_shared(scheme: Scheme, length: int, room: Room) -> tuple[Array, Room]:
+    """Array [length] for the signal that `inverse` makes, and what allocates the details: the
+    finest in its second half.
+
+    They lie so far after the signal that each of them is read before the signal is written over
+    it.
+    """
+    _, (low, high) = reach.coefficients_of(scheme, (0, length), 1)
+    whole = room(max(shared_length(scheme, length), length, high - low))
+    free = [whole[whole.size - (high - low) :]]
+    return whole[:length], lambda size: free.pop() if free else room(size)

@@ -15,7 +15,7 @@ from calibkit.numeric.wavelet import reach
 from calibkit.numeric.wavelet.extension import EXTENSIONS, Extension, fit_continuation
 from calibkit.numeric.wavelet.factor import LITERAL, Scheme, factor_bank
 from calibkit.numeric.wavelet.level import analyse_level, synthesise_level
-from calibkit.numeric.wavelet.reach import Span
+from calibkit.numeric.wavelet.reach import Span, coefficients_of, covering_pairs, passes, sources
 
 Room = Callable[[int], Array]
 """Allocates an array for so many values."""
@@ -108,7 +108,7 @@ def forward(
             f"unknown extension {extension!r}", hint=f"use one of {', '.join(EXTENSIONS)}"
         )
     wanted = reach.coefficients_of(scheme, (0, samples.size), levels)
-    needed = reach.approximations_needed(scheme, wanted)
+    needed = _approximations_needed(scheme, wanted)
     details = tuple(room(high - low) for low, high in wanted[1:])
     beyond = fit_continuation(samples, extension, 3 << (levels - 1))
     values, first = samples, 0
@@ -121,29 +121,16 @@ def forward(
             for j, (share, here) in enumerate(zip(shares[1:], spans[1:], strict=True), start=above):
                 own = reach.intersection(share, wanted[j + 1])
                 low = _buffer(buffers, j, here)
-                high = details[j][reach.slice_within(own, wanted[j + 1])]
+                high = details[j][_slice_within(own, wanted[j + 1])]
                 analyse_level(part, at, scheme, here, beyond, ((low, here[0]), (high, own[0])))
                 part, at = low, here[0]
                 release(samples, details[j])
-            approximation[reach.slice_within(shares[-1], needed[below])] = part
+            approximation[_slice_within(shares[-1], needed[below])] = part
         values, first = approximation, needed[below][0]
     (_, *clean), _ = reach.untouched(scheme, samples.size, levels)
-    interior = tuple(map(reach.slice_within, clean, wanted[1:]))
+    interior = tuple(map(_slice_within, clean, wanted[1:]))
     starts = tuple(low for low, _ in wanted[1:])
     return _Decomposition(scheme, samples.size, values, details, starts, interior)
-
-
-def allocate_shared(scheme: Scheme, length: int, room: Room) -> tuple[Array, Room]:
-    """Array [length] for the signal that `inverse` makes, and what allocates the details: the
-    finest in its second half.
-
-    They lie so far after the signal that each of them is read before the signal is written over
-    it.
-    """
-    _, (low, high) = reach.coefficients_of(scheme, (0, length), 1)
-    whole = room(max(reach.shared_length(scheme, length), length, high - low))
-    free = [whole[whole.size - (high - low) :]]
-    return whole[:length], lambda size: free.pop() if free else room(size)
 
 
 def inverse(
@@ -180,12 +167,12 @@ def inverse(
         out = into if above == 0 and into is not None else room(wanted[above][1] - wanted[above][0])
         for chunk in reach.cut_span(wanted[above], max(CHUNK, COARSEST << (below - above))):
             spans = reach.coefficients_of(scheme, chunk, below - above)
-            signal = known[reach.slice_within(spans[-1], wanted[below])]
+            signal = known[_slice_within(spans[-1], wanted[below])]
             for level in range(below, above, -1):
                 here, there = spans[level - above - 1 : level - above + 1]
-                detail = details[level - 1][reach.slice_within(there, wanted[level])]
+                detail = details[level - 1][_slice_within(there, wanted[level])]
                 made = (
-                    out[reach.slice_within(chunk, wanted[above])]
+                    out[_slice_within(chunk, wanted[above])]
                     if level == above + 1
                     else _buffer(buffers, level, here)
                 )
@@ -208,7 +195,7 @@ def _chunks(scheme: Scheme, wanted: Sequence[Span]) -> Iterator[tuple[list[Span]
             start = low if coarsest[0] == wanted[-1][0] else coarsest[0] << (levels - level)
             stop = high if coarsest[1] == wanted[-1][1] else coarsest[1] << (levels - level)
             shares.append((min(max(start, low), high), min(max(stop, low), high)))
-        yield shares, reach.approximations_needed(scheme, [*shares[:-1], coarsest])
+        yield shares, _approximations_needed(scheme, [*shares[:-1], coarsest])
 
 
 def _buffer(buffers: list[Array], level: int, indices: Span) -> Array:
@@ -219,3 +206,35 @@ def _buffer(buffers: list[Array], level: int, indices: Span) -> Array:
     if buffers[level % 2].size < size:
         buffers[level % 2] = np.empty(size)
     return buffers[level % 2][:size]
+
+
+def _approximations_needed(scheme: Scheme, wanted: Sequence[Span]) -> list[Span]:
+    """Indices of the approximations of all levels that the wanted coefficients are made of; level 0
+    goes beyond the signal.
+    """
+    needed = [wanted[-1]]
+    for level in wanted[-2::-1]:
+        low, high = sources(scheme, needed[-1])
+        needed.append((min(low, level[0]), max(high, level[1])))
+    return needed[::-1]
+
+
+def shared_length(scheme: Scheme, length: int) -> int:
+    """Values that an array must have for the finest details at its end to be read before a signal
+    from its start reaches them.
+
+    Synthesis works off pairs in order. When the details of pair i are read, from i + reach − shift
+    on, the samples before 2 i + parity + 1 may have been written (half a pair by the chunk before);
+    of all pairs the last comes closest.
+    """
+    _, (_, high) = coefficients_of(scheme, (0, length), 1)
+    _, back = passes(scheme)
+    _, last = covering_pairs(scheme, (0, length))
+    # detail k lies `high − k` values before the end
+    return high - back.reach[1][0] + scheme.shifts[1] + last + scheme.parity + 1
+
+
+def _slice_within(indices: Span, within: Span) -> slice:
+    """Elements of an array of the indices `within` that have the given indices."""
+    low, high = max(indices[0], within[0]), min(indices[1], within[1])
+    return slice(low - within[0], max(low, high) - within[0])

@@ -52,17 +52,6 @@ def coefficients_of(scheme: Scheme, samples: Span, levels: int) -> tuple[Span, .
     return tuple(wanted)
 
 
-def approximations_needed(scheme: Scheme, wanted: Sequence[Span]) -> list[Span]:
-    """Indices of the approximations of all levels that the wanted coefficients are made of; level 0
-    goes beyond the signal.
-    """
-    needed = [wanted[-1]]
-    for level in wanted[-2::-1]:
-        low, high = sources(scheme, needed[-1])
-        needed.append((min(low, level[0]), max(high, level[1])))
-    return needed[::-1]
-
-
 @lru_cache(maxsize=64)
 def untouched(scheme: Scheme, length: int, levels: int) -> tuple[tuple[Span, ...], Span]:
     """Indices of the coefficients that the extension does not touch, level by level, and of such
@@ -92,21 +81,6 @@ def sources(scheme: Scheme, outputs: Span) -> Span:
     )
 
 
-def shared_length(scheme: Scheme, length: int) -> int:
-    """Values that an array must have for the finest details at its end to be read before a signal
-    from its start reaches them.
-
-    Synthesis works off pairs in order. When the details of pair i are read, from i + reach − shift
-    on, the samples before 2 i + parity + 1 may have been written (half a pair by the chunk before);
-    of all pairs the last comes closest.
-    """
-    _, (_, high) = coefficients_of(scheme, (0, length), 1)
-    _, back = passes(scheme)
-    _, last = covering_pairs(scheme, (0, length))
-    # detail k lies `high − k` values before the end
-    return high - back.reach[1][0] + scheme.shifts[1] + last + scheme.parity + 1
-
-
 def made_of(scheme: Scheme, samples: Span) -> Span:
     """Indices whose analysis reads none but the given samples; an empty range has its end at or
     before its start.
@@ -122,12 +96,6 @@ def intersection(one: Span, other: Span) -> Span:
     """Indices that two ranges share; an empty range has its end at its start."""
     low = max(one[0], other[0])
     return low, max(low, min(one[1], other[1]))
-
-
-def slice_within(indices: Span, within: Span) -> slice:
-    """Elements of an array of the indices `within` that have the given indices."""
-    low, high = max(indices[0], within[0]), min(indices[1], within[1])
-    return slice(low - within[0], max(low, high) - within[0])
 
 
 def covering_pairs(scheme: Scheme, samples: Span) -> Span:

@@ -24,8 +24,6 @@ from calibkit.instruments.accelerometer.numeric.affine_model import (
     evaluate,
     list_entries,
     matrix_and_bias,
-    rotation,
-    tilted_gravity,
 )
 from calibkit.instruments.accelerometer.numeric.dwell_fit import MappedFit
 from calibkit.numeric.least_squares import fit as least_squares, gauss_newton, polynomial, robust
@@ -216,13 +214,15 @@ class _Problem:
         }
         reference = self.reference[rows]
         if places["tilt"] and self.tool_rotation is not None:
-            reference, tilted = tilted_gravity(self.tool_rotation[rows], parameters[places["tilt"]])
+            reference, tilted = _tilted_gravity(
+                self.tool_rotation[rows], parameters[places["tilt"]]
+            )
             slopes[:, :, places["tilt"]] = -tilted
         if places["fixture"]:
             angles = parameters[places["fixture"]]
-            turn = rotation(angles)
+            turn = _rotation(angles)
             turns = q_factor.differentiate(
-                lambda a: rotation(a).ravel(), angles, scale=np.ones(3)
+                lambda a: _rotation(a).ravel(), angles, scale=np.ones(3)
             ).reshape(3, 3, 3)
             model = [
                 c for c in range(len(self.entries)) if c not in places["tilt"] + places["fixture"]
@@ -350,3 +350,23 @@ def _to_raw_matrix(
             if this.symbol == other.symbol:
                 matrix[row, column] = powers[this.power, other.power]
     return matrix
+
+
+def _rotation(angles: Array) -> Array:
+    """Rotation matrix [3, 3] of a rotation vector [3] [rad] (Rodrigues 1840)."""
+    x, y, z = angles
+    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+    angle = float(np.linalg.norm(angles))
+    # sin(a)/a and (1 − cos a)/a², exact at a = 0
+    first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
+    return np.asarray(np.eye(3) + first * cross + second * cross @ cross, dtype=np.float64)
+
+
+def _tilted_gravity(tool_rotation: Array, tilt: Array) -> tuple[Array, Array]:
+    """Gravity [n, 3] in the tool on a base tilted by two angles, and its derivatives [n, 3, 2] by
+    them.
+    """
+    length = np.sqrt(1.0 + tilt @ tilt)
+    down = np.array([tilt[0], tilt[1], 1.0]) / length
+    slope = (np.eye(3)[:, :2] - np.outer(down, down[:2])) / length
+    return tool_rotation @ down, tool_rotation @ slope

@@ -145,23 +145,3 @@ def evaluate(
             slopes[:, entry.row, column] = np.prod(indication[:, entry.factors], axis=1)
             corrected[:, entry.row] += value * slopes[:, entry.row, column]
     return corrected, slopes
-
-
-def rotation(angles: Array) -> Array:
-    """Rotation matrix [3, 3] of a rotation vector [3] [rad] (Rodrigues 1840)."""
-    x, y, z = angles
-    cross = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-    angle = float(np.linalg.norm(angles))
-    # sin(a)/a and (1 − cos a)/a², exact at a = 0
-    first, second = np.sinc(angle / np.pi), 0.5 * np.sinc(angle / (2.0 * np.pi)) ** 2
-    return np.asarray(np.eye(3) + first * cross + second * cross @ cross, dtype=np.float64)
-
-
-def tilted_gravity(tool_rotation: Array, tilt: Array) -> tuple[Array, Array]:
-    """Gravity [n, 3] in the tool on a base tilted by two angles, and its derivatives [n, 3, 2] by
-    them.
-    """
-    length = np.sqrt(1.0 + tilt @ tilt)
-    down = np.array([tilt[0], tilt[1], 1.0]) / length
-    slope = (np.eye(3)[:, :2] - np.outer(down, down[:2])) / length
-    return tool_rotation @ down, tool_rotation @ slope

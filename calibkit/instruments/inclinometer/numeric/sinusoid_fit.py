@@ -17,7 +17,7 @@ NAMES = ("x", "y", "bias", "ramp")
 
 
 @dataclass(frozen=True, slots=True)
-class Fitted:
+class _Fitted:
     """Components of n stations by least squares, and what the sensors' biases did."""
 
     station: Array
@@ -47,7 +47,7 @@ def fit_stations(
     gyro_ramp: bool = False,
     accel_noise_g: float = 1.0,
     gyro_noise_dph: float = 1.0,
-) -> Fitted:
+) -> _Fitted:
     """Components of every station of one sensor pair from readings in any positions p: indication =
     x cos p + y sin p + bias + ramp (t − t̄), of the y sensor y cos p − x sin p + ….
 
@@ -99,7 +99,7 @@ def fit_stations(
     )
     parts = Components(accel_x, accel_y, gyro_x, gyro_y, covariance)
     hourly = gyro_ramps * SECONDS_PER_HOUR
-    return Fitted(order, parts, gyro_bias, hourly, accel_bias, tuple(status), squares, dofs)
+    return _Fitted(order, parts, gyro_bias, hourly, accel_bias, tuple(status), squares, dofs)
 
 
 def _reason(
